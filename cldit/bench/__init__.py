@@ -13,5 +13,5 @@ ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
 ASKED_K = (4.0, 2.0, 1.0, 0.5)
 """Errors of the picture that `budget` asks for where nothing else is said."""
 
-BUDGET_SCENES = ("gdi", "gdi-flow", "droplets-only", "even-grid")
+BUDGET_SCENES = ("gdi", "gdi-flow", "droplets-only", "even-grid", "random-grid")
 """Scenes of which `budget` has true pictures."""

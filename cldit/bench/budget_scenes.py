@@ -30,8 +30,9 @@ def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
     data: dict[str, Any] = {
         "camera": {"pixels": [pixels, pixels], "rays_per_pixel": _RAYS.get(pixels, 16)}
     }
-    if name == "even-grid":
-        return parse_scene({**_even_grid(folder), **data})
+    if name.endswith("-grid"):
+        data["camera"]["target_m"] = [0.0, 0.0, 0.0]
+        return parse_scene({**_grid(name, folder), **data})
     scene = load_scene(name).model_dump(mode="json")
     scene["camera"].update(data["camera"])
     scene["optics"]["compare_paper"] = False
@@ -40,22 +41,32 @@ def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
     return parse_scene(scene)
 
 
-def _even_grid(folder: Path) -> dict[str, Any]:
-    """24^3 even voxels that absorb and scatter, before a hot disc."""
+def _grid(name: str, folder: Path) -> dict[str, Any]:
+    """24^3 voxels that absorb and scatter, before a hot disc: all alike, or each with its own
+    depth, of 0.02 to 0.5, and albedo."""
     edge, voxels = 0.12, 24
     shape = (voxels,) * 3
-    file = folder / "even-grid.npz"
+    extinction, albedo = np.full(shape, 15.0), np.full(shape, 2 / 3)
+    domain = {}
+    if name == "random-grid":
+        rng = np.random.default_rng(1)
+        extinction = rng.uniform(0.02, 0.5, shape) * voxels / edge
+        albedo = rng.uniform(0.3, 0.95, shape)
+        # A cube whose cells are the voxels, or parts of them, for references on finer cells.
+        domain = {"edge_m": edge * 32 / voxels, "centre_m": [edge * (16 / voxels - 0.5)] * 3}
+    file = folder / f"{name}.npz"
     np.savez(
         file,
         origin_m=np.full(3, -edge / 2),
         spacing_m=np.full(3, edge / voxels),
-        droplet_absorption_per_m=np.full(shape, 5.0),
-        droplet_scattering_per_m=np.full(shape, 10.0),
+        droplet_absorption_per_m=extinction * (1.0 - albedo),
+        droplet_scattering_per_m=extinction * albedo,
         droplet_temperature_K=np.full(shape, 370.0),
     )
     return {
-        "name": "even-grid",
+        "name": name,
         "spray": {"model": "grid", "file": str(file)},
+        "domain": domain,
         "background": {"radius_m": 0.08, "temperatures_K": [413.0, 473.0, 533.0]},
         "walls": {"temperature_K": 450.0},
     }

@@ -142,6 +142,19 @@ def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> F
     return Frame(lower_m=(x, y, z), edge_m=edge * 2**depth, depth=depth)
 
 
+def in_whole_cells(frame: Frame, sources: Sources) -> bool:
+    """Whether a medium of boxes is exact in cells: none has a part of a box.
+
+    Args:
+        frame: the cube with its cells.
+        sources: droplets and gas.
+    """
+    if not known_in_boxes(sources):
+        return False
+    corners = (frame.to_cells(each) for each in _boxes(sources))
+    return all(np.abs(each - np.rint(each)).max(initial=0.0) <= _OFF for each in corners)
+
+
 def _common_edge(lower: Floats, upper: Floats) -> float | None:
     """Edge of the voxels that boxes (N, 3) are made of; None where there are none."""
     origin, reach = lower.min(axis=0), upper.max(axis=0)

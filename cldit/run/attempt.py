@@ -286,7 +286,9 @@ class Attempts:
         budget = Budget(self.scene, pilot, plan.depth, self.stages.tell)
         if self.scene.transport.method != "source":
             return budget.of_cells_by_pilot()
-        return budget.of_cells(Picture.of(result.traces[pilot.probed.number]))
+        exact = not result.scatters or self.scene.transport.order == 0
+        picture = Picture.of(result.traces[pilot.probed.number])
+        return budget.of_cells(picture, audited=exact or result.audit is not None)
 
     def _causes(
         self,

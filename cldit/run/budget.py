@@ -8,11 +8,11 @@ cells of gas. What does not depend on the cells is traced on cells twice as larg
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cldit.errors import MediumError, SprayError, TransportError
-from cldit.medium.resolution import swept_cells
+from cldit.medium.resolution import in_whole_cells, swept_cells
 from cldit.run.cells import Refined, error_at
 from cldit.run.errors import Cause
 from cldit.run.gas_grid import GasGrid, without_chance
@@ -44,22 +44,36 @@ class Budget:
     depth: int
     say: Callable[[str], None]
 
-    def of_cells(self, picture: Picture) -> list[tuple[Cause, Step | None]]:
+    def of_cells(self, picture: Picture, *, audited: bool) -> list[tuple[Cause, Step | None]]:
         """Errors of cells and pixels, which depend on the chosen cells.
 
         Args:
             picture: (H, W) at the wavelength of the pilot, by `source`.
+            audited: whether the error of the trace is by `path`, which sees all of what sources
+                miss in the picture's cells; or there are no sources that could.
 
         Returns:
             Each cause, with its map where there is one.
         """
-        self.pilot.kept[self.depth] = self.pilot.thinned(picture)
-        return [self._cells(), pixel_error(self.scene, self.pilot.probed, picture)]
+        self.pilot.kept[self.depth] = self.pilot.picked(picture)
+        of_pixels = pixel_error(self.scene, self.pilot.probed, picture)
+        return [*([] if audited and self._exact else [self._cells()]), of_pixels]
 
     def of_cells_by_pilot(self) -> list[tuple[Cause, Step | None]]:
         """The same for a picture by another method, whose noise would hide them."""
         why = "a picture of samples does not tell it; method source does"
-        return [self._cells(), (Cause("pixel sampling", None, why, "camera.rays_per_pixel"), None)]
+        of_pixels = Cause("pixel sampling", None, why, "camera.rays_per_pixel"), None
+        by_path = self.scene.transport.method == "path"
+        return [*([] if by_path and self._exact else [self._cells()]), of_pixels]
+
+    @property
+    def _exact(self) -> bool:
+        """Whether the medium is exact in the picture's cells: those of a user's grid are its
+        voxels, or parts of them, and what is wrong there is the light alone."""
+        frame = replace(self.pilot.probed.frame, depth=self.depth)
+        return isinstance(self.scene.spray, GridSpray) and in_whole_cells(
+            frame, self.pilot.probed.sources
+        )
 
     def of_sources(self, depth: int | None = None) -> list[tuple[Cause, Step | None]]:
         """Errors of parcels and their width, and of the gas's own grid.
@@ -236,10 +250,10 @@ def foretold_K(pilot: Pilot, picture: Picture, trace_K: float) -> dict[str, floa
     Returns:
         By cause; what is not known is left out.
     """
-    found = {"trace": picture.error_K(pilot.temperature)}
+    found = {"trace": pilot.noise_K(picture)}
     if found["trace"]:  # each wavelength has ordinates of its own, whose errors are independent
         found["trace"] *= trace_K / pilot.settings.accuracy_K
-    if pilot.stride == 1:
+    if pilot.drawn is None:
         found["pixel sampling"] = pixel_error(pilot.scene, pilot.probed, picture)[0].error_K
     return {name: error_K for name, error_K in found.items() if error_K is not None}
 

@@ -134,7 +134,7 @@ _MORE_PARCELS = (
 _FIX = {
     "cells": "a smaller domain.leaf_edge_m",
     "trace": "more transport.directions or a larger transport.max_samples, or, for what only the "
-    "audit finds, transport.method: path",
+    "audit finds, transport.method: path, or domain.leaf_edge_m of half the voxels of a grid",
     "wavelengths": "more optics.wavelengths",
     "parcels": _MORE_PARCELS,
     "deposit width": _MORE_PARCELS,

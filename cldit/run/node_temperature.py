@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,10 @@ class NodeTemperature:
         """
         grid_K = np.geomspace(20.0, 5000.0, 20_000)
         return cls(scene, grid_K, np.asarray(node.radiance(grid_K), float), before_background)
+
+    def picked(self, pixels: NDArray[np.int64]) -> NodeTemperature:
+        """The same of pixels (N,), flat numbers, whose weights are one row (1, N)."""
+        return replace(self, before_background=self.before_background.reshape(1, -1)[:, pixels])
 
     def __call__(self, weights: Weights) -> Floats:
         """(H, W) apparent temperature; NaN where emissivity says nothing, or off the background.

@@ -5,6 +5,9 @@ difference of two pictures holds the noise of both. Each picture is the mean of 
 whose ordinates and paths are independent. So the product of the differences of the A and of the B
 has the square of the true difference for its mean, whatever the noise is. With d the difference of
 the pictures and e that of half of A - B, the product is (d + e)(d - e).
+
+Pictures may be of drawn pixels (`cldit.run.drawn_pixels`). A sum of theirs has an error of sampling
+as well: where a few pixels hold most of a square, the sum is large or small by which were drawn.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 
 from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Image, Weights
+from cldit.run.drawn_pixels import DrawnPixels
 from cldit.run.node_temperature import NodeTemperature
 from cldit.transport.result import Subpixels, Trace
 
@@ -64,11 +68,21 @@ class Picture:
         )
         return (one - other) / 2.0
 
-    def error_K(self, temperature: NodeTemperature) -> float | None:
-        """RMS of `noise_K` over the pixels of emissivity above 0.05; None: there is none."""
+    def error_K(
+        self, temperature: NodeTemperature, drawn: DrawnPixels | None = None
+    ) -> float | None:
+        """RMS of `noise_K` over the pixels of emissivity above 0.05; None: there is none.
+
+        Args:
+            temperature: of the scene and wavelength.
+            drawn: the pixels that the picture is of; None: all.
+        """
         noise = self.noise_K(temperature)
-        known = noise[np.isfinite(noise) & self.visible]
-        return float(np.sqrt(np.mean(known**2))) if known.size else None
+        known = np.isfinite(noise) & self.visible
+        if not known.any():
+            return None
+        weight = None if drawn is None else 1.0 / drawn.chance[known]
+        return float(np.sqrt(np.average(noise[known] ** 2, weights=weight)))
 
 
 @dataclass(frozen=True)
@@ -77,7 +91,7 @@ class Step:
 
     error_K: RMS over the pixels of emissivity above 0.05 in both, without the pictures' noise, and
     one standard error of its square added; None: there is no pixel. map_K: (H, W) size of the
-    difference in each of them, noise and all, NaN elsewhere.
+    difference in each of them that was traced, noise and all, NaN elsewhere.
     """
 
     error_K: float | None
@@ -89,26 +103,42 @@ class Step:
         return Step(error_K, factor * self.map_K)
 
     @classmethod
-    def between(cls, temperature: NodeTemperature, one: Picture, other: Picture) -> Step:
+    def between(
+        cls,
+        temperature: NodeTemperature,
+        one: Picture,
+        other: Picture,
+        drawn: DrawnPixels | None = None,
+    ) -> Step:
         """Compares two pictures.
 
         The square of (A^2 - B^2) / 2, summed over pixels that err together, has the variance of the
-        sum of A B for its mean where there is noise alone.
+        sum of A B for its mean where there is noise alone. Of pixels that are drawn with a chance
+        of p, the sum of (1 - p) (A B - mean)^2 / p^2 is the variance by which were drawn; what
+        noise adds to it is in the first sum already, and is taken off.
 
         Args:
             temperature: of the scene and wavelength.
-            one, other: of as many pixels.
+            one, other: of the same pixels.
+            drawn: these pixels; None: all of the picture.
         """
         apart = temperature(one.weights) - temperature(other.weights)
         noise = one.noise_K(temperature) - other.noise_K(temperature)
         both = np.isfinite(apart) & np.isfinite(noise) & one.visible & other.visible
         map_K = np.where(both, np.abs(apart), np.nan)
-        count = int(np.count_nonzero(both))
-        if not count:
-            return cls(None, map_K)
-        d, e = apart[both], noise[both]
-        edge = max(1, round(_NEARBY * max(both.shape)))
+        shape, chance = both.shape, np.ones(both.shape)
         row, column = np.nonzero(both)
-        blocks = np.bincount(row // edge * both.shape[1] + column // edge, 2.0 * d * e)
-        square = max(float(np.sum(d**2 - e**2)), 0.0) + float(np.sqrt(np.sum(blocks**2)))
-        return cls((square / count) ** 0.5, map_K)
+        if drawn is not None:
+            map_K, shape, chance = drawn.spread(map_K), drawn.shape, drawn.chance
+            row, column = (place[both[0]] for place in drawn.places)
+        if not both.any():
+            return cls(None, map_K)
+        d, e, p = apart[both], noise[both], chance[both]
+        count = float(np.sum(1.0 / p))
+        product, doubt = d**2 - e**2, 2.0 * d * e
+        total = float(np.sum(product / p))
+        edge = max(1, round(_NEARBY * max(shape)))
+        blocks = np.bincount(row // edge * shape[1] + column // edge, doubt / p)
+        missed = (1.0 - p) / p**2 * ((product - total / count) ** 2 - doubt**2)
+        variance = float(np.sum(blocks**2)) + max(float(np.sum(missed)), 0.0)
+        return cls(((max(total, 0.0) + variance**0.5) / count) ** 0.5, map_K)

@@ -1,25 +1,27 @@
 """Traces of variants of a medium at few pixels and one wavelength, and how far they are apart.
 
 A variant is compared with a trace by the same ordinates, whose own error cancels in part; what is
-left of it is told from the rest by the halves of either (`cldit.run.picture`). The pixels are every
-third, fifth, .. of the picture, whose lines of sight are those of the picture's own pixels.
+left of it is told from the rest by the halves of either (`cldit.run.picture`). Of a large picture
+some pixels are drawn (`cldit.run.drawn_pixels`), the same for all traces of a run.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import MediumError
+from cldit.errors import MediumError, TransportError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid
 from cldit.optics.spectral import SpectralNode
 from cldit.run.cell_choice import finest_lattice_m
+from cldit.run.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.run.gas_grid import GasGrid
 from cldit.run.node_temperature import NodeTemperature
 from cldit.run.picture import Picture, Step
@@ -31,7 +33,8 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-_FEWEST = 100  # pixels along an edge that a pilot keeps
+# Pixels, and cells, along an edge of the coarse picture that says where the medium is seen.
+_LOOK, _LOOK_CELLS = 256, 256
 _LEAST, _MOST = 1.5, 3.0  # times as large, of cells that an error is extrapolated from
 
 
@@ -75,17 +78,17 @@ class Probed:
 class Pilot:
     """Traces variants of a medium.
 
-    scene: with fewer pixels, every `stride`-th. kept: pictures of the medium itself by how often
-    its cube is halved. earlier: pictures of the same spray on other lattices and their cells, by
-    the cells' edge in m. variants: pictures of other sources by their name and how often the cube
-    is halved.
+    drawn: the pixels that are traced; None: all of the picture. temperature: theirs. kept: pictures
+    of the medium itself by how often its cube is halved. earlier: pictures of the same spray on
+    other lattices and their cells, by the cells' edge in m. variants: pictures of other sources by
+    their name and how often the cube is halved.
     """
 
     scene: Scene
     device: Device
     settings: Settings
     probed: Probed
-    stride: int
+    drawn: DrawnPixels | None
     temperature: NodeTemperature
     kept: dict[int, Picture] = field(default_factory=dict)
     earlier: Mapping[float, Picture] = field(default_factory=dict)
@@ -107,21 +110,28 @@ class Pilot:
             device: traces.
             settings: of the wavelength that is probed.
             probed: the medium.
-            before: another pilot; its traces serve where it differs by the cone's lattice alone.
+            before: another pilot of the same camera; its pixels are drawn once, and its traces
+                serve where it differs by the cone's lattice alone.
         """
-        # Several rays a pixel see its own edges: pixels are left out of none of those.
-        stride = _stride(scene.camera.pixels) if scene.camera.rays_per_pixel == 1 else 1
-        columns, rows = (count // stride for count in scene.camera.pixels)
-        camera = scene.camera.model_copy(update={"pixels": (columns, rows)})
-        few = scene.model_copy(update={"camera": camera})
+        mine = replace(settings, method="source", audit=False, subpixels=False)
+        temperature = temperature_of(scene, probed)
+        camera, drawn = scene.camera, None
+        # Which pixels have several rays, where they are adaptive, is seen in all of the picture.
+        if camera.rays_per_pixel != "adaptive" and not all_are_traced(camera.pixels):
+            drawn = None if before is None else before.drawn
+            if drawn is None:
+                emissivity = looked(scene, device, mine, probed)
+                background = temperature.before_background
+                drawn = DrawnPixels.of(background, emissivity, seed=mine.seed)
+            temperature = temperature.picked(drawn.sample.pixels)
         return cls(
-            scene=few,
+            scene=scene,
             device=device,
-            settings=replace(settings, method="source", audit=False, subpixels=stride == 1),
+            settings=replace(mine, subpixels=drawn is None),
             probed=probed,
-            stride=stride,
-            temperature=temperature_of(few, probed),
-            earlier={} if before is None else before._serving(few, probed),
+            drawn=drawn,
+            temperature=temperature,
+            earlier={} if before is None else before._serving(scene, probed),
         )
 
     def _serving(self, scene: Scene, probed: Probed) -> dict[float, Picture]:
@@ -231,25 +241,12 @@ class Pilot:
             optical_depth_split=self.probed.optical_depth_split,
             max_cells=self.probed.limit,
         )[0]
-        return Picture.of(trace(tree, self.scene, self.device, settings))
+        pixels = None if self.drawn is None else self.drawn.sample.pixels
+        return Picture.of(trace(tree, self.scene, self.device, settings, pixels=pixels))
 
-    def thinned(self, picture: Picture) -> Picture:
+    def picked(self, picture: Picture) -> Picture:
         """The pilot's pixels of the run's picture."""
-        if self.stride == 1:
-            return picture
-        first, step = self.stride // 2, self.stride
-        return picture.map(lambda image: image[first::step, first::step])
-
-    def spread(self, image: Floats) -> Floats:
-        """A map over the pixels of the picture.
-
-        Args:
-            image: (H / stride, W / stride) of the pilot's pixels.
-
-        Returns:
-            One value for each pixel of the picture, (H, W).
-        """
-        return image.repeat(self.stride, 0).repeat(self.stride, 1)
+        return picture if self.drawn is None else picture.map(self.drawn.pick)
 
     def step(self, one: Picture, other: Picture) -> Step:
         """Difference of two of the pilot's pictures; its map is that of the picture.
@@ -257,8 +254,11 @@ class Pilot:
         Args:
             one, other: of the pilot's pixels.
         """
-        found = Step.between(self.temperature, one, other)
-        return Step(found.error_K, self.spread(found.map_K))
+        return Step.between(self.temperature, one, other, self.drawn)
+
+    def noise_K(self, picture: Picture) -> float | None:
+        """RMS error of one of the pilot's pictures by its own halves; None: no pixel has one."""
+        return picture.error_K(self.temperature, self.drawn)
 
 
 def temperature_of(scene: Scene, probed: Probed) -> NodeTemperature:
@@ -277,8 +277,34 @@ def _off_lattice(scene: Scene) -> Scene:
     return scene.model_copy(update={"spray": spray})
 
 
-def _stride(pixels: tuple[int, int]) -> int:
-    """The largest odd divisor of both numbers that leaves 100 pixels or more."""
-    most = min(pixels) // _FEWEST
-    fits = (n for n in range(1, most + 1, 2) if not any(count % n for count in pixels))
-    return max(fits, default=1)
+def looked(scene: Scene, device: Device, settings: Settings, probed: Probed) -> Floats:
+    """Where the medium is seen, roughly: of few pixels, on coarse cells that scatter nothing.
+
+    Args:
+        scene: whose field it is.
+        device: traces.
+        settings: of the wavelength that is probed.
+        probed: the medium.
+
+    Returns:
+        Emissivity (h, w).
+    """
+    frame, camera = probed.frame, scene.camera
+    finest_m = max(camera.field_m) / _LOOK_CELLS
+    coarse = min(frame.depth, max(3, math.ceil(math.log2(frame.edge_m / finest_m))))
+    columns, rows = (min(count, _LOOK) for count in camera.pixels)
+    few = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
+    look = scene.model_copy(update={"camera": few})
+    for depth in range(coarse, frame.depth + 1):
+        tree = build_octrees(
+            replace(frame, depth=depth),
+            [probed.sources],
+            optical_depth_split=probed.optical_depth_split,
+            max_cells=probed.limit,
+        )[0]
+        try:
+            found = trace(tree, look, device, replace(settings, order=0, gather=False))
+        except TransportError:  # cells so large reach behind a patch
+            continue
+        return np.asarray(1.0 - found.weights.background, float)
+    return np.ones((rows, columns))  # the medium may be anywhere

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.dit.solve import VISIBLE
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Cause
-from cldit.run.node_temperature import NodeTemperature
 from cldit.run.picture import Picture, Step
 from cldit.run.pilot import Probed, temperature_of
 from cldit.scene import Scene
@@ -43,12 +43,7 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     if found is None or not seen.any():
         return Cause(_NAME, None, "no pixel has a T_app", _KEY), None
     pixels = found.sample.pixels
-    few = NodeTemperature(
-        temperature.scene,
-        temperature.grid_K,
-        temperature.radiance,
-        temperature.before_background.reshape(1, -1)[:, pixels],
-    )
+    few = temperature.picked(pixels)
 
     def sampled(weights: Weights) -> Weights:
         return weights.map(lambda image: image.reshape(1, -1)[:, pixels])
@@ -56,14 +51,37 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     difference = picture.difference
     here = Picture(sampled(picture.weights), None if difference is None else sampled(difference))
     there = Picture(found.weights, found.difference)
+    if found.references is not None:
+        one, other = found.references
+        here, there = _evaluated(here, one), _evaluated(there, other)
     apart = few(here.weights) - few(there.weights)
     noise = here.noise_K(few) - there.noise_K(few)
     both = np.isfinite(apart) & np.isfinite(noise) & here.visible & there.visible
-    one, other = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
-    square, doubt = found.sample.mean_square(one, other, count=int(np.count_nonzero(seen)))
+    first, second = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
+    square, doubt = found.sample.mean_square(first, second, count=int(np.count_nonzero(seen)))
     error_K = (max(square, 0.0) + doubt) ** 0.5
     map_K = contrast_K(np.where(seen, apparent_K, np.nan))
     rms_K = float(np.sqrt(np.nanmean(map_K**2)))
     map_K *= error_K / rms_K if rms_K > 0 else 0.0
     how = f"the picture's rays against {found.across**2}, in each of {len(pixels)} pixels"
     return Cause(_NAME, error_K, how, _KEY), Step(error_K, map_K)
+
+
+def _evaluated(picture: Picture, reference: Weights) -> Picture:
+    """A picture as DIT has it: what it shows beyond its reference, over what that sees of the disc.
+
+    Its weights give T_app as those of pixels that see the background alone; NaN where DIT wants to
+    see more of it.
+
+    Args:
+        picture: (1, N).
+        reference: (1, N) without the medium.
+    """
+    seen = reference.background
+    # A fit of just half of the background ends above or below it by rounding.
+    whole = np.where(seen > VISIBLE, seen, np.float32(np.nan)).astype(np.float32)
+    beyond = reference.images | {"background": np.zeros_like(seen)}
+    images = picture.weights.images
+    mean = Weights.of({name: (image - beyond[name]) / whole for name, image in images.items()})
+    difference = picture.difference
+    return Picture(mean, None if difference is None else difference.map(lambda each: each / whole))

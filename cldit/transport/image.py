@@ -115,6 +115,7 @@ class FormalSolution:
         gather: Gathered | None = None,
         *,
         gradient: NDArray[np.floating] | None = None,
+        pixels: NDArray[np.int64] | None = None,
     ) -> tuple[list[Reals], list[Reals], int]:
         """Images of sources, of one ray a pixel as well where there are several.
 
@@ -123,6 +124,8 @@ class FormalSolution:
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
             gather: adds what thick cells scatter; needed with `thick`.
             gradient: (3, C, N) spatial gradient of all of the sources; needed with `linear`.
+            pixels: (M,) flat numbers of those that make the images, in one row, where rays are not
+                adaptive: which pixels are steep is seen in a whole image. None: all.
 
         Returns:
             Weights (C + 1, H, W) of each image, the part from within the medium last (see
@@ -132,18 +135,21 @@ class FormalSolution:
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
         records = self._records(listed, defect, gradient)
+        if pixels is not None:
+            some = self._several(records, pixels, RAYS_ACROSS[rays], gather)
+            return list(some[:, :, None, :]), [], 0 if rays == 1 else len(pixels)
         every = np.arange(columns * rows)
-        pixels = np.empty(0, np.int64) if rays == 1 else every
+        finer = np.empty(0, np.int64) if rays == 1 else every
         images, left = self._images(self._whole(records))
         self._gather(images, left, every, 1, gather)
         middle = [] if rays == 1 else list(images.copy().reshape(*images.shape[:2], rows, columns))
         if rays == "adaptive":  # the same pixels for all images
             whole = images[0, :-1].reshape(-1, rows, columns)
-            pixels = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
-        if len(pixels):
-            images[:, :, pixels] = self._several(records, pixels, RAYS_ACROSS[rays], gather)
+            finer = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
+        if len(finer):
+            images[:, :, finer] = self._several(records, finer, RAYS_ACROSS[rays], gather)
         planes = list(images.reshape(*images.shape[:2], rows, columns))
-        return planes, middle, len(pixels)
+        return planes, middle, len(finer)
 
     def several(
         self,

@@ -107,12 +107,15 @@ class Subpixels:
     sample: the pixels.
     across: across^2 rays went through each.
     weights: (1, N) means of these rays; difference: as `Trace.weights_difference`.
+    references: what the image's rays and these see of the boundary without the medium, each (1, N);
+        None: the background alone, in all pixels.
     """
 
     sample: PixelSample
     across: int
     weights: Weights
     difference: Weights | None
+    references: tuple[Weights, Weights] | None = None
 
 
 @dataclass(frozen=True)

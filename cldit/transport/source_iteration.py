@@ -48,6 +48,7 @@ def trace_source(
     device: Device,
     settings: Settings,
     report: Callable[[str], None] | None,
+    pixels: NDArray[np.int64] | None = None,
 ) -> Trace:
     """Weights by source iteration.
 
@@ -56,6 +57,7 @@ def trace_source(
         device: traces; its others share the image and its final gather.
         settings: of a precision other than `auto`.
         report: takes lines of progress.
+        pixels: (N,) flat numbers, of which the images are one row; None: all.
 
     Raises:
         NotConvergedError: the source does not reach the tolerance.
@@ -90,7 +92,9 @@ def trace_source(
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # of a broken image, which the balance finds
         # 4, and 5 by `gather`
-        halves, middle, refined = image.images(sources, defect, gather, gradient=gradient)
+        halves, middle, refined = image.images(
+            sources, defect, gather, gradient=gradient, pixels=pixels
+        )
         seconds["image"] = time.perf_counter() - start
         mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
         balance = EnergyBalance.of(

@@ -6,6 +6,11 @@ much as it differs from its neighbours. So pixels are drawn with probabilities i
 square of that, by which the variance of the errors' sum of squares is least; a share of the chance
 is equal for all, since structures smaller than a pixel show in none. No ray of the sample decides
 what is drawn, so there is no bias.
+
+A pixel at the background's rim sees a share f of it, and the wall beside it. DIT takes what it
+shows beyond its reference over f: I(T_app) = (I - (1 - f) I_wall) / f of a medium that shines with
+I. A ray through the middle has f = 1, and other rays another f: what that makes of T_app is known
+without a trace of these, and drawn by as well.
 """
 
 from __future__ import annotations
@@ -14,7 +19,10 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.image import RAYS_ACROSS
@@ -29,6 +37,7 @@ Floats = NDArray[np.float64]
 # Times as many rays across: they err by a 16th of what the picture's do where light is smooth, and
 # by an 8th at edges, whose square adds a 64th.
 _MORE = 4
+_LEAST = 0.5  # share of the background that DIT wants a pixel to see; just so much is too little
 
 
 def sampled_subpixels(
@@ -58,22 +67,66 @@ def sampled_subpixels(
     if not seen.any():
         return None
     apparent_K[seen] = apparent_temperature_K(flat[:-1, seen], cells, scene)
-    sample = drawn(apparent_K.reshape(rows, columns), tuning=settings.tuning, seed=settings.seed)
-    across = _MORE * RAYS_ACROSS[scene.camera.rays_per_pixel]
+    few = RAYS_ACROSS[scene.camera.rays_per_pixel]
+    across = _MORE * few
+    rim = np.zeros(flat.shape[1])
+    at = np.flatnonzero(seen & ~minimum_filter(view.before_background, 3).reshape(-1))
+    if len(at):
+        seen_by = [view.boundary_shares(at, each) for each in (few, across)]
+        as_seen = [_evaluated(flat[:-1, at], seen_by[0], each) for each in seen_by]
+        there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # a part of the wall is no emissivity
+        there &= np.minimum(*(each[0] for each in seen_by)) > _LEAST
+        here_K, more_K = (apparent_temperature_K(one[:, there], cells, scene) for one in as_seen)
+        rim[at[there]] = more_K - here_K
+    sample = drawn(
+        apparent_K.reshape(rows, columns), rim, tuning=settings.tuning, seed=settings.seed
+    )
     halves = several(sample.pixels, across)[:, :, None, :]
     difference = None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
-    return Subpixels(sample, across, weights_of(halves.mean(axis=0), cells), difference)
+    shares = [view.boundary_shares(sample.pixels, each) for each in (few, across)]
+    references = None
+    if any(np.any(each[0] < 1.0) for each in shares):
+        one, other = (_boundary(each, cells) for each in shares)
+        references = one, other
+    mean = weights_of(halves.mean(axis=0), cells)
+    return Subpixels(sample, across, mean, difference, references)
 
 
-def drawn(temperature_K: Floats, *, tuning: Tuning, seed: int) -> PixelSample:
+def _evaluated(mean: NDArray[np.floating], seen: Floats, shares: Floats) -> Floats:
+    """Weights (C, N) as DIT has them, of pixels that see a share of the background, not all of it.
+
+    Args:
+        mean: (C, N) of rays of which the shares `seen` (B, N) end on each part of the boundary.
+        shares: (B, N) of the rays that are wanted; the medium before all of them is the same.
+    """
+    through = mean[0] / np.maximum(seen[0], _LEAST)
+    out = np.array(mean, np.float64)
+    # What is let through of all else than the background; and all of that, which is no spray's.
+    out[1 : len(shares)] += (shares[1:] - seen[1:]) * through - shares[1:]
+    out /= np.maximum(shares[0], _LEAST)
+    out[0] = through
+    return out
+
+
+def _boundary(shares: Floats, cells: OpticalCells) -> Weights:
+    """Weights (1, N) without a medium."""
+    planes = np.zeros((len(cells.needs.components), 1, shares.shape[1]))
+    planes[: len(shares), 0] = shares
+    return weights_of(planes, cells)
+
+
+def drawn(
+    temperature_K: Floats, rim_K: Floats | float = 0.0, *, tuning: Tuning, seed: int
+) -> PixelSample:
     """A sample of the pixels that have a temperature, most of them where contrast is.
 
     Args:
         temperature_K: (H, W), NaN where there is none; not all of them.
+        rim_K: (H W,) what is known beside: how far pixels at the background's rim are off.
         tuning: how many, and the share of the chance that is equal for all.
         seed: of the random start.
     """
-    square = contrast_K(temperature_K).reshape(-1) ** 2
+    square = contrast_K(temperature_K).reshape(-1) ** 2 + np.square(rim_K)
     known = np.isfinite(square)
     even = tuning.audit_even * float(square[known].mean()) or 1.0  # where nothing differs
     importance = np.where(known, square + even, 0.0)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError, TransportError
 from cldit.gpu.device import Device
@@ -82,6 +83,7 @@ def trace(
     *,
     report: Callable[[str], None] | None = None,
     audit_sample: PixelSample | None = None,
+    pixels: NDArray[np.int64] | None = None,
 ) -> Trace:
     """Weights of every pixel.
 
@@ -95,6 +97,8 @@ def trace(
         settings: see `settings_for`.
         report: takes lines of progress.
         audit_sample: pixels to audit; None: they are drawn from the trace.
+        pixels: (N,) flat numbers of those that are traced alone, by `source` without audit and
+            `subpixels`, and with rays that are not adaptive: images are one row. None: all.
 
     Raises:
         TransportError: the source did not converge, the medium reaches behind the background, or
@@ -117,12 +121,12 @@ def trace(
         return follow(cells, scene, device, single, report)
     view = View.of(scene, cells)
     try:
-        result = trace_source(cells, scene, view, device, single, report)
+        result = trace_source(cells, scene, view, device, single, report, pixels)
     except NotConvergedError:
         if settings.precision != "auto" or not device.info.float64:
             raise
         if report is not None:
             report("single precision does not resolve this source; again in double precision")
         single = replace(settings, precision="float64")
-        result = trace_source(cells, scene, view, device, single, report)
+        result = trace_source(cells, scene, view, device, single, report, pixels)
     return audited(cells, scene, view, device, single, result, audit_sample)

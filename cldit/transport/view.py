@@ -92,19 +92,35 @@ class View:
 
     def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
         """`before_background` (N,) for flat numbers of pixels (N,)."""
+        return np.asarray(self.boundary_shares(pixels, 1)[0] > 0)
+
+    def boundary_shares(self, pixels: NDArray[np.int64], across: int) -> Floats:
+        """What pixels see of each part of the boundary, without the medium.
+
+        Args:
+            pixels: (N,) flat numbers.
+            across: across^2 lines of sight go through each, one in the middle of each equal part.
+
+        Returns:
+            (B, N) shares of the lines, which sum to 1: background, wall, patches.
+        """
         columns, rows = self.pixels
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
         if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch
             centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
         away = np.array([0.0, self.distance, 0.0])
-        out = np.zeros(len(pixels), np.bool_)
-        for first in range(0, len(pixels), _AT_ONCE):  # for memory
-            some = slice(first, first + _AT_ONCE)
+        out = np.zeros((2 + len(self.patches), len(pixels)))
+        at_once = max(_AT_ONCE // across**2, 1)
+        inside = (np.arange(across) + 0.5) / across
+        for first in range(0, len(pixels), at_once):  # for memory
+            some = slice(first, first + at_once)
             row, column = np.divmod(pixels[some], columns)
             # Where lines of sight cross the target plane.
-            plane = np.zeros((len(row), 3))
-            plane[:, 0] = (column + 0.5 - 0.5 * columns) * self.pitch[0]
-            plane[:, 2] = (0.5 * rows - row - 0.5) * self.pitch[1]
+            lines = np.zeros((len(row), across, across, 3))
+            lines[..., 0] = (column[:, None, None] + inside - 0.5 * columns) * self.pitch[0]
+            down = row[:, None, None] + inside[:, None]
+            lines[..., 2] = (0.5 * rows - down) * self.pitch[1]
+            plane = lines.reshape(-1, 3)
             toward = plane + away if "CAMERA_PINHOLE" in self.defines else 0.0 * plane + away
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)
             start = -self.distance / toward[:, 1:2]
@@ -115,7 +131,8 @@ class View:
                 radius=radius,
                 patches=self.patches,
             )
-            out[some] = seen == 0
+            for part, shares in enumerate(out):
+                shares[some] = (seen == part).reshape(len(row), -1).mean(axis=1)
         return out
 
     def geometry(

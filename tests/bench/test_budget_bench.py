@@ -40,7 +40,7 @@ def test_true_error_is_of_pixels_that_count() -> None:
 
 
 def test_scenes_leave_their_keys_to_the_plan(tmp_path: Path) -> None:
-    for name in ("gdi", "droplets-only", "gdi-flow", "even-grid"):
+    for name in BUDGET_SCENES:
         scene = budget_scene(name, pixels=20, folder=tmp_path)
         assert scene.domain.leaf_edge_m is None and scene.transport.audit
         assert scene.camera.pixels == (20, 20) and scene.camera.rays_per_pixel == 16

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,14 @@ from numpy.typing import NDArray
 from cldit.errors import MediumError
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, Sources, build_octree
-from cldit.medium.resolution import ACROSS, CELL_DEPTH, candidates, needed_edge_m, on_grid
+from cldit.medium.resolution import (
+    ACROSS,
+    CELL_DEPTH,
+    candidates,
+    in_whole_cells,
+    needed_edge_m,
+    on_grid,
+)
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells
 
@@ -224,6 +232,18 @@ def test_parcels_beside_the_gas_have_room() -> None:
         )
         assert frame.lower_m[2] <= -0.05
         assert np.all(np.array(frame.lower_m) + frame.edge_m >= [0.03, 0.01, 0.01])
+
+
+def test_a_medium_in_whole_cells() -> None:
+    """On voxels or parts of them; not on cells that are larger, or lie across, or with parcels."""
+    sources = voxels((24, 24, 24), (4e-3,) * 3)
+    laid = on_grid(CUBE, sources)
+    assert laid is not None and in_whole_cells(laid, sources)
+    assert in_whole_cells(replace(laid, depth=laid.depth + 1), sources)
+    assert not in_whole_cells(replace(laid, depth=laid.depth - 3), sources)
+    assert not in_whole_cells(replace(CUBE, depth=6), sources)
+    assert not in_whole_cells(laid, (droplets(np.zeros((1, 3))), sources[1]))
+    assert in_whole_cells(CUBE, (None, []))
 
 
 def test_nothing_and_what_cannot_be() -> None:

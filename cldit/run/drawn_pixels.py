@@ -1,0 +1,91 @@
+"""Pixels of a large picture that pilots trace, drawn by chance, and what they say of the rest.
+
+What two pictures differ by may lie in a hundredth of the pixels that see the medium, and the medium
+in a hundredth of the picture. So most pixels are drawn from those that are likely to see it, and a
+tenth from all before the background. A sum over the picture is that over the drawn ones, each over
+its chance (Horvitz and Thompson, J. Am. Stat. Assoc. 47, 663, 1952): without bias, whatever the
+chances are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.radiance.weights import Image
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+
+Floats = NDArray[np.float64]
+
+_WHOLE = 90_000  # pixels of a picture, up to which all of them are traced
+_MOST = 10_000  # else so many are drawn: the squares of a hundredth of them are known to a seventh
+_EVEN = 0.1  # of the chance, which is equal for all pixels before the background
+_LIKELY = 0.5  # of the emissivity of which a pixel has a T_app, as larger cells smear it
+
+
+@dataclass(frozen=True)
+class DrawnPixels:
+    """Some pixels of a picture.
+
+    shape: rows and columns of the picture. sample: the pixels, with the chance of each.
+    """
+
+    shape: tuple[int, int]
+    sample: PixelSample
+
+    @classmethod
+    def of(
+        cls, before_background: NDArray[np.bool_], emissivity: NDArray[np.floating], *, seed: int
+    ) -> DrawnPixels:
+        """Draws pixels.
+
+        Args:
+            before_background: (H, W), pixels that may have a T_app.
+            emissivity: (h, w) of the medium, by a coarse picture of the same field.
+            seed: of the draw.
+        """
+        rows, columns = before_background.shape
+        near = maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
+        down, across = (
+            np.arange(count) * few // count
+            for count, few in zip((rows, columns), near.shape, strict=True)
+        )
+        likely = (near[np.ix_(down, across)] & before_background).astype(float)
+        even = _EVEN * float(likely.sum() / max(before_background.sum(), 1)) or 1.0
+        importance = np.where(before_background, likely + even, 0.0)
+        return cls((rows, columns), PixelSample.of(importance.ravel(), most=_MOST, seed=seed))
+
+    @property
+    def chance(self) -> Floats:
+        """(1, N) of each to be drawn."""
+        return self.sample.chance[None]
+
+    @property
+    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row and column in the picture, each (N,)."""
+        row, column = np.divmod(self.sample.pixels, self.shape[1])
+        return row, column
+
+    def pick(self, image: Image | NDArray[np.bool_]) -> Any:
+        """These pixels (1, N) of an image (H, W)."""
+        return image.reshape(1, -1)[:, self.sample.pixels]
+
+    def spread(self, values: Floats) -> Floats:
+        """An image (H, W) of values (1, N): NaN where none was drawn."""
+        out = np.full(self.shape, np.nan)
+        out.flat[self.sample.pixels] = values[0]
+        return out
+
+
+def all_are_traced(pixels: tuple[int, int]) -> bool:
+    """Whether a picture is so small that pilots trace all of its pixels.
+
+    Args:
+        pixels: columns and rows.
+    """
+    return pixels[0] * pixels[1] <= _WHOLE
