@@ -258,6 +258,9 @@ __kernel void gather(
     const int direction_count, const int4 box_low, const int4 box_shape,
     const int columns, const int rows, const real4 middle, const real pitch_x, const real pitch_z,
     const real distance, BOUNDARY_ARGUMENTS
+#ifdef BLURRED_BOUNDARY
+    , __global const real *whole_depth
+#endif
 #ifdef PHASE_CLASSES
     , __global const uchar *class_shares, const int region_cells
 #endif
@@ -271,6 +274,9 @@ __kernel void gather(
     const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
                        start, nearest, direction_count, box_low, box_shape,
                        BOUNDARY
+#ifdef BLURRED_BOUNDARY
+                       , whole_depth
+#endif
 #ifdef PHASE_CLASSES
                        , class_shares, region_cells
 #endif

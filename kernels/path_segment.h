@@ -3,6 +3,7 @@
 #ifndef PATH_SEGMENT_H
 #define PATH_SEGMENT_H
 
+#include "blurred_boundary.h"
 #include "boundary.h"
 #include "cell_record.h"
 
@@ -26,7 +27,7 @@ typedef struct {
     __global const int *beside;    /* SIDES a cell */
     __global const real *depth;    /* optical depth of each cell's edge, below 0 where paths go on */
     __global const real *cells;    /* records, see cell_record.h */
-    __global const real *light;    /* stored radiance: [interface][ordinate][component] */
+    __global const real *light;    /* stored radiance: [interface][ordinate][RAY_PLANES] */
     __global const real4 *directions; /* ordinates along Hilbert's curve; w: cumulative weight of what
                                          they scatter along +y */
     __global const int *number_of; /* number of each of these in `light` */
@@ -35,6 +36,9 @@ typedef struct {
     int count;                     /* of ordinates */
     int4 low, shape;               /* the box of `places` */
     Boundary boundary;
+#ifdef BLURRED_BOUNDARY
+    __global const real *whole_depth; /* optical depth of each cell's edge, without delta-M */
+#endif
 #ifdef PHASE_CLASSES
     __global const uchar *shares;  /* of classes of droplet size, see phase_class */
     int size;                      /* cells of the region */
@@ -46,6 +50,9 @@ typedef struct {
 typedef struct {
     __global const real *light[PENDING_READS];
     real weight[PENDING_READS];
+#ifdef BLURRED_BOUNDARY
+    real unscattered[PENDING_READS]; /* weight of excesses */
+#endif
     int count;
     real sum[PARTS];
 #ifdef COUNTED
@@ -55,13 +62,26 @@ typedef struct {
 
 INLINE void flush_scores(PendingScores *pending)
 {
-    for (int k = 0; k < pending->count; ++k) score(pending->sum, pending->weight[k], pending->light[k]);
+    for (int k = 0; k < pending->count; ++k) {
+        score(pending->sum, pending->weight[k], pending->light[k]);
+#ifdef BLURRED_BOUNDARY
+        UNROLL for (int e = 0; e < EXCESSES; ++e) {
+            const real excess = pending->unscattered[k] * pending->light[k][COMPONENTS + e];
+            pending->sum[EXCESS_OF(e)] += excess;
+            pending->sum[WALL] -= excess;
+        }
+#endif
+    }
     pending->count = 0;
 }
 
-INLINE void score_later(PendingScores *pending, real weight, __global const real *light)
+INLINE void score_later(
+    PendingScores *pending, real weight, real unscattered, __global const real *light)
 {
     SOON_READ(light);
+#ifdef BLURRED_BOUNDARY
+    pending->unscattered[pending->count] = unscattered;
+#endif
     pending->weight[pending->count] = weight;
     pending->light[pending->count] = light;
     if (++pending->count == PENDING_READS) flush_scores(pending);
@@ -82,6 +102,7 @@ typedef struct {
     lane_i ux, uy, uz;     /* mask: upwards */
     lane_t t;              /* distance so far */
     lane_t weight, floor;  /* weight, and the weight at which it ends */
+    lane_t unscattered;    /* weight without delta-M: of excesses */
     lane_t scattered;      /* weight scattered so far in cells where paths go on */
     lane_t u;              /* random number that draws one of these cells, and a place in it */
     lane_t x, y, z, share; /* of the cell drawn: where the segment enters it, and the absorbed share */
@@ -104,7 +125,7 @@ INLINE Segments no_segments(void)
     f.tx = f.ty = f.tz = (lane_t)R(1);
     f.dx = f.dy = f.dz = f.ax = f.ay = f.az = (lane_t)R(0);
     f.ux = f.uy = f.uz = f.drawn = f.cell = f.active = (lane_i)0;
-    f.t = f.weight = f.floor = f.scattered = f.u = f.x = f.y = f.z = f.share = (lane_t)R(0);
+    f.t = f.weight = f.floor = f.unscattered = f.scattered = f.u = f.x = f.y = f.z = f.share = (lane_t)R(0);
     return f;
 }
 
@@ -130,7 +151,7 @@ INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, rea
     set_axis(&f->ty, &f->dy, &f->ay, &f->uy, lane, p.y, d.y);
     set_axis(&f->tz, &f->dz, &f->az, &f->uz, lane, p.z, d.z);
     LANE(f->t, lane) = R(0);
-    LANE(f->weight, lane) = weight;
+    LANE(f->weight, lane) = LANE(f->unscattered, lane) = weight;
     LANE(f->floor, lane) = weight * R(MIN_TRANSMISSION);
     LANE(f->scattered, lane) = R(0);
     LANE(f->u, lane) = u;
@@ -157,6 +178,9 @@ INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, con
     const lane_t share = absorbed(t);
     lane_t taken = f->weight * share;
     const lane_t left = f->weight - taken;
+#ifdef BLURRED_BOUNDARY
+    f->unscattered *= decay(from_table(m->whole_depth, f->cell) * length);
+#endif
     SegmentEnd e;
     /* Below the floor the last cell gets all of the weight. */
     e.within = left <= f->floor;
@@ -238,7 +262,8 @@ INLINE void end_segment(
     const int beside = LANE_I(e->beside, lane);
     if (beside != BOUNDARY_THERE) {
         score_later(
-            pending, weight, m->light + ((size_t)(INTERFACE - beside) * m->count + number) * COMPONENTS);
+            pending, weight, LANE(f->unscattered, lane),
+            m->light + ((size_t)(INTERFACE - beside) * m->count + number) * RAY_PLANES);
         return;
     }
     const int4 cell = m->at[LANE_I(f->cell, lane)];

@@ -26,9 +26,12 @@
    LINEAR_SOURCE: S has a spatial gradient G along x, y, z in some cells. S at a segment's middle then
    differs from the cell's mean. This sums to 0 over all rays, and is left out of D, where it would only
    be noise.
+   BLURRED_BOUNDARY, in a medium scaled by delta-M: the forward peak blurs the boundary
+   (blurred_boundary.h).
    INTERFACE_RADIANCE: stores the radiance that enters the thick region, for gather.cl, by the interface;
    and that in thick cells, the mean over the segments of entry and exit. */
 
+#include "blurred_boundary.h"
 #include "boundary.h"
 #include "components.h"
 #include "cell_packets.h"
@@ -41,6 +44,10 @@
 
 #if defined(VIEW_TRANSMISSION) && (!defined(CAMERA_SWEEP) || defined(SPATIAL_MOMENTS))
 #error "VIEW_TRANSMISSION: with CAMERA_SWEEP and without SPATIAL_MOMENTS"
+#endif
+
+#if defined(BLURRED_BOUNDARY) && (!defined(CAMERA_SWEEP) || defined(ANGULAR_MOMENTS))
+#error "BLURRED_BOUNDARY: with CAMERA_SWEEP and without ANGULAR_MOMENTS"
 #endif
 
 /* Cell packets are aligned; rays may begin anywhere. Not vload8, which is a call in PoCL. */
@@ -72,17 +79,22 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define LAYERS_Y 1 /* u = x, v = z, l = y */
 #define LAYERS_X 2 /* u = y, v = z, l = x: the turned packets */
 
-/* The boundary component of a ray that enters the box at cell (u, v, l), from `back`. */
-INLINE int seen_from(int u, int v, int l, int layout, real4 back, const Boundary *boundary)
+/* The middle of cell (u, v, l) in the box. */
+INLINE real3 middle_of(int u, int v, int l, int layout)
 {
     const real pu = u + R(0.5);
     const real pv = v + R(0.5);
     const real pl = l + R(0.5);
-    return boundary_seen(
+    return (real3)(
         layout == LAYERS_X ? pl : pu,
         layout == LAYERS_Z ? pv : layout == LAYERS_Y ? pl : pu,
-        layout == LAYERS_Z ? pl : pv,
-        back.x, back.y, back.z, R(0), boundary);
+        layout == LAYERS_Z ? pl : pv);
+}
+
+/* The boundary component of a ray that enters the box at p, from `back`. */
+INLINE int seen_from(real3 p, real4 back, const Boundary *boundary)
+{
+    return boundary_seen(p.x, p.y, p.z, back.x, back.y, back.z, R(0), boundary);
 }
 
 #ifdef CAMERA_SWEEP
@@ -133,8 +145,8 @@ INLINE void store_interface(
     int slots)
 {
     if (!(face.y & sides)) return;
-    __global real *to = light + ((size_t)face.z * all + number) * COMPONENTS;
-    UNROLL for (int c = 0; c < COMPONENTS; ++c) to[c] = crossing[c * slots + face.x];
+    __global real *to = light + ((size_t)face.z * all + number) * RAY_PLANES;
+    UNROLL for (int c = 0; c < RAY_PLANES; ++c) to[c] = crossing[c * slots + face.x];
 }
 #endif
 
@@ -158,7 +170,7 @@ __kernel void sweep(
     __global const real2 *beams,   /* in, per ordinate: path in a layer / cell edge, and its weight */
     __global const int4 *origins,  /* in, per ordinate: slot of cell 0 and row of rays of row 0 before rays
                                       have moved, and its number in the quadrature */
-    __global real *rays,           /* inout: I, [ordinate][row of rays][component][slot] */
+    __global real *rays,           /* inout: I and its excesses, [ordinate][row of rays][plane][slot] */
     const int slots, const int ray_rows,
     __global const int *packets,    /* in: first packet of each row, and the end */
     __global const int2 *begins,   /* in, per packet: u of its first cell; -1 - u: no cell of it scatters,
@@ -191,8 +203,13 @@ __kernel void sweep(
     , __global const real *class_shares /* in, per packet: of all classes of droplet size but the first */
 #endif
 #endif
+#ifdef BLURRED_BOUNDARY
+    , __global const real *blurred_maps, /* in, per ordinate by its number: see blurred_boundary.py */
+    __global const real4 *blurred_frames,
+    __global const real *whole_depth     /* in: as `depth`, without delta-M */
+#endif
 #ifdef INTERFACE_RADIANCE
-    , __global real *light,        /* out: stored radiance, [interface][ordinate][component] */
+    , __global real *light,        /* out: stored radiance, [interface][ordinate][plane] */
     const int earlier,             /* ordinates in it before these */
     const int all,                 /* ordinates in it */
     __global const int *interface_rows, /* in: first of a row's `interfaces`, [l][v], and the end */
@@ -205,10 +222,10 @@ __kernel void sweep(
     const int lane = get_local_id(0);
     const int lanes = get_local_size(0);
     const int4 tile = tiles[2 * (first_tile + get_group_id(0))];
-    const int4 along = tiles[2 * (first_tile + get_group_id(0)) + 1];
-    const int sense = along.z;
+    const int4 swept = tiles[2 * (first_tile + get_group_id(0)) + 1];
+    const int sense = swept.z;
 
-    for (int k = along.x; k < along.y; ++k) {
+    for (int k = swept.x; k < swept.y; ++k) {
         const real4 back = backs[k];
         const int4 origin = origins[k];
 #ifdef SPATIAL_MOMENTS
@@ -226,7 +243,7 @@ __kernel void sweep(
             const int first_segment = begins_at[k * (nl + 1) + layer];
             const int end_segment = begins_at[k * (nl + 1) + layer + 1];
             const int l = sense ? nl - 1 - layer : layer;
-            const int v = tile.x + number * along.w;
+            const int v = tile.x + number * swept.w;
             const int place = l * stride_l + v * stride_v;
             const int begin_units = packets[place] * (PACKET / SIMD_WIDTH);
             const int end_units = packets[place + 1] * (PACKET / SIMD_WIDTH);
@@ -236,7 +253,7 @@ __kernel void sweep(
             const int end_interface = interface_rows[l * nv + v + 1];
             const int row_empty = begin_units == end_units && first_interface == end_interface;
             for (int i = first_interface + lane; i < end_interface; i += lanes)
-                SOON_READ(light + ((size_t)interfaces[i].z * all + ordinate) * COMPONENTS);
+                SOON_READ(light + ((size_t)interfaces[i].z * all + ordinate) * RAY_PLANES);
 #else
             const int row_empty = begin_units == end_units;
 #endif
@@ -250,13 +267,29 @@ __kernel void sweep(
                 /* Cell u's ray. A packet may reach beyond its row, where cells are empty and no ray
                    counts. */
                 __global real *crossing =
-                    rays + (size_t)row * (COMPONENTS * slots) + origin.x - shift.x;
+                    rays + (size_t)row * (RAY_PLANES * slots) + origin.x - shift.x;
                 const int first = !enters && shift.z < 0 ? nu - 1 : 0;
                 const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
                 for (int u = first + lane; u <= last; u += lanes) {
-                    const int seen = seen_from(u, v, l, layout, back, &boundary);
+                    const real3 p = middle_of(u, v, l, layout);
+                    const int seen = seen_from(p, back, &boundary);
                     for (int c = 0; c < COMPONENTS; ++c)
                         crossing[c * slots + u] = c == seen ? inflow : R(0);
+#ifdef BLURRED_BOUNDARY
+                    const real4 to_column = blurred_frames[2 * origin.z];
+                    const real4 to_row = blurred_frames[2 * origin.z + 1];
+                    const real a = along(to_column, p.x, p.y, p.z) + to_column.w;
+                    const real b = along(to_row, p.x, p.y, p.z) + to_row.w;
+                    for (int e = 0; e < EXCESSES; ++e) {
+                        __global const real *map = blurred_maps
+                            + (origin.z * EXCESSES + e) * (BLURRED_BOUNDARY * BLURRED_BOUNDARY);
+                        const real own = seen == EXCESS_OF(e) ? R(1) : R(0);
+                        const real excess = inflow * (own - in_map(map, a, b));
+                        crossing[(COMPONENTS + e) * slots + u] = excess;
+                        crossing[EXCESS_OF(e) * slots + u] -= excess;
+                        crossing[WALL * slots + u] += excess;
+                    }
+#endif
                 }
                 barrier(CLK_GLOBAL_MEM_FENCE);
 
@@ -281,6 +314,11 @@ __kernel void sweep(
                             lane_t gap = intensity;
                             if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * PACKET);
                             RAYS(ray) = intensity - gap * share;
+                        }
+                        UNROLL for (int e = 0; e < EXCESSES; ++e) {
+                            __global real *ray = crossing + (COMPONENTS + e) * slots + u;
+                            const lane_t excess = RAYS(ray);
+                            RAYS(ray) = excess - excess * share;
                         }
                         continue;
                     }
@@ -361,6 +399,38 @@ __kernel void sweep(
 #endif
                         RAYS(ray) = outgoing - gap * share;
                     }
+#ifdef BLURRED_BOUNDARY
+                    const lane_t whole_t = CELLS_OF(whole_depth + cell) * path;
+                    const lane_t whole_share = absorbed(whole_t);
+                    const lane_t whole_mean = mean_transmission(whole_t, whole_share);
+                    const lane_t whole_q = whole_mean * view_weight;
+                    d = i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
+                    UNROLL for (int e = 0; e < EXCESSES; ++e) {
+                        __global real *ray = crossing + (COMPONENTS + e) * slots + u;
+                        const lane_t excess = RAYS(ray);
+                        CELLS(d + EXCESS_OF(e) * PACKET) += excess * whole_q;
+                        CELLS(d + WALL * PACKET) -= excess * whole_q;
+#ifdef SPATIAL_MOMENTS
+                        if (linear) {
+                            const lane_t mean_here = excess * whole_mean * uniform_weight;
+                            const lane_t path_moment =
+                                run * uniform_weight * excess * rising(whole_t, whole_share, whole_mean);
+                            __global real *own = spatial_moments + gradient_at + EXCESS_OF(e) * PACKET;
+                            __global real *wall = spatial_moments + gradient_at + WALL * PACKET;
+                            const lane_t x = basis_here.x * mean_here - basis_slope.x * path_moment;
+                            const lane_t y = basis_here.y * mean_here - basis_slope.y * path_moment;
+                            const lane_t z = basis_here.z * mean_here - basis_slope.z * path_moment;
+                            MOMENT(own, 0) += x;
+                            MOMENT(own, 1) += y;
+                            MOMENT(own, 2) += z;
+                            MOMENT(wall, 0) -= x;
+                            MOMENT(wall, 1) -= y;
+                            MOMENT(wall, 2) -= z;
+                        }
+#endif
+                        RAYS(ray) = excess - excess * whole_share;
+                    }
+#endif
                 }
                 barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef INTERFACE_RADIANCE

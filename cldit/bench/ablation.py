@@ -34,6 +34,7 @@ MECHANISMS: dict[str, Callable[[Settings], Settings]] = {
     "linear sources": _tuned(linear_depth=_INF),
     "sources linear by diffusion": _tuned(diffusion_most=0.0),
     "delta-M": _tuned(delta_m=False),
+    "boundary blurred by the forward peak": _tuned(blurred_boundary=False),
     "ordinates denser towards the camera": _tuned(lean=0.0),
     "gradients by the final sweeps": _tuned(spatial_from=2**30, spatial_from_phase=2**30),
     "limit of these in depth": _tuned(gradient_depth=_INF),

@@ -6,6 +6,7 @@ Attenuation (Beer-Lambert), the boundary, a sweep along one ordinate, and a line
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,7 @@ def sweep(
     patches: Floats = NONE,
     slope: Floats | None = None,
     gradient: Floats | None = None,
+    inflow: Callable[[Floats], Floats] | None = None,
 ) -> Floats:
     """Sweep along one ordinate, as in kernels/sweep.cl.
 
@@ -102,6 +104,7 @@ def sweep(
         centre, radius, patches: as in `boundary_seen`, in cells.
         slope: (8, C, nz, ny, nx) angular moments of the source, see angular_moments.py.
         gradient: (3, C, nz, ny, nx) spatial gradient of the source along x, y, z, per cell.
+        inflow: radiance (C, N) of rays that enter the box at points (N, 3); None: the boundary's.
 
     Returns:
         (4, C, nz, ny, nx): w (I - S) and, with `gradient`, its moments with the zero-mean basis
@@ -152,10 +155,13 @@ def sweep(
             point = np.empty((nv * nu, 3))
             for axis, place in zip(axes, (u, v, np.full_like(u, layer)), strict=True):
                 point[:, axis] = place.reshape(-1) + 0.5
-            lines = np.broadcast_to(back, point.shape)
-            seen = boundary_seen(point, lines, centre=centre, radius=radius, patches=patches)
-            component = np.arange(len(rays))[:, None, None]
-            rays[:, enters] = (component == seen.reshape(nv, nu))[:, enters]
+            if inflow is None:
+                lines = np.broadcast_to(back, point.shape)
+                seen = boundary_seen(point, lines, centre=centre, radius=radius, patches=patches)
+                entering = np.arange(len(rays))[:, None] == seen
+            else:
+                entering = inflow(point)
+            rays[:, enters] = entering.reshape(rays.shape)[:, enters]
             t = t_all[layer] * (path_per_layer * (high - low))
             mean = mean_transmission(t)
             middle = np.empty(3)

@@ -77,11 +77,12 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
     sets = problem.camera_ordinates(sweeper, rng)
     interfaces = None
     if region is not None:
+        excesses = medium.needs.boundaries - 1 if "BLURRED_BOUNDARY" in program.defines else 0
         interfaces = InterfaceRadiance.of(
             problem.device,
             region,
             sweeper.box,
-            components=sweeper.components,
+            components=sweeper.components + excesses,
             directions=2 * problem.half,
             real=sweeper.real,
         )
@@ -144,7 +145,8 @@ def _swept(
     """Mean radiance (C, N) with the camera's weights, and gradient (3, C, K) of I - S."""
     sweeper = final.sweeper
     if camera is not None:
-        return sweeper.view_weighted_mean(camera, ordinates, interfaces)
+        blurred = problem.blurred(sweeper, ordinates.directions)
+        return sweeper.view_weighted_mean(camera, ordinates, interfaces, blurred)
     mean = np.empty((1, sweeper.components, sweeper.count), sweeper.real)
     gradient = sweeper.moments(problem.final_program, ordinates, out=mean, interfaces=interfaces)
     return mean, gradient

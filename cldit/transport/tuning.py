@@ -52,6 +52,7 @@ class Tuning:
         0.15, "depth from which sources are linear: bias, noise", ABLATION
     )
     delta_m: bool = _number(True, "delta-M method: bias, ordinates", ABLATION)
+    blurred_boundary: bool = _number(True, "boundary blurred by the forward peak: bias", ABLATION)
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
     # Extinction within cells.

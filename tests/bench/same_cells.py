@@ -3,7 +3,7 @@
 Run by hand:
 
     python tests/bench/same_cells.py gdi --field 0.12 --z -0.05
-    python tests/bench/same_cells.py droplets-only --field 0.05 --z -0.02 --constant
+    python tests/bench/same_cells.py droplets-only --field 0.05 --z -0.02 --constant [--sharp]
 
 The reference's noise is taken out of the RMS, and stated beside the mean.
 """
@@ -45,10 +45,14 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--phase", default="mie", choices=["isotropic", "mie"])
     parser.add_argument("--constant", action="store_true", help="coefficients even in cells")
+    parser.add_argument("--sharp", action="store_true", help="no forward peak blurs the boundary")
+    parser.add_argument("--radius", type=float, help="of the background, m; left out: the scene's")
+    parser.add_argument("--directions", type=int, help="left out: by the accuracy")
     given = parser.parse_args()
     scene = changed(
         load_scene(given.scene),
-        transport={"phase": given.phase, "method": "source"},
+        transport={"phase": given.phase, "method": "source", "directions": given.directions},
+        background={} if given.radius is None else {"radius_m": given.radius},
         domain={"leaf_edge_m": given.leaf},
         camera={
             "pixels": [given.pixels] * 2,
@@ -61,6 +65,8 @@ def main() -> None:
         case = Even(case.scene, case.device, case.medium)
     truth = Truth.of(case, samples=given.samples, phase=given.phase)
     settings = case.settings(phase=given.phase, accuracy_K=given.accuracy, audit=False)
+    tuning = replace(settings.tuning, blurred_boundary=not given.sharp)
+    settings = replace(settings, tuning=tuning)
     one, other = truth.temperature_K
     noise_K = truth.noise_K / np.sqrt(np.count_nonzero(truth.visible))
     print(f"reference: mean good to {noise_K:.3f} K\n seed   mean K    RMS K  core-s")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -56,6 +57,23 @@ def test_attenuation_conserves(apply: Any) -> None:
     """What a ray loses is what its mean deposits, t q(t) = 1 - exp(-t), to rounding."""
     got = apply("attenuation.h", "a * mean_transmission(a, absorbed(a)) - absorbed(a)", [DEPTHS])
     assert np.max(np.abs(got)) <= 2 * ULP
+
+
+def test_in_map(apply: Any) -> None:
+    """Bilinear interpolation, and the map's side beyond it."""
+    rng = np.random.default_rng(3)
+    side = 5
+    map_ = rng.uniform(-0.2, 1.2, side * side).astype(np.float32)
+    a, b = rng.uniform(-1.0, side, (2, 2000)).astype(np.float32)
+    a[:25], b[:25] = np.tile(np.arange(5), 5), np.repeat(np.arange(5), 5)
+    values = np.concatenate([map_, np.zeros(len(a) - len(map_), np.float32)])
+    got = apply(
+        "blurred_boundary.h", "in_map(c_, a, b)", [a, b, values],
+        defines=f"#define BLURRED_BOUNDARY {side}",
+    )  # fmt: skip
+    places = np.clip([b, a], 0, side - 1).astype(float)
+    expected = map_coordinates(map_.reshape(side, side).astype(float), places, order=1)
+    np.testing.assert_allclose(got, expected, atol=8 * ULP)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -27,10 +27,14 @@ KERNEL = """
 __kernel void segments(
     __global float *sums, __global float *ends_, __global const float *lines,
     __global const int4 *at, __global const int *beside, __global const float *depth,
-    __global const float *cells, __global const float *light)
+    __global const float *cells, __global const float *light, __global const float *whole)
 {
     const ThickRegion region = {0, at, beside, depth, cells, light, 0, 0, 0, 0, 2, (int4)(0),
-                       (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}};
+                       (int4)(0), {(float4)(2.0f, 9.0f, 2.0f, 6.0f)}
+#ifdef BLURRED_BOUNDARY
+                       , whole
+#endif
+                       };
     float sum[PARTS];
     PendingScores pending;
     pending.count = 0;
@@ -73,7 +77,9 @@ class _Region:
     """Random cells, in some of which paths go on. The sides at x = 0 and x = 4 are the boundary; at
     the others segments end in stored radiance."""
 
-    def __init__(self, rng: np.random.Generator, planes: int, *, linear: bool) -> None:
+    def __init__(
+        self, rng: np.random.Generator, planes: int, *, linear: bool, blurred: bool = False
+    ) -> None:
         nx, ny, nz = SHAPE
         self.at = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), -1).reshape(-1, 3)
         count = len(self.at)
@@ -97,6 +103,8 @@ class _Region:
         self.source = rng.random((count, planes, COMPONENTS))
         self.gradient = rng.normal(size=(count, 3, COMPONENTS)) * linear
         self.light = rng.random((self.interfaces, 2, COMPONENTS))
+        self.excess = rng.uniform(-1, 1, (self.interfaces, 2)) * blurred
+        self.whole = self.depth * rng.uniform(1, 2, count)
         fours = np.zeros((count, 1 + planes + 3 * linear, 4))
         fours[:, 0, :COMPONENTS] = self.emission
         fours[:, 1 : 1 + planes, :COMPONENTS] = self.source
@@ -110,6 +118,7 @@ class _Region:
         cell, p, d, weight = int(line[0]), line[1:4].copy(), line[4:7], line[7]
         light = np.zeros(COMPONENTS + 1)
         left, scattered, crossings = weight, 0.0, []
+        unscattered = weight
         to_discrete = _moments(d)[: self.source.shape[1]]
         while True:
             far = np.where(d > 0, 1 - p, p)
@@ -118,6 +127,7 @@ class _Region:
             length, axis = to.min(), int(np.argmin(to))
             kappa = self.depth[cell]
             taken = left * -np.expm1(-kappa * length)
+            unscattered *= np.exp(-self.whole[cell] * length)
             last = left - taken <= MIN_TRANSMISSION * weight
             if self.albedo[cell] > 0:
                 taken = left if last else taken
@@ -147,6 +157,8 @@ class _Region:
                 stored = self.light[-2 - next_, lane % 2]
                 light[:COMPONENTS] += left * stored
                 light[COMPONENTS] += left * (1 - stored[: COMPONENTS - EMITTERS].sum())
+                excess = unscattered * self.excess[-2 - next_, lane % 2]
+                light[:2] += excess, -excess
                 return light, scattered, crossings
             if next_ == -1:
                 place = self.at[cell] + p
@@ -171,6 +183,9 @@ def _traced(
     defines = "".join(f"#define {flag} 1\n" for flag in ("HAS_DROPLETS", "BOUNDARY_DISC", *flags))
     defines += f"#define MIN_TRANSMISSION {cutoff}f\n#define PENDING_READS 3\n"
     defines += f"#define SIMD_WIDTH {vector}\n"
+    light = region.light
+    if "BLURRED_BOUNDARY" in flags:  # the background's excess behind the components
+        light = np.concatenate([light, region.excess[..., None]], axis=2)
     source = f"{defines}\n{assemble('simd.h')}\n{assemble('path_segment.h')}\n{KERNEL}"
     program = compiled(device, source)
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
@@ -188,7 +203,8 @@ def _traced(
         upload(device, "beside", region.beside),
         upload(device, "depth", depth.astype(np.float32)),
         upload(device, "cells", region.records.astype(np.float32)),
-        upload(device, "light", region.light.astype(np.float32)),
+        upload(device, "light", light.astype(np.float32)),
+        upload(device, "whole depth", region.whole.astype(np.float32)),
     )
     got = download(device, sums, np.empty((count // vector, COMPONENTS + 1), np.float32))
     ended = download(device, ends, np.empty((count, 5), np.float32))
@@ -197,13 +213,23 @@ def _traced(
 
 @pytest.mark.parametrize("vector", [1, 8])
 @pytest.mark.parametrize(
-    "flags", [(), ("LINEAR_SOURCE",), ("MOMENT_SOURCE",), ("MOMENT_SOURCE", "LINEAR_SOURCE")]
+    "flags",
+    [
+        (),
+        ("LINEAR_SOURCE",),
+        ("MOMENT_SOURCE",),
+        ("MOMENT_SOURCE", "LINEAR_SOURCE"),
+        ("MOMENT_SOURCE", "BLURRED_BOUNDARY"),
+    ],
 )
 def test_path_segments(device: Device, flags: tuple[str, ...], vector: int) -> None:
     """Scores and scattered weight to single precision; the sum of weights is conserved."""
     rng = np.random.default_rng(4)
     region = _Region(
-        rng, MOMENTS if "MOMENT_SOURCE" in flags else 1, linear="LINEAR_SOURCE" in flags
+        rng,
+        MOMENTS if "MOMENT_SOURCE" in flags else 1,
+        linear="LINEAR_SOURCE" in flags,
+        blurred="BLURRED_BOUNDARY" in flags,
     )
     count = 64
     d = rng.normal(size=(count, 3))

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
+from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
-from cldit.transport.attenuation import sweep
+from cldit.transport.attenuation import boundary_seen, sweep
 from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, BlurredBoundary
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
@@ -279,6 +283,107 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
         camera = sweeper.to_camera(seen_there, seen, np.zeros(1), np.zeros(3))
         mean, _ = sweeper.view_weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
+
+
+@pytest.mark.parametrize("vector", [1, 8])
+@pytest.mark.parametrize("windows", [(), WINDOWS])
+def test_blurred_boundary_against_numpy(
+    device: Device, vector: int, windows: tuple[Patch, ...]
+) -> None:
+    """The sum of two sweeps of the twin: blurred boundary and sources by the depths of the sweep,
+    and the excess of the boundary, without sources, by those of the medium as it is."""
+    tree = random_tree(3)
+    names = tuple(patch.name for patch in windows)
+    whole = OpticalCells.of(tree, patches=names)
+    cells = OpticalCells.of(tree, patches=names, scattered=0.4).in_units_of(whole)
+    patches = patch_rows(windows, tree.frame)
+    defines: dict[str, Any] = {
+        **cells.needs.defines,
+        "BOUNDARY_DISC": 1,
+        **simd_defines(device),
+        "SIMD_WIDTH": vector,
+        "LINEAR_SOURCE": 1,
+        "SPATIAL_MOMENTS": 1,
+        "CAMERA_SWEEP": 1,
+        "CAMERA_ORTHOGRAPHIC": 1,
+        "BLURRED_BOUNDARY": SIDE,
+    }
+    program, update = build(device, "sweep.cl", defines), build(device, "source_update.cl", defines)
+    rng = np.random.default_rng(5)
+    linear_cells = rng.random(len(cells.address)) < 0.3
+    sweeper = Sweeper(
+        device, cells, program, update, disc=DISC, patches=patches, linear_cells=linear_cells
+    )
+    given = rng.uniform(0.0, 1.0, (sweeper.components, sweeper.count))
+    changes = rng.uniform(-0.5, 0.5, (3, sweeper.components, len(sweeper.linear_cells)))
+    sweeper.set_source(given, shining=True, gradient=changes)
+    directions, starts = isotropic(12, rng), rng.random((12, 2))
+    maps = rng.uniform(-0.1, 1.1, (12, 1 + len(windows), SIDE, SIDE))
+    frames = rng.uniform(-0.3, 0.3, (12, 2, 4))
+    frames[..., 3] += 2.0
+    blurred = BlurredBoundary(
+        upload(device, "maps", maps.astype(np.float32)),
+        upload(device, "frames", frames.astype(np.float32)),
+    )
+    camera = sweeper.to_camera(program, whole, np.zeros(1), np.zeros(3))
+    got, more = sweeper.view_weighted_mean(
+        camera, sweeper.rays(directions, starts), blurred=blurred
+    )
+
+    box = sweeper.box
+    planes = np.zeros((4, sweeper.components, len(cells.depth)))
+    planes[0] = source_planes(cells)
+    planes[0][:, cells.address] = given
+    planes[1:, :, cells.address[sweeper.linear_cells]] = changes
+    dense = np.array([[cells.dense(box, plane) for plane in some] for some in planes])
+
+    def inflow(number: int, excess: bool, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The blurred boundary (C, N) along an ordinate, or what the boundary has beyond it."""
+        lines = np.broadcast_to(directions.unit[number], point.shape)
+        inside = shifted(patches, -np.array(box.low, float))
+        seen = boundary_seen(point, lines, centre=DISC[:3] - box.low, radius=4.0, patches=inside)
+        sharp = (np.arange(sweeper.components)[:, None] == seen).astype(float)
+        frame = frames[number]
+        places = np.clip(frame[:, :3] @ point.T + frame[:, 3:], 0, SIDE - 1)[::-1]
+        found = np.zeros_like(sharp)
+        for c, map_ in zip((0, *range(2, 2 + len(windows))), maps[number], strict=True):
+            found[c] = map_coordinates(map_, places, order=1)
+        found[1] = 1 - found.sum(axis=0)
+        return np.asarray(sharp - found if excess else found)
+
+    parts: NDArray[np.float64] = np.zeros((4, *dense[0].shape))
+    for number, (unit, weight, start) in enumerate(
+        zip(directions.unit, directions.weight, starts, strict=True)
+    ):
+        common: dict[str, Any] = {
+            "back": unit,
+            "weight": float(weight),
+            "start": start,
+            "centre": DISC[:3] - box.low,
+            "radius": 4.0,
+        }
+        parts = parts + sweep(
+            cells.dense(box, cells.depth),
+            dense[0],
+            gradient=dense[1:],
+            inflow=partial(inflow, number, False),
+            **common,
+        )
+        parts = parts + sweep(
+            whole.dense(box, whole.depth),
+            0 * dense[0],
+            gradient=0 * dense[1:],
+            inflow=partial(inflow, number, True),
+            **common,
+        )
+    place = cells.place(box, cells.address)
+    total = directions.weight.sum()
+    flat = (dense[0] + parts[0] / total).reshape(sweeper.components, -1)
+    # As above: a ray's few roundings in each of at most 16 cells, of two rays.
+    np.testing.assert_allclose(got, flat[:, place], atol=4e-6)
+    assert more is not None
+    steep = 12 / total * parts[1:].reshape(3, sweeper.components, -1)
+    np.testing.assert_allclose(more, steep[:, :, place[sweeper.linear_cells]], atol=5e-5)
 
 
 def test_light_in_opaque_cells_changes_as_their_source(device: Device) -> None:

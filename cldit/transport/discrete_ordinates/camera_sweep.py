@@ -25,7 +25,8 @@ class CameraSweep:
     place: (3,) of the camera, in cells of the cube.
     shares: sums of weights in every cell, in packets of either order of axes.
     seen: with VIEW_TRANSMISSION, optical depths for the camera and 1 over their mean transmissions;
-        with PHASE_CLASSES, shares of the classes of droplet size.
+        with BLURRED_BOUNDARY, optical depths; with PHASE_CLASSES, shares of the classes of droplet
+        size.
     """
 
     device: Device
@@ -55,7 +56,7 @@ class CameraSweep:
         Args:
             device, box, real: as the sweeper has them.
             program: sweep.cl with CAMERA_SWEEP.
-            medium: for the camera's optical depths.
+            medium: as it is, without delta-M.
             packets: of the swept box.
             phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number where
                 there is no PHASE_STEPS.
@@ -63,13 +64,15 @@ class CameraSweep:
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}
+        views: dict[str, NDArray[np.float64]] = {}
         if "VIEW_TRANSMISSION" in program.defines:
             views = {"seen": medium.depth, "inverse_mean": 1.0 / mean_transmission(medium.depth)}
-            for name, values in views.items():
-                dense = turned_too(medium.dense(box, values.astype(real)))
-                for turned, some in packets.items():
-                    packed = some.packed(dense[turned])
-                    seen[turned][name] = upload(device, "optical depth", packed)
+        if "BLURRED_BOUNDARY" in program.defines:
+            views["whole_depth"] = medium.depth
+        for name, values in views.items():
+            dense = turned_too(medium.dense(box, values.astype(real)))
+            for turned, some in packets.items():
+                seen[turned][name] = upload(device, "optical depth", some.packed(dense[turned]))
         if classes is not None:
             each = [turned_too(medium.dense(box, one.astype(real))) for one in classes[1:]]
             for turned, some in packets.items():

@@ -22,13 +22,14 @@ class InterfaceRadiance:
     """Radiance that enters the thick region.
 
     buffer: [interface][ordinate][component], so that the paths of a tile touch few pages.
-    interfaces, directions: numbers of interfaces and of ordinates.
+    interfaces, components, directions: numbers of interfaces, of a ray's numbers and of ordinates.
     rows, faces: table of interfaces by rows, for each order of axes; see kernels/sweep.cl.
     first: number of the sweep's first ordinate.
     """
 
     buffer: Any
     interfaces: int
+    components: int
     directions: int
     rows: dict[int, Any]
     faces: dict[int, Any]
@@ -54,7 +55,8 @@ class InterfaceRadiance:
         Args:
             device, box, real: as the sweeper has them.
             thick: the region that the interfaces bound.
-            components, directions: numbers of components and of ordinates.
+            components: numbers that are stored of a ray, see RAY_PLANES in blurred_boundary.h.
+            directions: number of ordinates.
         """
         owner, side = np.nonzero(thick.faces >= 0)
         number = thick.faces[owner, side]
@@ -73,7 +75,7 @@ class InterfaceRadiance:
             listed[layout.number] = upload(device, "faces", table.astype(np.int32))
         size = thick.interfaces * directions * components
         stored = unset(device, "interface radiance", size, real)
-        return cls(stored, thick.interfaces, directions, rows, listed)
+        return cls(stored, thick.interfaces, components, directions, rows, listed)
 
     def arguments(self, layout: AxisOrder) -> dict[str, Any]:
         """Kernel arguments of the sweep for INTERFACE_RADIANCE."""

@@ -16,6 +16,11 @@ from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cell_phases import phase_moments
 from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates.blurred_boundary import (
+    SIDE,
+    BlurredBoundary,
+    ForwardPeak,
+)
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gradients import diffusion_matters
@@ -93,6 +98,8 @@ class SweepProblem:
         many = tuning.spatial_from if settings.phase is None else tuning.spatial_from_phase
         if linear_cells is not None and settings.final_directions >= many:
             flags["SPATIAL_MOMENTS"] = 1
+        if _blurred(settings, view):
+            flags["BLURRED_BOUNDARY"] = SIDE
         if region is not None:
             flags["INTERFACE_RADIANCE"] = 1
         return cls(
@@ -168,6 +175,22 @@ class SweepProblem:
             return np.zeros(1)
         return np.asarray(np.maximum(phase_moments(self.medium, phase, 4)[3], 0.0))
 
+    def blurred(self, sweeper: Sweeper, directions: Ordinates) -> BlurredBoundary | None:
+        """The boundary blurred by the forward peak along the final ordinates; None: as it is.
+
+        Args:
+            sweeper: of the final sweeps.
+            directions: the ordinates.
+        """
+        phase = self.settings.phase
+        if phase is None or "BLURRED_BOUNDARY" not in self.final_program.defines:
+            return None
+        peak = ForwardPeak.of(phase)
+        assert peak is not None  # as `_blurred` asked
+        return BlurredBoundary.of(
+            self.device, self.view, sweeper.box, directions, peak, real=sweeper.real
+        )
+
     @property
     def half(self) -> int:
         """Ordinates of either half of the final sweeps."""
@@ -220,6 +243,19 @@ class SweepProblem:
             enclosure=self.scene.background.shape == "enclosure",
             lean=lean,
         )
+
+
+def _blurred(settings: Settings, view: View) -> bool:
+    """Whether the final sweeps see the boundary blurred by the forward peak.
+
+    Where all of the boundary is alike, there is nothing to blur.
+    """
+    alike = "BOUNDARY_ENCLOSURE" in view.defines and not len(view.patches)
+    if alike or settings.phase is None or settings.order is not None:
+        return False
+    tuning = settings.tuning
+    peak = tuning.delta_m and tuning.blurred_boundary
+    return peak and ForwardPeak.of(settings.phase) is not None
 
 
 def _source_defines(

@@ -5,6 +5,7 @@ Stages 1 to 3 of `trace_source` sweep by it (kernels/sweep.cl, kernels/source_up
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.attenuation import mean_transmission
 from cldit.transport.cells import Box, OpticalCells
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
+from cldit.transport.discrete_ordinates.blurred_boundary import BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.cell_packets import CellPackets
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
@@ -114,8 +116,11 @@ class Sweeper:
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
+        planes = self.components
+        if "BLURRED_BOUNDARY" in sweep.defines:
+            planes += self.boundaries - 1
         each = max(
-            layout.ray_rows * self.components * layout.slots
+            layout.ray_rows * planes * layout.slots
             for layout in axis_orders(self.box.shape).values()
         )
         fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
@@ -302,6 +307,7 @@ class Sweeper:
         camera: CameraSweep | None = None,
         *,
         interfaces: InterfaceRadiance | None = None,
+        more: Mapping[str, Any] | None = None,
         cavity: bool = False,
     ) -> NDArray[Any] | None:
         """Sweeps all ordinates, one order of packets after the other.
@@ -326,7 +332,7 @@ class Sweeper:
                 linear["spatial_moments"] = spatial[0]
             for schedule, tables, basis in rays.sweep_schedules:
                 if schedule.layout.turned is turned:
-                    arguments = {"i_minus_s": i_minus_s, **tables, **linear}
+                    arguments = {"i_minus_s": i_minus_s, **tables, **linear, **(more or {})}
                     arguments |= basis if spatial else {}
                     if camera is not None:
                         arguments |= self._camera_arguments(camera, schedule.layout)
@@ -444,19 +450,29 @@ class Sweeper:
         camera: CameraSweep,
         rays: DeviceOrdinates,
         interfaces: InterfaceRadiance | None = None,
+        blurred: BlurredBoundary | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
         """Sweeps all ordinates for the mean radiance with the camera's weights.
 
         Args:
             camera, rays: the camera's weights, and the ordinates.
             interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
+            blurred: the boundary along these ordinates, with BLURRED_BOUNDARY.
 
         Returns:
             The mean (C, N), and the gradient as in `moments`.
         """
         i_minus_s, listed, planes = self._i_minus_s, self._listed, self.components
         gradient = self._sweep_all(
-            camera.program, rays, True, i_minus_s, listed, planes, camera, interfaces=interfaces
+            camera.program,
+            rays,
+            True,
+            i_minus_s,
+            listed,
+            planes,
+            camera,
+            interfaces=interfaces,
+            more={} if blurred is None else blurred.arguments,
         )
         mean = self._answer(
             "weighted_mean",

@@ -178,9 +178,10 @@ class Gather:
             self._defines["PHASE_CLASSES"] = len(classes) + 1
         if thick.diffusive or classes is not None:
             self._defines["FREE_DIRECTIONS"] = 1
-        for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE"):
+        for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE", "BLURRED_BOUNDARY"):
             if flag in ends.program.defines:
-                self._defines[flag] = 1
+                self._defines[flag] = ends.program.defines[flag]
+        whole = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
         if phase is not None:
             table = np.concatenate([one.to_sample() for one in phase.tables])
             steps = phase.by_half_sine(PHASE_STEPS)
@@ -195,7 +196,7 @@ class Gather:
         shared = self._cumulative(drawn, steps).astype(real)
         starts = np.searchsorted(shared[:, 3], np.arange(len(shared)) / len(shared), "right")
         near = nearest(directions)
-        size = light.interfaces * light.directions * (self._components - 1)
+        size = light.interfaces * light.directions * light.components
         self._programs = [
             build(
                 part.device,
@@ -244,6 +245,11 @@ class Gather:
                     "direction_count": len(directions),
                     "by_half_sine": upload(one, "phase function", steps.astype(real)),
                     **_classes(one, classes, thick),
+                    **(
+                        {"whole_depth": upload(one, "optical depth", whole.astype(real))}
+                        if "BLURRED_BOUNDARY" in self._defines
+                        else {}
+                    ),
                     **view.lines_of_sight(one, real),
                 }
             )

@@ -1,0 +1,173 @@
+"""The boundary as the forward peak of the phase function blurs it (stage 3 of `trace_source`).
+
+In the final sweeps the share f of what is scattered counts as not scattered (delta-M, see
+moment_source.py): light of the boundary goes on along its ray. But the forward peak has a width.
+With the phase function's Legendre moments p_l, and f = p_3, what is left beside the three moments
+of the source is f G, where G has the moments 1 for l up to 3, and p_l / f beyond. So light of the
+boundary B that is attenuated by exp(-t), and with delta-M by exp(-t*), is taken as
+
+    B exp(-t) + (G B) (exp(-t*) - exp(-t)):
+
+what is not scattered, and what is scattered ahead once or more, blurred by the peak. It is
+scattered at some place on its ray; G B is taken for the mean one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.gpu.buffers import upload
+from cldit.gpu.device import Device
+from cldit.transport.attenuation import boundary_seen
+from cldit.transport.cells import Box
+from cldit.transport.discrete_ordinates.quadrature import Ordinates
+from cldit.transport.patches import shifted
+from cldit.transport.phase import ScatteringTable
+from cldit.transport.view import View
+
+Floats = NDArray[np.float64]
+
+SIDE = 8  # places along a side of a map
+_ANGLES, _TURNS = 24, 8  # of the peak: bins of the sine of half the angle, and turns about the ray
+_KEPT = 4  # moments that are those of light which goes straight on
+# Two places of an even chord, in any order: the one nearer to its end lies a third from there in
+# the mean, a sixth beyond the middle.
+_BEYOND = 1 / 6
+
+
+@dataclass(frozen=True)
+class ForwardPeak:
+    """Quadrature of the forward peak G, see above.
+
+    cosine, weight: (K,) cosines to the ray and weights, which sum to 1. Some may be below 0, for
+        G is what is left of a phase function beside a sum of three moments.
+    """
+
+    cosine: Floats
+    weight: Floats
+
+    @classmethod
+    def of(cls, phase: ScatteringTable) -> ForwardPeak | None:
+        """The peak of a phase function; None: it has none, for its third moment is not above 0."""
+        moments = phase.moments(_KEPT)
+        forward = float(moments[-1])
+        if forward <= 0:
+            return None
+        cosine = 1 - 2 * np.linspace(0.0, 1.0, _ANGLES + 1) ** 2
+        scattered = np.interp(-cosine, -phase.cosine, phase.cumulative)
+        g, h = (moments[1:3] - forward) / (1 - forward)
+        smooth = (cosine + 1.5 * g * cosine**2 + 2.5 * h * (cosine**3 - cosine)) / 2
+        weight = (np.diff(scattered) + (1 - forward) * np.diff(smooth)) / forward
+        return cls((cosine[:-1] + cosine[1:]) / 2, weight)
+
+    def about(self, ray: Floats) -> tuple[Floats, Floats]:
+        """Directions (K T, 3) of the peak about the unit vector `ray` (3,), and weights (K T,)."""
+        first, second = _across(ray)
+        number = np.arange(len(self.cosine))
+        turn = 2 * np.pi * (np.arange(_TURNS) + number[:, None] / 2) / _TURNS
+        sine = np.sqrt(1 - self.cosine**2)[:, None, None]
+        round_ = np.cos(turn)[..., None] * first + np.sin(turn)[..., None] * second
+        unit = self.cosine[:, None, None] * ray + sine * round_
+        return unit.reshape(-1, 3), np.repeat(self.weight / _TURNS, _TURNS)
+
+
+def _across(ray: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors (3,) at right angles to `ray` (3,) and to each other."""
+    first = np.cross(np.eye(3)[int(np.argmin(np.abs(ray)))], ray)
+    first /= np.linalg.norm(first)
+    return first, np.cross(ray, first)
+
+
+@dataclass(frozen=True)
+class BlurredBoundary:
+    """Maps of the blurred boundary over the rays of each ordinate, on the device.
+
+    maps: [ordinate][component but the wall][row][column].
+    frames: [ordinate][2] rows x, y, z and offset, which give a ray's column and row.
+    """
+
+    maps: Any
+    frames: Any
+
+    @classmethod
+    def of(
+        cls,
+        device: Device,
+        view: View,
+        box: Box,
+        directions: Ordinates,
+        peak: ForwardPeak,
+        *,
+        real: type[np.floating],
+    ) -> BlurredBoundary:
+        """Computes and uploads the maps.
+
+        Args:
+            device, box, real: as the sweeper has them.
+            view: the boundary.
+            directions: the ordinates.
+            peak: of the phase function.
+        """
+        maps, frames = blurred_maps(view, box, directions, peak)
+        return cls(
+            upload(device, "blurred boundary", maps.astype(real)),
+            upload(device, "blurred boundary", frames.astype(real)),
+        )
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """Kernel arguments of the sweep for BLURRED_BOUNDARY, beside the optical depth."""
+        return {"blurred_maps": self.maps, "blurred_frames": self.frames}
+
+
+def blurred_maps(
+    view: View, box: Box, directions: Ordinates, peak: ForwardPeak
+) -> tuple[Floats, Floats]:
+    """Maps of the blurred boundary over the rays of each ordinate, and their frames.
+
+    Args:
+        view, box, directions, peak: as in `BlurredBoundary.of`.
+
+    Returns:
+        Maps (N, B - 1, SIDE, SIDE) of all components but the wall, and frames (N, 2, 4) as in
+        `BlurredBoundary`.
+    """
+    size = np.asarray(box.shape, float)
+    centre, radius = view.disc[:3] - box.low, float(view.disc[3]) ** 0.5
+    enclosure = "BOUNDARY_ENCLOSURE" in view.defines
+    if enclosure:
+        centre = np.array([0.0, 1e12, 0.0])  # behind every patch
+    patches = shifted(view.patches, -np.asarray(box.low, float))
+    maps = np.zeros((len(directions), 1 + len(patches), SIDE, SIDE))
+    frames = np.zeros((len(directions), 2, 4))
+    place = np.linspace(-1.0, 1.0, SIDE)
+    for unit, map_, frame in zip(directions.unit, maps, frames, strict=True):
+        axes = np.stack(_across(unit))
+        reach = np.abs(axes) @ size / 2
+        chord = np.prod(size) / (np.abs(unit) @ (np.prod(size) / size))  # the mean of all rays
+        middle = size / 2 + _BEYOND * chord * unit
+        at = (
+            middle
+            + place[None, :, None] * reach[0] * axes[0]
+            + place[:, None, None] * reach[1] * axes[1]
+        ).reshape(-1, 3)
+        toward, weight = peak.about(unit)
+        seen = boundary_seen(
+            np.repeat(at, len(toward), axis=0),
+            np.tile(toward, (len(at), 1)),
+            centre=centre,
+            radius=radius,
+            patches=patches,
+        ).reshape(SIDE, SIDE, -1)
+        if enclosure:
+            seen[seen == 1] = 0  # the background is wherever no patch is
+        for number, component in enumerate((0, *range(2, 2 + len(patches)))):
+            map_[number] = (seen == component) @ weight
+        steps = (SIDE - 1) / 2 / reach
+        frame[:, :3] = steps[:, None] * axes
+        frame[:, 3] = (SIDE - 1) / 2 - frame[:, :3] @ (size / 2)
+    return maps, frames
