@@ -75,7 +75,7 @@ def axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
 
 
 def aspect_of(frame: Frame, shape: tuple[int, ...]) -> float:
-    """Height over width of a picture of `shape` (H, W) pixels."""
+    """Height over width, in `frame`, of a picture of `shape` (H, W) pixels."""
     left, right, bottom, top = frame.extent_mm(shape)
     return (top - bottom) / (right - left)
 
