@@ -14,12 +14,12 @@ from cldit.medium.octree import Octree, build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.run.accuracy import StatedError
 from cldit.run.budget import Budget, Sized
-from cldit.run.cell_choice import finest_lattice_m
 from cldit.run.cells import Cells, choose_cells, error_at, foretold_cells, too_fine, too_many
 from cldit.run.error_maps import error_maps
 from cldit.run.errors import Cause, Errors
 from cldit.run.evaluation import evaluated, sensor_of
 from cldit.run.fixed_causes import fixed_causes, foreseen
+from cldit.run.lattice_memory import hardly_finer, held
 from cldit.run.medium import Medium, Prepared, prepare
 from cldit.run.outcome import Attempt
 from cldit.run.picture import Picture, Step
@@ -76,20 +76,29 @@ class Attempts:
                 self.stages.remark((_KEPT.format(before=before.errors, made=made.errors),))
                 made = replace(before, plan=replace(before.plan, limited=made.plan.limited))
                 break
-            better = None
-            if made.errors is not None:
-                better = made.plan.refined(
-                    made.errors,
-                    self.scene,
-                    reducible=self._reducible(made),
-                    orders=self._orders(made.plan),
-                )
+            better = self._better(made)
+            if better is not None:
+                limited = hardly_finer(better, made.plan, self._prepared)
+                if limited:
+                    made = replace(made, plan=replace(made.plan, limited=limited))
+                    better = self._better(made)
             if better is None:
                 break
             self.stages.remark((_again(made, better),))
             plan, before = better, made
         self._conclude(made)
         return made
+
+    def _better(self, made: Attempt) -> Plan | None:
+        """A plan for what errs too much; None: nothing can be made smaller."""
+        if made.errors is None:
+            return None
+        return made.plan.refined(
+            made.errors,
+            self.scene,
+            reducible=self._reducible(made),
+            orders=self._orders(made.plan),
+        )
 
     def against_paper(self, last: Attempt) -> Difference | None:
         """Difference from the paper's optical properties; None where it is not wanted."""
@@ -161,7 +170,7 @@ class Attempts:
         for the cone becomes as fine as it may be."""
         given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
         while True:
-            plan = self._in_memory(plan)
+            plan = held(plan, self._prepared)
             scene = plan.scene(self.scene)
             alike = scene.model_copy(update={"transport": self.scene.transport})
             if self._prepared is not None and self._prepared[0] == alike:
@@ -189,24 +198,6 @@ class Attempts:
                 continue
             self._prepared, self._sources = (alike, prepared), None
             return plan, prepared
-
-    def _in_memory(self, plan: Plan) -> Plan:
-        """The plan with a lattice whose parcels fit the memory, by those of the last one."""
-        if plan.lattice_of_m is None or plan.spacing_m is None or self._prepared is None:
-            return plan
-        scene, prepared = self._prepared
-        sources, cone = prepared.properties.sources, scene.spray
-        if not isinstance(cone, ConeSpray) or sources[0][0] is None:
-            return plan
-        classes = (plan.size_classes or cone.classes) / cone.classes
-        finest_m = finest_lattice_m(
-            cone.lattice_m,
-            parcels=classes * len(sources[0][0].position_m),
-            wavelengths=len(sources),
-        )
-        if plan.spacing_m >= finest_m:
-            return plan
-        return replace(plan.on_lattice(finest_m), limited=too_many(plan.spacing_m))
 
     def _piloted(self, scene: Scene, probed: Probed, settings: Sequence[Settings]) -> Pilot:
         """Coarse traces; kept where the plan does not change ordinates."""
