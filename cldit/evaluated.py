@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cldit.acquisition.measured import Measured, is_measured, open_measured
-from cldit.acquisition.record import open_acquisition
+from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.dit.recorded import CurveSource, Evaluation
-from cldit.folder_evaluation import acquisition_in, evaluate_folder, evaluate_scattering
+from cldit.folder_evaluation import evaluate_folder, evaluate_scattering
 from cldit.labels import xarray_module
 from cldit.run import Run, Say
 from cldit.run.labelled import labelled_maps

@@ -24,12 +24,6 @@ from cldit.run import Run, Say
 from cldit.scene.delays import delay_text
 
 
-def acquisition_in(folder: str | Path) -> Path:
-    """Of a run's `folder` its acquisition; any other path as it is."""
-    inner = Path(folder) / "acquisition"
-    return inner if inner.is_dir() else Path(folder)
-
-
 @dataclass(frozen=True)
 class DelayEvaluation:
     """What came of one delay; `folder` holds its maps.

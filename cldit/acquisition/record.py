@@ -168,6 +168,12 @@ def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
     return folder / "maps" / delay_folder(delays[number])
 
 
+def acquisition_in(folder: str | Path) -> Path:
+    """Of a run's `folder` its acquisition; any other path as it is."""
+    inner = Path(folder) / "acquisition"
+    return inner if inner.is_dir() else Path(folder)
+
+
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     """Opens what `acquire` wrote, complete or not; with several delays, the shots of all.
 

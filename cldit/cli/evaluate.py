@@ -9,6 +9,7 @@ import click
 import numpy as np
 
 from cldit.acquisition.progress import Progress
+from cldit.acquisition.record import acquisition_in
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
 from cldit.cli.exit_codes import Exit
@@ -17,7 +18,6 @@ from cldit.dit.witness.finding import ACCEPTABLE
 from cldit.errors import EvaluationError
 from cldit.folder_evaluation import (
     DelayEvaluation,
-    acquisition_in,
     delay_problems,
     delay_rows,
     evaluate_delays,

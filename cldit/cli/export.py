@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 from cldit.acquisition.export import FORMATS, ExportError, export
-from cldit.acquisition.record import open_acquisition
+from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.cli.console import OUT, plain_errors, say
-from cldit.folder_evaluation import acquisition_in
 
 _OCTREE = ("vtkhdf", "vtu")
 
