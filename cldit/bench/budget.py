@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -125,6 +124,7 @@ def budget(
     *,
     cache: Path,
     say: Say,
+    save: Callable[[Part], None],
     pixels: int = 100,
     scenes: Sequence[str] = BUDGET_SCENES,
     asked_K: Sequence[float] = ASKED_K,
@@ -136,6 +136,7 @@ def budget(
         device: traces.
         cache: folder of tables and computed sprays.
         say: told of each run.
+        save: takes the part as far as it has come, after each accuracy.
         pixels: along an edge; there must be references of so many.
         scenes: of `BUDGET_SCENES`.
         asked_K: errors of the picture.
@@ -155,11 +156,12 @@ def budget(
             scene = budget_scene(name, pixels=pixels, folder=Path(folder))
             quick = changed(scene, transport={"accuracy_K": 20.0})
             simulate(quick, device=device, cache=cache)  # builds kernels, and the tables
-            for kelvin, seed in itertools.product(asked_K, range(1, seeds + 1)):
-                say(f"{name}: {kelvin:g} K, seed {seed}")
-                rows.append(
-                    measure(scene, reference, device, asked_K=kelvin, cache=cache, seed=seed)
-                )
+            for kelvin in asked_K:
+                for seed in range(1, seeds + 1):
+                    row = measure(scene, reference, device, asked_K=kelvin, cache=cache, seed=seed)
+                    say(f"{name}, {kelvin:g} K asked, seed {seed}: {_said(row)}")
+                    rows.append(row)
+                save(budget_part(rows, pixels=pixels, references_K=errors_K, left_out=left_out))
     if not rows:
         raise BenchError(
             f"no reference of {pixels} x {pixels} pixels for {', '.join(scenes)}; "
@@ -264,6 +266,11 @@ def _each_seed(rows: Sequence[BudgetRow]) -> Table:
         lines.append((name, f"{kelvin:g}", *texts))
     head = ("scene", "asked, K", "stated by seed, K", "true by seed, K", "core-s by seed")
     return Table.of(head, lines)
+
+
+def _said(row: BudgetRow) -> str:
+    stated = "unknown" if row.stated_K is None else f"{number(row.stated_K, 2)} K"
+    return f"{stated} stated, {number(row.true_K, 2)} K true, {number(row.core_s)} core-s"
 
 
 def _range(values: Sequence[float]) -> str:

@@ -88,6 +88,7 @@ MEASUREMENTS: dict[str, Callable[[Bench], Part]] = {
         asked_K=bench.asked_K,
         seeds=bench.seeds,
         scenes=bench.budget_scenes,
+        save=bench.save,
     ),
     "memory": lambda bench: memory(bench.scene, bench.device, say=bench.say),
     "leave-out": lambda bench: leave_out(bench.case(), say=bench.say),

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from cldit.bench import BUDGET_SCENES
-from cldit.bench.budget import BudgetRow, budget_part, true_error_K
+from cldit.bench import budget as module
+from cldit.bench.budget import BudgetRow, budget, budget_part, true_error_K
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError
+from cldit.bench.report import Part
 from cldit.cli.bench.transport import Asked
 
 
@@ -98,3 +100,33 @@ def test_command_of_some_scenes_names_them() -> None:
     command = asked.command("budget")
     assert command.endswith(" --asked 4K --budget-scene gdi --budget-scene droplets-only")
     assert "--budget-scene" not in Asked(**options, budget_scenes=BUDGET_SCENES).command("budget")
+
+
+def test_what_was_measured_is_kept_after_each_accuracy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The third accuracy fails; the page of the first two is there."""
+    kept: list[Part] = []
+    said: list[str] = []
+
+    def measured(*_: Any, asked_K: float, seed: int, **__: Any) -> BudgetRow:
+        if asked_K == 0.5:
+            raise BenchError("the disk is full")
+        return BudgetRow("even-grid", asked_K, 0.9, False, 0.6, 20.0, 10.0, {}, seed=seed)
+
+    monkeypatch.setattr(module, "simulate", lambda *_, **__: None)
+    monkeypatch.setattr(module, "measure", measured)
+    device: Any = None
+    with pytest.raises(BenchError):
+        budget(
+            device,
+            cache=tmp_path,
+            say=said.append,
+            save=kept.append,
+            scenes=["even-grid"],
+            asked_K=[2.0, 1.0, 0.5],
+            seeds=2,
+        )
+    assert [len(part.tables[0].rows) for part in kept] == [1, 2]
+    assert [row[1] for row in kept[-1].tables[0].rows] == ["2", "1"]
+    assert said[-1] == "even-grid, 1 K asked, seed 2: 0.9 K stated, 0.6 K true, 20 core-s"
