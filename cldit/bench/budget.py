@@ -23,7 +23,7 @@ from cldit.run import Run, simulate
 from cldit.run.errors import Errors
 from cldit.scene import Scene
 
-_CLOSE = 0.1  # of a logarithm, of points whose labels would cover each other
+_CLOSE = 0.25  # of a logarithm, of points whose labels would cover each other
 _TABS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
 _COLOURS = dict(zip(BUDGET_SCENES, _TABS, strict=True))
 
