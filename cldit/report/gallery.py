@@ -89,9 +89,9 @@ def gallery_page(shown: Sequence[Shown], *, device: str) -> str:
     """
     parts = [
         "# Gallery\n\nMade by `cldit gallery`. Hue is the apparent temperature, saturation the "
-        f"emissivity. The seconds are those of one\nrun on `{device}`, tables of droplets and "
-        "vapour included where they were not yet made. The error is the one\nthat the run "
-        "states for its picture ([what it is](errors.md)).\n"
+        f"emissivity. The seconds are those of one\nrun on `{device}`, with what was not yet in "
+        "the cache: tables of droplets and vapour,\ncomputed sprays. The error is the one that the "
+        "run states for its picture ([what it is](errors.md)).\n"
     ]
     for one in shown:
         name = one.scene.name
