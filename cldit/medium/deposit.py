@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError
-from cldit.medium.frame import BRICK, Frame
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Extent
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_CELLS_PER_BRICK = BRICK**3
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposit: some 60 bytes a pair
 _BOXES_AT_ONCE = 20_000  # whose bricks are marked while they are in the cache
 _OUTSIDE = 1e-9  # share of a box that may stick out of the cube: rounding of its corners
@@ -37,7 +36,7 @@ class Touched:
         x, y, z = cell.T
         slot = self.directory[z // BRICK, y // BRICK, x // BRICK].astype(np.int64)
         local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
-        return np.asarray(slot * _CELLS_PER_BRICK + local)
+        return np.asarray(slot * CELLS_PER_BRICK + local)
 
     def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
         """Storage addresses of those finest cells of a layer that are stored.
@@ -53,7 +52,7 @@ class Touched:
         slot = self.directory[z // BRICK][np.ix_(y // BRICK, x // BRICK)]
         local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK
         stored = slot >= 0
-        return slot[stored] * np.int64(_CELLS_PER_BRICK) + local[stored], stored
+        return slot[stored] * np.int64(CELLS_PER_BRICK) + local[stored], stored
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
@@ -362,9 +361,9 @@ def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Tou
     for each in placed:
         each.mark(mark)
     slots = int(mark.sum())
-    if slots * _CELLS_PER_BRICK > limit:
+    if slots * CELLS_PER_BRICK > limit:
         raise MediumError(
-            f"the spray fills {slots * _CELLS_PER_BRICK:.3g} cells of {frame.cell_m * 1e3:.3g} mm, "
+            f"the spray fills {slots * CELLS_PER_BRICK:.3g} cells of {frame.cell_m * 1e3:.3g} mm, "
             f"allowed are {limit:.3g}; set domain.leaf_edge_m coarser than {2 * frame.cell_m:.3g}, "
             "or leave it out with domain.rule: need"
         )

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.medium.deposit import Touched
-from cldit.medium.frame import BRICK, Frame
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 
 Floats = NDArray[np.float64]
-_CELLS_PER_BRICK = BRICK**3
 
 
 def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
@@ -111,7 +110,7 @@ class Division:
         Returns:
             (P,) in the tree's addresses.
         """
-        fine, empty = len(self.keep) * _CELLS_PER_BRICK, self.frame.depth + 1
+        fine, empty = len(self.keep) * CELLS_PER_BRICK, self.frame.depth + 1
         values = np.zeros(fine + empty + int(self.filled.sum()), np.float32)
         if not data.any():
             return values

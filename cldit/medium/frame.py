@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 BRICK = 8  # cells along a brick's edge; the kernels are built with the same number
+CELLS_PER_BRICK = BRICK**3
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from cldit.medium.deposit import Placed, Touched, place_boxes, place_droplets, touched_bricks
 from cldit.medium.division import Division
-from cldit.medium.frame import BRICK, Frame
+from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.spray.extent import Extent
 
 Floats = NDArray[np.float64]
-_CELLS_PER_BRICK = BRICK**3
 _TOGETHER = 4  # trees that are filled at a time, one a thread
 # Absorption below this optical depth across the whole cube is taken for none: it is far below
 # rounding in any picture, and its denormal numbers would slow every kernel that meets them.
@@ -124,10 +123,10 @@ class Octree:
     def integral(self, name: str) -> float:
         """Field `name` integrated over the cube, m3 times the field's unit."""
         values = self.fields[name].astype(np.float64)
-        fine = values[: self.slots * _CELLS_PER_BRICK].sum() * self.frame.cell_m**3
+        fine = values[: self.slots * CELLS_PER_BRICK].sum() * self.frame.cell_m**3
         coarse = -1 - self.directory[self.directory < 0]
         side = min(BRICK, self.frame.cells) * self.frame.cell_m
-        return float(fine + values[self.slots * _CELLS_PER_BRICK + coarse].sum() * side**3)
+        return float(fine + values[self.slots * CELLS_PER_BRICK + coarse].sum() * side**3)
 
 
 def build_octree(
@@ -178,12 +177,7 @@ def build_octrees(
     Raises:
         MediumError: as `build_octree`.
     """
-    points, cells = sources[0]
-    droplets: list[Placed] = []
-    if points is not None:
-        optical = points.absorption_m2 + points.scattering_m2
-        droplets.append(place_droplets(frame, points.position_m, points.extent, optical))
-    boxes = [place_boxes(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
+    droplets, boxes = placed_sources(frame, sources[0])
     touched = touched_bricks(frame, [*droplets, *boxes], limit=max_cells)
     every = _deposit(frame, touched, droplets, boxes, sources)
     for fields in every:
@@ -197,6 +191,28 @@ def build_octrees(
         return list(pool.map(lambda fields: _filled(division, fields), every))
 
 
+def placed_sources(frame: Frame, sources: Sources) -> tuple[list[Placed], list[Placed]]:
+    """Where droplets and gas lie in the cube.
+
+    Args:
+        frame: the cube.
+        sources: at any wavelength.
+
+    Returns:
+        Droplets, one or none, and each source of gas.
+
+    Raises:
+        MediumError: something lies outside the cube.
+    """
+    points, cells = sources
+    droplets: list[Placed] = []
+    if points is not None:
+        optical = points.absorption_m2 + points.scattering_m2
+        droplets.append(place_droplets(frame, points.position_m, points.extent, optical))
+    boxes = [place_boxes(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
+    return droplets, list(boxes)
+
+
 def _deposit(
     frame: Frame,
     touched: Touched,
@@ -204,7 +220,7 @@ def _deposit(
     boxes: Sequence[Placed],
     sources: Sequence[Sources],
 ) -> list[dict[str, Floats]]:
-    size = touched.slots * _CELLS_PER_BRICK
+    size = touched.slots * CELLS_PER_BRICK
     every = [
         {name: np.zeros(size) for name in (*FIELDS, *({} if one is None else one.sections))}
         for one, _ in sources

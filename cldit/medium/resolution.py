@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError
-from cldit.medium.deposit import Placed, place_boxes, place_droplets
 from cldit.medium.frame import BRICK, Frame
-from cldit.medium.octree import Sources
+from cldit.medium.octree import Sources, placed_sources
 from cldit.spray.extent import Box, Cloud
 
 Floats = NDArray[np.float64]
@@ -97,7 +97,7 @@ def refuse_outside(cube: Frame, sources: Sources) -> None:
     Raises:
         MediumError: something is not.
     """
-    _placed(replace(cube, depth=0), sources)
+    placed_sources(replace(cube, depth=0), sources)
 
 
 def swept_cells(frame: Frame, sources: Sources) -> int:
@@ -290,19 +290,9 @@ def _coefficients(sources: Sources) -> tuple[Floats, Floats]:
     return np.concatenate(extinction), np.concatenate(scattering)
 
 
-def _placed(frame: Frame, sources: Sources) -> list[Placed]:
-    points, cells = sources
-    placed: list[Placed] = []
-    if points is not None:
-        optical = points.absorption_m2 + points.scattering_m2
-        placed.append(place_droplets(frame, points.position_m, points.extent, optical))
-    gas = [place_boxes(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
-    return [*placed, *gas]
-
-
 def _counted(frame: Frame, sources: Sources) -> Candidate:
     mark = np.zeros((frame.bricks,) * 3, bool)
-    for each in _placed(frame, sources):
+    for each in chain(*placed_sources(frame, sources)):
         each.mark(mark)
     cells = min(BRICK, frame.cells)
     swept = 1
