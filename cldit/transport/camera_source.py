@@ -77,12 +77,11 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
     sets = problem.camera_ordinates(sweeper, rng)
     interfaces = None
     if region is not None:
-        excesses = medium.needs.boundaries - 1 if "BLURRED_BOUNDARY" in program.defines else 0
         interfaces = InterfaceRadiance.of(
             problem.device,
             region,
             sweeper.box,
-            components=sweeper.components + excesses,
+            components=sweeper.ray_planes,
             directions=2 * problem.half,
             real=sweeper.real,
         )

@@ -45,6 +45,7 @@ class SweepProblem:
     solver_defines: of the solver's sweeps, beside `defines`.
     linear_cells: (N,) which scattering cells have a linear source in the final sweeps; None: none.
     final_program: of the final sweeps.
+    forward_peak: that blurs the boundary in these; None: it does not.
     """
 
     medium: OpticalCells
@@ -58,6 +59,7 @@ class SweepProblem:
     solver_defines: Mapping[str, Define]
     linear_cells: NDArray[np.bool_] | None
     final_program: Program
+    forward_peak: ForwardPeak | None
 
     @classmethod
     def of(
@@ -98,7 +100,8 @@ class SweepProblem:
         many = tuning.spatial_from if settings.phase is None else tuning.spatial_from_phase
         if linear_cells is not None and settings.final_directions >= many:
             flags["SPATIAL_MOMENTS"] = 1
-        if _blurred(settings, view):
+        peak = _forward_peak(settings, view)
+        if peak is not None:
             flags["BLURRED_BOUNDARY"] = SIDE
         if region is not None:
             flags["INTERFACE_RADIANCE"] = 1
@@ -114,6 +117,7 @@ class SweepProblem:
             solver_defines=solver_defines,
             linear_cells=linear_cells,
             final_program=build(device, "sweep.cl", {**sweep_defines, **flags}),
+            forward_peak=peak,
         )
 
     @property
@@ -182,11 +186,9 @@ class SweepProblem:
             sweeper: of the final sweeps.
             directions: the ordinates.
         """
-        phase = self.settings.phase
-        if phase is None or "BLURRED_BOUNDARY" not in self.final_program.defines:
+        peak = self.forward_peak
+        if peak is None:
             return None
-        peak = ForwardPeak.of(phase)
-        assert peak is not None  # as `_blurred` asked
         return BlurredBoundary.of(
             self.device, self.view, sweeper.box, directions, peak, real=sweeper.real
         )
@@ -245,17 +247,17 @@ class SweepProblem:
         )
 
 
-def _blurred(settings: Settings, view: View) -> bool:
-    """Whether the final sweeps see the boundary blurred by the forward peak.
+def _forward_peak(settings: Settings, view: View) -> ForwardPeak | None:
+    """The forward peak that blurs the boundary in the final sweeps; None: it is seen as it is.
 
     Where all of the boundary is alike, there is nothing to blur.
     """
     alike = "BOUNDARY_ENCLOSURE" in view.defines and not len(view.patches)
     if alike or settings.phase is None or settings.order is not None:
-        return False
+        return None
     tuning = settings.tuning
-    peak = tuning.delta_m and tuning.blurred_boundary
-    return peak and ForwardPeak.of(settings.phase) is not None
+    wanted = tuning.delta_m and tuning.blurred_boundary
+    return ForwardPeak.of(settings.phase) if wanted else None
 
 
 def _source_defines(

@@ -116,11 +116,11 @@ class Sweeper:
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
-        planes = self.components
-        if "BLURRED_BOUNDARY" in sweep.defines:
-            planes += self.boundaries - 1
+        # RAY_PLANES of blurred_boundary.h: numbers of a ray.
+        excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
+        self.ray_planes = self.components + excesses
         each = max(
-            layout.ray_rows * planes * layout.slots
+            layout.ray_rows * self.ray_planes * layout.slots
             for layout in axis_orders(self.box.shape).values()
         )
         fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)

@@ -181,7 +181,10 @@ class Gather:
         for flag in ("MOMENT_SOURCE", "LINEAR_SOURCE", "BLURRED_BOUNDARY"):
             if flag in ends.program.defines:
                 self._defines[flag] = ends.program.defines[flag]
-        whole = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
+        whole: dict[str, Floats] = {}
+        if "BLURRED_BOUNDARY" in self._defines:
+            depth = np.where(thick.address >= 0, cells.depth[thick.address], 0.0)
+            whole["whole_depth"] = depth.astype(self._real)
         if phase is not None:
             table = np.concatenate([one.to_sample() for one in phase.tables])
             steps = phase.by_half_sine(PHASE_STEPS)
@@ -245,11 +248,7 @@ class Gather:
                     "direction_count": len(directions),
                     "by_half_sine": upload(one, "phase function", steps.astype(real)),
                     **_classes(one, classes, thick),
-                    **(
-                        {"whole_depth": upload(one, "optical depth", whole.astype(real))}
-                        if "BLURRED_BOUNDARY" in self._defines
-                        else {}
-                    ),
+                    **{name: upload(one, "optical depth", all_) for name, all_ in whole.items()},
                     **view.lines_of_sight(one, real),
                 }
             )
