@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -233,11 +233,16 @@ def _line(row: BudgetRow) -> tuple[str, ...]:
     )
 
 
+def _alike(rows: Sequence[BudgetRow]) -> Iterator[tuple[str, float, list[BudgetRow]]]:
+    """Rows of all seeds of each scene and accuracy."""
+    for name, kelvin in dict.fromkeys((row.scene, row.asked_K) for row in rows):
+        yield name, kelvin, [row for row in rows if (row.scene, row.asked_K) == (name, kelvin)]
+
+
 def _by_seeds(rows: Sequence[BudgetRow]) -> Table:
     """Lowest and highest over the seeds."""
     lines = []
-    for name, kelvin in dict.fromkeys((row.scene, row.asked_K) for row in rows):
-        mine = [row for row in rows if (row.scene, row.asked_K) == (name, kelvin)]
+    for name, kelvin, mine in _alike(rows):
         ratios = [row.ratio for row in mine if row.ratio is not None]
         lines.append(
             (
@@ -255,8 +260,7 @@ def _by_seeds(rows: Sequence[BudgetRow]) -> Table:
 def _each_seed(rows: Sequence[BudgetRow]) -> Table:
     """Stated and true error and core seconds, in the order of the seeds."""
     lines = []
-    for name, kelvin in dict.fromkeys((row.scene, row.asked_K) for row in rows):
-        mine = [row for row in rows if (row.scene, row.asked_K) == (name, kelvin)]
+    for name, kelvin, mine in _alike(rows):
         columns: tuple[list[float | None], ...] = (
             [row.stated_K for row in mine],
             [row.true_K for row in mine],

@@ -151,10 +151,23 @@ def foretold_cells(pilot: Pilot, depth: int) -> Cells:
         pilot: traces.
         depth: of the fixed cells.
     """
+    return Cells(depth, foretold_error(pilot, depth)[0])
+
+
+def foretold_error(pilot: Pilot, depth: int) -> tuple[float | None, bool]:
+    """The error of cells that coarser ones foretell, and whether it is an upper bound.
+
+    Args:
+        pilot: traces.
+        depth: of the cells.
+
+    Returns:
+        The error in K, None where it cannot be said; and whether the steps tell no order.
+    """
     found = error_at(pilot, depth - 1)
     if found is None or found.step.error_K is None:
-        return Cells(depth, None)
-    return Cells(depth, found.step.error_K / 2**found.order)
+        return None, False
+    return found.step.error_K / 2**found.order, found.most_K is not None
 
 
 def choose_cells(

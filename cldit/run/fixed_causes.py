@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from cldit.errors import SprayError, TransportError
 from cldit.run.budget import Budget, foretold_K
-from cldit.run.cells import coarse_depths, error_at
+from cldit.run.cells import coarse_depths, foretold_error
 from cldit.run.errors import Cause
 from cldit.run.picture import Picture
 from cldit.run.pilot import Pilot
@@ -87,8 +87,5 @@ def _of_cells(scene: Scene, pilot: Pilot) -> tuple[Cause, ...]:
     """The error of cells that the scene fixes, foretold by larger ones."""
     if cells_are_free(scene) or isinstance(scene.spray, GridSpray):
         return ()
-    found = error_at(pilot, pilot.probed.frame.depth - 1)
-    if found is None or found.step.error_K is None:
-        return ()
-    error_K = found.step.error_K / 2**found.order
-    return (Cause("cells", error_K, "by larger ones", at_most=found.most_K is not None),)
+    error_K, at_most = foretold_error(pilot, pilot.probed.frame.depth)
+    return (Cause("cells", error_K, "by larger ones", at_most=at_most),)

@@ -162,9 +162,10 @@ class Plan:
             scene: as the user wrote it.
             causes: measured, those of `free_causes` not among them.
         """
-        known = [one for one in causes if one.error_K is not None]
-        errors_K = {one.name: one.error_K for one in known if one.error_K is not None}
-        fixed = {one.name: one.at_most for one in known} | {_PIXELS: False}
+        errors_K, fixed = {}, {_PIXELS: False}
+        for one in causes:
+            if one.error_K is not None:
+                errors_K[one.name], fixed[one.name] = one.error_K, one.at_most
         if "trace" not in free_causes(scene):
             fixed["trace"] = False
         return replace(self, foretold_K={**self.foretold_K, **errors_K}, fixed=fixed)
