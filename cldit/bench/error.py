@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cldit.bench import ACCURACIES_K
 from cldit.bench.case import BenchError, Case, Cost, Lattice, Say, one_pixel
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.transport.trace import Settings
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from cldit.bench.case import Case, Cost, Say, changed, clocked
 from cldit.bench.report import Part, Table, number
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.gpu.program import Define
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.report.sheet import figure_of
 from cldit.transport.cells import OpticalCells

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance, band_radiance_slope
 from cldit.optics.response import Filter
-from cldit.optics.visible import VISIBLE_EMISSIVITY as VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.optics.windows import Pane
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights, compose

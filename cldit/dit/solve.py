@@ -21,10 +21,10 @@ from cldit.dit.fit import (
     shot_scatter,
 )
 from cldit.dit.maps import Maps, Reason
+from cldit.optics.visible import VISIBLE_DISC
 
 Floats = NDArray[np.float64]
 
-VISIBLE = 0.5  # share of the disc's radiance that a pixel must see without spray
 _AGAIN = 2  # of a drifting gain: each brings a factor of the drift itself
 DETECTION = 3.0  # an emissivity of fewer standard errors is not told from zero ...
 LEAST_EMISSIVITY = 1e-4  # ... nor is one below the accuracy of a trace
@@ -266,7 +266,7 @@ def _maps(
     reason[~(radiance >= 0.0)] = Reason.NEGATIVE_RADIANCE
     clear = np.maximum(DETECTION * epsilon_error, LEAST_EMISSIVITY)
     reason[~(epsilon > clear)] = Reason.EMISSIVITY_TOO_LOW
-    reason[~(lines.values[:, 0] >= VISIBLE)] = Reason.BACKGROUND_NOT_VISIBLE
+    reason[~(lines.values[:, 0] >= VISIBLE_DISC)] = Reason.BACKGROUND_NOT_VISIBLE
     reason[backgrounds < 2] = Reason.TOO_FEW_BACKGROUNDS
     seen = (reason == Reason.OK) | (reason >= Reason.EMISSIVITY_TOO_LOW)
     warm = np.where(reason == Reason.OK, radiance, np.nan)

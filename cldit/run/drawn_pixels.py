@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Image
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
@@ -73,7 +73,7 @@ class DrawnPixels:
 
     def pick(self, image: Image | NDArray[np.bool_]) -> Any:
         """These pixels (1, N) of an image (H, W)."""
-        return image.reshape(1, -1)[:, self.sample.pixels]
+        return self.sample.pick(image)
 
     def spread(self, values: Floats) -> Floats:
         """An image (H, W) of values (1, N): NaN where none was drawn."""

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Image, Weights
 from cldit.run.drawn_pixels import DrawnPixels
 from cldit.run.node_temperature import NodeTemperature

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.solve import VISIBLE
+from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.weights import Weights
 from cldit.run.errors import Cause
 from cldit.run.picture import Picture, Step
@@ -45,11 +45,7 @@ def pixel_error(scene: Scene, probed: Probed, picture: Picture) -> tuple[Cause, 
     pixels = found.sample.pixels
     few = temperature.picked(pixels)
 
-    def sampled(weights: Weights) -> Weights:
-        return weights.map(lambda image: image.reshape(1, -1)[:, pixels])
-
-    difference = picture.difference
-    here = Picture(sampled(picture.weights), None if difference is None else sampled(difference))
+    here = picture.map(found.sample.pick)
     there = Picture(found.weights, found.difference)
     if found.references is not None:
         one, other = found.references
@@ -79,7 +75,7 @@ def _evaluated(picture: Picture, reference: Weights) -> Picture:
     """
     seen = reference.background
     # A fit of just half of the background ends above or below it by rounding.
-    whole = np.where(seen > VISIBLE, seen, np.float32(np.nan)).astype(np.float32)
+    whole = np.where(seen > VISIBLE_DISC, seen, np.float32(np.nan)).astype(np.float32)
     beyond = reference.images | {"background": np.zeros_like(seen)}
     images = picture.weights.images
     mean = Weights.of({name: (image - beyond[name]) / whole for name, image in images.items()})

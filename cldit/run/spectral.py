@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, RunFolderError
 from cldit.files import write_text
@@ -18,6 +17,7 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.optics.node_count import stays_K
 from cldit.optics.spectral import Quadrature
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.plain_data import read_json
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.run import Run
 from cldit.spray.result import Spray
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
@@ -37,7 +37,6 @@ Floats = NDArray[np.float64]
 # Times as many rays across: they err by a 16th of what the picture's do where light is smooth, and
 # by an 8th at edges, whose square adds a 64th.
 _MORE = 4
-_LEAST = 0.5  # share of the background that DIT wants a pixel to see; just so much is too little
 
 
 def sampled_subpixels(
@@ -75,7 +74,9 @@ def sampled_subpixels(
         seen_by = [view.boundary_shares(at, each) for each in (few, across)]
         as_seen = [_evaluated(flat[:-1, at], seen_by[0], each) for each in seen_by]
         there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # a part of the wall is no emissivity
-        there &= np.minimum(*(each[0] for each in seen_by)) > _LEAST
+        there &= (
+            np.minimum(*(each[0] for each in seen_by)) > VISIBLE_DISC
+        )  # DIT fits just so much to either side
         here_K, more_K = (apparent_temperature_K(one[:, there], cells, scene) for one in as_seen)
         rim[at[there]] = more_K - here_K
     sample = drawn(
@@ -99,11 +100,11 @@ def _evaluated(mean: NDArray[np.floating], seen: Floats, shares: Floats) -> Floa
         mean: (C, N) of rays of which the shares `seen` (B, N) end on each part of the boundary.
         shares: (B, N) of the rays that are wanted; the medium before all of them is the same.
     """
-    through = mean[0] / np.maximum(seen[0], _LEAST)
+    through = mean[0] / np.maximum(seen[0], VISIBLE_DISC)
     out = np.array(mean, np.float64)
     # What is let through of all else than the background; and all of that, which is no spray's.
     out[1 : len(shares)] += (shares[1:] - seen[1:]) * through - shares[1:]
-    out /= np.maximum(shares[0], _LEAST)
+    out /= np.maximum(shares[0], VISIBLE_DISC)
     out[0] = through
     return out
 

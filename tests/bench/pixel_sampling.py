@@ -19,8 +19,8 @@ import pytest
 
 from cldit.bench.case import Case, changed
 from cldit.caches import default_cache
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.gpu.device import open_device
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.run import pixels as pixels_of_run
 from cldit.run.picture import Picture

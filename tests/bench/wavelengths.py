@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from cldit.caches import default_cache
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device, open_device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import build_octree, build_octrees
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.optics.wavelengths import Wavelengths
 from cldit.radiance.boundary import Surroundings
 from cldit.run.medium import properties_of

@@ -15,8 +15,8 @@ from pytest import approx
 from scipy.special import gamma
 
 import cldit
-from cldit.dit.accuracy import VISIBLE_EMISSIVITY
 from cldit.gpu.device import Device
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.run import Run
 from cldit.scene import load_scene
 from cldit.scene.spray import ConeSpray

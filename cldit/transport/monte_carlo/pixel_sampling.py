@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,10 @@ class PixelSample:
         """
         total, doubt = self.total(one * other, _of_product(one, other))
         return total / count, doubt / count
+
+    def pick(self, image: NDArray[Any]) -> NDArray[Any]:
+        """These pixels (1, N) of an image (H, W)."""
+        return image.reshape(1, -1)[:, self.pixels]
 
     def by_noise(self, one: Floats, other: Floats) -> float:
         """Share of the variance of `mean_square` that less noise of the estimates would take away.
