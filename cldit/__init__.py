@@ -7,14 +7,13 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cldit.comparison import compare as compare
-    from cldit.comparison.repeat import repeat as repeat
-    from cldit.evaluated import evaluate as evaluate
-    from cldit.experiment import run_experiment as run_experiment
+    from cldit.api.evaluated import evaluate as evaluate
+    from cldit.api.experiment import run_experiment as run_experiment
+    from cldit.api.progress_bars import progress_bar as progress_bar
+    from cldit.api.scripting import open_rig as open_rig
+    from cldit.api.series import run_series as run_series
     from cldit.gpu.device import list_devices as list_devices
     from cldit.gpu.device import open_device as open_device
-    from cldit.progress_bars import progress_bar as progress_bar
-    from cldit.report.plot import plot as plot
     from cldit.run import Run as Run
     from cldit.run import open_run as open_run
     from cldit.run import simulate as simulate
@@ -23,25 +22,26 @@ if TYPE_CHECKING:
     from cldit.scene import load_scene as load_scene
     from cldit.scene import parse_scene as parse_scene
     from cldit.scene import shipped_scenes as shipped_scenes
-    from cldit.scripting import open_rig as open_rig
-    from cldit.series import run_series as run_series
+    from cldit.show.comparison import compare as compare
+    from cldit.show.comparison.repeat import repeat as repeat
+    from cldit.show.figures.plot import plot as plot
     from cldit.study.dataset import open_study as open_study
 
 __version__ = version("cldit")
 
 # Loaded when asked for: a script that opens a rig needs neither OpenCL nor matplotlib.
 _HOMES = {
-    "cldit.comparison": ("compare",),
-    "cldit.comparison.repeat": ("repeat",),
-    "cldit.evaluated": ("evaluate",),
-    "cldit.experiment": ("run_experiment",),
+    "cldit.show.comparison": ("compare",),
+    "cldit.show.comparison.repeat": ("repeat",),
+    "cldit.api.evaluated": ("evaluate",),
+    "cldit.api.experiment": ("run_experiment",),
     "cldit.gpu.device": ("list_devices", "open_device"),
-    "cldit.progress_bars": ("progress_bar",),
-    "cldit.report.plot": ("plot",),
+    "cldit.api.progress_bars": ("progress_bar",),
+    "cldit.show.figures.plot": ("plot",),
     "cldit.run": ("Run", "open_run", "simulate"),
     "cldit.scene": ("Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"),
-    "cldit.scripting": ("open_rig",),
-    "cldit.series": ("run_series",),
+    "cldit.api.scripting": ("open_rig",),
+    "cldit.api.series": ("run_series",),
     "cldit.study.dataset": ("open_study",),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}

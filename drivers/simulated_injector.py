@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from cldit.files import append_text
+from cldit.io.files import append_text
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected

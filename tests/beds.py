@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.errors import SceneError
-from cldit.rig.contract.bed import Bed, Make, beds_of
-from cldit.rig.contract.sessions import background_steps, camera_steps, trigger_steps
 from cldit.rig.drivers import DriverAbout, describe_drivers
 from cldit.rig.load import open_rig
+from cldit.testing.bed import Bed, Make, beds_of
+from cldit.testing.sessions import background_steps, camera_steps, trigger_steps
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.simulated_scene import Pulse

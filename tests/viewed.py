@@ -19,8 +19,8 @@ from cldit.radiance.weights import Weights
 from cldit.run import Run, RunInfo
 from cldit.run.evaluation import evaluated, sensor_of
 from cldit.scene import Scene, parse_scene
-from cldit.view import save_page
-from cldit.view.traced import traced_item
+from cldit.show.view import save_page
+from cldit.show.view.traced import traced_item
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page

@@ -10,9 +10,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from cldit.data_streams import DataStream
 from cldit.errors import DiskFull
-from cldit.files import fsync_folder, megabytes
+from cldit.io.data_streams import DataStream
+from cldit.io.files import fsync_folder, megabytes
 
 _OVERHEAD_bytes = 16_384  # TIFF header, metadata, journal lines of one shot
 

@@ -18,9 +18,9 @@ import tifffile
 from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
-from cldit.data_streams import DataStream, PatientStream
 from cldit.errors import ClditError
-from cldit.files import make_folder, whole
+from cldit.io.data_streams import DataStream, PatientStream
+from cldit.io.files import make_folder, whole
 from cldit.scene.delays import delay_text
 
 FORMATS = {"ome-tiff": ".ome.tif", "nexus": ".nxs"}

@@ -18,12 +18,12 @@ from typing import IO
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.storage import GUARD, JOURNAL, exclusive
 from cldit.errors import ClditError
-from cldit.files import append_text
-from cldit.plain_data import dump_yaml, parse_yaml
+from cldit.io.files import append_text
+from cldit.io.plain_data import dump_yaml, parse_yaml
+from cldit.io.terminal import warn
 from cldit.rig.clock import SystemClock
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
-from cldit.terminal import warn
 
 _SAFE = b"safe\n"
 _CONNECT_s = 15.0  # longer than any camera's heartbeat

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import RunFolderError
-from cldit.files import fsync_folder, open_regular, written
-from cldit.plain_data import parse_json
+from cldit.io.files import fsync_folder, open_regular, written
+from cldit.io.plain_data import parse_json
 
 Entry = dict[str, Any]
 

@@ -16,11 +16,11 @@ from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, parse_so
 from cldit.acquisition.pictures.temperatures import read_temperatures
 from cldit.acquisition.pictures.told import check_exposures, check_times, read_times, told_lines
 from cldit.acquisition.plan import Kind
+from cldit.acquisition.witness_names import Acceptable
 from cldit.camera.calibration import Calibration
-from cldit.dit.witness.finding import Acceptable
 from cldit.errors import EvaluationError, SceneError
+from cldit.io.plain_data import read_mapping
 from cldit.optics.response import Response, to_plain
-from cldit.plain_data import read_mapping
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import Section, Within, describe

@@ -16,7 +16,7 @@ from pydantic import ValidationError, field_validator, model_validator
 
 from cldit.camera.sensor import USUAL_INTEGRATION_S
 from cldit.errors import SceneError
-from cldit.plain_data import dump_yaml, read_mapping
+from cldit.io.plain_data import dump_yaml, read_mapping
 from cldit.rig.protocols import Burst, Stability
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.delays import SAME_s, delay_text

@@ -17,7 +17,7 @@ from cldit.acquisition.plan_checks import external_trigger, impossible, together
 from cldit.acquisition.storage import CONFIGURATION, PLAN
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
-from cldit.plain_data import read_json
+from cldit.io.plain_data import read_json
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode

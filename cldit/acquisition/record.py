@@ -24,8 +24,8 @@ from cldit.acquisition.storage import (
 )
 from cldit.camera.calibration import Calibration
 from cldit.errors import ClditError, RunFolderError
+from cldit.io.plain_data import read_json
 from cldit.optics.response import Filter, from_plain
-from cldit.plain_data import read_json
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import describe

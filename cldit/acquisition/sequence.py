@@ -54,8 +54,8 @@ from cldit.acquisition.storage import (
     survey,
 )
 from cldit.errors import ClditError
-from cldit.files import make_folder, write_text, written
-from cldit.plain_data import dump_yaml
+from cldit.io.files import make_folder, write_text, written
+from cldit.io.plain_data import dump_yaml
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig

@@ -18,8 +18,8 @@ from cldit.acquisition.disk import existing, write_checked
 from cldit.acquisition.journal import Entry, check_entry, read_whole_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
-from cldit.files import make_folder, written
-from cldit.images import put_image, read_image
+from cldit.io.files import make_folder, written
+from cldit.io.images import put_image, read_image
 
 PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "plan.yaml",

@@ -16,7 +16,7 @@ from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.acquisition.progress import Eta
 from cldit.acquisition.storage import JOURNAL, PLAN
 from cldit.errors import RunFolderError
-from cldit.files import open_regular
+from cldit.io.files import open_regular
 
 State = Literal["preparing", "approaching", "recording", "finished", "stopped", "broken off"]
 

@@ -13,9 +13,9 @@ import numpy as np
 from cldit.bench.case import Case, Lattice, Say, changed
 from cldit.bench.error import Truth
 from cldit.bench.report import Part, Table, number
-from cldit.data_streams import DataStream
-from cldit.files import whole
 from cldit.gpu.device import Device
+from cldit.io.data_streams import DataStream
+from cldit.io.files import whole
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import Settings
 

@@ -18,10 +18,10 @@ from cldit.bench.case import BenchError, Say, changed, clocked
 from cldit.bench.report import Part, Table, number
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device
-from cldit.report.sheet import figure_of
 from cldit.run import Run, simulate
 from cldit.run.errors import Errors
 from cldit.scene import Scene
+from cldit.show.figures.sheet import figure_of
 
 _CLOSE = 0.25  # of a logarithm, of points whose labels would cover each other
 _TABS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from cldit.bench.error import Row, Truth
 from cldit.bench.ratios import Ratio, ratios
 from cldit.bench.report import Part, Table, number
-from cldit.report.sheet import figure_of
 from cldit.scene import Scene
+from cldit.show.figures.sheet import figure_of
 
 _STYLES = {
     "source": ("o", "tab:blue"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.bench.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM
 from cldit.dit.recorded import Evaluation, evaluate_shots
-from cldit.images import write_image
+from cldit.io.images import write_image
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from cldit.bench.case import Case, Say, changed, clocked, halved
 from cldit.bench.report import Part, Table
 from cldit.medium.octree import Octree
-from cldit.report.sheet import figure_of
 from cldit.run.medium import make_medium
 from cldit.run.spectral import trace_nodes
 from cldit.run.stages import Stages
 from cldit.scene import Scene
+from cldit.show.figures.sheet import figure_of
 
 DIRECTIONS = 16
 

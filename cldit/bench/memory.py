@@ -16,11 +16,11 @@ import pyopencl as cl
 
 from cldit.bench.case import BenchError, Say, changed
 from cldit.bench.report import Part, Table
-from cldit.files import make_folder, write_text
 from cldit.gpu.device import Device, open_device
+from cldit.io.files import make_folder, write_text
+from cldit.io.terminal import tell
 from cldit.run import default_cache, simulate
 from cldit.scene import Scene, dump_scene, load_scene
-from cldit.terminal import tell
 
 _WHOLE = "the scene as it is, with rig, evaluation of the shots and report"
 _CASES: tuple[tuple[str, dict[str, Any] | None], ...] = (
@@ -139,7 +139,7 @@ def _measure(arguments: list[str]) -> Peak:
     if files:
         run = simulate(load_scene(files[0]), *files[1:], device=device, cache=Path(cache))
         if files[1:]:  # goes on from the run that is stored there
-            from cldit.experiment import run_experiment  # would count in the other rows
+            from cldit.api.experiment import run_experiment  # would count in the other rows
 
             run_experiment(load_scene(files[0]), files[1], device=device)
         compile_s = next(stage.seconds for stage in run.info.stages if stage.name == "compile")

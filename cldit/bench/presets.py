@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cldit.errors import SceneError
-from cldit.files import write_text
 from cldit.gpu.device import Device
+from cldit.io.files import write_text
 from cldit.optics.response import edges_um, scene_filter
 from cldit.run import simulate
 from cldit.run.spectral import Difference

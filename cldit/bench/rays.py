@@ -20,7 +20,7 @@ from cldit.bench.report import Part, Table, number
 from cldit.gpu.program import Define
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
-from cldit.report.sheet import figure_of
+from cldit.show.figures.sheet import figure_of
 from cldit.transport.cells import OpticalCells
 from cldit.transport.image import FormalSolution
 from cldit.transport.result import weights_of

@@ -13,9 +13,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from cldit.bench import PARTS
-from cldit.files import make_folder, write_bytes, write_text
 from cldit.gpu.device import Device
-from cldit.report.sheet import png_of
+from cldit.io.files import make_folder, write_bytes, write_text
+from cldit.show.figures.sheet import png_of
 
 
 @dataclass(frozen=True)

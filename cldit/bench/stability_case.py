@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cldit.data_streams import DataStream
-from cldit.files import whole
 from cldit.gpu.device import Device
+from cldit.io.data_streams import DataStream
+from cldit.io.files import whole
 from cldit.run import Run, simulate
 from cldit.scene import parse_scene
 from cldit.spray.result import Spray

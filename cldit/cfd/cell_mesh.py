@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.spray.result import Floats
 
 Labels = NDArray[np.signedinteger]

@@ -26,7 +26,7 @@ from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 # ElementType_t: vtk's type, and the order of its corners; surfaces and lines are left out
 _WEDGE = (0, 2, 1, 3, 5, 4)  # whose first triangle points inwards in CGNS, outwards in vtk

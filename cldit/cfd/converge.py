@@ -22,7 +22,7 @@ from cldit.cfd.mesh import join
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import EmptyCloud, SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 _STREAM = re.compile(r"STREAM_\d+$")
 _GAS = {

@@ -21,7 +21,7 @@ from cldit.cfd.mesh import Mesh
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 ENDINGS = (".cas.h5", ".dat.h5")
 # SV_P is over the operating pressure, which is no field: a mapping may say what it is.

@@ -20,7 +20,7 @@ from cldit.cfd.vtk import files as vtkfiles
 from cldit.cfd.vtk.collections import COLLECTIONS, DATA
 from cldit.cfd.vtk.layout import is_vtk
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import read_spray
 

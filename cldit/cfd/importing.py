@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from cldit.cfd.formats import contents, find_format
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.scene.checks import describe
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cldit.errors import FileError, SprayError
-from cldit.files import check_regular, read_text
+from cldit.io.files import check_regular, read_text
 
 
 def regular(path: Path) -> Path:

@@ -19,7 +19,7 @@ from cldit.cfd.mapping_file import (
     Vector,
     unit_in,
 )
-from cldit.plain_data import yaml_line
+from cldit.io.plain_data import yaml_line
 
 # key: kind of its unit, whether a droplet needs it, and what else may be said
 _GAS_LINES = {

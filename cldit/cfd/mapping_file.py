@@ -10,7 +10,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from cldit.errors import SprayError
-from cldit.plain_data import read_mapping
+from cldit.io.plain_data import read_mapping
 from cldit.scene.checks import Section, describe
 
 # unit: factor and offset to SI, value * factor + offset

@@ -26,7 +26,7 @@ from cldit.cfd.mapping_file import (
     read_column_map,
 )
 from cldit.errors import SprayError
-from cldit.files import write_text
+from cldit.io.files import write_text
 from cldit.scene.spray import CfdSpray
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")

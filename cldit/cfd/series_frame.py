@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.orientation import Frame, find_frame
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 
 _EXACT_m = 1e-4  # a nozzle that is known so well is taken without a look at further times

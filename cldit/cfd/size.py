@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cldit.errors import SprayError
-from cldit.free_memory import free_bytes
+from cldit.io.free_memory import free_bytes
 
 # Measured with `cldit bench --only import`: bytes beside what the reader holds.
 _CELL = 160  # fuel, temperature, and a box where there is vapour, twice while they are put together

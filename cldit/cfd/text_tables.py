@@ -28,7 +28,7 @@ from cldit.cfd.parquet import parquet_columns, parquet_names, parquet_rows
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.files import open_regular
+from cldit.io.files import open_regular
 from cldit.spray.result import Floats
 
 

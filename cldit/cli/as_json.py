@@ -15,7 +15,7 @@ from typing import Any, ParamSpec
 import click
 import numpy as np
 
-from cldit.terminal import aside, tell
+from cldit.io.terminal import aside, tell
 
 P = ParamSpec("P")
 

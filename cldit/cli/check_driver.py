@@ -11,11 +11,11 @@ import click
 
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.errors import SceneError
-from cldit.rig.contract.expect import Allowed
-from cldit.rig.contract.run import OF_KIND, Result, Verdict, on_emulators, on_instrument
 from cldit.rig.drivers import describe_drivers, load_driver
 from cldit.rig.load import open_rig, read_rig
 from cldit.rig.safety import make_safe
+from cldit.testing.expect import Allowed
+from cldit.testing.run import OF_KIND, Result, Verdict, on_emulators, on_instrument
 
 _STYLE = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.SKIPPED: "yellow"}
 

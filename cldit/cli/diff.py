@@ -10,7 +10,7 @@ from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.cli.exit_codes import Exit
 from cldit.cli.units import KELVIN
-from cldit.comparison.difference import Difference, compare
+from cldit.show.comparison.difference import Difference, compare
 
 
 @click.command()

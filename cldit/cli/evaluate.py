@@ -10,22 +10,22 @@ import numpy as np
 
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import acquisition_in
-from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.exit_codes import Exit
-from cldit.dit.recorded import CurveSource, Evaluation
-from cldit.dit.witness.finding import ACCEPTABLE
-from cldit.errors import EvaluationError
-from cldit.folder_evaluation import (
+from cldit.acquisition.witness_names import ACCEPTABLE
+from cldit.api.folder_evaluation import (
     DelayEvaluation,
     delay_problems,
     delay_rows,
     evaluate_delays,
     evaluate_scattering,
 )
-from cldit.report.run_report import write_pages
+from cldit.cli.as_json import Outcome, json_option
+from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
+from cldit.cli.exit_codes import Exit
+from cldit.dit.recorded import CurveSource, Evaluation
+from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s
+from cldit.show.report.run_report import write_pages
 
 
 @click.command()

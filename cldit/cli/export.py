@@ -47,8 +47,8 @@ def _octree(
     device: str | None,
 ) -> None:
     # bring OpenCL, which who exports pictures does not need
-    from cldit.caches import default_cache
     from cldit.gpu.device import open_device
+    from cldit.io.caches import default_cache
     from cldit.run.folder import open_run
     from cldit.run.octree_export import export_octree
 

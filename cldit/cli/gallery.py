@@ -9,8 +9,8 @@ import click
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
 from cldit.cli.run import picture_changes
 from cldit.gpu.device import open_device
-from cldit.report.gallery import write_gallery
 from cldit.scene import shipped_scenes
+from cldit.show.report.gallery import write_gallery
 
 
 @click.command("gallery")

@@ -8,7 +8,7 @@ import click
 
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.errors import OpticsError
-from cldit.files import write_text
+from cldit.io.files import write_text
 from cldit.optics.band_fit import fit_bands, fit_error
 from cldit.optics.liquid import Bands, Table, liquid
 from cldit.optics.liquid_table import read_liquid_table

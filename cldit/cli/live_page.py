@@ -18,8 +18,8 @@ from cldit.acquisition.disk import check_room, needed_bytes
 from cldit.acquisition.storage import JOURNAL, load_shot, shot_path
 from cldit.acquisition.watch import Seen, Watch
 from cldit.errors import ClditError
-from cldit.files import write_bytes
-from cldit.report.live import LastShot, live_page
+from cldit.io.files import write_bytes
+from cldit.show.report.live import LastShot, live_page
 
 PAGE = "live.html"
 _PAUSE_s = 1.0  # between two pages, at least

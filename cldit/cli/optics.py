@@ -8,11 +8,11 @@ import click
 
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.cli.scene_name import SCENE
-from cldit.files import make_folder, write_bytes
-from cldit.report.optics_figures import optics_picture
-from cldit.report.optics_summary import scene_optics
+from cldit.io.files import make_folder, write_bytes
 from cldit.run import default_cache
 from cldit.scene import load_scene
+from cldit.show.figures.optics_figures import optics_picture
+from cldit.show.report.optics_summary import scene_optics
 
 
 @click.command()

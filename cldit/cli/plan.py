@@ -24,13 +24,13 @@ from cldit.dit.design import (
     shot_time_s,
 )
 from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
-from cldit.files import write_bytes, write_text
 from cldit.gpu.device import open_device
-from cldit.plain_data import dump_yaml
-from cldit.report.design_figure import design_picture
+from cldit.io.files import write_bytes, write_text
+from cldit.io.plain_data import dump_yaml
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene
+from cldit.show.figures.design_figure import design_picture
 
 _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 

@@ -8,7 +8,7 @@ from typing import Any
 from cldit.cli.exit_codes import Exit
 from cldit.cli.lazy import LazyGroup
 from cldit.errors import ClditError
-from cldit.terminal import cannot_take, prepare_streams, silence, warn
+from cldit.io.terminal import cannot_take, prepare_streams, silence, warn
 
 
 class Program(LazyGroup):

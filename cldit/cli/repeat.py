@@ -11,8 +11,8 @@ from cldit.cli.console import OUT, escaped, plain_errors, say
 from cldit.cli.diff import print_difference
 from cldit.cli.exit_codes import Exit
 from cldit.cli.units import KELVIN, device_option
-from cldit.comparison.repeat import repeat
 from cldit.gpu.device import open_device
+from cldit.show.comparison.repeat import repeat
 
 
 @click.command("repeat")

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from cldit.api.experiment import run_experiment
+from cldit.api.series import run_series
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors
@@ -15,14 +17,12 @@ from cldit.cli.scene_name import SCENE
 from cldit.cli.series import series_outcome
 from cldit.cli.units import KELVIN
 from cldit.errors import SceneError
-from cldit.experiment import run_experiment
 from cldit.gpu.device import open_device
-from cldit.report.figures import human_figures
 from cldit.run import Run, simulate
 from cldit.run.errors import Errors
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
-from cldit.series import run_series
+from cldit.show.figures.figures import human_figures
 
 _QUICK_PIXELS = (128, 128)
 _QUICK_K = 4.0

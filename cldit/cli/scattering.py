@@ -7,10 +7,10 @@ from pathlib import Path
 
 import click
 
-from cldit.caches import default_cache
 from cldit.cli.console import OUT, escaped, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.gpu.device import open_device
+from cldit.io.caches import default_cache
 from cldit.scene import load_scene, parse_scene
 from cldit.study.scattering.page import scattering_page
 from cldit.study.scattering.run import scattering_study

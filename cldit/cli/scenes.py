@@ -8,9 +8,9 @@ import click
 
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, folded_table, plain_errors
+from cldit.io.terminal import tell
 from cldit.scene import Scene, load_scene, shipped_scenes
 from cldit.scene.commented import commented
-from cldit.terminal import tell
 
 
 @click.command()
@@ -26,7 +26,7 @@ def scenes(show: str | None, reference: bool, schema: bool) -> Outcome:
         tell(commented(scene), end="")
         return Outcome(scene.model_dump(mode="json"))
     if reference:
-        from cldit.report.keys import reference_page  # imports what reads rigs and pictures
+        from cldit.show.report.keys import reference_page  # imports what reads rigs and pictures
 
         tell(reference_page(), end="")
         return Outcome(Scene.model_json_schema())

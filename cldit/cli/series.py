@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from rich.table import Table
 
+from cldit.api.series import Series
 from cldit.cli.as_json import Outcome
 from cldit.cli.console import ERR, OUT, escaped
 from cldit.cli.exit_codes import Exit
-from cldit.report.film import mp4_possible
-from cldit.series import Series
+from cldit.show.figures.film import mp4_possible
 
 _SHOWN = (
     ("liquid_mass_kg", "liquid, mg", 1e6),

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, plain_errors
-from cldit.report.run_report import show_folder
+from cldit.show.report.run_report import show_folder
 
 
 @click.command()

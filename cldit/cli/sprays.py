@@ -16,20 +16,20 @@ from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
 from cldit.cli.scene_name import SCENE
 from cldit.errors import SceneError
-from cldit.files import write_bytes, write_text
-from cldit.report.droplets import life_picture
-from cldit.report.figures import human_figures
-from cldit.report.spray_report import write_spray
+from cldit.io.files import write_bytes, write_text
+from cldit.io.terminal import tell
 from cldit.run import default_cache
 from cldit.run.fitted_scene import fitted_scene
 from cldit.run.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
+from cldit.show.figures.droplets import life_picture
+from cldit.show.figures.figures import human_figures
+from cldit.show.report.spray_report import write_spray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
-from cldit.terminal import tell
 
 
 @click.command("spray")

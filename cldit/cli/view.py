@@ -8,13 +8,13 @@ from pathlib import Path
 
 import click
 
-from cldit.caches import default_cache
 from cldit.cli.console import OUT, escaped, plain_errors
-from cldit.content import digest
 from cldit.errors import FileError
-from cldit.files import make_folder
-from cldit.view import Item, save_page, view_items
-from cldit.view.folders import unfinished
+from cldit.io.caches import default_cache
+from cldit.io.content import digest
+from cldit.io.files import make_folder
+from cldit.show.view import Item, save_page, view_items
+from cldit.show.view.folders import unfinished
 
 
 @click.command("view")

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps, Reason
-from cldit.files import make_folder
-from cldit.images import write_image
+from cldit.io.files import make_folder
+from cldit.io.images import write_image
 from cldit.optics.response import edges_um
 from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import Pane, band_pane

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.images import read_image, write_image
+from cldit.io.images import read_image, write_image
 
 Image = NDArray[np.float32]
 

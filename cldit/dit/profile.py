@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
-from cldit.files import write_text
+from cldit.io.files import write_text
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Profile:
             path: of the file; one that is there is replaced.
 
         Raises:
-            DiskFull, FileError: as `cldit.files.written`.
+            DiskFull, FileError: as `cldit.io.files.written`.
         """
         write_text(Path(path), self.csv())
 

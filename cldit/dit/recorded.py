@@ -24,10 +24,10 @@ from cldit.dit.witness.examine import Examined, examine, examine_pictures
 from cldit.dit.witness.finding import Witness, refuse
 from cldit.dit.witness.terms import DriftTerm
 from cldit.errors import EvaluationError
+from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
 from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import band_pane
-from cldit.origin import Origin, versions
 from cldit.radiance.boundary import Boundary
 
 Floats = NDArray[np.float64]

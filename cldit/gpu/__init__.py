@@ -1,5 +1,5 @@
 """OpenCL: devices, source assembly, building, buffers."""
 
-from cldit.caches import use_caches
+from cldit.io.caches import use_caches
 
 use_caches()  # before pyopencl is imported and PoCL is loaded: both need a folder

@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from cldit.errors import DropletError
+from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
-from cldit.tables import Arrays, cached
 
 Floats = NDArray[np.float64]
 

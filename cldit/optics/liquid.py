@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import wofz
 
 from cldit.errors import OpticsError
-from cldit.plain_data import parse_yaml
+from cldit.io.plain_data import parse_yaml
 
 Floats = NDArray[np.float64]
 Status = Literal["measured", "estimate", "user"]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import FileError, OpticsError
-from cldit.files import read_text
+from cldit.io.files import read_text
+from cldit.io.plain_data import parse_yaml
 from cldit.optics.liquid import Liquid, Table
-from cldit.plain_data import parse_yaml
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from numpy.polynomial.legendre import leggauss
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.errors import DropletError
+from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
-from cldit.tables import Arrays, cached
 
 Floats = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cldit.errors import OpticsError
-from cldit.plain_data import parse_yaml
+from cldit.io.plain_data import parse_yaml
 
 Floats = NDArray[np.float64]
 Status = Literal["measured", "estimate", "user"]

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from cldit.io.tables import Arrays, cached, digest
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
 from cldit.optics.droplets import droplet_table
@@ -31,7 +32,6 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
-from cldit.tables import Arrays, cached, digest
 
 Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import FileError, OpticsError
-from cldit.files import read_text
+from cldit.io.files import read_text
 from cldit.optics.vapour import VapourBand
 
 Floats = NDArray[np.float64]

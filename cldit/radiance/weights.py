@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.files import make_folder
-from cldit.images import read_image, write_image
+from cldit.io.files import make_folder
+from cldit.io.images import read_image, write_image
 
 Image = NDArray[np.float32]
 

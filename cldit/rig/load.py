@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from cldit.errors import ClditError, SceneError
-from cldit.plain_data import read_mapping
+from cldit.io.plain_data import read_mapping
 from cldit.radiance.boundary import Surroundings, Uncertainty
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver

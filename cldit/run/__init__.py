@@ -1,6 +1,6 @@
 """A run: one scene traced and evaluated, what came of it, and its folder."""
 
-from cldit.caches import default_cache
+from cldit.io.caches import default_cache
 from cldit.run.cache import RunCache
 from cldit.run.folder import open_run, with_stages
 from cldit.run.result import Run, RunInfo, Stage

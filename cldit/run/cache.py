@@ -11,10 +11,10 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from cldit.caches import default_cache
 from cldit.errors import RunFolderError
-from cldit.files import make_folder, written
 from cldit.gpu.device import Device
+from cldit.io.caches import default_cache
+from cldit.io.files import make_folder, written
 from cldit.run.content import trace_key
 from cldit.run.folder import open_run
 from cldit.run.result import Run

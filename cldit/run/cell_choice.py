@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cldit.free_memory import free_bytes
 from cldit.gpu.device import Device
+from cldit.io.free_memory import free_bytes
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
 from cldit.medium.resolution import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cldit.content import code_digest, digest, file_content
+from cldit.io.content import code_digest, digest, file_content
 from cldit.scene import Scene
 
 # Sources, and what only the evaluation and the rig use. Everything else counts, so that a key that

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from cldit.files import make_folder
-from cldit.images import read_image, write_image
+from cldit.io.files import make_folder
+from cldit.io.images import read_image, write_image
 from cldit.run.errors import Errors
 
 Image = NDArray[np.float32]

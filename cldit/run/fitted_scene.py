@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.plain_data import yaml_line
+from cldit.io.plain_data import yaml_line
 from cldit.run.case_fit import Fuel
 from cldit.scene.camera import Camera, Sensor
 from cldit.scene.spray import CfdSpray

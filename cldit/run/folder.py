@@ -15,10 +15,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError, SceneError
-from cldit.files import make_folder, write_text, written
+from cldit.io.files import make_folder, write_text, written
+from cldit.io.plain_data import read_json, read_mapping
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
-from cldit.plain_data import read_json, read_mapping
 from cldit.radiance.weights import Weights
 from cldit.run.error_maps import load_maps, save_maps
 from cldit.run.result import Run, RunInfo, Stage

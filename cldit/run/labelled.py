@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.maps import UNITS, Maps, Reason
-from cldit.labels import xarray_module
+from cldit.io.labels import xarray_module
 from cldit.radiance.weights import EMITTED, Weights
 from cldit.run.error_maps import TOTAL
 from cldit.scene import Scene

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from cldit.gpu.device import Device
+from cldit.io.provenance import FileRead
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import Wavelengths, wavelengths
-from cldit.provenance import FileRead
 from cldit.run.case_fit import misfits
 from cldit.run.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.run.gas_grid import GasGrid, coarser_gas

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from cldit.cfd.orientation import Frame
 from cldit.errors import RunFolderError
-from cldit.files import make_folder
 from cldit.gpu.device import Device
+from cldit.io.files import make_folder
+from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf, write_xml
 from cldit.run.cell_fields import CellFields
 from cldit.run.rebuilt import Rebuilt, rebuilt
 from cldit.run.result import Run
 from cldit.run.stages import Say
 from cldit.spray.vtk_export import parcel_points
-from cldit.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf, write_xml
 
 FORMATS = ("vtkhdf", "vtu")
 _FRAME = tuple(f"{name}_{letter}" for name in ("nozzle", "axis") for letter in "xyz")

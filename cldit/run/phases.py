@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
+from cldit.io.tables import Arrays, cached, digest
 from cldit.medium.octree import PointSource
 from cldit.optics.band import BandOptics
 from cldit.scene import Scene
 from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
-from cldit.tables import Arrays, cached, digest
 from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import PhaseError, ScatteringTable
 from cldit.transport.size_classes import MOST_CLASSES, TOLERATED, in_size_classes

@@ -16,8 +16,8 @@ from typing import Literal
 
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
+from cldit.io.provenance import FileRead
 from cldit.medium.octree import Octree
-from cldit.provenance import FileRead
 from cldit.run.medium import prepare
 from cldit.run.plan import Plan
 from cldit.run.result import Run

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 
 from cldit.gpu.device import Device
-from cldit.origin import Origin, versions
-from cldit.provenance import FileRead, files_read
+from cldit.io.origin import Origin, versions
+from cldit.io.provenance import FileRead, files_read
 from cldit.run.accuracy import StatedError
 from cldit.run.content import named_files
 from cldit.run.errors import Errors

@@ -15,9 +15,10 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile, profile_of
 from cldit.errors import RunFolderError
+from cldit.io.origin import Origin
+from cldit.io.presented import Presented
+from cldit.io.provenance import FileRead
 from cldit.optics.spectral import Quadrature
-from cldit.origin import Origin
-from cldit.provenance import FileRead
 from cldit.radiance.weights import Weights
 from cldit.run.error_maps import TOTAL
 from cldit.run.errors import Errors
@@ -30,7 +31,6 @@ from cldit.transport.energy_balance import EnergyBalance
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class RunInfo:
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Presented):
     """What `simulate` and `open_run` return.
 
     weights, reference: of the traced scene, and of the same scene without spray; (H, W) float32,
@@ -138,25 +138,6 @@ class Run:
         error = "" if self.errors is None else f", error {self.errors.text}"
         place = "in memory" if self.folder is None else f"in {self.folder}"
         return f"<Run {self.scene.name!r}: {self.maps!r}{error}, {place}>"
-
-    def _repr_html_(self) -> str:
-        from cldit.report.notebook import run_html  # the report stands above: pictures for people
-
-        return run_html(self)
-
-    def plot(self, what: str = "maps", **options: Any) -> Figure:
-        """A figure of the run.
-
-        Args:
-            what: `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`.
-            options: as for `cldit.plot`.
-
-        Raises:
-            EvaluationError: the run has no such picture.
-        """
-        from cldit.report.plot import plot
-
-        return plot(self, what, **options)
 
     def profile(self, **options: Any) -> Profile:
         """T_app and emissivity along a plume, with the errors that the run states; `csv()` of it.

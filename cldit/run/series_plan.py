@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pydantic import TypeAdapter, ValidationError
 
 from cldit.errors import SceneError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.scene import Scene
 from cldit.scene.spray import CfdSpray
 from cldit.scene.values import CaseTime

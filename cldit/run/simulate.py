@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from cldit.caches import default_cache
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
+from cldit.io.caches import default_cache
+from cldit.io.progress import Watch, silent
 from cldit.optics.spectral import reference_temperature_K
-from cldit.progress import Watch, silent
 from cldit.radiance.effective import effective_weights
 from cldit.run.attempt import Attempts
 from cldit.run.content import trace_content

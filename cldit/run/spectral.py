@@ -12,13 +12,13 @@ import numpy as np
 
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, RunFolderError
-from cldit.files import write_text
 from cldit.gpu.device import Device
+from cldit.io.files import write_text
+from cldit.io.plain_data import read_json
 from cldit.medium.octree import Octree
 from cldit.optics.node_count import stays_K
 from cldit.optics.spectral import Quadrature
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-from cldit.plain_data import read_json
 from cldit.radiance.effective import effective_weights
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import assert_never
 
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
 from cldit.spray.penetration import with_figures
 from cldit.spray.result import Spray

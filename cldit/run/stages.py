@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 from cldit.run.result import Stage
 
 Say = Callable[[str], None]

@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 from cldit.errors import SceneError
-from cldit.plain_data import parse_yaml
+from cldit.io.plain_data import parse_yaml
 
 _PART = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[-?[0-9]+\])*)")
 

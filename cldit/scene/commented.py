@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from cldit.plain_data import yaml_line
+from cldit.io.plain_data import yaml_line
 from cldit.scene.schema import Scene
 
 _STEP = "  "

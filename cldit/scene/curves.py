@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import FileError, SceneError
-from cldit.files import read_text
+from cldit.io.files import read_text
 
 Curve = tuple[tuple[float, float], ...]
 SHORTEST_UM, LONGEST_UM = 0.2, 50.0

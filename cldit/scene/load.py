@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import SceneError
-from cldit.plain_data import dump_yaml, parse_yaml, read_mapping
+from cldit.io.plain_data import dump_yaml, parse_yaml, read_mapping
 from cldit.scene.change import merged
 from cldit.scene.schema import Scene
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from cldit.content import code_digest, digest
 from cldit.errors import SprayError
-from cldit.files import make_folder
+from cldit.io.content import code_digest, digest
+from cldit.io.files import make_folder
 from cldit.scene.checks import Section
 from cldit.spray.result import Spray
 from cldit.spray.spray_file import read_spray, write_spray

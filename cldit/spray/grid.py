@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.errors import SprayError
-from cldit.files import open_regular
+from cldit.io.files import open_regular
 from cldit.scene.spray import GridSpray
 from cldit.spray.result import Cells, Floats, Prescribed, Spray
 

@@ -6,18 +6,18 @@ Positions are in the project's frame: injector tip at the origin, injector axis 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
-from cldit.provenance import FileRead
+from cldit.io.presented import Presented
+from cldit.io.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
@@ -277,7 +277,7 @@ class Prescribed:
 
 
 @dataclass(frozen=True)
-class Spray:
+class Spray(Presented):
     """The one result of every source; what a source does not have is None.
 
     `notes` are figures for the report (name -> value in SI); `remarks` are sentences that the user
@@ -302,17 +302,6 @@ class Spray:
         if self.prescribed is not None:
             parts.append(f"coefficients in {len(self.prescribed.vapour_temperature_K)} cells")
         return f"<Spray: {'; '.join(parts) or 'nothing'}>"
-
-    def _repr_html_(self) -> str:
-        from cldit.report.notebook import spray_html  # the report stands above: pictures for people
-
-        return spray_html(self)
-
-    def plot(self, **options: Any) -> Figure:
-        """Masses from the side and from below; `options` as for `cldit.plot`."""
-        from cldit.report.plot import plot
-
-        return plot(self, **options)
 
     def to_xarray(self) -> xarray.Dataset:
         """Parcels over `parcel`, gas over `cell`; `to_netcdf`, `to_zarr` write them.

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.data_streams import DataStream
 from cldit.errors import FileError, SprayError
-from cldit.files import open_regular, whole
-from cldit.progress import Watch, silent
-from cldit.provenance import FileRead
+from cldit.io.data_streams import DataStream
+from cldit.io.files import open_regular, whole
+from cldit.io.progress import Watch, silent
+from cldit.io.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 

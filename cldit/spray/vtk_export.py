@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.io.vtk_files import VOXEL, Grid, Points, write_xml
 from cldit.spray.result import Parcels, Spray
-from cldit.vtk_files import VOXEL, Grid, Points, write_xml
 
 _CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cldit.report.html import Picture
 from cldit.run import Run
+from cldit.show.report.html import Picture
 from cldit.study.measures import Change, Mask, Phases, mean_K, root, tips
 from cldit.study.page import Row
 from cldit.study.pictures import Crop, changes_figure, frame_of, maps_figure

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.content import digest
 from cldit.errors import StudyError
-from cldit.files import make_folder, write_text, written
-from cldit.plain_data import read_json
+from cldit.io.content import digest
+from cldit.io.files import make_folder, write_text, written
+from cldit.io.plain_data import read_json
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.study.grid import Grid, Point

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 
-from cldit.report.html import Picture, render
 from cldit.scene import Scene, dump_scene
+from cldit.show.report.html import Picture, render
 from cldit.study.verdict import Verdict, summary
 
 Row = Mapping[str, float | str]

@@ -14,16 +14,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from cldit.report.colours import (
+from cldit.run import Run
+from cldit.show.figures.colours import (
     UNKNOWN,
     emissivity_scale,
     map_colours,
     picture_colours,
     temperature_range_K,
 )
-from cldit.report.panels import Frame
-from cldit.report.sheet import figure_of, png_of
-from cldit.run import Run
+from cldit.show.figures.panels import Frame
+from cldit.show.figures.sheet import figure_of, png_of
 
 _COLUMNS = 3
 _PANEL_IN = 3.3

@@ -17,9 +17,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cldit.content import digest
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
+from cldit.io.content import digest
 from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
 from cldit.run.spray_factory import make_spray

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import StudyError
-from cldit.files import make_folder, write_bytes, write_text
-from cldit.plain_data import read_json
-from cldit.report.html import render
+from cldit.io.files import make_folder, write_bytes, write_text
+from cldit.io.plain_data import read_json
 from cldit.scene import dump_scene
+from cldit.show.report.html import render
 from cldit.study.page import Page, Row, markdown_table, page_html, page_markdown, picture_file
 
 

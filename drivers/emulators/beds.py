@@ -1,4 +1,4 @@
-"""Beds of the drivers here: each before its emulator (see `cldit.rig.contract.bed`)."""
+"""Beds of the drivers here: each before its emulator (see `cldit.testing.bed`)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from cldit.rig.clock import SimulatedClock, SystemClock
-from cldit.rig.contract.bed import Bed, Make
-from cldit.rig.contract.sessions import (
+from cldit.rig.drivers import RigContext, check_settings, load_driver
+from cldit.testing.bed import Bed, Make
+from cldit.testing.sessions import (
     BackgroundSide,
     background_steps,
     camera_steps,
     hot_K,
     trigger_steps,
 )
-from cldit.rig.drivers import RigContext, check_settings, load_driver
 
 from ..line_blackbody import LineSettings
 from ..modbus_registers import MAPS, RegisterMap

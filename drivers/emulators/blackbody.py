@@ -14,7 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
-from cldit.rig.contract.replies import BINARY_NAN, INTEGER_NONE, Replies
+from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater

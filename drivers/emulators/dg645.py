@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cldit.rig.contract.replies import Replies
+from cldit.testing.replies import Replies
 
 from .line_server import LineServer
 

@@ -20,7 +20,7 @@ from collections import OrderedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.rig.contract.replies import BINARY_NAN, Replies
+from cldit.testing.replies import BINARY_NAN, Replies
 
 from . import gige_registers as reg
 from .gige_stream import Image, pattern, picture_packets

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Self
 
-from cldit.rig.contract.replies import Replies
+from cldit.testing.replies import Replies
 
 from .line_server import LineServer
 from .terminal import Terminal

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from cldit.rig.contract.replies import Replies
+from cldit.testing.replies import Replies
 
 TEXT = slice(0, -2)  # of a reply that ends with CR LF
 

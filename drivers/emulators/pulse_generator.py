@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cldit.rig.contract.replies import Replies
+from cldit.testing.replies import Replies
 
 from .dg645 import Edge
 from .line_peer import AtOneLine

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.files import write_text
-from cldit.plain_data import dump_yaml
-from cldit.terminal import tell
+from cldit.io.files import write_text
+from cldit.io.plain_data import dump_yaml
+from cldit.io.terminal import tell
 
 from ..heater import Dynamics
 from .blackbody import FlukePeer, ModbusPeer

@@ -9,7 +9,7 @@ import time
 import tty
 from collections.abc import Callable
 
-from cldit.rig.contract.replies import Replies
+from cldit.testing.replies import Replies
 
 from .line_server import TEXT
 

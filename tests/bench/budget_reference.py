@@ -25,9 +25,9 @@ import numpy as np
 from cldit.bench import BUDGET_SCENES
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import changed
-from cldit.caches import default_cache
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
+from cldit.io.caches import default_cache
 from cldit.medium.cloud import Kernel
 from cldit.run import simulate
 from cldit.run.spray_factory import make_spray

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from cldit.bench.case import changed
-from cldit.caches import default_cache
 from cldit.gpu.device import open_device
+from cldit.io.caches import default_cache
 from cldit.run.attempt import Attempts
 from cldit.run.drawn_pixels import DrawnPixels
 from cldit.run.picture import Step

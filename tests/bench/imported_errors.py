@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.bench.case import changed
-from cldit.caches import default_cache
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
+from cldit.io.caches import default_cache
 from cldit.medium.cloud import SAMPLING, Kernel, variants
 from cldit.run import Run, simulate
 from cldit.run.spray_factory import make_spray

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from cldit.bench.case import Case, changed
-from cldit.caches import default_cache
 from cldit.gpu.device import open_device
+from cldit.io.caches import default_cache
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.run import pixels as pixels_of_run

@@ -18,8 +18,8 @@ import numpy as np
 
 from cldit.bench.case import Case, changed
 from cldit.bench.error import Truth
-from cldit.caches import default_cache
 from cldit.gpu.device import open_device
+from cldit.io.caches import default_cache
 from cldit.scene import load_scene
 from cldit.transport.trace import Settings
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from cldit.bench.case import Case, Lattice, changed
 from cldit.bench.error import Truth
-from cldit.caches import default_cache
 from cldit.gpu.device import open_device
+from cldit.io.caches import default_cache
 from cldit.scene import load_scene
 
 LATTICES = (Lattice((7, 7)), Lattice((5, 5)))

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from cldit.caches import default_cache
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device, open_device
+from cldit.io.caches import default_cache
 from cldit.medium.frame import Frame
 from cldit.medium.octree import build_octree, build_octrees
 from cldit.optics.visible import VISIBLE_EMISSIVITY

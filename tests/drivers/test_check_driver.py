@@ -12,12 +12,12 @@ import yaml
 from click.testing import CliRunner, Result
 
 from cldit.cli import main
-from cldit.rig.contract import lost_replies
-from cldit.rig.contract.backgrounds import limits
-from cldit.rig.contract.bed import beds_of, opened
-from cldit.rig.contract.expect import EVERYTHING, Allowed, ContractBroken
-from cldit.rig.contract.pulses import references_do_not_inject
-from cldit.rig.contract.run import Verdict, on_instrument
+from cldit.testing import lost_replies
+from cldit.testing.backgrounds import limits
+from cldit.testing.bed import beds_of, opened
+from cldit.testing.expect import EVERYTHING, Allowed, ContractBroken
+from cldit.testing.pulses import references_do_not_inject
+from cldit.testing.run import Verdict, on_instrument
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")

@@ -1,4 +1,4 @@
-"""What every camera, background and trigger generator must do: `cldit.rig.contract`.
+"""What every camera, background and trigger generator must do: `cldit.testing`.
 
 A driver joins by a rig in `RIGS` (cameras with a trigger line, trigger generators), `CAMERAS` or
 `BACKGROUNDS` of `tests/rigs.py`. Those of real instruments talk over loopback sockets and
@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
-from cldit.rig.contract.backgrounds import BACKGROUND
-from cldit.rig.contract.cameras import CAMERA
-from cldit.rig.contract.devices import IDENTITY, LIFE
-from cldit.rig.contract.expect import EVERYTHING, Check
-from cldit.rig.contract.together import TOGETHER
-from cldit.rig.contract.triggers import TRIGGER
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Background, Camera, Device, Roi, TriggerGenerator
+from cldit.testing.backgrounds import BACKGROUND
+from cldit.testing.cameras import CAMERA
+from cldit.testing.devices import IDENTITY, LIFE
+from cldit.testing.expect import EVERYTHING, Check
+from cldit.testing.together import TOGETHER
+from cldit.testing.triggers import TRIGGER
 from tests.rigs import BACKGROUNDS, CAMERAS, RIGS, Make
 
 

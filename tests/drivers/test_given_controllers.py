@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.errors import SceneError
-from cldit.plain_data import parse_yaml
+from cldit.io.plain_data import parse_yaml
 from cldit.rig.clock import SimulatedClock, SystemClock
-from cldit.rig.contract.replies import Replies
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, NotConnected
+from cldit.testing.replies import Replies
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")

@@ -1,4 +1,4 @@
-"""A lost instrument does not stay on: `cldit.rig.contract.lost_replies`, for every installed
+"""A lost instrument does not stay on: `cldit.testing.lost_replies`, for every installed
 driver before its emulator. See there for what is done, and why."""
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from cldit.rig.contract import lost_replies
-from cldit.rig.contract.bed import opened
-from cldit.rig.contract.expect import EVERYTHING, Check
-from cldit.rig.contract.pulses import PULSES
-from cldit.rig.contract.replies import Fault
 from cldit.rig.drivers import describe_drivers
+from cldit.testing import lost_replies
+from cldit.testing.bed import opened
+from cldit.testing.expect import EVERYTHING, Check
+from cldit.testing.pulses import PULSES
+from cldit.testing.replies import Fault
 from tests.beds import CAMERAS, MANY, cases, make_of
 
 ON_LINES = cases(simulated=False, cameras=False)

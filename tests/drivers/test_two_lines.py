@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.rig.clock import SystemClock
-from cldit.rig.contract.replies import Fault
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import DeviceTimeout, NotConnected
+from cldit.testing.replies import Fault
 
 pyvisa = pytest.importorskip("pyvisa", reason="pyvisa is missing; install cldit[rig]")
 pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")

@@ -15,9 +15,9 @@ from typing import Any
 
 import cldit.acquisition.journal as journal_module
 import cldit.acquisition.sequence as sequence_module
-from cldit import files
 from cldit.acquisition import acquire, load_plan, storage
 from cldit.errors import ClditError
+from cldit.io import files
 from cldit.rig.load import Rig, open_rig
 
 ACQUIRE_FAILED = 3

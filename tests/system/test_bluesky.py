@@ -22,7 +22,7 @@ else:
 from bluesky.protocols import Readable, Stageable, Triggerable
 from bluesky.utils import FailedStatus, RunEngineInterrupted
 
-from cldit.bluesky import Shots, all_shots
+from cldit.api.bluesky import Shots, all_shots
 
 Documents = list[tuple[str, dict[str, Any]]]
 

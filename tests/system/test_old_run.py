@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 import cldit
 from cldit.cli import main
-from cldit.images import read_image
+from cldit.io.images import read_image
 
 WRITTEN = Path(__file__).parents[1] / "data" / "run-0.1.0"
 

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cldit.api.series import run_series
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.run.fitted_scene import fitted_scene
 from cldit.scene import load_scene
 from cldit.scene.spray import CfdSpray
-from cldit.series import run_series
 
 TUTORIAL = Path("/usr/share/doc/openfoam-examples/examples/lagrangian/sprayFoam/aachenBomb")
 SETTINGS = Path("/usr/share/openfoam/etc/bashrc")

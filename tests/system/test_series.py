@@ -34,7 +34,7 @@ def run(*arguments: object, fails: bool = False) -> Result:
 def _gif_alone() -> Iterator[None]:
     """Packing an MP4 takes seconds; tests/unit/report/test_film.py does it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cldit.report.film.mp4_possible", lambda: False)
+        patch.setattr("cldit.show.figures.film.mp4_possible", lambda: False)
         yield
 
 

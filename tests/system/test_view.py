@@ -19,8 +19,8 @@ from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.run import Run, open_run, reevaluated
 from cldit.scene import Scene
-from cldit.view import save_page, view_items
-from cldit.view.traced import traced_item
+from cldit.show.view import save_page, view_items
+from cldit.show.view.traced import traced_item
 from tests.viewed import Viewer, made_run, open_page, scene_for
 
 OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"

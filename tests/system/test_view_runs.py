@@ -18,8 +18,8 @@ from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
 from cldit.run import open_run, reevaluated, simulate
 from cldit.scene import Scene, load_scene
-from cldit.view import Item, page_html
-from cldit.view.traced import traced_item
+from cldit.show.view import Item, page_html
+from cldit.show.view.traced import traced_item
 from tests.viewed import Viewer, chromium, made_run, scene_for
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from cldit.cli import main
-from cldit.images import read_image
+from cldit.io.images import read_image
 from tests.laboratory import laboratory
 from tests.measured_files import write_measured
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.napari_reader import get_reader
-from cldit.plain_data import read_mapping
+from cldit.api.napari_reader import get_reader
+from cldit.io.plain_data import read_mapping
 from cldit.run import open_run
 
 PACKAGE = Path(cldit.__file__).parent

@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 from cldit.acquisition.plan import StabilitySection, load_plan
 from cldit.acquisition.runner import acquire
+from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
 from cldit.dit.design import (
     BlackBody,
@@ -30,16 +31,15 @@ from cldit.dit.design import (
 )
 from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.errors import EvaluationError
-from cldit.folder_evaluation import evaluate_folder
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.weights import Weights
-from cldit.report.design_figure import design_picture
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene
+from cldit.show.figures.design_figure import design_picture
 from tests.conftest import tiny_weights
 
 SPRAY_K = 370.0  # of tiny_weights

@@ -31,7 +31,7 @@ from cldit.dit.scattering import (
 )
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device
-from cldit.images import read_image
+from cldit.io.images import read_image
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.api.experiment import run_experiment
 from cldit.errors import SceneError, TransportError
-from cldit.experiment import run_experiment
 from cldit.gpu.device import Device
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter

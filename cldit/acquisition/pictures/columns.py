@@ -10,7 +10,7 @@ from pathlib import Path
 from cldit.acquisition.pictures.hdf5 import read_line
 from cldit.acquisition.pictures.source import Source, parse_source
 from cldit.errors import EvaluationError
-from cldit.files import read_text
+from cldit.io.files import read_text
 
 
 def read_numbers(

@@ -16,7 +16,7 @@ from cldit.acquisition.pictures.source import (
     moment_s,
 )
 from cldit.errors import EvaluationError
-from cldit.files import check_regular
+from cldit.io.files import check_regular
 
 _INSTALL = 'pip install "cldit[files]"'
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from cldit.acquisition.hcc import HccReader, frame_time
 from cldit.acquisition.pictures.source import Source, Told
-from cldit.files import check_regular, open_regular, read_text
+from cldit.io.files import check_regular, open_regular, read_text
 
 
 def open_npy(source: Source) -> NDArray[Any]:

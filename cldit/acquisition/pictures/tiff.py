@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from cldit.acquisition.pictures.ome import told_by_ome
 from cldit.acquisition.pictures.source import Source, Told
 from cldit.errors import EvaluationError
-from cldit.files import open_regular
-from cldit.plain_data import parse_json
+from cldit.io.files import open_regular
+from cldit.io.plain_data import parse_json
 
 _ORIENTATION, _TIME, _EXIF = 274, 306, 34665
 

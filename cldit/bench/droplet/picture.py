@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from cldit.bench.droplet.convergence import Case, Convergence
-from cldit.report.sheet import figure_of, png_of
+from cldit.show.figures.sheet import figure_of, png_of
 from cldit.spray.droplet.curves import Floats
 
 _COLOURS = ("#1b6ca8", "#e07b00", "#b3202c", "#7a4fa3", "#2f8f4e")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.element_mesh import FACES
-from cldit.files import write_bytes
+from cldit.io.files import write_bytes
 
 Floats = NDArray[np.floating]
 Ints = NDArray[np.int64]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from cldit.terminal import tell
+from cldit.io.terminal import tell
 
 
 def _write(folder: str, writer: str, cells_a_side: str, parcels: str) -> None:

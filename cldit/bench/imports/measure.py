@@ -17,7 +17,7 @@ from cldit.bench.report import Part, Table
 from cldit.cfd.openfoam.size import foam_size
 from cldit.cfd.size import Size
 from cldit.cfd.vtk.head import vtk_size
-from cldit.plain_data import parse_json
+from cldit.io.plain_data import parse_json
 
 _FIELDS = 4
 _HEAD = (

@@ -18,8 +18,8 @@ from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.files import open_regular
-from cldit.progress import Watch, silent
+from cldit.io.files import open_regular
+from cldit.io.progress import Watch, silent
 
 _NUMBERED = re.compile(r"c\d+(?=\D)")
 _MEASURED = ("scalar per measured node", "vector per measured node")

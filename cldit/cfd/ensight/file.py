@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cldit.cfd.cell_mesh import Labels, narrowed
 from cldit.cfd.inputs import regular, text_of
 from cldit.errors import FileError, SprayError
-from cldit.files import read_text
+from cldit.io.files import read_text
 from cldit.spray.result import Floats
 
 

@@ -34,7 +34,7 @@ from cldit.cfd.openfoam.walls import wall_temperature_K
 from cldit.cfd.size import check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 
 def read_openfoam(

@@ -16,7 +16,7 @@ from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import regular
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
-from cldit.files import open_regular
+from cldit.io.files import open_regular
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
 _HEAD = 10_000  # bytes in which the header ends

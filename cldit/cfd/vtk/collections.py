@@ -11,7 +11,7 @@ from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import regular
 from cldit.cfd.vtk.composite import COMPOSITE
 from cldit.errors import SprayError
-from cldit.plain_data import read_json
+from cldit.io.plain_data import read_json
 
 DATA = (".vtu", ".vtp", ".vtk", *COMPOSITE)
 COLLECTIONS = (".vtm", ".pvtu", ".pvtp")

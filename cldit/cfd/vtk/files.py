@@ -24,7 +24,7 @@ from cldit.cfd.vtk.layout import find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing
 from cldit.cfd.vtk.steps import Loader, find_step, step_times
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 
 def read_vtk(

@@ -18,7 +18,7 @@ from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, dimension
 from cldit.cfd.vtk.head import vtk_size
 from cldit.errors import SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 Choose = Callable[[Set[str], Set[str]], tuple[Set[str], Set[str]]]
 """Takes the names of a file's cell and point fields, and gives those that are to be read."""

@@ -20,7 +20,7 @@ from cldit.cfd.vtk.ghosts import Marked, unmarked
 from cldit.cfd.vtk.layout import Layout
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import NotAtThisTime, SprayError
-from cldit.progress import Watch, silent
+from cldit.io.progress import Watch, silent
 
 _TIME = re.compile(rb"\btime='([^']+)'")
 

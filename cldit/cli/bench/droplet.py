@@ -9,7 +9,7 @@ import click
 from cldit.bench.droplet.convergence import measure_all
 from cldit.bench.droplet.picture import convergence_picture
 from cldit.cli.console import OUT, plain_errors
-from cldit.files import write_bytes
+from cldit.io.files import write_bytes
 from cldit.run import default_cache
 
 

@@ -8,9 +8,9 @@ import click
 
 from cldit.bench.spray.page import SECTIONS, page
 from cldit.cli.console import OUT, plain_errors, say
-from cldit.files import append_text, write_text
+from cldit.io.files import append_text, write_text
+from cldit.io.terminal import tell
 from cldit.run import default_cache
-from cldit.terminal import tell
 
 
 @click.command("spray")

@@ -15,9 +15,9 @@ from cldit.bench.stability_slabs import bench_slabs, need_discrete_ordinates, sl
 from cldit.cli.console import OUT, plain_errors, say
 from cldit.cli.units import device_option
 from cldit.errors import TransportError
-from cldit.files import write_text
 from cldit.gpu.device import open_device
-from cldit.terminal import tell
+from cldit.io.files import write_text
+from cldit.io.terminal import tell
 
 
 @click.command("stability")

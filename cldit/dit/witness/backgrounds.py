@@ -12,8 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.acquisition.witness_names import Acceptable
 from cldit.dit.witness.evidence import Evidence
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Acceptable, Witness, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 from cldit.dit.witness.lines import OffLine, off_line, squares
 
 Floats = NDArray[np.float64]

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal, get_args
 
 from scipy.special import ndtri, stdtrit
 
+from cldit.acquisition.witness_names import ACCEPTABLE, Acceptable
 from cldit.errors import EvaluationError
-
-Acceptable = Literal[
-    "backgrounds", "injections", "kinds", "shift", "repeats", "saturation", "orientation", "celsius"
-]
-ACCEPTABLE: tuple[str, ...] = get_args(Acceptable)
 
 LIMIT_K = 3.0  # of the black body: an evaluation beyond it needs the user's word
 WORTH_K = 0.05  # below it a finding widens the errors and is no alarm

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.errors import SprayError
+from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, Floats, curves
 from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
-from cldit.tables import Arrays, cached
 
 _FORM = "fluid table 2"
 

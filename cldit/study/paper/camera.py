@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
 from cldit.radiance.boundary import Boundary, Surroundings, picture
-from cldit.report.html import Picture
-from cldit.report.panels import Frame
-from cldit.report.sheet import figure_of
 from cldit.run import Run
+from cldit.show.figures.panels import Frame
+from cldit.show.figures.sheet import figure_of
+from cldit.show.report.html import Picture
 from cldit.study.lab import Lab
 from cldit.study.measures import mean_K, root, visible
 from cldit.study.page import Page

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.files import make_folder, write_text
+from cldit.io.files import make_folder, write_text
 from cldit.optics.vapour import vapour_band
-from cldit.report.html import Picture
 from cldit.run import Run
 from cldit.scene import Scene
+from cldit.show.report.html import Picture
 from cldit.study.lab import Lab
 from cldit.study.measures import Phases, mean_K, reach_m, root, tips, visible
 from cldit.study.page import Page, Row

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cldit.report.html import Picture
 from cldit.run import Run
+from cldit.show.report.html import Picture
 from cldit.study.compare import root_change_K, tips_change_K
 from cldit.study.lab import Lab
 from cldit.study.measures import Change

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import spearmanr
 
-from cldit.report.html import Picture
 from cldit.run import Run
+from cldit.show.report.html import Picture
 from cldit.study.lab import Lab
 from cldit.study.measures import mean_K, positions_m, visible
 from cldit.study.page import Page, Row

@@ -6,10 +6,10 @@ import numpy as np
 
 from cldit.optics.droplets import droplet_table
 from cldit.optics.liquid import liquid
-from cldit.report.html import Picture
-from cldit.report.optics_figures import optics_picture
-from cldit.report.optics_summary import FIG4, scene_optics
 from cldit.scene.sizes import Monodisperse
+from cldit.show.figures.optics_figures import optics_picture
+from cldit.show.report.html import Picture
+from cldit.show.report.optics_summary import FIG4, scene_optics
 from cldit.spray.sizes import mean_diameter_m
 from cldit.study.lab import Lab
 from cldit.study.page import Page, Row

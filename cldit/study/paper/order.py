@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cldit.report.html import Picture
 from cldit.run import Run
+from cldit.show.report.html import Picture
 from cldit.study.lab import Lab
 from cldit.study.measures import Change, Mask, positions_m, root, visible
 from cldit.study.page import Page, Row

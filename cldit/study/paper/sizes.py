@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cldit.report.optics_summary import FIG4
 from cldit.run import Run
 from cldit.scene.sizes import Monodisperse
+from cldit.show.report.optics_summary import FIG4
 from cldit.study.compare import change_pictures, change_rows, tips_change_K
 from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import Change

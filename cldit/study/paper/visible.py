@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 
-from cldit.report.html import Picture
-from cldit.report.sheet import figure_of
-from cldit.report.spray_report import Projection, liquid_mass
+from cldit.show.figures.sheet import figure_of
+from cldit.show.report.html import Picture
+from cldit.show.report.spray_report import Projection, liquid_mass
 from cldit.spray.result import Spray
 from cldit.study.lab import Lab
 from cldit.study.page import Page, Row

@@ -9,8 +9,8 @@ import numpy as np
 
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.radiance.weights import Weights
-from cldit.report.html import Picture
 from cldit.run import Run, reevaluated
+from cldit.show.report.html import Picture
 from cldit.study.grid import changed
 from cldit.study.lab import Lab
 from cldit.study.measures import Phases, droplets_K, mean_emissivity, mean_K, root

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.report.html import Picture
-from cldit.report.panels import Frame, Panel, panels_picture
+from cldit.show.figures.panels import Frame, Panel, panels_picture
+from cldit.show.report.html import Picture
 from cldit.study.page import Page
 from cldit.study.page import Row as Cells
 from cldit.study.scattering.findings import findings

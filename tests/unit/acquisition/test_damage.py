@@ -12,8 +12,8 @@ import pytest
 
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import read_whole_entries
+from cldit.api.folder_evaluation import evaluate_folder
 from cldit.errors import EvaluationError, RunFolderError
-from cldit.folder_evaluation import evaluate_folder
 from cldit.rig.load import open_rig
 from tests.wrapped import pulses
 

@@ -14,11 +14,11 @@ from click.testing import CliRunner
 from cldit.acquisition import Plan, acquire, open_acquisition, parse_plan, plan_from_scene
 from cldit.acquisition.dry_run import dry_run
 from cldit.acquisition.export import export
+from cldit.api.folder_evaluation import evaluate_delays, evaluate_folder
 from cldit.cli import main
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, EvaluationError, SceneError
-from cldit.folder_evaluation import evaluate_delays, evaluate_folder
-from cldit.images import read_image
+from cldit.io.images import read_image
 from cldit.rig.errors import ConfigRejected, OutOfLimits
 from cldit.rig.load import open_rig
 from cldit.scene import Scene, parse_scene

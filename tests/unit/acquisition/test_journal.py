@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cldit.acquisition.journal import Journal, read_journal
 from cldit.errors import DiskFull, FileError, RunFolderError
-from cldit.files import written
+from cldit.io.files import written
 
 TIME = "2000-01-01T00:00:00+00:00"
 

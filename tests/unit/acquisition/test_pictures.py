@@ -187,7 +187,7 @@ def _ragged(path: Path) -> Path:
 
 
 def _kelvin(path: Path) -> Path:
-    from cldit.images import write_image
+    from cldit.io.images import write_image
 
     write_image(path / "a.tif", PICTURES[0].astype(np.float32), name="T", unit="K")
     return path / "a.tif"

@@ -12,10 +12,10 @@ import pytest
 import tifffile
 
 from cldit.acquisition import Plan, acquire, open_acquisition
+from cldit.api.folder_evaluation import evaluate_folder
 from cldit.camera.calibration import Calibration
 from cldit.errors import RunFolderError
-from cldit.folder_evaluation import evaluate_folder
-from cldit.images import read_image, write_image
+from cldit.io.images import read_image, write_image
 from cldit.rig.load import open_rig
 
 

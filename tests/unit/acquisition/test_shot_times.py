@@ -9,8 +9,8 @@ import numpy as np
 
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import Entry, shot_times
+from cldit.api.folder_evaluation import evaluate_folder
 from cldit.dit.drift_axis import drift_axis
-from cldit.folder_evaluation import evaluate_folder
 from cldit.rig.load import open_rig
 
 

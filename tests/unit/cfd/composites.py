@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import yaml
 
-from cldit.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
+from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
 from tests.unit.cfd.test_vtk import block_grid, cloud_data
 
 

@@ -221,5 +221,6 @@ def test_help_and_completion_load_no_command(environment: dict[str, str]) -> Non
     modules = loaded_by([] if environment else ["--help"], **environment)
     ours = {name for name in modules if name.partition(".")[0] == "cldit"}
     assert ours == {"cldit", "cldit.cli", "cldit.cli.exit_codes", "cldit.cli.lazy",
-                    "cldit.cli.program", "cldit.errors", "cldit.terminal"}  # fmt: skip
+                    "cldit.cli.program", "cldit.errors", "cldit.io",
+                    "cldit.io.terminal"}  # fmt: skip
     assert not modules & {"numpy", "rich", "yaml", "pydantic", "matplotlib", "pyopencl"}

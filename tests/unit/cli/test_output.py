@@ -13,7 +13,7 @@ import pytest
 _C = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 _SAY = (
     "import click; from cldit.cli.program import Program; from cldit.cli.console import OUT\n"
-    "from cldit.terminal import tell\n"
+    "from cldit.io.terminal import tell\n"
     "@click.group(cls=Program, commands_at={'x': '__main__:x'})\n"
     "def main(): pass\n"
     "@click.command()\n"

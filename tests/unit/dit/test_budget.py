@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cldit.dit.recorded import evaluate_shots
-from cldit.images import read_image
+from cldit.io.images import read_image
 from cldit.radiance.boundary import Surroundings, Uncertainty
 from tests.laboratory import AROUND, FILTER_UM, laboratory
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import RunFolderError
-from cldit.images import write_image
+from cldit.io.images import write_image
 from cldit.run.folder import open_run, stored_run
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"

@@ -11,10 +11,10 @@ import pytest
 
 from cldit.errors import ClditError, OpticsError, SceneError
 from cldit.optics import mie
-from cldit.report.optics_summary import scene_optics
 from cldit.run.medium import properties_of
 from cldit.run.phases import phase_choice
 from cldit.scene import Scene, load_scene, parse_scene
+from cldit.show.report.optics_summary import scene_optics
 from cldit.spray.result import Cells, Parcels, Prescribed, Spray, Vapour
 
 MOLE = 6.02214076e23

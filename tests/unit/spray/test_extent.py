@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.report.spray_report import liquid_mass
 from cldit.scene.spray import ConeSpray
+from cldit.show.report.spray_report import liquid_mass
 from cldit.spray.cone.spray import make_cone
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Parcels, Spray

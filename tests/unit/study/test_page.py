@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from cldit.errors import StudyError
-from cldit.report.html import Picture
-from cldit.report.sheet import figure_of
 from cldit.scene import load_scene
+from cldit.show.figures.sheet import figure_of
+from cldit.show.report.html import Picture
 from cldit.study.page import Page, page_html
 from cldit.study.pictures import small_png
 from cldit.study.verdict import Verdict, summary

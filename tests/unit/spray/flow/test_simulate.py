@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
-from cldit.report.spray_report import extent, liquid_mass, vapour_mass, write_spray
 from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray
+from cldit.show.report.spray_report import extent, liquid_mass, vapour_mass, write_spray
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray

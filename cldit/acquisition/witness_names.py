@@ -1,0 +1,10 @@
+"""Names of the evaluation's witnesses, by which a measurement accepts their findings."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+Acceptable = Literal[
+    "backgrounds", "injections", "kinds", "shift", "repeats", "saturation", "orientation", "celsius"
+]
+ACCEPTABLE: tuple[str, ...] = get_args(Acceptable)

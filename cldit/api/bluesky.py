@@ -1,0 +1,105 @@
+"""An acquisition as a bluesky device: the RunEngine steps through it, cldit's runner does it.
+
+RunEngine()(all_shots(Shots("rig.yaml", "plan.yaml", "shots")))
+
+Each `trigger` lets the runner go on to its next saved shot, and to the next background where it is
+due: journal, guard, retakes, resuming are those of `cldit acquire`. `unstage` leaves the rig safe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import bluesky.plan_stubs as bps
+import bluesky.preprocessors as bpp
+
+from cldit.acquisition.sequence import SavedShot
+from cldit.acquisition.storage import shot_path
+from cldit.api.scripting import AnyPlan, open_rig
+
+_UNITS = {"shot": "", "kind": "", "file": "", "background_before_K": "K", "background_after_K": "K"}
+
+
+class _Status:
+    """A `bluesky.protocols.Status` of what a thread does."""
+
+    def __init__(self, future: Future[Any]) -> None:
+        self._future, self.exception = future, future.exception
+
+    done = property(lambda self: self._future.done())
+    success = property(lambda self: self.done and self.exception() is None)
+
+    def add_callback(self, callback: Callable[[Any], None]) -> None:
+        self._future.add_done_callback(lambda _: callback(self))
+
+
+class Shots:
+    """Shots that `folder` lacks; rig, plan, folder as for `cldit.open_rig` and its `acquire`."""
+
+    parent = None
+
+    def __init__(self, rig: Any, plan: AnyPlan, folder: str | Path, name: str = "dit") -> None:
+        self._rig, self._plan, self._folder, self.name = rig, plan, Path(folder), name
+
+    def stage(self) -> list[Any]:
+        """Starts the acquisition's thread."""
+        self._stop, self._worker, self._shots = Event(), ThreadPoolExecutor(1), self._run()
+        return [self]
+
+    def _run(self) -> Generator[SavedShot, None, None]:
+        with open_rig(self._rig) as rig:
+            yield from rig.acquire(self._plan, self._folder, should_stop=self._stop.is_set)
+
+    def trigger(self) -> _Status:
+        """Lets the runner go on to its next saved shot."""
+        self._taken = self._worker.submit(next, self._shots, None)
+        return _Status(self._taken)
+
+    def saved(self) -> SavedShot | None:
+        """The shot that was triggered, None where there are no more; waits for it."""
+        return self._taken.result()
+
+    def read(self) -> dict[str, Any]:
+        """The last shot, as bluesky reads it."""
+        if (saved := self.saved()) is None:
+            raise RuntimeError(f"{self._folder}: there are no more shots to read")
+        values = {**saved.meta, "file": str(shot_path(self._folder, saved.shot.id))}
+        when = 1e-9 * saved.meta["host_timestamp_ns"]
+        return {f"{self.name}_{k}": {"value": values[k], "timestamp": when} for k in _UNITS}
+
+    def describe(self) -> dict[str, Any]:
+        """Types and units of what `read` gives."""
+        common = {"source": f"cldit:{self._folder}", "shape": []}
+        kinds = {k: {"dtype": "number" if u else "string", "units": u} for k, u in _UNITS.items()}
+        return {f"{self.name}_{key}": common | kind for key, kind in kinds.items()}
+
+    def unstage(self) -> list[Any]:
+        """Ends after the present shot."""
+        self._stop.set()
+        with self._worker:
+            self._worker.submit(self._shots.close).result()
+        return [self]
+
+
+def all_shots(shots: Shots, md: dict[str, Any] | None = None) -> Iterator[Any]:
+    """A bluesky plan: one run, an event for each of `shots`; after a pause nothing is done again.
+
+    `md` goes into the run's start document.
+    """
+
+    def steps() -> Iterator[Any]:
+        while True:
+            yield from bps.checkpoint()
+            yield from bps.trigger(shots, wait=True)
+            if shots.saved() is None:
+                return
+            yield from bps.create()
+            yield from bps.read(shots)
+            yield from bps.save()
+
+    run = bpp.run_wrapper(steps(), md={"plan_name": "all_shots", **(md or {})})
+    yield from bpp.rewindable_wrapper(bpp.stage_wrapper(run, [shots]), False)

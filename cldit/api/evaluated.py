@@ -1,0 +1,93 @@
+"""`cldit.evaluate`: what the command `cldit evaluate` does, for a script."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cldit.acquisition.measured import Measured, is_measured, open_measured
+from cldit.acquisition.record import acquisition_in, open_acquisition
+from cldit.api.folder_evaluation import evaluate_folder, evaluate_scattering
+from cldit.dit.recorded import CurveSource, Evaluation
+from cldit.io.labels import xarray_module
+from cldit.run import Run, Say
+from cldit.run.labelled import labelled_maps
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def evaluate(
+    folder: str | Path,
+    *,
+    calibration: CurveSource = "planck",
+    robust: bool = False,
+    frame: int = 0,
+    accept: Collection[str] = (),
+    model: Run | None = None,
+    say: Say | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> xarray.Dataset:
+    """Evaluates an acquisition, a run, or measured data, and stores the maps in `maps` beside it.
+
+    Args:
+        folder: of an acquisition or a run; or with measured.yaml, or such a file itself.
+        calibration, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots` (`curve`).
+        frame: which picture of each shot, where the plan has several.
+        model: a run that models the spray: also the temperature of what emits.
+        say: called with lines of text: what the files hold, before anything is fitted.
+
+    Returns:
+        Variables named as the maps' files are, over z and x in mm; `cldit.plot` draws them. The
+        attribute `evaluation` is the JSON of maps/evaluation.json without its list of inputs;
+        `remarks` has a line a remark, witness and budget's part.
+
+    Raises:
+        ClditError: xarray is not installed; before anything is evaluated.
+        RunFolderError: the folder holds no acquisition.
+        EvaluationError: the shots cannot be evaluated.
+        SceneError: measured.yaml is not as it must be.
+    """
+    xarray_module()
+    place = acquisition_in(folder)
+    found = evaluate_folder(
+        place,
+        curve=calibration,
+        robust=robust,
+        frame=frame,
+        accept=accept,
+        progress=progress,
+        say=say,
+    )
+    more: dict[str, tuple[Any, str, str]] = {}
+    if found.budget is not None:
+        for name, (image, unit) in found.budget.images.items():
+            about = name.removesuffix("_K").replace("_", " ")
+            more[name] = (image.astype(np.float32), unit, about)
+    if model is not None:
+        medium = evaluate_scattering(place, model, found)
+        more |= {
+            "medium_temperature_K": (medium.temperature_K, "K", "temperature of what emits"),
+            "medium_temperature_standard_error_K": (medium.standard_error_K, "K", "its error"),
+            "scattered_share": (medium.share, "1", "scattered share of the radiance"),
+        }
+    opened = open_measured(place) if is_measured(place) else open_acquisition(place, frame=frame)
+    return labelled_maps(
+        found.maps,
+        title=opened.name if isinstance(opened, Measured) else place.resolve().name,
+        pixel_m=opened.pixel_m,
+        centre_m=opened.centre_m,
+        more=more,
+        attrs={"evaluation": _without_inputs(found).to_json(), "remarks": "\n".join(found.lines)},
+    )
+
+
+def _without_inputs(found: Evaluation) -> Evaluation:
+    """An attribute of HDF5 holds 64 kB: the list of pictures may be longer."""
+    if found.origin is None:
+        return found
+    return replace(found, origin=replace(found.origin, inputs=()))

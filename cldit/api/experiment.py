@@ -1,0 +1,142 @@
+"""The whole experiment on one scene: simulate, acquire with the simulated rig, evaluate, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from cldit.acquisition.plan import plan_from_scene
+from cldit.acquisition.progress import Progress
+from cldit.acquisition.runner import acquire
+from cldit.acquisition.sequence import Record
+from cldit.api.folder_evaluation import DelayEvaluation, delay_problems, evaluate_delays
+from cldit.dit.maps import Maps
+from cldit.errors import EvaluationError, SprayError, Stopped
+from cldit.gpu.device import Device
+from cldit.io.files import write_text
+from cldit.io.plain_data import dump_yaml
+from cldit.rig.load import open_rig
+from cldit.rig.simulated import simulated_rig_data
+from cldit.run import Run, Say, Stage, simulate, with_stages
+from cldit.scene import Scene, load_scene
+from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
+from cldit.scene.spray import CfdSpray
+from cldit.show.report.run_report import write_run_report
+
+Watch = Callable[[Progress], None]
+
+
+def run_experiment(
+    scene: Scene | str | Path,
+    out: str | Path,
+    *,
+    device: Device | None = None,
+    progress: Say | None = None,
+    watch: Watch | None = None,
+) -> Run:
+    """Simulates the scene, records it with the simulated rig, evaluates, and writes the report.
+
+    Whatever ended it before, the same call goes on where it stopped.
+
+    Args:
+        scene: what is simulated; or a shipped name, or a YAML file.
+        out: the run's folder; the acquisition goes into its folder `acquisition`.
+        device: to trace on; None chooses.
+        progress: called with a line of text as things happen.
+        watch: called with the progress of reading a CFD case, and of the rig.
+
+    Raises:
+        Stopped: the acquisition was interrupted; the same call resumes it.
+        ClditError: a subclass that says what is wrong and what to do.
+        EvaluationError: the scene has one background temperature only.
+    """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    folder = Path(out)
+    if len(set(scene.background.temperatures_K)) < 2:
+        raise EvaluationError(
+            f"background.temperatures_K: {list(scene.background.temperatures_K)} holds one "
+            "temperature; DIT needs at least two that differ"
+        )
+    at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
+    _refuse_missing(scene)
+
+    def reading(what: str, done: int, total: int) -> None:
+        if watch is not None:
+            watch(Progress(what, done, total, None))
+
+    run = simulate(scene, folder, device=device, progress=progress, watch=reading)
+    traced: list[Path] = []
+    shown_s = spray_time_s(scene)
+    for delay_s, later in at_delays.items():
+        if _same(shown_s, delay_s):
+            traced.append(folder)
+            continue
+        if progress is not None:
+            progress(f"the spray at {delay_text(delay_s)}")
+        traced.append(folder / delay_folder(delay_s))
+        simulate(alone(later), traced[-1], device=device, progress=progress, watch=reading)
+    start = time.perf_counter()
+    plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
+    rig_file = folder / "rig.yaml"
+    rig_data = simulated_rig_data(scene, (traced or [folder])[0], further_runs=traced[1:])
+    write_text(rig_file, dump_yaml(rig_data))
+    write_text(folder / "plan.yaml", plan.dump())
+    if progress is not None:
+        progress("acquisition")
+    with open_rig(rig_data) as rig:
+        record = acquire(rig, plan, folder / "acquisition", progress=watch)
+    _complete(record)
+    acquired = time.perf_counter()
+    if progress is not None:
+        progress("evaluation of the shots")
+    found = evaluate_delays(folder / "acquisition")
+    if delay_problems(found):
+        raise EvaluationError(delay_problems(found))
+    measured = _of_run(found, shown_s)
+    evaluated = time.perf_counter()
+    stages = [
+        Stage("acquisition", acquired - start, f"{record.saved} shots"),
+        Stage("evaluation of the shots", evaluated - acquired),
+    ]
+    run = with_stages(run, stages, measured)
+    if progress is not None:
+        progress("pictures and report")
+    write_run_report(run)
+    return run
+
+
+def _refuse_missing(scene: Scene) -> None:
+    """What a trace of each delay would refuse after the others, before anything is traced."""
+    spray = scene.spray
+    if not isinstance(spray, CfdSpray) or not scene.plan.delays_s:
+        return
+    from cldit.cfd.formats import contents  # brings VTK
+    from cldit.cfd.times import choose_time
+
+    known_s = contents(spray).times_s
+    for delay_s in scene.plan.delays_s if known_s else ():
+        try:
+            choose_time(str(spray.file), known_s, delay_s)
+        except SprayError as error:
+            raise SprayError(f"plan.delays_s: {delay_text(delay_s)}: {error}") from error
+
+
+def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
+    """The maps of the time that the run itself shows, if that was recorded."""
+    for one in found:
+        if len(found) == 1 or _same(shown_s, one.delay_s):
+            return None if one.evaluation is None else one.evaluation.maps
+    return None
+
+
+def _same(one_s: float | None, other_s: float | None) -> bool:
+    return one_s is not None and other_s is not None and abs(one_s - other_s) < SAME_s
+
+
+def _complete(record: Record) -> None:
+    if not record.complete:
+        raise Stopped(
+            f"{record.folder}: stopped after {record.saved} of {record.total} shots; "
+            "run the same command again to go on"
+        )

@@ -1,0 +1,130 @@
+"""Several times of one spray: `cldit run SCENE --times ..`, and the same for a script."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cldit.acquisition.progress import Progress
+from cldit.api.experiment import Watch, run_experiment
+from cldit.errors import RunFolderError, SprayError
+from cldit.gpu.device import Device, open_device
+from cldit.io.files import make_folder, write_text
+from cldit.io.plain_data import read_mapping
+from cldit.run import Run, Say, simulate
+from cldit.run.folder import stored_run
+from cldit.run.series import SeriesTime, run_times
+from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
+from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.show.report.series_report import write_series
+
+
+@dataclass(frozen=True)
+class Series:
+    """What `run_series` returns.
+
+    plan: the scene of each time. times: one for each that was asked for, rising. files: what was
+    written beside the run folders: table, curves, pictures in one scale, film.
+    """
+
+    plan: SeriesPlan
+    folder: Path
+    times: tuple[SeriesTime, ...]
+    files: tuple[Path, ...]
+
+    @property
+    def failed(self) -> tuple[SeriesTime, ...]:
+        """The times that could not be run."""
+        return tuple(each for each in self.times if each.state == "failed")
+
+
+def run_series(
+    scene: Scene,
+    out: str | Path,
+    *,
+    times: Times = "all",
+    trace_only: bool = False,
+    device: Device | None = None,
+    progress: Say | None = None,
+    watch: Watch | None = None,
+) -> Series:
+    """Runs several times of a scene's spray, each into a folder of its own, and makes a film.
+
+    Whatever ended it before, the same call goes on where it stopped: times that are done are kept,
+    if the scene and the files of the case are as they were. The nozzle and the axis of a case are
+    found once. A time without spray is said; one that is bad does not keep the others.
+
+    Args:
+        scene: what is simulated; its own time does not count.
+        out: folder of the series.
+        times: as in `cldit.run.series_plan.SeriesPlan.of`.
+        trace_only: without the rig: traces and noise-free maps.
+        device: to trace on; None chooses. Programs are built once for all times.
+        progress: called with lines of text.
+        watch: called with the progress of reading a case, and of the rig.
+
+    Raises:
+        RunFolderError: the folder holds something else.
+        SprayError: a time is not there, or no time could be run.
+        ClditError: as `cldit.run_experiment`, for what concerns all times.
+    """
+    folder = Path(out)
+    say = progress or _nobody
+    _check_folder(folder, scene)
+
+    def reading(what: str, done: int, total: int) -> None:
+        if watch is not None:
+            watch(Progress(what, done, total, None))
+
+    plan = SeriesPlan.of(scene, times, watch=reading)
+    for remark in plan.remarks:
+        say(remark)
+    make_folder(folder)
+    write_text(folder / SERIES_FILE, dump_scene(scene))
+    opened = device or open_device()
+
+    def run(one: Scene, place: Path) -> Run:
+        if trace_only:
+            return simulate(one, place, device=opened, progress=progress, watch=reading)
+        kept = _finished(one, place)
+        if kept is not None:
+            say(f"{place} is done already: kept")
+            return kept
+        return run_experiment(one, place, device=opened, progress=progress, watch=watch)
+
+    done = run_times(plan, folder, run, say)
+    if not any(each.state == "done" for each in done):
+        raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
+    say("pictures and film")
+    return Series(plan, folder, done, tuple(write_series(plan, scene, done, folder)))
+
+
+def _nobody(text: str) -> None:
+    """Tells nobody the `text`."""
+
+
+def _check_folder(folder: Path, scene: Scene) -> None:
+    """Raises RunFolderError where a folder holds something else than a series of this scene."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    if not (folder / SERIES_FILE).is_file():
+        raise RunFolderError(f"{folder}: is not empty and holds no series; give another folder")
+    known = parse_scene(
+        read_mapping(folder / SERIES_FILE), source=str(folder / SERIES_FILE), finished=True
+    )
+    if known != scene:
+        raise RunFolderError(
+            f"{folder}: holds a series of another scene, or with other settings; give another "
+            "folder, or remove this one"
+        )
+
+
+def _finished(scene: Scene, place: Path) -> Run | None:
+    """The run of a time that has all: its trace, its acquisition, and the report of both."""
+    report, info = place / "report.html", place / "run.json"
+    if not (report.is_file() and info.is_file()):
+        return None
+    if report.stat().st_mtime_ns < info.stat().st_mtime_ns:  # traced again since
+        return None
+    run = stored_run(place, scene)
+    return run if run is not None and run.measured is not None else None

@@ -1,0 +1,1 @@
+"""Files, plain data, caches, terminal and provenance: all that touches the outside."""

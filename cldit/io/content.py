@@ -1,0 +1,55 @@
+"""Digests of content: what a kept result was made from, and by which code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from cldit.io.files import open_regular
+
+
+def digest(*parts: Any) -> str:
+    """24 hexadecimal digits of plain data; the order of mappings' keys does not count."""
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+@cache
+def code_digest(*packages: str) -> str:
+    """Digest of cldit's version and all sources of these packages, with what lies below them.
+
+    A result that was kept is no longer found once the code that makes it has changed.
+    """
+    found = hashlib.sha256(version("cldit").encode())
+    for package in sorted(packages):
+        root = Path(str(resources.files(f"cldit.{package}")))
+        for path in sorted(root.rglob("*")):
+            if path.suffix in (".py", ".cl", ".h", ".csv", ".yaml"):
+                found.update(path.relative_to(root).as_posix().encode())
+                found.update(path.read_bytes())
+    return found.hexdigest()[:24]
+
+
+def file_content(paths: Sequence[Path]) -> list[Any]:
+    """What tells that files have changed: the bytes of a file, and names, sizes and times of all
+    that lies in its folder, since a case's file may name others. A missing one is left out: who
+    reads it says so."""
+    content: list[Any] = []
+    for path in paths:
+        if path.is_file():
+            with open_regular(path) as stream:
+                content.append(hashlib.file_digest(stream, "sha256").hexdigest())
+        if path.exists():
+            root = path if path.is_dir() else path.parent
+            near = sorted(root.rglob("*")) if path.is_dir() else sorted(root.iterdir())
+            for each in near:
+                if each.is_file():
+                    status = each.stat()
+                    content.append([str(each), status.st_size, status.st_mtime_ns])
+    return content

@@ -1,0 +1,164 @@
+"""Where a result comes from: when, by which command, on what, with which code and seeds."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from cldit.errors import FileError
+from cldit.io.files import read_text
+from cldit.io.provenance import FileRead
+
+# Whatever takes part in the numbers; those that are not installed are left out.
+_COMPUTE = ("cldit", "numpy", "scipy", "numba", "pyopencl", "CoolProp", "miepython", "tifffile")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What is put down beside a result.
+
+    date: UTC, ISO 8601. command: program and its words, the home folder as `~`; of a script, its
+    name. processor, system: kind of the host, which is not named. commit: of the checkout that
+    cldit is installed from, with `+changes` where sources differ from it; None: no checkout. seeds:
+    by the scene's keys. inputs: files that the result was made from. scene_sha256: of scene.yaml.
+    """
+
+    date: str
+    command: tuple[str, ...]
+    processor: str
+    cores: int
+    system: str
+    commit: str | None = None
+    seeds: dict[str, int] | None = None
+    inputs: tuple[FileRead, ...] = ()
+    scene_sha256: str = ""
+
+    @classmethod
+    def now(
+        cls,
+        *,
+        inputs: Sequence[FileRead] = (),
+        scene: Mapping[str, Any] | None = None,
+        scene_sha256: str = "",
+    ) -> Origin:
+        """Of what this process makes.
+
+        Args:
+            inputs: files that the result is made from.
+            scene: as plain data, whose seeds are put down; None: there is none.
+            scene_sha256: of the scene's text.
+        """
+        return cls(
+            date=datetime.now(UTC).isoformat(timespec="seconds"),
+            command=_command(sys.argv),
+            processor=processor(),
+            cores=os.cpu_count() or 1,
+            system=platform.platform(),
+            commit=commit(),
+            seeds=None if scene is None else dict(_seeds(scene)),
+            inputs=tuple(inputs),
+            scene_sha256=scene_sha256,
+        )
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Origin:
+        """Reads what `to_dict` gave."""
+        given = {**data, "command": tuple(data["command"])}
+        return cls(**{**given, "inputs": tuple(FileRead.from_dict(one) for one in data["inputs"])})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
+
+    @property
+    def text(self) -> dict[str, str]:
+        """What people read of it, by name."""
+        shown = {
+            "computed": f"{self.date}, on {self.processor} ({self.cores} cores), {self.system}"
+        }
+        if self.command:
+            shown["command"] = " ".join(self.command)
+        if self.commit is not None:
+            shown["commit"] = self.commit
+        if self.seeds:
+            shown["seeds"] = ", ".join(f"{key}: {seed}" for key, seed in self.seeds.items())
+        return shown
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that compute, by name."""
+    found = {}
+    for name in _COMPUTE:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return {**found, "python": platform.python_version()}
+
+
+@cache
+def processor() -> str:
+    """The processor's model, as the system names it."""
+    with suppress(FileError):
+        for line in read_text(Path("/proc/cpuinfo")).splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
+@cache
+def commit() -> str | None:
+    """The commit of the checkout that cldit is installed from; None where it is none, or there is
+    no git."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():  # a folder above may be a checkout of something else
+        return None
+    try:
+        found = _git(root, "rev-parse", "HEAD")
+        changed = _git(root, "status", "--porcelain", "--untracked-files=no")
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return f"{found}+changes" if changed else found
+
+
+def _git(root: Path, *words: str) -> str:
+    done = subprocess.run(
+        ["git", "--no-optional-locks", "-C", str(root), *words],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=30.0,
+    )
+    return done.stdout.strip()
+
+
+def _command(words: Sequence[str]) -> tuple[str, ...]:
+    """The command line without the folders of the program and of the user."""
+    if not words or not words[0]:
+        return ()
+    first = Path(words[0])
+    name = first.parent.name if first.name == "__main__.py" else first.name
+    return (name, *(_without_home(word) for word in words[1:]))
+
+
+def _without_home(word: str) -> str:
+    home = os.path.expanduser("~")
+    return re.sub(re.escape(home) + r"(?=[/\\]|$)", "~", word) if len(home) > 1 else word
+
+
+def _seeds(data: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, int]]:
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            yield from _seeds(value, f"{path}{key}.")
+        elif key == "seed" and isinstance(value, int):
+            yield f"{path}{key}", value

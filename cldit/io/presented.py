@@ -1,0 +1,33 @@
+"""Results that show themselves in notebooks and scripts.
+
+Results lie below the room `show` in the data flow, and draw nothing themselves. This is the one
+place where a result asks for its figure; the room is loaded when a figure is asked for.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Presented:
+    """Base class of results with a figure and an HTML view."""
+
+    def plot(self, what: str = "maps", **options: Any) -> Figure:
+        """Draws a figure of the result.
+
+        Args:
+            what: the kind of figure; `cldit.plot` lists those of each result.
+            options: as for `cldit.plot`.
+
+        Raises:
+            EvaluationError: the result has no such figure.
+        """
+        figure: Figure = import_module("cldit.show.figures.plot").plot(self, what, **options)
+        return figure
+
+    def _repr_html_(self) -> str:
+        return str(import_module("cldit.show.figures.notebook").html_of(self))

@@ -1,0 +1,1 @@
+"""Figures, reports, pages in the browser, and comparisons of runs."""

@@ -1,0 +1,188 @@
+"""The difference of two pictures in T_app, emissivity and optical depth, beside stated errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.run import Run
+from cldit.show.comparison.keys import KeyDifference, key_differences
+from cldit.show.comparison.pixels import together
+from cldit.show.comparison.shown import Shown, open_shown
+
+Image = NDArray[np.float64]
+
+_BEYOND = 2.0  # standard errors
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapDifference:
+    """`other` less `one`, over the pixels in which both have a value.
+
+    worst: the value largest in size, worst_mm where it is (x, z). All None where there is no such
+    pixel.
+    """
+
+    name: str
+    unit: str
+    pixels: int
+    mean: float | None = None
+    rms: float | None = None
+    worst: float | None = None
+    worst_mm: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """What differs between two pictures.
+
+    stated_K: standard error of T_app that either states, None where it states none. given_K: what
+    the caller allows instead. at_least: a cause of a stated error is unknown. only: pixels that
+    have a T_app in the first or in the second alone. beyond: share of the pixels whose T_app
+    differ by more than twice the errors stated there; None where none are stated. averaged: what
+    was averaged onto the other's pixels. keys: of the scenes.
+    """
+
+    one: str
+    other: str
+    maps: tuple[MapDifference, ...]
+    only: tuple[int, int]
+    stated_K: tuple[float | None, float | None]
+    at_least: bool
+    given_K: float | None
+    beyond: float | None
+    averaged: str
+    keys: tuple[KeyDifference, ...]
+
+    @property
+    def t_app(self) -> MapDifference:
+        """That of T_app."""
+        return self.maps[0]
+
+    @property
+    def allowed_K(self) -> float | None:
+        """RMS that the stated errors explain, independent of each other; None: none is stated."""
+        if self.given_K is not None:
+            return self.given_K
+        one, other = self.stated_K
+        return None if one is None or other is None else math.hypot(one, other)
+
+    @property
+    def same(self) -> bool:
+        """Whether every value is the same, and missing in the same pixels."""
+        return self.only == (0, 0) and all(not one.worst for one in self.maps)
+
+    @property
+    def within(self) -> bool:
+        """Whether the RMS in T_app is explained by the stated errors; where nothing is stated,
+        whether all is the same."""
+        if self.same:
+            return True
+        if self.t_app.rms is None or self.allowed_K is None:
+            return False
+        return self.t_app.rms <= self.allowed_K
+
+    @property
+    def verdict(self) -> str:
+        """One line."""
+        if self.same:
+            return "the same in every pixel"
+        if self.t_app.rms is None:
+            return "no pixel has a T_app in both"
+        allowed = "" if self.allowed_K is None else f"{self.allowed_K:.2g} K RMS"
+        if not allowed:
+            return "differs, and no error is stated to compare with; --within says what is allowed"
+        source = "that is allowed" if self.given_K is not None else "that both errors explain"
+        if self.at_least and self.given_K is None:
+            source += " at least"
+        return f"{'within' if self.within else 'beyond'} the {allowed} {source}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        data = asdict(self)
+        more = {"allowed_K": self.allowed_K, "same": self.same, "within": self.within}
+        return {**data, **more, "verdict": self.verdict}
+
+
+def compare(
+    one: str | Path | Run | Shown,
+    other: str | Path | Run | Shown,
+    *,
+    acquired: bool = False,
+    resample: bool = False,
+    within_K: float | None = None,
+) -> Difference:
+    """Compares two runs, or a run with what was recorded.
+
+    Args:
+        one, other: runs, or folders of runs, acquisitions or measured data that were evaluated.
+        acquired: of runs, what their rig recorded, not the trace.
+        resample: where pixels differ, average a trace onto those of what was recorded, or of the
+            coarser trace.
+        within_K: RMS allowed in T_app; None: what both stated errors explain.
+
+    Raises:
+        RunFolderError: there are no maps.
+        EvaluationError: the pixels differ, and may not or cannot be made the same.
+    """
+    first, second = (open_shown(each, acquired=acquired) for each in (one, other))
+    first, second, averaged = together(first, second, resample=resample)
+    t_one, t_other = (
+        each.maps.apparent_temperature_K.astype(np.float64) for each in (first, second)
+    )
+    has = np.isfinite(t_one), np.isfinite(t_other)
+    maps = (
+        _of("apparent_temperature_K", "K", t_one, t_other, second),
+        _of("emissivity", "1", first.maps.emissivity, second.maps.emissivity, second),
+        _of("optical_depth", "1", first.maps.optical_depth, second.maps.optical_depth, second),
+    )
+    return Difference(
+        one=first.name,
+        other=second.name,
+        maps=maps,
+        only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
+        stated_K=(first.error_K, second.error_K),
+        at_least=first.at_least or second.at_least,
+        given_K=within_K,
+        beyond=_beyond(t_other - t_one, first, second),
+        averaged=averaged,
+        keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
+    )
+
+
+def _of(
+    name: str, unit: str, one: NDArray[np.floating], other: NDArray[np.floating], at: Shown
+) -> MapDifference:
+    change = np.asarray(other, np.float64) - one
+    known = np.isfinite(change)
+    if not known.any():
+        return MapDifference(name=name, unit=unit, pixels=0)
+    row, column = np.unravel_index(np.nanargmax(np.abs(change)), change.shape)
+    rows, columns = change.shape
+    x = at.centre_m[0] + (int(column) - (columns - 1) / 2) * at.pixel_m[0]
+    z = at.centre_m[1] - (int(row) - (rows - 1) / 2) * at.pixel_m[1]
+    return MapDifference(
+        name=name,
+        unit=unit,
+        pixels=int(known.sum()),
+        mean=float(np.mean(change[known])),
+        rms=float(np.sqrt(np.mean(change[known] ** 2))),
+        worst=float(change[row, column]),
+        worst_mm=(1e3 * x, 1e3 * z),
+    )
+
+
+def _beyond(change_K: Image, one: Shown, other: Shown) -> float | None:
+    """Share of pixels that differ by more than twice the errors stated there."""
+    errors = [each.error_K if each.error_map_K is None else each.error_map_K
+              for each in (one, other)]  # fmt: skip
+    if errors[0] is None or errors[1] is None:
+        return None
+    allowed = _BEYOND * np.hypot(errors[0], errors[1])
+    known = np.isfinite(change_K) & np.isfinite(allowed)
+    return float(np.mean(np.abs(change_K) > allowed, where=known)) if known.any() else None

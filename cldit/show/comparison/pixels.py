@@ -1,0 +1,116 @@
+"""Pictures on the same pixels: found to be so, or a trace averaged onto coarser ones.
+
+Radiances are averaged by area, as a sensor does it (`cldit.camera.view`), and then evaluated: a
+mean of temperatures would be another thing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.view import overlap_matrix
+from cldit.errors import EvaluationError
+from cldit.radiance.weights import Weights
+from cldit.run.evaluation import evaluated, sensor_of
+from cldit.show.comparison.shown import Shown
+
+_SAME = 0.01  # of a pixel, over the whole picture
+
+Image = NDArray[np.float64]
+
+
+def same_pixels(one: Shown, other: Shown) -> bool:
+    """Whether each pixel of `one` is where that of `other` is."""
+    shape = one.maps.emissivity.shape
+    if shape != other.maps.emissivity.shape:
+        return False
+    drift = [
+        abs(a - b) * count / b
+        for a, b, count in zip(one.pixel_m, other.pixel_m, reversed(shape), strict=True)
+    ]
+    return bool(max(*drift, *_offsets(one, other)) < _SAME)
+
+
+def _offsets(one: Shown, other: Shown) -> list[float]:
+    """Distances of the middles, in pixels."""
+    return [
+        abs(a - b) / p for a, b, p in zip(one.centre_m, other.centre_m, other.pixel_m, strict=True)
+    ]
+
+
+def together(one: Shown, other: Shown, *, resample: bool) -> tuple[Shown, Shown, str]:
+    """Both on the same pixels.
+
+    Args:
+        one, other: what is compared.
+        resample: average a trace onto the pixels of what was recorded, as a rig does it; of two
+            traces the finer onto the pixels of the coarser one.
+
+    Returns:
+        Both, and what was averaged, in words; empty: nothing was.
+
+    Raises:
+        EvaluationError: the pixels differ, and may not or cannot be made the same.
+    """
+    if same_pixels(one, other):
+        return one, other, ""
+    what = f"{one.name} has {one.grid}; {other.name} has {other.grid}"
+    if not resample:
+        raise EvaluationError(
+            f"{what}; allowed are the same pixels, or --resample (resample=True), which averages "
+            "a trace onto the other's pixels"
+        )
+    swap = one.run is None or (
+        other.run is not None and np.prod(one.pixel_m) > np.prod(other.pixel_m)
+    )
+    trace, onto = (other, one) if swap else (one, other)
+    averaged = _averaged(trace, onto, what)
+    first, second = (onto, averaged) if swap else (averaged, onto)
+    return first, second, f"{trace.name} averaged onto {onto.grid}"
+
+
+def _averaged(trace: Shown, onto: Shown, what: str) -> Shown:
+    if trace.run is None:
+        raise EvaluationError(f"{what}; both were recorded: only a trace can be averaged")
+    if max(_offsets(trace, onto)) > _SAME:
+        raise EvaluationError(f"{what}; the middles must be the same")
+    rows, columns = onto.maps.emissivity.shape
+    high, wide = trace.maps.emissivity.shape
+    shares = (
+        columns * onto.pixel_m[0] / (wide * trace.pixel_m[0]),
+        rows * onto.pixel_m[1] / (high * trace.pixel_m[1]),
+    )
+    if max(shares) > 1.0 + 1e-6:
+        raise EvaluationError(f"{what}; the trace must reach as far as the other picture")
+    across = overlap_matrix(wide, columns, min(shares[0], 1.0))
+    along = overlap_matrix(high, rows, min(shares[1], 1.0))
+
+    def mean(image: NDArray[np.floating]) -> Image:
+        return np.asarray(along @ (across @ np.asarray(image, np.float64).T).T)
+
+    def means(weights: Weights) -> Weights:
+        return weights.map(lambda image: mean(image).astype(np.float32))
+
+    run = trace.run
+    spectral = tuple(means(one) for one in run.spectral)
+    reference = means(run.reference)
+    sensor = sensor_of(run.scene, run.quadrature, (spectral, reference))
+    maps = evaluated(run.scene, run.quadrature, spectral, reference, sensor)
+    error_map_K = None if trace.error_map_K is None else _mean_known(trace.error_map_K, mean)
+    pixel_m, centre_m = onto.pixel_m, onto.centre_m
+    return replace(
+        trace, maps=maps, pixel_m=pixel_m, centre_m=centre_m, error_map_K=error_map_K, run=None
+    )
+
+
+def _mean_known(error_K: Image, mean: Callable[[Image], Image]) -> Image:
+    """Mean over the pixels that have an error: neighbours' errors are taken to be the same one."""
+    known = np.isfinite(error_K)
+    share = mean(known.astype(np.float64))
+    total = mean(np.where(known, error_K, 0.0))
+    out: Image = np.divide(total, share, out=np.full(share.shape, np.nan), where=share > 0)
+    return out

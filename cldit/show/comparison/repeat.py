@@ -1,0 +1,166 @@
+"""A run computed anew from its record, and what differs."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cldit.api.experiment import run_experiment
+from cldit.errors import RunFolderError
+from cldit.gpu.device import Device
+from cldit.io.provenance import FileRead
+from cldit.run import Run, Say, open_run, simulate
+from cldit.scene import dump_scene
+from cldit.show.comparison.difference import Difference, compare
+from cldit.show.comparison.shown import open_shown
+
+
+@dataclass(frozen=True, kw_only=True)
+class Repeated:
+    """What came of a repetition.
+
+    trace: difference of the traces, the repetition less the run. recorded: of what the rigs
+    recorded; None where the run has no acquisition. inputs: a line for each input that is not what
+    the run read. changed: versions and device that differ, then and now.
+    """
+
+    trace: Difference
+    recorded: Difference | None
+    inputs: tuple[str, ...]
+    changed: Mapping[str, tuple[str, str]]
+
+    @property
+    def within(self) -> bool:
+        """Whether all is explained by the stated errors."""
+        return self.trace.within and (self.recorded is None or self.recorded.within)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "within": self.within,
+            "trace": self.trace.to_dict(),
+            "recorded": None if self.recorded is None else self.recorded.to_dict(),
+            "inputs": list(self.inputs),
+            "changed": {name: list(both) for name, both in self.changed.items()},
+        }
+
+
+def inputs_that_changed(run: Run) -> tuple[str, ...]:
+    """A line for each input of a run that is missing, or is not what it read.
+
+    The scene stands in the run's own folder, and counts as an input.
+    """
+    found = []
+    origin = run.info.origin
+    if origin is not None and origin.scene_sha256:
+        here = hashlib.sha256(dump_scene(run.scene).encode()).hexdigest()
+        if here != origin.scene_sha256:
+            found.append(f"{run.folder or run.scene.name}/scene.yaml: has changed since the run")
+    for was in run.info.files if origin is None else origin.inputs:
+        try:
+            now = FileRead.of(Path(was.path))
+        except OSError as error:
+            found.append(f"{was.path}: cannot be read ({error.strerror or error})")
+            continue
+        if now.sha256 != was.sha256:
+            found.append(
+                f"{was.path}: has changed ({was.bytes} bytes of {was.modified} then, {now.bytes} "
+                f"bytes of {now.modified} now)"
+            )
+    return tuple(found)
+
+
+def repeat(
+    folder: str | Path,
+    *,
+    out: str | Path | None = None,
+    device: Device | None = None,
+    changed_inputs: bool = False,
+    within_K: float | None = None,
+    progress: Say | None = None,
+) -> Repeated:
+    """Computes a stored run anew and compares.
+
+    What the run recorded with its rig is recorded and evaluated anew too. Tables and sprays that
+    lie in the cache are taken from there: their names hold a digest of all that they depend on.
+
+    Args:
+        folder: of the run.
+        out: empty folder to keep the repetition in; None keeps nothing.
+        device: to trace on; None chooses.
+        changed_inputs: go on where inputs are not what the run read.
+        within_K: RMS allowed in T_app; None: what the stated errors explain.
+        progress: called with a line of text as things happen.
+
+    Raises:
+        RunFolderError: the folder holds no run, inputs are missing or changed, or `out` is not
+            empty.
+        ClditError: as `cldit.simulate`.
+    """
+    run = open_run(folder)
+    inputs = inputs_that_changed(run)
+    if inputs and not changed_inputs:
+        raise RunFolderError(
+            "\n".join(
+                [
+                    f"{folder}: cannot be repeated, inputs are not what it read; allowed is "
+                    "--changed-inputs (changed_inputs=True)",
+                    *inputs,
+                ]
+            )
+        )
+    recorded = run.measured is not None
+    with _place(out) as place:
+        if recorded:
+            again = run_experiment(run.scene, place, device=device, progress=progress)
+        else:
+            again = simulate(run.scene, place, device=device, progress=progress)
+        return Repeated(
+            trace=_compared(run, again, acquired=False, within_K=within_K),
+            recorded=_compared(run, again, acquired=True, within_K=within_K) if recorded else None,
+            inputs=inputs,
+            changed=_changed(run, again),
+        )
+
+
+def _compared(run: Run, again: Run, *, acquired: bool, within_K: float | None) -> Difference:
+    first, second = (open_shown(each, acquired=acquired) for each in (run, again))
+    return compare(
+        replace(first, name=str(run.folder)),
+        replace(second, name="the repetition"),
+        within_K=within_K,
+    )
+
+
+@contextmanager
+def _place(out: str | Path | None) -> Iterator[Path]:
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="cldit-repeat-") as folder:
+            yield Path(folder)
+        return
+    place = Path(out)
+    if place.exists() and (not place.is_dir() or any(place.iterdir())):
+        raise RunFolderError(f"{place}: is not empty; allowed is an empty folder, or a new one")
+    yield place
+
+
+def _changed(run: Run, again: Run) -> dict[str, tuple[str, str]]:
+    """Versions, commit and device, where they are not the same."""
+    then, now = (
+        {
+            **each.info.versions,
+            "device": each.info.device,
+            "commit": (each.info.origin and each.info.origin.commit) or "",
+        }
+        for each in (run, again)
+    )
+    return {
+        name: (then.get(name, ""), now.get(name, ""))
+        for name in dict.fromkeys((*then, *now))
+        if then.get(name) != now.get(name)
+    }

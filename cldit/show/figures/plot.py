@@ -1,0 +1,171 @@
+"""One picture of a run, an evaluation or a spray, for notebooks and scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cldit.camera.view import SensorView
+from cldit.dit.maps import UNITS, Maps
+from cldit.dit.profile import profile_of
+from cldit.errors import EvaluationError, RunFolderError
+from cldit.io.plain_data import parse_json
+from cldit.run import Run
+from cldit.show.figures.curves import (
+    budget_figure,
+    errors_by_cause,
+    profile_figure,
+    spectrum_figure,
+)
+from cldit.show.figures.panels import Frame, panels_figure
+from cldit.show.figures.pictures import (
+    error_maps_panels,
+    errors_panels,
+    map_figure,
+    weights_panels,
+)
+from cldit.show.report.spray_report import views_figure
+from cldit.spray.result import Spray
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -> Figure:
+    """A figure, which a notebook shows and `savefig` writes.
+
+    Args:
+        of: a run, what `cldit.evaluate` returned, or a spray.
+        what: of a run `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`;
+            of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`, its masses
+            from the side and from below.
+        options: of `maps` and `acquired` range_K and scale, as for
+            `cldit.show.figures.pictures.map_figure`; of `profile` start_m and angle_deg, as for
+            `cldit.dit.profile.profile_of`.
+
+    Raises:
+        EvaluationError: there is no such picture of it.
+    """
+    kinds: Mapping[str, Callable[..., Figure]]
+    if isinstance(of, Run):
+        kinds = _OF_RUN
+    elif isinstance(of, Spray):
+        kinds = {"maps": _spray}
+    else:
+        kinds = _OF_EVALUATION
+    if what not in kinds:
+        raise EvaluationError(f"plot: {what!r}; allowed are {', '.join(kinds)}")
+    return kinds[what](of, **options)
+
+
+def _frame(run: Run) -> Frame:
+    x, _, z = run.scene.target_m
+    return Frame(pixel_m=run.pixel_m, centre_m=(x, z))
+
+
+def _maps(run: Run, **options: Any) -> Figure:
+    return map_figure(run.maps, _frame(run), **{"title": run.scene.name, **options})
+
+
+def _acquired(run: Run, **options: Any) -> Figure:
+    if run.measured is None:
+        raise RunFolderError(f"{run.scene.name}: has no acquisition; run it without --trace-only")
+    frame = Frame(SensorView.from_scene(run.scene).pixel_m, _frame(run).centre_m)
+    title = f"{run.scene.name}: acquired"
+    return map_figure(run.measured, frame, **{"title": title, **options})
+
+
+def _errors(run: Run) -> Figure:
+    panels = error_maps_panels(run.error_maps) if run.error_maps else errors_panels(run.maps)
+    return panels_figure(panels, _frame(run), title=f"{run.scene.name}: standard errors")
+
+
+def _weights(run: Run) -> Figure:
+    title = f"{run.scene.name}: weights of the trace"
+    return panels_figure(weights_panels(run.weights), _frame(run), title=title)
+
+
+def _budget(run: Run) -> Figure:
+    if run.errors is None:
+        raise EvaluationError(
+            f"{run.scene.name}: states no error; allowed is a scene with transport.audit: true"
+        )
+    title = f"{run.scene.name}: error of T_app, RMS"
+    return budget_figure(errors_by_cause(run.errors), title=title, total_K=run.errors.total_K)
+
+
+def _spectrum(run: Run) -> Figure:
+    return spectrum_figure(run, title=f"{run.scene.name}: the filter")
+
+
+def _profile(run: Run, **options: Any) -> Figure:
+    return profile_figure(run.profile(**options), title=f"{run.scene.name}: along a plume")
+
+
+_OF_RUN: Mapping[str, Callable[..., Figure]] = {
+    "maps": _maps,
+    "acquired": _acquired,
+    "errors": _errors,
+    "weights": _weights,
+    "budget": _budget,
+    "spectrum": _spectrum,
+    "profile": _profile,
+}
+
+
+def _spray(spray: Spray, *, title: str = "spray") -> Figure:
+    return views_figure(spray, title=title)
+
+
+def maps_of(data: xarray.Dataset) -> tuple[Maps, Frame]:
+    """Maps (H, W) of what `cldit.evaluate` or `Run.to_xarray` returned, and where they lie."""
+    maps = Maps(**{name: data[name].values for name in UNITS})
+    x, z = (1e-3 * np.asarray(data[name].values, float) for name in ("x", "z"))
+    pixel_m = (_step(x), _step(z))
+    return maps, Frame(pixel_m, (float(x.mean()), float(z.mean())))
+
+
+def _step(places_m: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    return float(abs(places_m[-1] - places_m[0]) / max(len(places_m) - 1, 1)) or 1e-3
+
+
+def _title(data: xarray.Dataset) -> str:
+    return str(data.attrs.get("title", "cldit")).removeprefix("cldit: ")
+
+
+def _data_maps(data: xarray.Dataset, **options: Any) -> Figure:
+    maps, frame = maps_of(data)
+    return map_figure(maps, frame, **{"title": _title(data), **options})
+
+
+def _data_errors(data: xarray.Dataset) -> Figure:
+    maps, frame = maps_of(data)
+    return panels_figure(errors_panels(maps), frame, title=f"{_title(data)}: standard errors")
+
+
+def _data_budget(data: xarray.Dataset) -> Figure:
+    found = parse_json(str(data.attrs.get("evaluation", "{}"))).get("budget")
+    if not found:
+        raise EvaluationError(f"{_title(data)}: has no budget (setup.uncertainty states it)")
+    kelvin = {name: part["apparent_temperature_K"] for name, part in found.items()}
+    total_K = kelvin.pop("total", None)
+    title = f"{_title(data)}: budget of T_app, median pixel"
+    return budget_figure(kelvin, title=title, total_K=total_K)
+
+
+def _data_profile(data: xarray.Dataset, **options: Any) -> Figure:
+    maps, frame = maps_of(data)
+    given = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
+    profile = profile_of(maps, **{**given, **options})
+    return profile_figure(profile, title=f"{_title(data)}: along a plume")
+
+
+_OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
+    "maps": _data_maps,
+    "errors": _data_errors,
+    "budget": _data_budget,
+    "profile": _data_profile,
+}

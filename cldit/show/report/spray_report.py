@@ -1,0 +1,235 @@
+"""A spray alone, in pictures: from the side, from below, and against time."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from cldit.io.files import make_folder, write_bytes, write_text
+from cldit.show.figures.sheet import figure_of, plain, png_of
+from cldit.spray.extent import Box
+from cldit.spray.flow.measures import History
+from cldit.spray.result import Spray
+from cldit.spray.vtk_export import write_vtk
+
+Floats = NDArray[np.float64]
+View = Literal["side", "below"]
+
+_DECADES = 3.0  # of the colours
+_SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
+_AXES = {"side": (0, 2), "below": (0, 1)}
+_NAMES = "xyz"
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Mass of what is seen per area, kg/m2 (H, W), row 0 at the lowest coordinate; edges_m: left,
+    right, bottom, top."""
+
+    image: Floats
+    edges_m: tuple[float, float, float, float]
+
+
+def extent(spray: Spray) -> tuple[Floats, Floats]:
+    """Lower and upper corner (3,) of what holds fuel, the injector among it."""
+    points = [np.zeros((1, 3))]
+    if spray.parcels is not None:
+        points.append(spray.parcels.position_m)
+    if spray.vapour is not None and np.any(spray.vapour.number_density_m3 > 0):
+        dense = spray.vapour.number_density_m3 > 1e-3 * spray.vapour.number_density_m3.max()
+        points += [spray.vapour.cells.lower_m[dense], spray.vapour.cells.upper_m[dense]]
+    every = np.concatenate(points)
+    return every.min(axis=0) - 2e-3, every.max(axis=0) + 2e-3
+
+
+def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
+    """Mass of the droplets of a column (the paper's Fig. 5 from below); the sum is exact.
+
+    Args:
+        spray: what is looked at.
+        view: from where.
+        pixel_m: edge of a pixel.
+    """
+    if (parcels := spray.parcels) is None:
+        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
+    place, mass = parcels.position_m, parcels.masses_kg
+    if isinstance(parcels.extent, Box):
+        half = parcels.extent.edge_m / 2
+        filled = _filled(place - half, place + half, mass, view, pixel_m)
+        return _project(*filled, extent(spray), view, pixel_m, 0.0)
+    return _project(place, mass, extent(spray), view, pixel_m, _SMOOTHING)
+
+
+def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
+    """Mass of the fuel vapour of a column.
+
+    Args:
+        spray: what is looked at.
+        view: from where.
+        pixel_m: edge of a pixel.
+    """
+    if (vapour := spray.vapour) is None:
+        return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
+    mass = vapour.number_density_m3 * vapour.cells.volume_m3
+    mass = mass * vapour.molar_mass_kg_mol / 6.02214076e23
+    filled = _filled(vapour.cells.lower_m, vapour.cells.upper_m, mass, view, pixel_m)
+    return _project(*filled, extent(spray), view, pixel_m, 0.0)
+
+
+def _filled(
+    lower_m: Floats, upper_m: Floats, mass: Floats, view: View, pixel_m: float
+) -> tuple[Floats, Floats]:
+    """Points (N, 3) that boxes stand for, close enough that no pixel between them is missed, and
+    the mass of each (N,)."""
+    edge = upper_m - lower_m
+    parts = int(np.clip(np.ceil(2 * edge.max(initial=0.0) / pixel_m - 1e-6), 1, 6))
+    first, second = _AXES[view]
+    places, masses = [], []
+    for i in range(parts):
+        for j in range(parts):
+            at = lower_m + 0.5 * edge
+            at[:, first] += ((i + 0.5) / parts - 0.5) * edge[:, first]
+            at[:, second] += ((j + 0.5) / parts - 0.5) * edge[:, second]
+            places.append(at)
+            masses.append(mass / parts**2)
+    return np.concatenate(places), np.concatenate(masses)
+
+
+def _project(
+    place: Floats,
+    mass: Floats,
+    bounds: tuple[Floats, Floats],
+    view: View,
+    pixel_m: float,
+    smoothing: float,
+) -> Projection:
+    first, second = _AXES[view]
+    edges = [
+        np.arange(np.floor(bounds[0][a] / pixel_m), np.ceil(bounds[1][a] / pixel_m) + 1) * pixel_m
+        for a in (first, second)
+    ]
+    image = np.histogram2d(place[:, first], place[:, second], bins=edges, weights=mass)[0].T
+    if smoothing:
+        image = gaussian_filter(image, smoothing, mode="constant")
+    corners = (edges[0][0], edges[0][-1], edges[1][0], edges[1][-1])
+    return Projection(np.asarray(image) / pixel_m**2, corners)
+
+
+def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
+    """Droplets and vapour of `spray` from the side and from below, in pixels of `pixel_m`.
+
+    Args:
+        spray: what is looked at.
+        title: above all.
+        pixel_m: edge of a pixel.
+    """
+    figure = figure_of(10, 9.5)
+    figure.suptitle(plain(title))
+    axes = figure.subplots(2, 2)
+    views: tuple[View, View] = ("side", "below")
+    for row, view in enumerate(views):
+        _image(axes[row, 0], liquid_mass(spray, view, pixel_m=pixel_m), f"droplets, {view}", view)
+        _image(axes[row, 1], vapour_mass(spray, view, pixel_m=pixel_m), f"vapour, {view}", view)
+    return figure
+
+
+def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
+    first, second = _AXES[view]
+    axes.set_title(title)
+    axes.set_xlabel(f"{_NAMES[first]} / mm")
+    axes.set_ylabel(f"{_NAMES[second]} / mm")
+    edges = [1e3 * edge for edge in seen.edges_m]
+    axes.set_xlim(edges[0], edges[1])
+    axes.set_ylim(edges[2], edges[3])
+    axes.set_aspect("equal")
+    axes.plot(0, 0, marker="+", color="tab:blue", markersize=9)
+    top = float(seen.image.max(initial=0.0))
+    if top <= 0:
+        axes.text(0.5, 0.4, "nothing", transform=axes.transAxes, ha="center")
+        return
+    low = top / 10**_DECADES
+    picture = axes.imshow(
+        np.where(seen.image >= low, seen.image, np.nan),
+        origin="lower",
+        extent=(edges[0], edges[1], edges[2], edges[3]),
+        cmap="viridis_r",
+        norm=LogNorm(low, top),
+        interpolation="nearest",
+    )
+    axes.figure.colorbar(picture, ax=axes, label="mass per area / (kg/m²)", shrink=0.85)
+
+
+def history_figure(history: History, *, title: str) -> Figure:
+    """Penetration, droplet size, masses, coldest gas of `history` against time, below `title`."""
+    figure = figure_of(10, 7)
+    figure.suptitle(plain(title))
+    panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
+        (
+            "penetration / mm",
+            (
+                (1e3 * history.vapour_m, "vapour, along the plumes (0.001)"),
+                (1e3 * history.liquid_m, "liquid, axial (2e-3 mm³/mm²)"),
+                (1e3 * history.thin_liquid_m, "liquid, axial (0.2e-3 mm³/mm²)"),
+            ),
+        ),
+        ("Sauter mean diameter / µm", ((1e6 * history.sauter_mean_diameter_m, ""),)),
+        (
+            "mass / mg",
+            (
+                (1e6 * history.injected_kg, "injected"),
+                (1e6 * history.liquid_kg, "liquid"),
+                (1e6 * history.vapour_kg, "vapour"),
+            ),
+        ),
+        ("coldest gas / K", ((history.coldest_K, ""),)),
+    )
+    for axes, (label, lines) in zip(figure.subplots(2, 2).flat, panels, strict=True):
+        for values, name in lines:
+            axes.plot(1e3 * history.time_s, values, label=name or None)
+        axes.set_xlabel("time after start of injection / ms")
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+        axes.set_xlim(left=0)
+        if len(lines) > 1:
+            axes.set_ylim(bottom=0)
+            axes.legend()
+    return figure
+
+
+def write_spray(spray: Spray, history: History | None, folder: Path, *, title: str) -> list[Path]:
+    """Writes pictures, the history as CSV, and files for ParaView.
+
+    Args:
+        spray: what is shown.
+        history: how it came there, where that is known.
+        folder: made if need be.
+        title: of the pictures.
+
+    Returns:
+        The files.
+    """
+    make_folder(folder)
+    written = [folder / "views.png"]
+    write_bytes(written[0], png_of(views_figure(spray, title=title)))
+    if history is not None:
+        written += [folder / "history.png", folder / "history.csv"]
+        write_bytes(written[1], png_of(history_figure(history, title=title)))
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        names = [each.name for each in fields(history)]
+        writer.writerow(names)
+        rows = np.stack([getattr(history, name) for name in names], axis=1)
+        writer.writerows([f"{value:.6g}" for value in row] for row in rows)
+        write_text(written[2], stream.getvalue())
+    return written + write_vtk(spray, folder)

@@ -1,0 +1,1 @@
+"""JavaScript of the page, a file a subject; `cldit.show.view.page` puts it in."""

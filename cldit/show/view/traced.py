@@ -1,0 +1,231 @@
+"""A run as the page needs it: what its maps are computed from, for any temperatures.
+
+The page evaluates the trace as `cldit.run.reevaluated` does. It gets, of every pixel that the spray
+changes, how much less of the background and how much more of walls and patches it sees than
+without spray, and what vapour and droplets add; of all others only which of a few pictures without
+spray they show. Differences keep their own precision where the spray is thin.
+
+Of several spectral nodes only sums over the nodes are ever needed, with the radiances of a few
+temperatures. These span fewer directions than there are nodes, so the weights are projected on
+them (`_directions`), which loses 1e-7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.sensor import SensorModel
+from cldit.optics.windows import Pane, band_panes
+from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.run import Run
+from cldit.run.content import trace_content
+from cldit.run.error_maps import TOTAL
+from cldit.scene import Scene
+from cldit.scene.delays import spray_time_s
+from cldit.show.view.item import Item, place, planck_ends, planck_tables
+from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
+
+Floats = NDArray[np.float64]
+
+_NOTHING = 1e-7  # change of a weight, or emission in backgrounds, that is none
+_LEFT = 1e-7  # of the light, that a projection may lose
+_PANES_K = np.geomspace(100.0, 5000.0, 64)  # of light that windows' means are taken for
+_SHARE_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # those of `Quadrature.shares`
+
+
+def traced_item(run: Run, *, source: str) -> Item:
+    """A run for the page.
+
+    Args:
+        run: traced, in memory or opened.
+        source: what a command calls its scene.
+    """
+    scene = run.scene
+    stack = _Stack(run)
+    x, _, z = scene.target_m
+    sensor = SensorModel.from_scene(scene)
+    nodes = run.quadrature.nodes
+    head: dict[str, Any] = {
+        "kind": "run",
+        "name": scene.name,
+        "about": scene.description,
+        "source": source,
+        "time_s": spray_time_s(scene),
+        **place(run.reference.background.shape, run.pixel_m, (x, z)),
+        "ends": planck_ends(run.quadrature.filter_um),
+        "scene": {
+            "backgrounds_K": list(scene.background.temperatures_K),
+            "emissivity": scene.background.emissivity,
+            "around_K": scene.background.surroundings_K,
+            "wall_K": scene.walls.temperature_K,
+            "camera_K": scene.camera.surroundings_K,
+            "patches": [
+                {"name": one.name, "K": one.temperature_K, "emissivity": one.emissivity}
+                for one in scene.patches
+            ],
+            "windows_K": {one.side: one.temperature_K for one in scene.windows},
+            "shots": scene.plan.shots,
+            "references": scene.plan.references,
+            "read_noise_electrons": scene.camera.sensor.read_noise_electrons,
+        },
+        "sensor": {
+            "electrons_per_radiance_s": sensor.electrons_per_radiance / sensor.integration_time_s,
+            "integration_time_s": sensor.integration_time_s,
+            "fixed_time": scene.camera.sensor.integration_time_s is not None,
+            "offset_counts": sensor.offset_counts,
+            "saturation_counts": sensor.saturation_counts,
+            "electrons_per_count": sensor.electrons_per_count,
+        },
+        "panes": {
+            "nodes": [
+                {one.side: _plain(node.pane(one)) for one in scene.windows} for node in nodes
+            ],
+            "reference_K": run.quadrature.reference_K,
+            "ends": [float(np.log(_PANES_K[0])), float(np.log(_PANES_K[-1]))],
+        },
+        "nodes": len(nodes),
+        "share_ends": [float(np.log(_SHARE_KNOTS_K[0])), float(np.log(_SHARE_KNOTS_K[-1]))],
+        "components": stack.components,
+        "locked": _locked(scene, len(nodes)),
+        "stated_error_K": None if run.errors is None else run.errors.total_K,
+        "stated_error": "" if run.errors is None else run.errors.text,
+    }
+    arrays = {**planck_tables(run.quadrature.filter_um), **stack.arrays}
+    if len(nodes) > 1:
+        spline = run.quadrature.shares
+        at = np.log(_SHARE_KNOTS_K)
+        arrays["shares"] = np.stack([spline(at).T, spline(at, 1).T])  # (2, nodes, knots)
+    for window in scene.windows:
+        means = band_panes(window, run.quadrature.filter_um, reference_K=_PANES_K)
+        arrays[f"pane_{window.side}"] = np.array([_plain(one) for one in means]).T
+    total = run.error_maps.get(TOTAL)
+    if total is not None:
+        arrays["simulation_error"] = rounded(total[stack.covered], ERROR_BITS)
+    return Item(head, arrays)
+
+
+def _plain(pane: Pane) -> list[float]:
+    return [pane.transmission, pane.reflection]
+
+
+def _locked(scene: Scene, nodes: int) -> dict[str, str]:
+    """Why temperatures of this run cannot be changed, by what they are of."""
+    if nodes == 1 and _served(scene):
+        return {}
+    what = "wavelengths were chosen" if scene.optics.preset == "spectral" else "rays were spent"
+    why = f"{what} for this run's temperatures; trace it anew with others"
+    return {"background": why, "wall": why}
+
+
+def _served(scene: Scene) -> bool:
+    """Whether one trace serves other temperatures."""
+    walls = scene.walls.model_copy(update={"temperature_K": scene.walls.temperature_K / 2 + 1.0})
+    return trace_content(scene) == trace_content(scene.model_copy(update={"walls": walls}))
+
+
+class _Stack:
+    """Weights of a run in the pixels that the spray changes, over those without spray.
+
+    covered: (H, W). arrays: `covered` and `palette_index` (H, W), `palette` (P, 3 + patches), and
+    (N,) of the covered pixels: `emitted`, and one each of `components`, which says of what it is
+    and the direction over the nodes.
+    """
+
+    def __init__(self, run: Run) -> None:
+        scene, nodes = run.scene, run.quadrature.nodes
+        around = Surroundings.from_scene(scene)
+        whole = Boundary.in_filter(
+            around, run.quadrature.filter_um, reference_K=run.quadrature.reference_K
+        )
+        bands = [Boundary.of(around, node.radiance, node.pane) for node in nodes]
+        # How much of what leaves the chamber in a node counts, over the filter's mean; one node
+        # stands for the filter, whatever its own pane.
+        passes = [1.0] if len(nodes) == 1 else [
+            one.front.transmission / whole.front.transmission for one in bands
+        ]  # fmt: skip
+        parts = [one.images for one in run.spectral]
+        bare = {name: image.astype(np.float64) for name, image in run.reference.images.items()}
+        names = ["background", "wall", *(patch.name for patch in scene.patches)]
+        emitted = sum(
+            f * (one["vapour"].astype(np.float64) + one["liquid"]) - f * (
+                bare["vapour"] + bare["liquid"]
+            )
+            for f, one in zip(passes, parts, strict=True)
+        )  # fmt: skip
+        least = float(min(whole.leaving(list(scene.background.temperatures_K))))
+        covered = np.abs(emitted) > _NOTHING * least
+        for name in names:
+            for one in parts:
+                covered = covered | (np.abs(one[name] - bare[name]) > _NOTHING)
+        self.covered = np.asarray(covered)
+        self.components: list[dict[str, Any]] = []
+        self.arrays: dict[str, NDArray[Any]] = {
+            "covered": self.covered.astype(np.uint8),
+            "emitted": rounded(np.asarray(emitted)[covered], MANTISSA_BITS),
+        }
+        self._palette(bare, names, float(sum(passes)))
+        lights = _lights(scene, bands, passes)
+        for name in names:
+            change = np.stack([one[name][covered] - bare[name][covered] for one in parts])
+            directions, sizes = _directions(lights[name])
+            for number, (mix, size) in enumerate(zip(directions.T, sizes, strict=True)):
+                spared = int(np.log2(sizes[0] / size))
+                key = f"weight_{name}_{number}"
+                bits = max(MANTISSA_BITS - spared, 4)
+                self.arrays[key] = rounded(mix @ change, bits)
+                self.components.append({"source": name, "mix": mix.tolist(), "array": key})
+
+    def _palette(self, bare: dict[str, Floats], names: Sequence[str], passes: float) -> None:
+        """The few different pixels without spray; what vapour emits there, as the nodes sum it."""
+        columns = [bare[name] for name in names]
+        columns.append(passes * (bare["vapour"] + bare["liquid"]))
+        code = np.zeros(columns[0].size, np.int64)
+        for column in columns:
+            values, index = np.unique(column, return_inverse=True)
+            _, code = np.unique(code * len(values) + index.reshape(-1), return_inverse=True)
+        _, first = np.unique(code, return_index=True)
+        kind = np.uint8 if len(first) < 256 else np.uint16 if len(first) < 65536 else np.float32
+        self.arrays["palette_index"] = code.astype(kind)  # float32 counts exactly to 2^24
+        self.arrays["palette"] = np.stack([one.reshape(-1)[first] for one in columns], axis=1)
+
+
+def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) -> dict[str, Floats]:
+    """(nodes, N) light of each source in every node, for all that the page may ask for.
+
+    Several nodes hold for the run's own temperatures alone (`_locked`), and any emissivity.
+    """
+    f = np.asarray(passes)
+    rear = np.array([one.rear.transmission for one in bands])
+    at_K = np.array(scene.background.temperatures_K)
+    own = np.stack([one.radiance(at_K) for one in bands]) * (f * rear)[:, None]
+    around = f * rear * np.array([one.around for one in bands])
+    added = f * np.array([one.rear_added for one in bands])
+    lights = {
+        "background": np.column_stack([own, around, added]),
+        "wall": (f * np.array([one.wall for one in bands]))[:, None],
+    }
+    for patch in scene.patches:
+        lights[patch.name] = (f * np.array([one.patches[patch.name] for one in bands]))[:, None]
+    return lights
+
+
+def _directions(light: Floats) -> tuple[Floats, Floats]:
+    """(nodes, r) directions that hold all of the light but `_LEFT`, and its size (r,) along each.
+
+    Args:
+        light: (nodes, N).
+    """
+    if len(light) == 1:
+        return np.ones((1, 1)), np.ones(1)
+    norms = np.linalg.norm(light, axis=0)
+    unit = light[:, norms > 0] / norms[norms > 0]
+    u, sizes, _ = np.linalg.svd(unit, full_matrices=False)
+    for r in range(1, len(sizes) + 1):
+        left = unit - u[:, :r] @ (u[:, :r].T @ unit)
+        if np.max(np.linalg.norm(left, axis=0)) < _LEFT:
+            break
+    return u[:, :r], sizes[:r]

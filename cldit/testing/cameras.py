@@ -1,0 +1,175 @@
+"""What every camera must do."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from cldit.rig.errors import ConfigRejected, MissingFrames, OutOfLimits
+from cldit.rig.protocols import Camera, Frame, TriggerInfo, TriggerMode
+from cldit.testing.expect import Allowed, Check, expect, near, refuses
+
+_INTEGRATION_s = 25e-6
+_WALL_s = (-0.1, 60.0)  # host time of a frame after the start, to what a busy machine may take
+# Aravis' own camera looks for a trigger every 0.1 s, and no one can ask what time it has: the
+# host's is that of reading.
+_SLOW_MAKER, _LOOKS_s = "Aravis", 0.1
+
+
+def _take(camera: Camera, n: int) -> list[Frame]:
+    camera.prepare(TriggerInfo(TriggerMode.SOFTWARE, n_frames=n))
+    camera.arm()
+    for _ in range(n):
+        camera.software_trigger()
+    frames = list(camera.read_frames(n, 5.0))
+    camera.disarm()
+    return frames
+
+
+def _missing(camera: Camera, n: int, timeout_s: float, arrived: int, what: str) -> None:
+    error = refuses(lambda: list(camera.read_frames(n, timeout_s)), MissingFrames, what)
+    assert isinstance(error, MissingFrames)
+    got = (error.expected, error.received)
+    expect(got == (n, arrived), f"{what}: says {got[1]} of {got[0]}, expected {arrived} of {n}")
+
+
+def frames(camera: Camera, allowed: Allowed) -> None:
+    """Shape, type, ids, times and noise of pictures, over two starts.
+
+    Args:
+        camera: connected.
+        allowed: triggers by software alone.
+    """
+    camera.wait_ready(60.0)
+    columns, rows = camera.capabilities.sensor_pixels
+    x, y, width, height = camera.read_configuration()["roi"]
+    inside = 0 <= x < x + width <= columns and 0 <= y < y + height <= rows
+    expect(inside, f"roi {x, y, width, height} is not on the sensor, {columns} x {rows}")
+    started_ns = time.time_ns()
+    got = _take(camera, 3) + _take(camera, 2)
+    for frame in got:
+        expect(frame.data.shape == (height, width), f"shape {frame.data.shape} of a frame")
+        expect(frame.data.dtype == np.uint16, f"type {frame.data.dtype} of a frame")
+        expect(frame.complete, f"frame {frame.frame_id} is incomplete")
+        most = camera.capabilities.saturation_counts
+        expect(frame.data.max() <= most, f"{frame.data.max()} counts, above saturation at {most}")
+    ids = [frame.frame_id for frame in got]
+    expect(ids == list(range(ids[0], ids[0] + 5)), f"ids {ids} are not continuous")
+    slow = camera.identify().maker == _SLOW_MAKER
+    least_ns = 1e9 * (0.99 * camera.capabilities.minimum_period_s - (_LOOKS_s if slow else 0.0))
+    own = np.diff([frame.device_timestamp_ns for frame in got])
+    expect(np.all(own >= least_ns), f"{own} ns from frame to frame on the camera's clock")
+    host = np.diff([frame.host_timestamp_ns for frame in got])
+    expect(np.all(host >= (0.0 if slow else least_ns)), f"{host} ns from frame to frame")
+    if not camera.identify().simulated:
+        since_s = [1e-9 * (frame.host_timestamp_ns - started_ns) for frame in got]
+        expect(all(_WALL_s[0] < s < _WALL_s[1] for s in since_s), f"host times {since_s} s")
+    expect(len({frame.data.tobytes() for frame in got}) == 5, "two frames have the same noise")
+
+
+def configuration_is_read_back(camera: Camera, allowed: Allowed) -> None:
+    """What is set is read back, what is outside is refused, and a refusal changes nothing.
+
+    Args:
+        camera: connected.
+        allowed: sets exposures.
+    """
+    low, high = camera.capabilities.integration_time_limits_s
+    stored = camera.read_configuration()
+    for wanted in (low, min(max(_INTEGRATION_s, low), high), high):
+        settings = camera.configure(wanted)
+        near(settings.integration_time_s, wanted, 0.01 * wanted, "integration_time_s [s]")
+        stored = camera.read_configuration()
+        same = stored["integration_time_s"] == settings.integration_time_s
+        expect(same, "configure() and read_configuration() give two integration times")
+        said = stored["calibration"]["saturation_counts"]
+        expect(said == camera.capabilities.saturation_counts, f"saturation_counts {said}")
+    for outside in (0.5 * low, 2.0 * high, 0.0, -1.0, math.nan):
+        what = f"configure({outside:g})"
+        refuses(lambda s=outside: camera.configure(s), OutOfLimits, what, "integration_time_s")  # type: ignore[misc]
+    expect(camera.read_configuration() == stored, "a refused exposure changed the configuration")
+    wrong = "Mono1"
+    refuses(
+        lambda: camera.configure(low, pixel_format=wrong), ConfigRejected, wrong, "pixel_format"
+    )
+
+
+def misses_are_errors(camera: Camera, allowed: Allowed) -> None:
+    """Frames that do not come are MissingFrames, which counts them.
+
+    Args:
+        camera: connected.
+        allowed: waits for edges that nobody sends.
+    """
+    refuses(camera.software_trigger, ConfigRejected, "software_trigger() before prepare()")
+    camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))
+    camera.arm()
+    _missing(camera, 1, 0.2, 0, "read_frames() without an edge")
+    short_s = camera.capabilities.integration_time_limits_s[0]
+    refuses(lambda: camera.configure(short_s), ConfigRejected, "configure() of an armed camera")
+    camera.disarm()
+    camera.prepare(TriggerInfo(TriggerMode.SOFTWARE, n_frames=2))
+    camera.arm()
+    camera.software_trigger()
+    _missing(camera, 2, 0.2, 1, "two frames after one trigger")
+
+
+def stops_and_flushes(camera: Camera, allowed: Allowed) -> None:
+    """It stops by itself after n frames; `flush` counts what it throws away.
+
+    Args:
+        camera: connected.
+        allowed: triggers by software alone.
+    """
+    camera.prepare(TriggerInfo(TriggerMode.SOFTWARE, n_frames=2))
+    camera.arm()
+    before = camera.statistics()
+    for _ in range(3):
+        camera.software_trigger()
+    first, second = camera.flush(), camera.flush()
+    expect((first, second) == (2, 0), f"flush() gives {first}, then {second}; expected 2, then 0")
+    after = camera.statistics()
+    for name, number in (("missed", 1), ("flushed", 2)):
+        more = after[name] - before[name]
+        expect(more == number, f"statistics: {name} {more}, expected {number}")
+    refuses(lambda: list(camera.read_frames(1, 0.1)), MissingFrames, "a frame after flush()")
+
+
+def internal_trigger(camera: Camera, allowed: Allowed) -> None:
+    """It runs freely for n frames, where it can.
+
+    Args:
+        camera: connected.
+        allowed: it runs freely.
+    """
+    if TriggerMode.INTERNAL not in camera.capabilities.trigger_modes:
+        return
+    camera.prepare(TriggerInfo(TriggerMode.INTERNAL, n_frames=4))
+    camera.arm()
+    expect(len(list(camera.read_frames(4, 5.0))) == 4, "four frames were asked for")
+
+
+def refuses_what_it_lacks(camera: Camera, allowed: Allowed) -> None:
+    """Modes that it has not, and no frames.
+
+    Args:
+        camera: connected.
+        allowed: only asks.
+    """
+    for mode in sorted(set(TriggerMode) - camera.capabilities.trigger_modes):
+        what = f"prepare({mode})"
+        refuses(lambda m=mode: camera.prepare(TriggerInfo(m)), ConfigRejected, what)  # type: ignore[misc]
+    none = TriggerInfo(TriggerMode.SOFTWARE, n_frames=0)
+    refuses(lambda: camera.prepare(none), ConfigRejected, "prepare() for no frames")
+
+
+CAMERA = [
+    Check("frames", "takes five pictures by software trigger", frames),
+    Check("read-back", "sets its shortest and longest exposure", configuration_is_read_back),
+    Check("misses", "arms it, and waits for an edge that does not come", misses_are_errors),
+    Check("stops and flushes", "takes two pictures and throws them away", stops_and_flushes),
+    Check("internal trigger", "lets it run for four pictures", internal_trigger),
+    Check("refusals", "asks for modes that it lacks", refuses_what_it_lacks),
+]

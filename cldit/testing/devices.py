@@ -1,0 +1,50 @@
+"""What every device must do, whatever its kind."""
+
+from __future__ import annotations
+
+import json
+
+from cldit.io.plain_data import parse_json
+from cldit.rig.errors import NotConnected
+from cldit.rig.protocols import Device
+from cldit.testing.expect import Allowed, Check, expect, refuses
+
+
+def life(device: Device, allowed: Allowed) -> None:
+    """Connect, make safe and close may each be called twice; before, it says what is wrong.
+
+    Args:
+        device: not connected; it is connected when this ends.
+        allowed: nothing more is done than to make it safe.
+    """
+    device.make_safe()
+    device.close()
+    refuses(device.read_configuration, NotConnected, "before connect()", "connect")
+    device.connect()
+    device.connect()
+    stored = parse_json(json.dumps(device.read_configuration(), allow_nan=False))
+    expect(stored, "read_configuration() is empty")
+    device.make_safe()
+    device.make_safe()
+    device.close()
+    device.close()
+    refuses(device.read_configuration, NotConnected, "after close()")
+    device.connect()
+    expect(device.read_configuration(), "read_configuration() is empty when connected again")
+
+
+def identity(device: Device, allowed: Allowed) -> None:
+    """Kind, maker and model are said.
+
+    Args:
+        device: connected or not.
+        allowed: nothing is done.
+    """
+    info = device.identify()
+    expect(info.kind in ("camera", "background", "trigger"), f"kind: {info.kind!r}")
+    expect(info.maker and info.model, f"{info} lacks maker or model")
+    expect(isinstance(info.simulated, bool), f"simulated: {info.simulated!r}")
+
+
+LIFE = Check("life", "connects, makes safe and lets go, several times", life)
+IDENTITY = Check("identity", "asks who answers", identity)

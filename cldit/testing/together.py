@@ -1,0 +1,82 @@
+"""What the devices of a rig must do together; the generator's output is the camera's line."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cldit.rig.errors import DeviceTimeout, MissingFrames
+from cldit.rig.load import Rig
+from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode
+from cldit.testing.expect import Allowed, Check, expect, near, refuses
+
+
+def trigger_reaches_the_camera(rig: Rig, allowed: Allowed) -> None:
+    """One burst of three: three frames, a period apart, and the generator is then done.
+
+    Args:
+        rig: connected.
+        allowed: sends pulses to the camera.
+    """
+    burst = rig.trigger.configure(Burst(n=3, period_s=0.05, camera_delay_s=1e-3))
+    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=3))
+    rig.camera.arm()
+    rig.trigger.fire()
+    refuses(lambda: rig.trigger.wait_done(0.01), DeviceTimeout, "wait_done() within the burst")
+    rig.trigger.wait_done(5.0)
+    frames = list(rig.camera.read_frames(3, 1.0))
+    for gap_ns in np.diff([frame.device_timestamp_ns for frame in frames]):
+        near(1e-9 * gap_ns, burst.period_s, 1e-4, "from frame to frame [s]")
+
+
+def abort_stops_a_burst(rig: Rig, allowed: Allowed) -> None:
+    """Pulses not sent yet are never sent.
+
+    Args:
+        rig: connected.
+        allowed: sends pulses to the camera.
+    """
+    rig.trigger.configure(Burst(n=10, period_s=0.1))
+    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=10))
+    rig.camera.arm()
+    rig.trigger.fire()
+    rig.clock.sleep(0.25)
+    rig.trigger.abort()
+    rig.clock.sleep(1.2)
+    taken = rig.camera.flush()
+    expect(taken == 3, f"{taken} frames, expected those at 0, 0.1 and 0.2 s")
+    rig.trigger.wait_done(0.01)
+
+
+def one_trigger_starts_several_frames(rig: Rig, allowed: Allowed) -> None:
+    """A burst at the camera's own rate, continuous in its ids; the generator pulsed once.
+
+    Args:
+        rig: connected.
+        allowed: `inject`: sends a pulse to the injector.
+    """
+    rig.trigger.configure(Burst(camera_delay_s=1e-3, inject=allowed.inject))
+    trigger = TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=5, frames_per_trigger=5)
+    rig.camera.prepare(trigger)
+    rig.camera.arm()
+    rig.trigger.fire()
+    frames = list(rig.camera.read_frames(5, 1.0))
+    rig.trigger.wait_done(1.0)
+    ids = [frame.frame_id for frame in frames]
+    expect(np.all(np.diff(ids) == 1), f"ids {ids} are not continuous")
+    period_s = rig.camera.capabilities.minimum_period_s
+    for gap_ns in np.diff([frame.device_timestamp_ns for frame in frames]):
+        near(1e-9 * gap_ns, period_s, 0.02 * period_s, "from frame to frame [s]")
+    refuses(lambda: list(rig.camera.read_frames(1, 0.1)), MissingFrames, "a frame more")
+    rig.camera.disarm()
+    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))  # and back to one frame each
+    rig.camera.arm()
+    rig.clock.sleep(0.1)
+    rig.trigger.fire()
+    expect(len(list(rig.camera.read_frames(1, 1.0))) == 1, "one frame was asked for")
+
+
+TOGETHER = [
+    Check("trigger reaches the camera", "pulses the camera", trigger_reaches_the_camera),
+    Check("abort", "pulses the camera", abort_stops_a_burst),
+    Check("several frames", "pulses the camera", one_trigger_starts_several_frames),
+]

@@ -1,0 +1,89 @@
+"""What every trigger generator must do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from cldit.rig.errors import ConfigRejected
+from cldit.rig.protocols import Burst, TriggerGenerator
+from cldit.testing.expect import Allowed, Check, expect, near, refuses
+
+_QUANTUM_s = 1e-6  # no instrument is coarser
+_DONE_s = 5.0
+
+
+def starts_inhibited(trigger: TriggerGenerator, allowed: Allowed) -> None:
+    """Nothing fires before `configure`, nor after `inhibit` and `make_safe`.
+
+    Args:
+        trigger: connected.
+        allowed: sets bursts without injection.
+    """
+    refuses(trigger.fire, ConfigRejected, "fire() before configure()", "configure")
+    trigger.configure(Burst())
+    trigger.inhibit()
+    refuses(trigger.fire, ConfigRejected, "fire() after inhibit()")
+    trigger.configure(Burst())
+    trigger.make_safe()
+    refuses(trigger.fire, ConfigRejected, "fire() after make_safe()")
+
+
+def quantises_a_little(trigger: TriggerGenerator, allowed: Allowed) -> None:
+    """`configure` gives the burst as it will be, which it then takes exactly.
+
+    Args:
+        trigger: connected.
+        allowed: sets a burst with injection where `inject`.
+    """
+    asked = Burst(
+        camera_delay_s=0.95e-3 + 1e-10,
+        injector_delay_s=1e-5,
+        widths_s=(1e-4, 1.5e-3),
+        inject=allowed.inject,
+    )
+    got = trigger.configure(asked)
+    near(got.camera_delay_s, asked.camera_delay_s, _QUANTUM_s, "camera_delay_s [s]")
+    expect((got.n, got.inject) == (1, asked.inject), f"{got} for {asked}")
+    again = trigger.configure(got)
+    expect(again == got, f"{again} for {got}, which it can do")
+    trigger.inhibit()
+
+
+def refuses_bursts(trigger: TriggerGenerator, allowed: Allowed) -> None:
+    """Bursts that cannot be are refused, and nothing fires afterwards.
+
+    Args:
+        trigger: connected.
+        allowed: sets a burst without injection.
+    """
+    good = Burst()
+    for burst in (
+        replace(good, n=0),
+        replace(good, camera_delay_s=-1e-3),
+        replace(good, widths_s=(0.0, 1e-3)),
+        replace(good, n=2, period_s=1e-3, camera_delay_s=2e-3),
+    ):
+        trigger.configure(good)
+        refuses(lambda b=burst: trigger.configure(b), ConfigRejected, f"configure({burst})")  # type: ignore[misc]
+        refuses(trigger.fire, ConfigRejected, f"fire() after configure({burst})")
+
+
+def reference(trigger: TriggerGenerator, allowed: Allowed) -> None:
+    """A burst without injection is sent once, and is then done.
+
+    Args:
+        trigger: connected.
+        allowed: fires the camera's pulse, and no injection.
+    """
+    trigger.configure(Burst(camera_delay_s=1e-3))
+    trigger.fire()
+    trigger.wait_done(_DONE_s)
+    trigger.inhibit()
+
+
+TRIGGER = [
+    Check("starts inhibited", "sets bursts without injection", starts_inhibited),
+    Check("read-back", "sets delays and widths, without injection", quantises_a_little),
+    Check("refusals", "asks for bursts that cannot be", refuses_bursts),
+    Check("reference", "sends ONE pulse to the camera, none to the injector", reference),
+]

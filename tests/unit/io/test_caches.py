@@ -1,0 +1,70 @@
+"""Homes that cannot be written, as users of containers have them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cldit.errors import FileError
+from cldit.io.caches import default_cache
+
+CODE = (
+    "import os; from cldit.io.caches import default_cache; "
+    "from cldit.gpu.device import open_device; "
+    "device = open_device(); device.queue; "
+    "print(default_cache(), os.environ.get('POCL_CACHE_DIR'), os.environ.get('XDG_CACHE_HOME'))"
+)
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder nobody can write")
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"HOME": "/proc/x"}, "/proc/x/.cache/cldit: caches cannot be kept here"),
+        ({"HOME": "/proc/x", "POCL_CACHE_DIR": "PLACE"}, "/proc/x/.cache/cldit: caches"),
+        ({"HOME": "/proc/x", "XDG_CACHE_HOME": "PLACE"}, ""),
+        ({"XDG_CACHE_HOME": "/proc/x"}, "/proc/x/cldit: caches cannot be kept here"),
+        ({"POCL_CACHE_DIR": "/proc/x"}, "POCL_CACHE_DIR: /proc/x cannot be written"),
+    ],
+    ids=lambda part: "-".join(part) if isinstance(part, dict) else "line",
+)
+def test_devices_are_found(changed: dict[str, str], line: str, tmp_path: Path) -> None:
+    """Caches go into a temporary folder and one line says so; folders that serve are kept."""
+    place = tmp_path / "place"
+    place.mkdir()
+    changed = {name: value.replace("PLACE", str(place)) for name, value in changed.items()}
+    environment = {k: v for k, v in os.environ.items() if k not in ("XDG_CACHE_HOME", "HOME")}
+    environment |= {"HOME": str(tmp_path), "TMPDIR": str(tmp_path), **changed}
+    done = subprocess.run(
+        [sys.executable, "-c", CODE], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("\n") == (1 if line else 0) and line in done.stderr, done.stderr
+    assert str(tmp_path) in done.stdout and "/proc/x" not in done.stdout
+    if changed.get("POCL_CACHE_DIR") == str(place):
+        assert f" {place} " in done.stdout
+
+
+def test_a_cache_of_ones_own_is_not_shared_with_who_made_the_name_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In /tmp anybody can make the folder beforehand; one that others may write is not used."""
+    from cldit.io import caches
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    first = caches._temporary(Path("/home"))
+    assert first.parent == tmp_path and caches._temporary(Path("/home")) == first
+    first.chmod(0o777)
+    assert caches._temporary(Path("/home")) != first
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(FileError, match=r"/home: caches cannot be kept here.*XDG_CACHE_HOME"):
+        caches._temporary(Path("/home"))
+
+
+def test_a_folder_that_is_named_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert default_cache() == tmp_path / "cldit"

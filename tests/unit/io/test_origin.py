@@ -1,0 +1,68 @@
+"""The record beside a result: what made it, and nothing of who and where."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import platform
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from cldit.io import origin
+from cldit.io.origin import Origin, versions
+
+
+def test_it_reads_back_and_names_nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    home = tmp_path / "home of somebody"
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setattr("sys.argv", ["/opt/x/bin/cldit", "run", f"--out={home}/runs", f"{home}s"])
+    made = Origin.now(scene={"rig": {"seed": 3}, "spray": {"seed": None}})
+    assert made.command == ("cldit", "run", "--out=~/runs", f"{home}s")
+    assert made.seeds == {"rig.seed": 3}
+    text = json.dumps(made.to_dict())
+    assert Origin.from_dict(json.loads(text)) == made
+    assert platform.node() not in text and f"{home}/" not in text
+    user = getpass.getuser()
+    assert user not in {part for word in made.command for part in word.split("/")}
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        (["/a/cldit/__main__.py", "scenes"], ("cldit", "scenes")),
+        (["work.py"], ("work.py",)),
+        ([""], ()),
+    ],
+)
+def test_the_program_has_no_folder(
+    words: list[str], command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", words)
+    assert Origin.now().command == command
+
+
+def test_packages_that_compute_have_versions() -> None:
+    assert {"cldit", "numpy", "scipy", "numba", "CoolProp", "miepython", "python"} <= set(
+        versions()
+    )
+
+
+def test_commit_of_a_checkout_and_of_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "cldit" / "io"
+    package.mkdir(parents=True)
+    file = package / "origin.py"
+    file.write_text("a = 1\n")
+    monkeypatch.setattr(origin, "__file__", str(file))
+    find = origin.commit.__wrapped__
+    assert find() is None
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c"]
+    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "a"]):
+        subprocess.run([*git, *words], check=True)
+    clean = find()
+    assert clean is not None and len(clean) == 40
+    file.write_text("a = 2\n")
+    assert find() == f"{clean}+changes"
+    monkeypatch.setenv("PATH", str(tmp_path))  # no git
+    assert find() is None

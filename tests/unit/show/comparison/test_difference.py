@@ -1,0 +1,169 @@
+"""Differences of two pictures: in kelvin, beside stated errors, on the same pixels or refused."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.dit.maps import Maps
+from cldit.errors import EvaluationError, RunFolderError
+from cldit.radiance.weights import Weights
+from cldit.run import Run, open_run
+from cldit.scene import load_scene
+from cldit.show.comparison import Shown, compare, open_shown
+from cldit.show.comparison.keys import key_differences
+
+WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"
+PIXEL_M = (1e-3, 2e-3)
+
+
+def maps(t_app: NDArray[np.float64], emissivity: float = 0.5) -> Maps:
+    warm = t_app.astype(np.float32)
+    one = np.full(t_app.shape, emissivity, np.float32)
+    error = np.full(t_app.shape, 0.5, np.float32)
+    reason = np.where(np.isfinite(warm), 0, 5).astype(np.uint8)
+    return Maps(one, warm, error, error, reason, error, error)
+
+
+def shown(t_app: NDArray[np.float64], **more: Any) -> Shown:
+    given: dict[str, Any] = {"name": "a", "pixel_m": PIXEL_M, "centre_m": (0.0, 0.0)}
+    return Shown(maps=maps(t_app), **{**given, **more})
+
+
+def test_rms_mean_worst_and_its_place() -> None:
+    before = np.full((4, 6), 400.0)
+    after = before + 1.0
+    after[1, 5] += 3.0
+    before[0, 0] = after[3, 3] = np.nan
+    found = compare(shown(before), shown(after)).t_app
+    change = np.array([1.0] * 21 + [4.0])
+    assert found.pixels == 22
+    assert found.rms == pytest.approx(np.sqrt(np.mean(change**2)), rel=1e-6)
+    assert found.mean == pytest.approx(change.mean(), rel=1e-6)
+    assert found.worst == 4.0
+    assert found.worst_mm == pytest.approx((2.5, 1.0))  # column 5 of 6, row 1 of 4, row 0 on top
+
+
+def test_pixels_of_one_alone_are_counted() -> None:
+    before, after = np.full((2, 3), 400.0), np.full((2, 3), 400.0)
+    before[0, 0] = after[1, 1] = after[1, 2] = np.nan
+    found = compare(shown(before), shown(after))
+    assert found.only == (2, 1)
+    assert not found.same
+
+
+@pytest.mark.parametrize(
+    ("errors", "within_K", "within", "words"),
+    [
+        ((1.0, 1.0), None, False, "beyond the 1.4 K RMS that both errors explain"),
+        ((1.0, 2.0), None, True, "within the 2.2 K RMS that both errors explain"),
+        ((None, 2.0), None, False, "no error is stated"),
+        ((None, None), 2.5, True, "within the 2.5 K RMS that is allowed"),
+        ((9.0, 9.0), 1.0, False, "beyond the 1 K RMS"),
+    ],
+)
+def test_stated_errors_explain_or_do_not(
+    errors: tuple[float | None, float | None], within_K: float | None, within: bool, words: str
+) -> None:
+    one = shown(np.full((2, 2), 400.0), error_K=errors[0])
+    other = shown(np.full((2, 2), 402.0), error_K=errors[1])
+    found = compare(one, other, within_K=within_K)
+    assert found.within is within and words in found.verdict
+    assert found.to_dict()["within"] is within
+
+
+def test_errors_of_pixels_say_where() -> None:
+    error_K = np.full((2, 2), 0.1)
+    error_K[0] = 5.0
+    one = shown(np.full((2, 2), 400.0), error_K=3.5, error_map_K=error_K)
+    found = compare(one, shown(np.full((2, 2), 402.0), error_K=0.1))
+    assert found.within and found.beyond == 0.5  # the lower row differs by 14 standard errors
+
+
+def test_a_run_is_its_own_like() -> None:
+    found = compare(WRITTEN, open_run(WRITTEN))
+    assert found.same and found.within and found.keys == ()
+    assert found.verdict == "the same in every pixel"
+
+
+def test_other_pixels_are_refused() -> None:
+    one = shown(np.full((2, 2), 400.0))
+    for other in (
+        shown(np.full((2, 3), 400.0)),
+        shown(np.full((2, 2), 400.0), pixel_m=(1.1e-3, 2e-3)),
+        shown(np.full((2, 2), 400.0), centre_m=(1e-3, 0.0)),
+    ):
+        with pytest.raises(EvaluationError, match=r"2 x 2 pixels over .* allowed are the same"):
+            compare(one, other)
+    coarse = shown(np.full((1, 1), 400.0), pixel_m=(2e-3, 4e-3))
+    with pytest.raises(EvaluationError, match="both were recorded: only a trace can"):
+        compare(one, coarse, resample=True)
+
+
+def finer(run: Run) -> Run:
+    """The same picture with four pixels for each."""
+
+    def four(weights: Weights) -> Weights:
+        return weights.map(lambda image: np.kron(image, np.ones((2, 2), np.float32)))
+
+    columns, rows = run.scene.camera.pixels
+    fine = {
+        name: np.kron(image, np.ones((2, 2), image.dtype)) for name, image in vars(run.maps).items()
+    }
+    return replace(
+        run,
+        maps=Maps(**fine),
+        scene=run.scene.with_(**{"camera.pixels": [2 * columns, 2 * rows], "name": "finer"}),
+        weights=four(run.weights),
+        reference=four(run.reference),
+        spectral=tuple(four(one) for one in run.spectral),
+    )
+
+
+@pytest.mark.parametrize("swap", [False, True])
+def test_a_finer_trace_is_averaged(swap: bool) -> None:
+    """Each pixel's mean is the coarse pixel, so nothing differs but rounding of float32."""
+    run = open_run(WRITTEN)
+    pair = [finer(run), run][:: -1 if swap else 1]
+    found = compare(*pair, resample=True)
+    assert "finer averaged onto 12 x 10 pixels" in found.averaged
+    assert found.only == (0, 0) and found.t_app.rms is not None and found.t_app.rms < 0.01
+    assert {key.key for key in found.keys} == {"name", "camera.pixels"}
+
+
+def test_a_run_beside_its_own_measurement(tmp_path: Path) -> None:
+    """The trace, averaged onto the sensor's pixels, is what the rig recorded, within its noise."""
+    folder = Path(shutil.copytree(WRITTEN, tmp_path / "run"))
+    run, recorded = open_shown(folder), open_shown(folder / "acquisition")
+    assert run.run is not None and recorded.run is None
+    found = compare(folder, folder, acquired=True)
+    assert found.same
+    with pytest.raises(EvaluationError, match=r"12 x 10 pixels .* has 16 x 12 pixels"):
+        compare(folder, folder / "acquisition")
+    found = compare(folder, folder / "acquisition", resample=True)
+    assert found.averaged.startswith(f"{folder} averaged onto 16 x 12 pixels over 160 x 120 mm")
+    assert found.within and found.beyond == 0.0 and found.t_app.pixels > 10
+    shutil.rmtree(folder / "acquisition" / "maps")
+    with pytest.raises(RunFolderError, match="not evaluated yet"):
+        open_shown(folder / "acquisition")
+    with pytest.raises(RunFolderError, match="has no acquisition"):
+        compare(folder, folder, acquired=True)
+
+
+def test_keys_that_differ() -> None:
+    gdi = load_scene("gdi")
+    other = gdi.with_(**{"walls.temperature_K": 500, "camera.pixels": [3, 4]})
+    texts = [one.text for one in key_differences(gdi, other)]
+    columns, rows = gdi.camera.pixels
+    assert texts == [
+        f"camera.pixels: [{columns}, {rows}] and [3, 4]",
+        f"walls.temperature_K: {gdi.walls.temperature_K:g} and 500",
+    ]
+    names = [one.key for one in key_differences(gdi, load_scene("methane-jet"))]
+    assert any(name.startswith("spray.plumes[") for name in names) and len(names) > 5

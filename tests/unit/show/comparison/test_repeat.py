@@ -1,0 +1,85 @@
+"""A run computed anew: the same, or what differs; inputs that are not what it read are named."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from cldit.cli import main
+from cldit.errors import RunFolderError
+from cldit.gpu.device import Device
+from cldit.io.images import read_image, write_image
+from cldit.io.origin import Origin
+from cldit.io.provenance import FileRead
+from cldit.run import Run, open_run, simulate
+from cldit.scene import Scene
+from cldit.show.comparison.repeat import inputs_that_changed, repeat
+
+
+@pytest.fixture(scope="module")
+def run(
+    tiny_scene: Scene, device: Device, tables: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Run:
+    folder = tmp_path_factory.mktemp("repeated") / "run"
+    return simulate(tiny_scene, folder, device=device, cache=tables)
+
+
+def command(*words: object) -> Result:
+    return CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+
+
+def test_the_record_says_how(run: Run) -> None:
+    assert run.folder is not None
+    data = json.loads((run.folder / "run.json").read_text())
+    origin = data["origin"]
+    assert origin["seeds"] == {"transport.seed": 1, "rig.seed": 1}
+    assert origin["date"].endswith("+00:00") and origin["command"] and origin["processor"]
+    assert {"cldit", "numpy", "numba", "pyopencl", "python", "opencl"} <= set(data["versions"])
+    assert open_run(run.folder).info == run.info
+
+
+def test_it_is_the_same_and_its_folder_stays_empty(run: Run, tmp_path: Path) -> None:
+    assert run.folder is not None
+    done = command("repeat", run.folder, "--json", "--out", tmp_path / "again")
+    found = json.loads(done.stdout)
+    assert done.exit_code == 0 and found["within"] and found["trace"]["same"]
+    assert found["recorded"] is None and found["inputs"] == []
+    with pytest.raises(RunFolderError, match="is not empty"):
+        repeat(run.folder, out=tmp_path / "again")
+
+
+def test_what_differs_is_told(run: Run, tmp_path: Path) -> None:
+    """A stored map that says otherwise than its weights is found by computing it anew."""
+    assert run.folder is not None
+    copy = run.save(tmp_path / "copy")
+    path = copy / "maps" / "emissivity.tif"
+    image = read_image(path)[0]
+    write_image(path, (image + np.float32(0.1)).astype(np.float32), name="emissivity", unit="1")
+    done = command("repeat", copy)
+    assert done.exit_code == 3, done.output
+    assert "no pixel has a T_app in both" in done.output
+
+
+def test_inputs_are_named(run: Run, tmp_path: Path) -> None:
+    kept, lost = tmp_path / "kept.csv", tmp_path / "lost.csv"
+    for path in (kept, lost):
+        path.write_text("1")
+    origin = replace(
+        Origin.now(inputs=[FileRead.of(kept), FileRead.of(lost)]), scene_sha256="0" * 64
+    )
+    kept.write_text("2")
+    lost.unlink()
+    stale = replace(run, info=replace(run.info, origin=origin), folder=None)
+    scene, first, second = inputs_that_changed(stale)
+    assert scene.endswith("scene.yaml: has changed since the run")
+    assert first.startswith(f"{kept}: has changed (1 bytes of")
+    assert second == f"{lost}: cannot be read (No such file or directory)"
+    stale.save(tmp_path / "stale")
+    done = command("repeat", tmp_path / "stale")
+    assert done.exit_code == 1 and str(lost) in done.stderr and "--changed-inputs" in done.stderr
+    assert command("repeat", tmp_path / "stale", "--changed-inputs").exit_code == 0

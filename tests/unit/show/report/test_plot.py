@@ -1,0 +1,115 @@
+"""Pictures of runs, evaluations and sprays, as figures; what a notebook shows of them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.patches import Rectangle
+
+import cldit
+from cldit.errors import ClditError, EvaluationError
+from cldit.run import Run, open_run
+from cldit.run.errors import Cause, Errors
+from cldit.run.spray_factory import make_spray
+from cldit.scene.spray import ConeSpray
+from cldit.spray.result import Spray
+
+WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return open_run(WRITTEN)
+
+
+@pytest.fixture(scope="module")
+def spray() -> Spray:
+    return make_spray(ConeSpray())
+
+
+@pytest.mark.parametrize(
+    ("what", "labels"),
+    [
+        ("maps", {"x / mm", "z / mm"}),
+        ("acquired", {"x / mm", "z / mm"}),
+        ("errors", {"x / mm", "z / mm"}),
+        ("weights", {"x / mm", "z / mm"}),
+        ("spectrum", {"wavelength / µm"}),
+        ("profile", {"distance from the start / mm", "T_app / K", "emissivity"}),
+    ],
+)
+def test_pictures_of_a_run(run: Run, what: str, labels: set[str]) -> None:
+    figure = run.plot(what)
+    found = {text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())}
+    assert labels <= found
+    assert run.scene.name in " ".join([figure.get_suptitle(), figure.axes[0].get_title()])
+
+
+def test_maps_are_those_of_the_run(run: Run) -> None:
+    figure = run.plot("errors")
+    shown = figure.axes[0].images[0].get_array()
+    assert shown is not None
+    known = np.isfinite(run.maps.emissivity_standard_error)
+    np.testing.assert_allclose(
+        np.ma.getdata(shown)[known], run.maps.emissivity_standard_error[known]
+    )
+
+
+def test_budget_has_a_bar_a_cause() -> None:
+    from cldit.show.figures.curves import budget_figure, errors_by_cause
+
+    errors = Errors((Cause("trace", 0.5, ""), Cause("cells", 1.5, ""), Cause("parcels", None, "")))
+    axes = budget_figure(errors_by_cause(errors), title="a", total_K=errors.total_K).axes[0]
+    bars = [bar for bar in axes.patches if isinstance(bar, Rectangle)]
+    assert [bar.get_width() for bar in bars] == [0.5, 1.5, 0.0]
+    assert [text.get_text() for text in axes.texts] == ["0.5 K", "1.5 K", "unknown"]
+
+
+def test_what_is_not_there_is_named(run: Run) -> None:
+    with pytest.raises(EvaluationError, match="plot: 'map'; allowed are maps, acquired, errors"):
+        run.plot("map")
+    if run.errors is None:
+        with pytest.raises(ClditError, match="states no error"):
+            run.plot("budget")
+
+
+def test_a_labelled_run_has_the_same_pictures(run: Run) -> None:
+    pytest.importorskip("xarray", reason="the extra studies is not installed")
+    data = run.to_xarray()
+    ours, theirs = cldit.plot(run, "profile"), cldit.plot(data, "profile")
+    for one, other in zip(ours.axes, theirs.axes, strict=True):
+        a, b = (np.asarray(each.lines[0].get_ydata(), np.float64) for each in (one, other))
+        np.testing.assert_allclose(a, b)
+    assert cldit.plot(data).axes[0].get_xlabel() == "x / mm"
+    with pytest.raises(EvaluationError, match="has no budget"):
+        cldit.plot(data, "budget")
+
+
+def test_short_in_a_notebook(run: Run, spray: Spray) -> None:
+    """All of a run on one line; 12,600 characters before."""
+    assert re.fullmatch(r"<Run 'old': <Maps: 12 x 10 pixels, .* K>.*>", repr(run))
+    for thing in (run, run.maps, run.weights, spray):
+        assert len(repr(thing)) < 250 and "array(" not in repr(thing)
+    assert re.search(r"parcels of .* mg; \d+ cells with .* mg of vapour", repr(spray))
+
+
+def test_html_has_pictures_and_figures_and_no_address(run: Run, spray: Spray) -> None:
+    html = run._repr_html_()
+    assert html.count("data:image/png;base64,") == 2  # the trace and what the rig acquired
+    assert "evaluated" in html and "old" in html and "http" not in html
+    assert spray._repr_html_().count("<img") == 1
+    figure = run.plot()
+    png = figure._repr_png_()  # type: ignore[attr-defined]
+    assert png[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_runs_are_saved_and_opened(run: Run, tmp_path: Path) -> None:
+    again = open_run(run.save(tmp_path / "again"))
+    assert repr(again.maps) == repr(run.maps) and again.info == run.info
+    assert again.measured is not None and run.measured is not None
+    np.testing.assert_array_equal(again.measured.emissivity, run.measured.emissivity)
+    with pytest.raises(ClditError, match="is not empty"):
+        run.save(tmp_path / "again")

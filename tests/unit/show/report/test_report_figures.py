@@ -1,0 +1,51 @@
+"""Figures of a run with names and units that people read."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from cldit.run.spray_factory import make_spray
+from cldit.scene import load_scene
+from cldit.show.figures.figures import human, human_figures
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "name", "text"),
+    [
+        ("injected_mass_kg", 1.267e-5, "injected mass", "12.67 mg"),
+        ("jet_speed_m_s", 225.837, "jet speed", "225.8 m/s"),
+        ("evaporation_rate_m2_s", 1.611e-7, "evaporation rate", "0.1611 mm²/s"),
+        ("liquid_penetration_m", 0.032679, "liquid penetration", "32.68 mm"),
+        ("sauter_mean_diameter_m", 9.7714e-6, "Sauter mean diameter", "9.771 µm"),
+        ("sauter_mean_diameter_at_15_mm_m", 9e-6, "Sauter mean diameter at 15 mm", "9 µm"),
+        ("nozzle_x_m", 0.0, "nozzle x", "0 mm"),
+        ("coldest_K", 462.377, "coldest gas", "462.4 K (189 °C)"),
+        ("gas_temperature_max_K", 570.0, "largest gas temperature", "570 K (297 °C)"),
+        ("droplet_scattering_per_m_max", 1234.56, "largest droplet scattering", "1235 1/m"),
+        ("throat_K", 322.1, "throat temperature", "322.1 K (49 °C)"),
+        ("throat_Pa", 8.2e6, "throat pressure", "8.2 MPa"),
+        ("wet_bulb_K", 385.85, "wet-bulb temperature", "385.9 K (113 °C)"),
+        ("pressure_Pa", 6e5, "pressure", "0.6 MPa"),
+        ("parcels", 585924.0, "parcels", "585924"),
+        ("flow_coefficient", 0.28005, "flow coefficient", "0.2801"),
+        ("x", math.nan, "x", "nan"),
+        ("x", math.inf, "x", "inf"),
+        ("droplets", 3.2305e300, "droplets", "3.23e+300"),
+    ],
+)
+def test_name_and_unit(key: str, value: float, name: str, text: str) -> None:
+    assert human(key, value) == (name, text)
+
+
+@pytest.mark.parametrize("name", ["gdi", "gdi-cold", "methane-jet", "droplets-only", "empty"])
+def test_figures_of_shipped_scenes_have_names_of_their_own(name: str, tmp_path: Path) -> None:
+    notes = make_spray(load_scene(name).spray, cache=tmp_path).notes
+    assert len(human_figures(notes)) == len(notes)
+
+
+def test_two_keys_of_one_name_stay_two() -> None:
+    with pytest.raises(ValueError, match="mass"):
+        human_figures({"mass_kg": 1.0, "mass_m": 2.0})
