@@ -1,24 +1,24 @@
-"""Public functions say what they take, give and raise: `Args`, `Returns`, `Raises`.
+"""Docstrings: one of every public name, and a full one of every name on the API pages.
 
-What must be said:
+What must be there:
 
 - every public class and function has a docstring;
-- a function of several parameters, or of an array, has `Args` that name each of them. One of two
-  parameters, or of a single statement, may name them in its summary instead, which then says what
-  is returned; a single parameter needs no name there. Commands of the CLI are documented by the
-  help of their options;
-- where a function with `Args` returns arrays or several things, they stand under `Returns`, or in
-  a summary that begins with the shape of the array. A number, a text and a type of this package are
-  said by the summary and by the type;
-- where arrays are taken, returned or held by a class, a shape is given: `(N,)`, or in words;
-- a `raise` of one of the package's errors stands under `Raises`.
+- on the pages of docs/api, a function of several parameters, or of an array, has `Args` that name
+  each of them. One of two parameters, or of a single statement, may name them in its summary, which
+  then says what is returned; a single parameter needs no name there;
+- there, a function with `Args` that returns arrays or several things describes them under
+  `Returns`, or in a summary that begins with the shape of the array;
+- there, a shape is given where arrays are taken, returned or held by a class: `(N,)`, or in words;
+- there, a `raise` of one of the package's errors is under `Raises`.
 """
 
 from __future__ import annotations
 
 import ast
+import importlib
+import importlib.util
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +28,7 @@ import pytest
 import cldit
 
 ROOT = Path(cldit.__file__).parent
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 FILES = [
     path
     for path in sorted(ROOT.rglob("*.py"))
@@ -140,17 +141,49 @@ def class_faults(node: ast.ClassDef) -> list[str]:
     return []
 
 
-def faults_in(source: str) -> list[str]:
+def faults_in(source: str, shown: Callable[[str], bool] = lambda name: True) -> list[str]:
+    """Faults of a module; names that no API page shows need a docstring only."""
     faults = []
     for one in _public(ast.parse(source).body):
-        faults += faults_of(one) if isinstance(one, Function) else class_faults(one)
+        node = one.node if isinstance(one, Function) else one
+        if shown(one.name):
+            faults += faults_of(one) if isinstance(one, Function) else class_faults(one)
+        elif ast.get_docstring(node) is None:
+            faults.append(f"{one.name}: no docstring")
     return faults
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_public_functions_say_what_they_take_give_and_raise(path: Path) -> None:
-    faults = faults_in(path.read_text(encoding="utf-8"))
+@cache
+def api_names() -> frozenset[str]:
+    """Names on the pages of docs/api, `cldit.scene.load.load_scene`."""
+    pages = sorted((DOCS / "api").glob("*.md"))
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    return frozenset(re.findall(r"^::: ([\w.]+)$", text, re.MULTILINE))
+
+
+@pytest.mark.parametrize("room", sorted({path.relative_to(ROOT).parts[0] for path in FILES}))
+def test_public_names_are_documented(room: str) -> None:
+    faults = []
+    for path in FILES:
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        if parts[0].removesuffix(".py") != room.removesuffix(".py"):
+            continue
+        module = ".".join(("cldit", *(part for part in parts if part != "__init__")))
+
+        def shown(name: str, module: str = module) -> bool:
+            names = {module, f"{module}.{name}", f"{module}.{name.partition('.')[0]}"}
+            return bool(names & api_names())
+
+        found = faults_in(path.read_text(encoding="utf-8"), shown)
+        faults += [f"{path.relative_to(ROOT)}: {fault}" for fault in found]
     assert not faults, "\n".join(faults)
+
+
+def test_the_pages_name_what_is_there() -> None:
+    for name in api_names():
+        module, _, last = name.rpartition(".")
+        assert importlib.util.find_spec(module) is not None, name
+        assert hasattr(importlib.import_module(module), last) or importlib.util.find_spec(name)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,183 @@
+"""Rooms keep their size and their place in the data flow.
+
+`BUDGETS` has the raw lines that each room may have, `ARROWS` the rooms that each room may import
+from, deferred imports and imports for type checking included. Budgets and arrows only fall; one
+that must grow is changed in the same commit, with the reason in its message. `python
+tests/unit/test_fence.py` prints lines, files, classes and imports by room.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import defaultdict
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
+LARGEST_FOLDER = 26  # source files
+
+BUDGETS: dict[str, int] = {
+    "acquisition": 4787,
+    "api": 980,
+    "bench": 7331,
+    "camera": 573,
+    "cfd": 9103,
+    "cldit": 142,
+    "cli": 3184,
+    "dit": 5414,
+    "drivers": 5450,
+    "gpu": 1066,
+    "io": 1527,
+    "kernels": 3008,
+    "medium": 1757,
+    "optics": 3721,
+    "radiance": 404,
+    "rig": 1447,
+    "run": 6013,
+    "scene": 1696,
+    "show": 7263,
+    "spray": 6368,
+    "study": 4410,
+    "testing": 1370,
+    "transport": 7681,
+}
+ARROWS: dict[str, str] = {
+    "acquisition": "camera cldit io optics radiance rig scene",
+    "api": "acquisition camera cfd cldit cli dit gpu io rig run scene show",
+    "bench": (
+        "acquisition api camera cfd cldit dit gpu io medium optics radiance rig run scene "
+        "show spray transport"
+    ),
+    "camera": "cldit optics scene",
+    "cfd": "cldit io scene spray",
+    "cldit": "api cli gpu run scene show study",
+    "cli": (
+        "acquisition api bench cfd cldit dit gpu io optics rig run scene show spray study testing"
+    ),
+    "dit": "acquisition camera cldit io optics radiance scene",
+    "drivers": "camera cldit io optics radiance rig run scene testing",
+    "gpu": "cldit io",
+    "io": "cldit",
+    "kernels": "",
+    "medium": "cldit spray",
+    "optics": "cldit io medium scene spray",
+    "radiance": "io optics scene",
+    "rig": "camera cldit io radiance scene",
+    "run": "camera cfd cldit dit gpu io medium optics radiance scene spray transport",
+    "scene": "cldit io",
+    "show": "acquisition api camera cldit dit gpu io optics radiance rig run scene spray",
+    "spray": "cldit io scene",
+    "study": "camera cldit dit gpu io medium optics radiance run scene show spray transport",
+    "testing": "cldit io rig",
+    "transport": "cldit gpu medium optics radiance scene",
+}
+
+
+@cache
+def sources() -> dict[str, list[Path]]:
+    """Source files by room; the package's own loose files are the room `cldit`."""
+    rooms: dict[str, list[Path]] = defaultdict(list)
+    for top in ("cldit", "drivers", "kernels"):
+        for path in sorted((ROOT / top).rglob("*")):
+            linked = top == "cldit" and path.relative_to(ROOT).parts[1] in ("drivers", "kernels")
+            if path.suffix in SUFFIXES and path.is_file() and not linked:
+                parts = path.relative_to(ROOT / top).parts
+                rooms[parts[0] if top == "cldit" and len(parts) > 1 else top].append(path)
+    return dict(rooms)
+
+
+def lines_of(path: Path) -> int:
+    return path.read_text(encoding="utf-8").count("\n")
+
+
+def lines(room: str) -> int:
+    return sum(lines_of(path) for path in sources()[room])
+
+
+@cache
+def arrows(room: str) -> frozenset[str]:
+    """Rooms that a room imports from, in functions and for type checking too."""
+    found: set[str] = set()
+    for path in sources()[room]:
+        if path.suffix != ".py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names: list[str] = []
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                names = [node.module]
+                if node.module == "cldit":
+                    names = [f"cldit.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            for name in names:
+                top, _, rest = name.partition(".")
+                if top == "cldit" and rest:
+                    inner = rest.partition(".")[0]
+                    found.add(inner if inner in sources() else "cldit")
+    return frozenset(found - {room})
+
+
+@pytest.mark.parametrize("room", sorted(sources()))
+def test_a_room_keeps_its_budget(room: str) -> None:
+    assert room in BUDGETS, f"{room}: a new room needs a budget"
+    assert lines(room) <= BUDGETS[room], f"{room}: {lines(room)} lines of {BUDGETS[room]}"
+
+
+@pytest.mark.parametrize("room", sorted(sources()))
+def test_a_room_imports_only_from_its_arrows(room: str) -> None:
+    new = arrows(room) - set(ARROWS[room].split())
+    assert not new, f"{room} imports from {', '.join(sorted(new))}"
+
+
+def test_budgets_and_arrows_follow_the_code() -> None:
+    """What fell stays down: a budget may lie 2 % and 20 lines above its room, an arrow is used."""
+    loose = {room: (lines(room), most) for room, most in BUDGETS.items()
+             if most > 1.02 * lines(room) + 20}  # fmt: skip
+    assert not loose
+    unused = {room: sorted(set(names.split()) - arrows(room)) for room, names in ARROWS.items()}
+    assert not any(unused.values()), unused
+
+
+def test_no_folder_is_crowded() -> None:
+    counts: dict[Path, int] = defaultdict(int)
+    for paths in sources().values():
+        for path in paths:
+            counts[path.parent] += 1
+    crowded = {str(folder.relative_to(ROOT)): count for folder, count in counts.items()
+               if count > CROWDED.get(str(folder.relative_to(ROOT)), LARGEST_FOLDER)}  # fmt: skip
+    assert not crowded
+
+
+CROWDED: dict[str, int] = {
+    "cldit/bench": 30,
+    "cldit/cfd": 35,
+    "cldit/cli": 31,
+    "cldit/run": 40,
+    "kernels": 27,
+}  # folders that still hold more files, as many as they hold
+
+
+def report() -> None:
+    print(f"{'room':14}{'lines':>8}{'budget':>8}{'files':>7}{'classes':>9}{'imports':>9}")
+    total = [0, 0, 0, 0]
+    for room in sorted(sources()):
+        trees = [ast.parse(path.read_text(encoding="utf-8")) for path in sources()[room]
+                 if path.suffix == ".py"]  # fmt: skip
+        nodes = [node for tree in trees for node in ast.walk(tree)]
+        row = [
+            lines(room),
+            len(sources()[room]),
+            sum(isinstance(node, ast.ClassDef) for node in nodes),
+            sum((node.end_lineno or 0) - node.lineno + 1 for node in nodes
+                if isinstance(node, (ast.Import, ast.ImportFrom))),
+        ]  # fmt: skip
+        total = [old + new for old, new in zip(total, row, strict=True)]
+        print(f"{room:14}{row[0]:8}{BUDGETS.get(room, 0):8}{row[1]:7}{row[2]:9}{row[3]:9}")
+    print(f"{'all':14}{total[0]:8}{sum(BUDGETS.values()):8}{total[1]:7}{total[2]:9}{total[3]:9}")
+
+
+if __name__ == "__main__":
+    report()
