@@ -164,7 +164,7 @@ def _coarse_levels(
     open_ = np.ones((1, 1, 1), bool)
     following = 1
     for level, (v, d) in enumerate(reversed(pyramid)):
-        edge_m = frame.edge_m / 2**level
+        edge_m = frame.at(level).cell_m
         finest = level == frame.depth
         divide = open_ & (d | (v * edge_m > bound)) & (not finest)
         closed = open_ & ~divide

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,17 +26,16 @@ class Frame:
     def around(
         cls, *, centre_m: tuple[float, float, float], edge_m: float, leaf_edge_m: float
     ) -> Frame:
-        """The cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing").
-
-        Args:
-            centre_m, edge_m: of the cube.
-            leaf_edge_m: upper bound of a finest cell's edge.
-        """
-        depth = 0
-        while edge_m / 2**depth >= leaf_edge_m:
-            depth += 1
+        """The cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
         x, y, z = (middle - edge_m / 2 for middle in centre_m)
-        return cls(lower_m=(x, y, z), edge_m=edge_m, depth=depth)
+        frame = cls(lower_m=(x, y, z), edge_m=edge_m, depth=0)
+        while frame.cell_m >= leaf_edge_m:
+            frame = frame.at(frame.depth + 1)
+        return frame
+
+    def at(self, depth: int) -> Frame:
+        """The same cube, halved `depth` times."""
+        return replace(self, depth=depth)
 
     @property
     def cells(self) -> int:

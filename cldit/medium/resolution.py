@@ -9,7 +9,7 @@ are divided further, for the light within them varies where the medium does not.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
@@ -75,11 +75,11 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
         MediumError: something lies outside the cube, or one cell is more than `limit`.
     """
     refuse_outside(cube, sources)
-    whole = replace(cube, depth=0)
+    whole = cube.at(0)
     laid = on_grid(whole, sources)
     corner = whole if laid is None else laid
     for depth in range(DEEPEST + 1):
-        one = _counted(replace(corner, depth=depth), sources)
+        one = _counted(corner.at(depth), sources)
         if one.memory_cells > limit:
             if depth == 0:
                 raise MediumError(f"one cell is {one.memory_cells} cells, allowed are {limit}")
@@ -97,7 +97,7 @@ def refuse_outside(cube: Frame, sources: Sources) -> None:
     Raises:
         MediumError: something is not.
     """
-    placed_sources(replace(cube, depth=0), sources)
+    placed_sources(cube.at(0), sources)
 
 
 def swept_cells(frame: Frame, sources: Sources) -> int:

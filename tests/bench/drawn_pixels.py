@@ -81,7 +81,7 @@ def main() -> None:
             one, other = (picture.map(drawn.pick) for picture in two)
             temperature = whole.temperature.picked(drawn.sample.pixels)
             stated.append(Step.between(temperature, one, other, drawn).error_K or 0.0)
-        mm = [1e3 * pilot.probed.frame.edge_m / 2**depth for depth in (coarse, fine)]
+        mm = [1e3 * pilot.probed.frame.at(depth).cell_m for depth in (coarse, fine)]
         print(
             f"{mm[0]:7.3g} to {mm[1]:5.3g} {true_K:10.3f}   {min(stated):.3f}, "
             f"{np.mean(stated):.3f}, {max(stated):.3f}   {sum(one < true_K for one in stated)}",

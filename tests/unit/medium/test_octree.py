@@ -32,6 +32,17 @@ def points(position: Floats, amount: Floats) -> PointSource:
     return PointSource(position, amount, 2 * amount, 3 * amount)
 
 
+@pytest.mark.parametrize("depth", [0, 3, 9])
+def test_a_cube_is_halved_until_its_cells_are_small_enough(depth: int) -> None:
+    whole = frame(2 * EDGE)
+    assert whole.depth == 0
+    halved = whole.at(depth)
+    assert halved.lower_m == whole.lower_m
+    assert halved.cell_m == EDGE / 2**depth
+    assert frame(1.01 * halved.cell_m) == halved
+    assert frame(halved.cell_m) == whole.at(depth + 1)  # below the bound, not at it
+
+
 @pytest.mark.parametrize("leaf", [0.3, 0.11, 0.06, 0.02, 0.004, 0.8e-3])
 def test_everything_is_conserved(leaf: float) -> None:
     """Random boxes that fit no cell, and points: integrals equal the input's to float32's 6e-8."""

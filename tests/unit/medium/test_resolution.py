@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -239,9 +238,9 @@ def test_a_medium_in_whole_cells() -> None:
     sources = voxels((24, 24, 24), (4e-3,) * 3)
     laid = on_grid(CUBE, sources)
     assert laid is not None and in_whole_cells(laid, sources)
-    assert in_whole_cells(replace(laid, depth=laid.depth + 1), sources)
-    assert not in_whole_cells(replace(laid, depth=laid.depth - 3), sources)
-    assert not in_whole_cells(replace(CUBE, depth=6), sources)
+    assert in_whole_cells(laid.at(laid.depth + 1), sources)
+    assert not in_whole_cells(laid.at(laid.depth - 3), sources)
+    assert not in_whole_cells(CUBE.at(6), sources)
     assert not in_whole_cells(laid, (droplets(np.zeros((1, 3))), sources[1]))
     assert in_whole_cells(CUBE, (None, []))
 
