@@ -150,7 +150,7 @@ INLINE void store_interface(
 }
 #endif
 
-/* A work-group sweeps a tile of rows and layers (kba_tiles.py) along each ordinate of a quadrant, from row
+/* A work-group sweeps a tile of rows and layers (sweep_schedule.py) along each ordinate of a quadrant, from row
    to row as rays go. So rays that enter a row within a layer have crossed the row before, and a row's
    cells stay in the cache for all segments of its layer.
 
@@ -158,7 +158,7 @@ INLINE void store_interface(
    along a row at no cost, those that enter take the next unused slot, and access to a row is contiguous. */
 __kernel void sweep(
     const int first_tile,
-    __global const int4 *tiles,    /* in: two rows each, see kba_tiles.py */
+    __global const int4 *tiles,    /* in: two rows each, see sweep_schedule.py */
     __global const int *begins_at, /* in, [ordinate][layer]: its first segment, and the end */
     __global const int *sides,     /* in, per segment: faces through which rays then leave cells, a bit
                                       each */

@@ -14,7 +14,7 @@ from cldit.medium.octree import Octree
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run.rebuilt import Rebuilt
-from cldit.transport.source_function import source_function
+from cldit.transport.source_iteration import source_function
 
 Floats = NDArray[np.float64]
 

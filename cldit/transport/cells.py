@@ -278,3 +278,9 @@ def _hottest(fields: dict[str, NDArray[np.float32]], phase: str) -> float:
     absorption = fields[f"{phase}_absorption"]
     radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)
     return float(radiance.max(initial=0.0))
+
+
+def mean_transmission(depth: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean of exp(-t') along optical depths t of any shape: (1 - exp(-t)) / t, and 1 at t = 0."""
+    safe = np.where(depth > 0, depth, 1.0)
+    return np.where(depth > 0, -np.expm1(-safe) / safe, 1.0)

@@ -15,9 +15,8 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.medium.frame import BRICK
 from cldit.scene.schema import Scene
-from cldit.transport.attenuation import boundary_seen
+from cldit.transport.boundary import boundary_seen, patch_rows
 from cldit.transport.cells import OpticalCells
-from cldit.transport.patches import patch_rows
 
 Floats = NDArray[np.float64]
 _TILE = 8
@@ -29,7 +28,7 @@ class View:
     """Camera and background in finest cells from the cube's lower corner.
 
     disc: (4,) centre x, y, z and squared radius.
-    patches: (P, 4, 4), see patches.py.
+    patches: (P, 4, 4), see boundary.py.
     middle: (4,) the target point, and 0.
     pitch: width and height of a pixel in the target plane.
     distance: from the camera to the target.

@@ -11,8 +11,10 @@ from scipy.ndimage import map_coordinates
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.scene.vessel import Patch
-from cldit.transport.attenuation import absorbed, boundary_seen, mean_transmission, sees_disc
-from cldit.transport.patches import patch_rows
+from cldit.transport.boundary import boundary_seen, patch_rows, sees_disc
+from cldit.transport.cells import mean_transmission
+
+from .reference import absorbed
 
 # exp of OpenCL 1.2 full profile is good to 3 ulp, and each sum or product adds half a one; the
 # series is cut at t^5/120, 3e-9 of its value at the switch. 8 ulp of float32 bounds both branches,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from cldit.gpu.device import Device
-from cldit.transport.attenuation import march
 from cldit.transport.cells import OpticalCells
 from cldit.transport.trace import Settings, trace
 
 from .medium import random_tree, scene_of, source_planes
+from .reference import march
 
 
 @pytest.mark.parametrize("model", ["pinhole", "orthographic"])

@@ -17,16 +17,16 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import build
 from cldit.scene.vessel import Patch
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
-from cldit.transport.attenuation import boundary_seen, sweep
+from cldit.transport.boundary import boundary_seen, patch_rows, shifted
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, BlurredBoundary
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-from cldit.transport.patches import patch_rows, shifted
 
 from .medium import DISC, random_tree, source_planes, sweeper_of
+from .reference import sweep
 
 WINDOWS = (
     Patch(name="window", centre_m=(-0.1, 0, 0), facing="+x", radius_m=0.05, temperature_K=295),

@@ -22,10 +22,9 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
-from cldit.transport.attenuation import boundary_seen
+from cldit.transport.boundary import boundary_seen, shifted
 from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
-from cldit.transport.patches import shifted
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.view import View
 

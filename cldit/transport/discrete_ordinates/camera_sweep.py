@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.attenuation import mean_transmission
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.cells import Box, OpticalCells, mean_transmission
 from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_too
 
 

@@ -15,8 +15,8 @@ from cldit.gpu.buffers import clear, download, unset, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
-from cldit.transport.attenuation import mean_transmission
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.boundary import NONE, shifted
+from cldit.transport.cells import Box, OpticalCells, mean_transmission
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.discrete_ordinates.blurred_boundary import BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
@@ -28,7 +28,6 @@ from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
 from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
-from cldit.transport.patches import NONE, shifted
 from cldit.transport.tuning import Tuning
 
 _PER_MOMENT = 12  # gradient over the first moment of a linear field in a cell

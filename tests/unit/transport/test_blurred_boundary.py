@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
+from cldit.transport.boundary import NONE
 from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates import blurred_boundary
 from cldit.transport.discrete_ordinates.blurred_boundary import ForwardPeak, blurred_maps
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
-from cldit.transport.patches import NONE
 from cldit.transport.phase import ScatteringTable, henyey_greenstein
 from cldit.transport.view import View
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from cldit.transport.discrete_ordinates.axis_order import axis_orders
-from cldit.transport.discrete_ordinates.kba_tiles import kba_tiles
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
 from cldit.transport.discrete_ordinates.segments import Segments
-from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule
+from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, kba_tiles
 
 QUADRANTS = np.array([[0, 3], [3, 4], [4, 4], [4, 9]])
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.relative_gradient import LEAST, limited, relative_gradient
+from cldit.transport.linear_coefficients import LEAST, limited, relative_gradient
 
 Floats = NDArray[np.float64]
 CELLS = 64

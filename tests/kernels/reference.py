@@ -1,6 +1,6 @@
-"""Reference implementations of the kernels in NumPy and double precision, for the tests.
+"""Reference implementations of the kernels in NumPy and double precision.
 
-Attenuation (Beer-Lambert), the boundary, a sweep along one ordinate, and a line of sight.
+Attenuation (Beer-Lambert), a sweep along one ordinate, and a line of sight.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.transport.angular_moments import moment_to_discrete
+from cldit.transport.boundary import NONE, boundary_seen
+from cldit.transport.cells import mean_transmission
 from cldit.transport.discrete_ordinates.segments import visible_gradient
-from cldit.transport.patches import NONE
 
 Floats = NDArray[np.float64]
 
@@ -26,57 +27,6 @@ _GAUSS = tuple(
 def absorbed(depth: Floats) -> Floats:
     """Absorbed share 1 - exp(-t) along optical depths t of any shape."""
     return np.asarray(-np.expm1(-depth))
-
-
-def mean_transmission(depth: Floats) -> Floats:
-    """Mean of exp(-t') over optical depths t of any shape: (1 - exp(-t)) / t, and 1 at t = 0."""
-    safe = np.where(depth > 0, depth, 1.0)
-    return np.where(depth > 0, -np.expm1(-safe) / safe, 1.0)
-
-
-def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -> NDArray[np.bool_]:
-    """(N,) whether lines hit a disc that faces -y.
-
-    Args:
-        point, toward, centre, radius: as in `boundary_seen`.
-    """
-    forward = toward[:, 1] > 0
-    s = (centre[1] - point[:, 1]) / np.where(forward, toward[:, 1], 1.0)
-    hit = point + s[:, None] * toward
-    across = (hit[:, 0] - centre[0]) ** 2 + (hit[:, 2] - centre[2]) ** 2
-    return np.asarray(forward & (across <= radius**2))
-
-
-def boundary_seen(
-    point: Floats,
-    toward: Floats,
-    *,
-    centre: Floats,
-    radius: float,
-    patches: Floats,
-    start: float = 0.0,
-) -> NDArray[np.int64]:
-    """(N,) component of the boundary that lines hit: 0 the disc, 1 the walls, 2.. the patches.
-
-    Args:
-        point, toward: (N, 3) points of the lines and their unit vectors.
-        centre, radius: of the disc, (3,) and in the unit of `point`.
-        patches: (P, 4, 4), see cldit.transport.patches.
-        start: least distance from `point` at which patches count.
-    """
-    s = (centre[1] - point[:, 1]) / np.where(toward[:, 1] > 0, toward[:, 1], 1.0)
-    on_disc = sees_disc(point, toward, centre=centre, radius=radius)
-    distance = [np.where(on_disc, s, np.inf)]
-    for normal, middle, across, up in patches:
-        against = -toward @ normal[:3]
-        s = (point @ normal[:3] - normal[3]) / np.where(against > 0, against, 1.0)
-        inside = point + s[:, None] * toward - middle[:3]
-        u, v = np.abs(inside @ across[:3]), np.abs(inside @ up[:3])
-        hit = np.maximum(u, v) <= 1 if middle[3] else u**2 + v**2 <= 1
-        distance.append(np.where(hit & (against > 0) & (s >= start), s, np.inf))
-    nearest = np.argmin(distance, axis=0)  # of equal ones the first
-    nothing = np.isinf(np.min(distance, axis=0))
-    return np.where(nothing, 1, np.where(nearest == 0, 0, nearest + 1))
 
 
 def sweep(
