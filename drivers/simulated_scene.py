@@ -22,7 +22,7 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.run.spectral import node_folders
+from cldit.run.folder import node_folders
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section, Within
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.weights import Weights
 from cldit.run import Run, RunInfo
-from cldit.run.evaluation import evaluated, sensor_of
 from cldit.scene import Scene, parse_scene
 from cldit.show.view import save_page
 from cldit.show.view.traced import traced_item

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from cldit.accuracy.errors import Errors
 from cldit.bench import ASKED_K, BUDGET_SCENES
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError, Say, changed, clocked
@@ -19,7 +20,6 @@ from cldit.bench.report import Part, Table, number
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device
 from cldit.run import Run, simulate
-from cldit.run.errors import Errors
 from cldit.scene import Scene
 from cldit.show.figures.sheet import figure_of
 

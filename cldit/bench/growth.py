@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from cldit.accuracy.spectral import trace_nodes
 from cldit.bench.case import Case, Say, changed, clocked, halved
 from cldit.bench.report import Part, Table
 from cldit.medium.octree import Octree
-from cldit.run.medium import make_medium
-from cldit.run.spectral import trace_nodes
-from cldit.run.stages import Stages
+from cldit.prepare.medium import make_medium
+from cldit.prepare.stages import Stages
 from cldit.scene import Scene
 from cldit.show.figures.sheet import figure_of
 

@@ -23,7 +23,7 @@ from cldit.optics.droplets import (
 )
 from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import wavelengths
-from cldit.run.phases import droplets_content, mean_phase
+from cldit.prepare.phases import droplets_content, mean_phase
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Spray
 

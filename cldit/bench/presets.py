@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cldit.accuracy.spectral import Difference
 from cldit.errors import SceneError
 from cldit.gpu.device import Device
 from cldit.io.files import write_text
 from cldit.optics.response import edges_um, scene_filter
 from cldit.run import simulate
-from cldit.run.spectral import Difference
 from cldit.scene import Scene, parse_scene
 
 LIQUID, VAPOUR, PHASE = "liquid over the filter", "vapour over the filter", "Mie's phase function"

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from cldit.accuracy.errors import Errors
 from cldit.api.experiment import run_experiment
 from cldit.api.series import run_series
 from cldit.cli.as_json import Outcome, json_option
@@ -19,7 +20,6 @@ from cldit.cli.units import KELVIN
 from cldit.errors import SceneError
 from cldit.gpu.device import open_device
 from cldit.run import Run, simulate
-from cldit.run.errors import Errors
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
 from cldit.show.figures.figures import human_figures

@@ -18,9 +18,9 @@ from cldit.cli.scene_name import SCENE
 from cldit.errors import SceneError
 from cldit.io.files import write_bytes, write_text
 from cldit.io.terminal import tell
+from cldit.prepare.fitted_scene import fitted_scene
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
-from cldit.run.fitted_scene import fitted_scene
-from cldit.run.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.show.figures.droplets import life_picture

@@ -1,11 +1,11 @@
 """A run: one scene traced and evaluated, what came of it, and its folder."""
 
 from cldit.io.caches import default_cache
+from cldit.prepare.stages import Say, Stage
 from cldit.run.cache import RunCache
 from cldit.run.folder import open_run, with_stages
-from cldit.run.result import Run, RunInfo, Stage
+from cldit.run.result import Run, RunInfo
 from cldit.run.simulate import reevaluated, simulate
-from cldit.run.stages import Say
 
 __all__ = [
     "Run",

@@ -15,11 +15,11 @@ from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.caches import default_cache
 from cldit.io.files import make_folder, written
+from cldit.prepare.stages import Say
 from cldit.run.content import trace_key
 from cldit.run.folder import open_run
 from cldit.run.result import Run
 from cldit.run.simulate import reevaluated, simulate
-from cldit.run.stages import Say
 from cldit.scene import Scene
 from cldit.spray.result import Spray
 

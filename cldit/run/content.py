@@ -22,7 +22,18 @@ _LEFT_OUT = (
     "plan",
     "optics.compare_paper",
 )
-_TRACED_BY = ("spray", "cfd", "medium", "optics", "transport", "radiance", "kernels", "run")
+_TRACED_BY = (
+    "spray",
+    "cfd",
+    "medium",
+    "optics",
+    "transport",
+    "radiance",
+    "kernels",
+    "prepare",
+    "accuracy",
+    "run",
+)
 
 
 def trace_content(scene: Scene) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import is_dataclass, replace
 from importlib.metadata import version
@@ -13,22 +14,21 @@ from typing import Any, get_type_hints
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from cldit.accuracy.error_maps import load_maps, save_maps
 from cldit.dit.maps import Maps
-from cldit.errors import RunFolderError, SceneError
+from cldit.errors import ClditError, RunFolderError, SceneError
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.plain_data import read_json, read_mapping
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights
-from cldit.run.error_maps import load_maps, save_maps
-from cldit.run.result import Run, RunInfo, Stage
-from cldit.run.spectral import (
-    node_folders,
-    save_nodes,
-)
+from cldit.run.result import Run, RunInfo
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.scene.delays import delay_folder, spray_time_s
 from cldit.scene.spray import CfdSpray
+
+_QUADRATURE = "quadrature.json"
 
 
 def save_run(run: Run, folder: Path) -> None:
@@ -217,3 +217,54 @@ def with_stages(run: Run, stages: list[Stage], measured: Maps | None) -> Run:
     """
     info = replace(run.info, stages=(*run.info.stages, *stages))
     return replace(run, info=info, measured=measured)
+
+
+def save_nodes(
+    folder: Path,
+    quadrature: Quadrature,
+    spectral: Sequence[Weights],
+    *,
+    pixel_m: tuple[float, float],
+) -> None:
+    """Writes each node's weights into `folder/node_00`, .., and what the nodes are.
+
+    One node is nothing but the weights in `folder` itself, and is not written.
+
+    Args:
+        folder: that of the weights.
+        quadrature: the nodes.
+        spectral: weights of each node.
+        pixel_m: width and height of a pixel.
+    """
+    if len(spectral) == 1:
+        return
+    for number, weights in enumerate(spectral):
+        weights.save(folder / f"node_{number:02d}", pixel_m=pixel_m)
+    text = json.dumps(quadrature.to_dict())
+    write_text(folder / _QUADRATURE, text)
+
+
+def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
+    """Reads what `save_nodes` wrote.
+
+    Args:
+        folder: that of the weights.
+        grey: what holds where there are no nodes.
+
+    Returns:
+        The nodes, and the folder of each one's weights.
+
+    Raises:
+        RunFolderError: the description of the nodes is damaged.
+    """
+    path = folder / _QUADRATURE
+    if not path.is_file():
+        return grey, (folder,)
+    try:
+        quadrature = Quadrature.from_dict(read_json(path))
+    except RunFolderError:
+        raise
+    except (ValueError, TypeError, KeyError, ClditError) as error:
+        raise RunFolderError(f"{path}: is damaged ({error}); trace the run again") from error
+    names = tuple(folder / f"node_{number:02d}" for number in range(len(quadrature.members)))
+    return quadrature, names

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import UNITS, Maps, Reason
 from cldit.io.labels import xarray_module
 from cldit.radiance.weights import EMITTED, Weights
-from cldit.run.error_maps import TOTAL
 from cldit.scene import Scene
 
 if TYPE_CHECKING:

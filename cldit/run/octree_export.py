@@ -12,10 +12,10 @@ from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.files import make_folder
 from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf, write_xml
+from cldit.prepare.stages import Say
 from cldit.run.cell_fields import CellFields
 from cldit.run.rebuilt import Rebuilt, rebuilt
 from cldit.run.result import Run
-from cldit.run.stages import Say
 from cldit.spray.vtk_export import parcel_points
 
 FORMATS = ("vtkhdf", "vtu")

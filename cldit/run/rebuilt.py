@@ -14,16 +14,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from cldit.accuracy.plan import Plan
+from cldit.accuracy.spectral import SpectralInfo, node_settings
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.provenance import FileRead
 from cldit.medium.octree import Octree
-from cldit.run.medium import prepare
-from cldit.run.plan import Plan
+from cldit.prepare.medium import prepare
+from cldit.prepare.spray_factory import make_spray
+from cldit.prepare.stages import Say, Stages
 from cldit.run.result import Run
-from cldit.run.spectral import SpectralInfo, node_settings
-from cldit.run.spray_factory import make_spray
-from cldit.run.stages import Say, Stages
 from cldit.scene import Scene
 from cldit.spray.result import Spray
 from cldit.transport.trace import Settings

@@ -4,56 +4,17 @@ from __future__ import annotations
 
 import hashlib
 
+from cldit.accuracy.errors import Errors
+from cldit.accuracy.plan import Plan
+from cldit.accuracy.spectral import NodeTraces, SpectralInfo
+from cldit.accuracy.trace_error import StatedError
 from cldit.gpu.device import Device
 from cldit.io.origin import Origin, versions
 from cldit.io.provenance import FileRead, files_read
-from cldit.run.accuracy import StatedError
+from cldit.prepare.stages import Stages
 from cldit.run.content import named_files
-from cldit.run.errors import Errors
-from cldit.run.plan import Plan
-from cldit.run.result import RunInfo, Stage
-from cldit.run.spectral import NodeTraces, SpectralInfo
-from cldit.run.stages import Stages
+from cldit.run.result import RunInfo
 from cldit.scene import Scene, dump_scene
-
-
-def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
-    """What the traces did, step by step, and how long it took.
-
-    Args:
-        result: of all wavelengths.
-        order: of scattering, at which the trace ended; None: it did not.
-
-    Returns:
-        The steps in the order in which they are done.
-    """
-    counts = result.counts
-    iterations = [one.solution.iterations for one in result.traces if one.solution is not None]
-    samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
-    notes = {
-        "audit": "of some pixels, by path tracing",
-        "gather": samples,
-        "subpixels": "more rays through some pixels",
-    }
-    scattering = []
-    if order is not None:
-        scattering.append(f"up to order {order}, beyond it the wall is seen")
-    if iterations:
-        scattering.append(f"{counts['sweeps']} sweeps; {sum(iterations)} iterations")
-    if "gather" not in result.seconds and samples:
-        scattering.append(samples)
-    if "scattered_rays" in counts:
-        scattering.append(f"{counts['scattered_rays']} rays started by scattering")
-    notes["scattering"] = "; ".join(scattering)
-    usual = ("compile", "scattering", "image")
-    others = ("gather", "audit", "subpixels")
-    steps = [*usual, *(name for name in others if name in result.seconds)]
-    return [
-        Stage(name, result.seconds[name], notes.get(name, ""))
-        if name in result.seconds
-        else Stage(name, 0.0, "left out: nothing scatters")
-        for name in steps
-    ]
 
 
 def run_info(

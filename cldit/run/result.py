@@ -11,6 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.error_maps import TOTAL
+from cldit.accuracy.errors import Errors
+from cldit.accuracy.spectral import (
+    SpectralInfo,
+)
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile, profile_of
@@ -19,27 +24,14 @@ from cldit.io.origin import Origin
 from cldit.io.presented import Presented
 from cldit.io.provenance import FileRead
 from cldit.optics.spectral import Quadrature
+from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights
-from cldit.run.error_maps import TOTAL
-from cldit.run.errors import Errors
 from cldit.run.labelled import labelled
-from cldit.run.spectral import (
-    SpectralInfo,
-)
 from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
 
 if TYPE_CHECKING:
     import xarray
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One step of a run: what it took, and a word on what it did or why it was left out."""
-
-    name: str
-    seconds: float
-    note: str = ""
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ from cldit.errors import (
     Stopped,
     TransportError,
 )
+from cldit.prepare.stages import Say
 from cldit.run.result import Run
 from cldit.run.series_plan import SeriesPlan
-from cldit.run.stages import Say
 from cldit.scene import Scene
 
 State = Literal["done", "no spray", "failed"]

@@ -9,19 +9,19 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from cldit.accuracy.attempt import Attempts
+from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.io.progress import Watch, silent
 from cldit.optics.spectral import reference_temperature_K
+from cldit.prepare.stages import Say, Stages
 from cldit.radiance.effective import effective_weights
-from cldit.run.attempt import Attempts
 from cldit.run.content import trace_content
-from cldit.run.evaluation import evaluated, sensor_of
 from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
-from cldit.run.stages import Say, Stages
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
 

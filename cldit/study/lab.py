@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cldit.gpu.device import Device
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray

@@ -20,9 +20,9 @@ from typing import Any
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
 from cldit.io.content import digest
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Spray

@@ -29,8 +29,8 @@ from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import Kernel
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import simulate
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 

@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
+from cldit.accuracy.attempt import Attempts
+from cldit.accuracy.drawn_pixels import DrawnPixels
+from cldit.accuracy.picture import Step
+from cldit.accuracy.pilot import Pilot, looked, temperature_of
+from cldit.accuracy.plan import Plan
 from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
-from cldit.run.attempt import Attempts
-from cldit.run.drawn_pixels import DrawnPixels
-from cldit.run.picture import Step
-from cldit.run.pilot import Pilot, looked, temperature_of
-from cldit.run.plan import Plan
-from cldit.run.stages import Stages
+from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene
 
 

@@ -33,8 +33,8 @@ from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import SAMPLING, Kernel, variants
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, simulate
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
 

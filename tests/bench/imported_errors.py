@@ -27,15 +27,15 @@ from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import SAMPLING, Kernel, variants
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, simulate
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Parcels, Spray
 from tests.bench.wavelengths import imported
 
 Floats = NDArray[np.float64]
 
-_OF_WIDTH = 4.0 / 3.0  # as in cldit.run.budget
+_OF_WIDTH = 4.0 / 3.0  # as in cldit.accuracy.budget
 _ORDINATES = 32
 
 

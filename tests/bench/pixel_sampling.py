@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cldit.accuracy import pixels as pixels_of_run
+from cldit.accuracy.picture import Picture
 from cldit.bench.case import Case, changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
-from cldit.run import pixels as pixels_of_run
-from cldit.run.picture import Picture
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import trace
 from tests.bench.wavelengths import imported

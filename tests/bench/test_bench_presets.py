@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cldit.accuracy.spectral import Difference
 from cldit.bench.presets import CAUSES, LIQUID, PHASE, STEPS, variant
 from cldit.gpu.device import Device
 from cldit.run import simulate
-from cldit.run.spectral import Difference
 from cldit.scene import Scene, load_scene, parse_scene
 
 

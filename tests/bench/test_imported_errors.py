@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cldit.gpu.device import Device
-from cldit.run.spray_factory import make_spray
+from cldit.prepare.spray_factory import make_spray
 from tests.bench.imported_errors import sampled, scene_of
 
 FOLDER = os.environ.get("CLDIT_AACHENBOMB")

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from cldit.accuracy.spectral import node_settings, trace_nodes
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device, open_device
@@ -25,10 +26,9 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import build_octree, build_octrees
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.optics.wavelengths import Wavelengths
+from cldit.prepare.medium import properties_of
+from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.boundary import Surroundings
-from cldit.run.medium import properties_of
-from cldit.run.spectral import node_settings, trace_nodes
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace

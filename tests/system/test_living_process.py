@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 import cldit
 from cldit.errors import DeviceError
 from cldit.gpu.device import Device, open_device, split
-from cldit.run.medium import make_medium
-from cldit.run.stages import Stages
+from cldit.prepare.medium import make_medium
+from cldit.prepare.stages import Stages
 from cldit.spray.result import Parcels, Spray
 from cldit.transport.trace import settings_for, trace
 

@@ -21,7 +21,7 @@ import pytest
 from cldit.api.series import run_series
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
-from cldit.run.fitted_scene import fitted_scene
+from cldit.prepare.fitted_scene import fitted_scene
 from cldit.scene import load_scene
 from cldit.scene.spray import CfdSpray
 

@@ -127,5 +127,5 @@ def droplets_of_9_um() -> Iterator[ScatteringTable]:
     phase function of droplets of 9 um of n-heptane at 3.4 um, as `gdi` has it: g = 0.85. Its
     moments end near 2 x = 17."""
     phase = mie_table(np.array([9e-6]), np.ones(1), wavelength_um=3.4, n=1.338, k=0.0341)
-    with mock.patch("cldit.run.medium.mean_phase", lambda *_, **__: phase):
+    with mock.patch("cldit.prepare.medium.mean_phase", lambda *_, **__: phase):
         yield phase

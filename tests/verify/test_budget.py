@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.accuracy.errors import Errors
 from cldit.bench.budget_scenes import budget_scene
 from cldit.bench.case import changed
 from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device
 from cldit.run import Run
-from cldit.run.errors import Errors
 
 EVEN = {
     "droplet_absorption_per_m": 20.0,

@@ -11,7 +11,7 @@ import pytest
 
 import cldit
 from cldit.dit.accuracy import has_temperature
-from cldit.run.spray_factory import make_spray
+from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
 
 pytestmark = pytest.mark.slow

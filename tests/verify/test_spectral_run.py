@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.accuracy.spectral import NodeTraces, node_settings, trace_nodes
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -25,7 +26,6 @@ from cldit.optics.vapour import vapour_band
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.weights import Weights
-from cldit.run.spectral import NodeTraces, node_settings, trace_nodes
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 

@@ -10,8 +10,8 @@ from cldit.bench.optics import ABSORPTIONS, check_table, compare_solvers, table_
 from cldit.cli.console import OUT, folded_table, plain_errors
 from cldit.io.files import make_folder, write_bytes
 from cldit.optics.wavelengths import wavelengths
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
-from cldit.run.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.show.figures.pictures import nodes_picture
 

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.camera.view import overlap_matrix
 from cldit.errors import EvaluationError
 from cldit.radiance.weights import Weights
-from cldit.run.evaluation import evaluated, sensor_of
 from cldit.show.comparison.shown import Shown
 
 _SAME = 0.01  # of a pixel, over the whole picture

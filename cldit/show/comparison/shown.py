@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.error_maps import TOTAL
 from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.record import open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.run import Run, open_run
-from cldit.run.error_maps import TOTAL
 from cldit.scene import Scene
 
 Image = NDArray[np.float64]

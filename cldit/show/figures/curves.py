@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from cldit.accuracy.errors import Errors
 from cldit.dit.profile import Profile
 from cldit.run import Run
-from cldit.run.errors import Errors
 from cldit.show.figures.sheet import figure_of, plain
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.errors import Cause
 from cldit.acquisition.measured import is_measured, open_measured
 from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.view import SensorView
@@ -16,7 +17,6 @@ from cldit.errors import RunFolderError
 from cldit.io.files import make_folder, write_bytes
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run import Run, open_run
-from cldit.run.errors import Cause
 from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.error_maps import TOTAL
 from cldit.camera.sensor import SensorModel
 from cldit.optics.windows import Pane, band_panes
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run import Run
 from cldit.run.content import trace_content
-from cldit.run.error_maps import TOTAL
 from cldit.scene import Scene
 from cldit.scene.delays import spray_time_s
 from cldit.show.view.item import Item, place, planck_ends, planck_tables

@@ -28,10 +28,10 @@ from cldit.medium.octree import build_octree
 from cldit.optics.liquid import liquid
 from cldit.optics.response import scene_filter
 from cldit.optics.vapour import vapour_band
+from cldit.prepare.medium import properties_of
+from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
-from cldit.run.medium import properties_of
-from cldit.run.spray_factory import make_spray
 from cldit.scene import Scene, parse_scene
 from cldit.scene.vessel import Patch
 from cldit.transport.trace import settings_for, trace

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cldit.run.spray_factory import make_spray
+from cldit.prepare.spray_factory import make_spray
 from cldit.scene.spray import ConeSpray, EmptySpray
 from cldit.spray.extent import Box
 from cldit.spray.penetration import penetration_m, penetrations_m, with_figures

@@ -10,10 +10,10 @@ import pytest
 from matplotlib.patches import Rectangle
 
 import cldit
+from cldit.accuracy.errors import Cause, Errors
 from cldit.errors import ClditError, EvaluationError
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, open_run
-from cldit.run.errors import Cause, Errors
-from cldit.run.spray_factory import make_spray
 from cldit.scene.spray import ConeSpray
 from cldit.spray.result import Spray
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cldit.run.spray_factory import make_spray
+from cldit.prepare.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.show.figures.figures import human, human_figures
 

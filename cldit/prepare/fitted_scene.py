@@ -1,0 +1,222 @@
+"""A scene that fits a CFD case: its lengths and temperatures, each with the reason beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cldit.io.plain_data import yaml_line
+from cldit.prepare.case_fit import Fuel
+from cldit.scene.camera import Camera, Sensor
+from cldit.scene.spray import CfdSpray
+from cldit.scene.vessel import FINEST
+from cldit.spray.result import Floats, Spray
+
+_ROOM = 1.15  # of the picture and the cube, over what they must hold
+_BACKGROUNDS = 6
+_SPAN_K = 100.0  # from the coldest background to the hottest, at least
+_COLDEST_K = 300.0  # black bodies are heated
+_PIXELS = 1000  # along the picture's longer side
+
+
+def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
+    """A scene file before this spray.
+
+    Args:
+        spec: the case, as it was read.
+        spray: of the case.
+        name: of the scene.
+
+    Returns:
+        YAML with comments; `cldit.load_scene` reads it.
+    """
+    fuel = Fuel.of(spray)
+    low, high = fuel.extent_m()
+    high[2], low[2] = max(high[2], 0.0), min(low[2], 0.0)  # with the nozzle
+    time = spray.notes.get("time_s")
+    at = "" if time is None else f" at {_time(time)}"
+    size = f"{1e3 * (high[0] - low[0]):.3g} mm wide and {1e3 * (high[2] - low[2]):.3g} mm long"
+    edge_m, centre_m = _cube(spray)
+    target_m = (0.0, 0.0, _round(0.5 * (low[2] + high[2]), 1e-4))
+    field_m, sensor = _field(low, high, target_m)
+    columns, rows = (round(_PIXELS * side / max(field_m)) for side in field_m)
+    lines = [
+        f"# A scene that fits {spec.file}{at}, to edit.",
+        f"# The spray is {size}, but for 0.1 % of the fuel at either end.",
+        *_section({"name": name, "description": f"the spray of {spec.file.name}{at}"}, {}),
+        *_spray(spec, spray, time),
+        "domain:",
+        *_section(
+            {"edge_m": edge_m, "centre_m": list(centre_m)},
+            {"edge_m": "all droplets and all cells with vapour are in this cube"},
+            indent="  ",
+        ),
+        *_leaf(spray, edge_m),
+        "camera:",
+        *_section(
+            {"field_m": field_m, "target_m": list(target_m), "pixels": [columns, rows]},
+            {
+                "field_m": f"the spray and {100 * (_ROOM - 1):.0f} % of room, in the shape of the "
+                "sensor",
+                "target_m": "the middle of spray and nozzle",
+                "pixels": f"of {1e6 * field_m[0] / columns:.2g} um, as wide as high",
+            },
+            indent="  ",
+        ),
+        *sensor,
+        "background:",
+        *_background(spray, edge_m, centre_m, target_m, field_m),
+        *_walls(spray),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _section(values: dict[str, Any], why: dict[str, str], *, indent: str = "") -> list[str]:
+    """Lines of keys, each with its comment."""
+    lines = []
+    for key, value in values.items():
+        line = f"{indent}{yaml_line({key: value})[1:-1]}"
+        lines.append(f"{line}  # {why[key]}" if key in why else line)
+    return lines
+
+
+def _spray(spec: CfdSpray, spray: Spray, time: float | None) -> list[str]:
+    """The section `spray`: the keys that were given, with nozzle and axis as they were found."""
+    given: dict[str, Any] = {"model": "cfd", "file": str(spec.file.resolve())}
+    given |= spec.model_dump(mode="json", exclude_unset=True, exclude={"model", "file"})
+    if spec.mapping is not None:
+        given["mapping"] = str(spec.mapping.resolve())
+    why: dict[str, str] = {}
+    own = spec.file.suffix == ".npz"
+    if time is not None and not own:
+        given["time_s"] = time
+        why["time_s"] = "`cldit run .. --times all` takes all"
+    found = [f"{what}_{axis}" for what in ("nozzle", "axis") for axis in "xyz"]
+    keys = [f"{each}_m" if each.startswith("nozzle") else each for each in found]
+    if not own and all(key in spray.notes for key in keys):
+        place = [_clean(spray.notes[key]) for key in keys]
+        for key, value, word in (
+            ("nozzle_m", place[:3], "Nozzle"),
+            ("axis", place[3:], "Injection axis"),
+        ):
+            given[key] = value
+            remark = next((each for each in spray.remarks if each.startswith(word)), "as given")
+            why[key] = remark.rstrip(".")
+    return ["spray:", *_section(given, why, indent="  ")]
+
+
+def _cube(spray: Spray) -> tuple[float, tuple[float, float, float]]:
+    """Edge and middle of a cube around all that the octree must hold, and the nozzle."""
+    low, high = np.zeros(3), np.zeros(3)
+    if spray.parcels is not None:
+        low = np.minimum(low, spray.parcels.position_m.min(axis=0))
+        high = np.maximum(high, spray.parcels.position_m.max(axis=0))
+    if spray.vapour is not None:
+        low = np.minimum(low, spray.vapour.cells.lower_m.min(axis=0))
+        high = np.maximum(high, spray.vapour.cells.upper_m.max(axis=0))
+    middle = [_round(float(each), 1e-4) for each in 0.5 * (low + high)]
+    return _up(_ROOM * float((high - low).max()), 1e-3), (middle[0], middle[1], middle[2])
+
+
+def _field(low: Floats, high: Floats, target_m: Sequence[float]) -> tuple[list[float], list[str]]:
+    """Width and height of the picture, in the shape of the sensor, which is turned for a spray that
+    is longer than wide; and the sensor's lines."""
+    half = [
+        _ROOM * max(abs(side[axis] - target_m[axis]) for side in (low, high)) for axis in (0, 2)
+    ]
+    # what is nearer to the camera looks larger
+    half = [each / (1.0 + min(low[1], 0.0) / Camera().distance_m) for each in half]
+    pixels = sorted(Sensor().pixels, reverse=bool(half[0] >= half[1]))
+    ratio = pixels[0] / pixels[1]
+    height_m = _up(2.0 * max(half[1], half[0] / ratio), 1e-3)
+    lines = ["  sensor:"]
+    why = "the camera is turned: the spray is longer than wide"
+    if tuple(pixels) == Sensor().pixels:
+        why = "the spray is wider than long"
+    lines += _section({"pixels": pixels}, {"pixels": why}, indent="    ")
+    return [round(height_m * ratio, 9), height_m], lines
+
+
+def _leaf(spray: Spray, edge_m: float) -> list[str]:
+    """The finest cells, as a comment: where they are left out, the wanted error chooses them."""
+    if spray.vapour is None or not len(spray.vapour.temperature_K):
+        return []
+    own_m = float(np.median(np.cbrt(spray.vapour.cells.volume_m3)))
+    leaf_m = float(f"{max(own_m / 2, edge_m / FINEST):.2g}")
+    return [
+        f"  # leaf_edge_m: {leaf_m}  # half of the case's own cells in the spray, "
+        f"{1e3 * own_m:.2g} mm; left out,",
+        "  # cells are as fine as transport.accuracy_K needs",
+    ]
+
+
+def _background(
+    spray: Spray,
+    edge_m: float,
+    centre_m: Sequence[float],
+    target_m: Sequence[float],
+    field_m: Sequence[float],
+) -> list[str]:
+    """The disc behind all of the picture, at temperatures around those of what emits."""
+    behind_m = centre_m[1] + edge_m / 2 - target_m[1]
+    seen = 1.0 + behind_m / Camera().distance_m  # the picture is larger there
+    aside_m = math.dist((centre_m[0], centre_m[2]), (target_m[0], target_m[2]))
+    radius_m = _up(1.02 * (0.5 * math.hypot(*field_m) * seen + aside_m), 1e-3)
+    coldest_K, what = _coldest(spray)
+    hottest_K = spray.notes.get("ambient_temperature_K", coldest_K)
+    low_K = max(10.0 * math.floor(coldest_K / 10.0 + 1e-6), _COLDEST_K)
+    high_K = max(10.0 * math.ceil(hottest_K / 10.0 - 1e-6), low_K + _SPAN_K)
+    temperatures = np.round(np.linspace(low_K, high_K, _BACKGROUNDS)).tolist()
+    return _section(
+        {"radius_m": radius_m, "temperatures_K": temperatures},
+        {
+            "radius_m": "fills the picture",
+            "temperatures_K": f"from {what}, {coldest_K:.0f} K, to the gas outside the jet, "
+            f"{hottest_K:.0f} K; set what your black body reaches",
+        },
+        indent="  ",
+    )
+
+
+def _coldest(spray: Spray) -> tuple[float, str]:
+    """The mean temperature of the liquid, or else of the vapour, and what it is of."""
+    parcels, vapour = spray.parcels, spray.vapour
+    if parcels is not None and parcels.mass_kg > 0.0:
+        return float(np.average(parcels.temperature_K, weights=parcels.masses_kg)), "the droplets"
+    assert vapour is not None
+    return float(np.average(vapour.temperature_K, weights=vapour.masses_kg)), "the vapour"
+
+
+def _walls(spray: Spray) -> list[str]:
+    """The walls as the case holds them, or as warm as its gas."""
+    if "wall_temperature_K" in spray.notes:
+        wall_K, why = spray.notes["wall_temperature_K"], "the case holds its walls at this"
+    elif "ambient_temperature_K" in spray.notes:
+        wall_K = spray.notes["ambient_temperature_K"]
+        why = "the gas outside the jet: the case holds its walls at no temperature; set your own"
+    else:
+        return []  # made by an older version, which did not keep it
+    return [
+        "walls:",
+        *_section({"temperature_K": round(wall_K, 1)}, {"temperature_K": why}, indent="  "),
+    ]
+
+
+def _time(time: float) -> str:
+    return f"{1e3 * time:.6g} ms" if abs(time) < 1.0 else f"{time:.6g}"
+
+
+def _clean(value: float) -> float:
+    """Without the noise of the last digits, and without a negative zero."""
+    return float(f"{value:.9g}") + 0.0
+
+
+def _round(value: float, step: float) -> float:
+    return _clean(round(value / step) * step)
+
+
+def _up(value: float, step: float) -> float:
+    return _clean(math.ceil(value / step - 1e-9) * step)

@@ -1,0 +1,50 @@
+"""Maps of the standard error: their RMS is what the run states, and they are kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cldit.accuracy.error_maps import error_maps, load_maps, save_maps
+from cldit.accuracy.errors import Cause, Errors
+
+
+def found() -> tuple[Errors, dict[str, np.ndarray], np.ndarray]:
+    counted = np.ones((40, 30), bool)
+    counted[:, :5] = False
+    cells = np.abs(np.random.default_rng(1).normal(size=(40, 30)))
+    cells[20:] *= 3.0
+    cells[:10, :10] = np.nan
+    errors = Errors.of(
+        [Cause("cells", 2.0, "x"), Cause("wavelengths", 0.5, "x"), Cause("gas grid", None, "x")]
+    )
+    return errors, {"cells": cells}, counted
+
+
+def test_rms_is_what_is_stated() -> None:
+    errors, differences, counted = found()
+    maps = error_maps(errors, differences, counted)
+    assert set(maps) == {"cells", "total"}
+    assert errors.total_K is not None
+    for name, stated in (("cells", 2.0), ("total", errors.total_K)):
+        assert np.all(np.isnan(maps[name][~counted])) and np.all(maps[name][counted] > 0)
+        rms = np.sqrt(np.mean(maps[name][counted].astype(float) ** 2))
+        assert rms == pytest.approx(stated, rel=1e-5)
+    assert np.nanmean(maps["cells"][25:]) > 2 * np.nanmean(maps["cells"][:15])
+
+
+def test_no_pixel_no_map() -> None:
+    errors, differences, counted = found()
+    assert error_maps(errors, differences, np.zeros_like(counted)) == {}
+
+
+def test_maps_are_kept(tmp_path: Path) -> None:
+    maps = error_maps(*found())
+    maps["gas grid"] = maps["cells"]
+    save_maps(maps, tmp_path / "errors", pixel_m=(1e-3, 1e-3))
+    again = load_maps(tmp_path / "errors")
+    assert set(again) == set(maps)
+    np.testing.assert_array_equal(again["gas grid"], maps["gas grid"])
+    assert load_maps(tmp_path / "none") == {}

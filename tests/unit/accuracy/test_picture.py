@@ -1,0 +1,137 @@
+"""How far pictures are apart beyond their noise, on pictures whose noise is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.accuracy.drawn_pixels import DrawnPixels
+from cldit.accuracy.picture import Picture, Step
+from cldit.radiance.weights import Weights
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+
+EDGE = 60  # pixels
+SEEDS = range(12)
+
+
+def temperature(weights: Weights) -> NDArray[np.float64]:
+    """Ten times what is emitted, to have no curve."""
+    return 10.0 * weights.liquid.astype(float)
+
+
+def picture(level: Any, noise_K: float, rng: np.random.Generator, *, shared: Any = 0.0) -> Picture:
+    """Of T_app `level`, plus a noise of `noise_K` RMS in blocks of 3 x 3 pixels, and `shared`."""
+    half = rng.normal(0.0, noise_K * 2**0.5, (2, EDGE // 3, EDGE // 3))
+    one, other = half.repeat(3, 1).repeat(3, 2) + shared
+    nothing = np.zeros((EDGE, EDGE), np.float32)
+
+    def weights(kelvin: NDArray[np.float64], background: float) -> Weights:
+        image = (kelvin / 10.0).astype(np.float32)
+        return Weights(np.full_like(image, background), nothing, nothing, image)
+
+    return Picture(weights(level + (one + other) / 2, 0.5), weights((one - other) / 2, 0.0))
+
+
+def step(true_K: float, noise_K: float, seed: int, *, shared_K: float = 0.0) -> Step:
+    rng = np.random.default_rng(seed)
+    shared = rng.normal(0.0, shared_K, (2, 1, 1))
+    one, other = (picture(level, noise_K, rng, shared=shared) for level in (400.0 + true_K, 400.0))
+    kelvin: Any = temperature
+    return Step.between(kelvin, one, other)
+
+
+def squares(**given: float) -> NDArray[np.float64]:
+    return np.array([step(seed=seed, **given).error_K or 0.0 for seed in SEEDS]) ** 2
+
+
+@pytest.mark.parametrize("true_K", [0.3, 1.0, 3.0])
+def test_noise_is_left_out(true_K: float) -> None:
+    """The square's mean is that of the true difference, one standard error added.
+
+    A half's difference has a variance of v = 4 K^2 in each of 400 blocks. So the product's is v^2 +
+    2 v t^2. Where t is small, leaving out squares below 0 adds 0.4 standard errors at most.
+    """
+    doubt = ((16.0 + 8.0 * true_K**2) / 400) ** 0.5
+    found = squares(true_K=true_K, noise_K=1.0)
+    within = 3 * doubt / len(SEEDS) ** 0.5 + 0.4 * doubt
+    assert float(np.mean(found)) == pytest.approx(true_K**2 + doubt, abs=within)
+    raw = [np.nanmean(step(true_K, 1.0, seed).map_K ** 2) for seed in SEEDS]
+    assert float(np.mean(raw)) == pytest.approx(true_K**2 + 2.0, rel=0.1)  # as if it were a step
+
+
+def test_noise_that_both_pictures_share_cancels() -> None:
+    assert step(0.5, 0.0, 1, shared_K=5.0).error_K == pytest.approx(0.5, rel=1e-3)
+
+
+def test_without_halves_it_is_the_difference() -> None:
+    rng = np.random.default_rng(1)
+    one, other = (Picture(picture(level, 1.0, rng).weights) for level in (401.0, 400.0))
+    kelvin: Any = temperature
+    found = Step.between(kelvin, one, other)
+    assert found.error_K == pytest.approx(float(np.sqrt(np.nanmean(found.map_K**2))))
+
+
+def test_own_noise() -> None:
+    """Half the difference of the halves is as large as the error of their mean."""
+    kelvin: Any = temperature
+    one = picture(400.0, 1.5, np.random.default_rng(2))
+    assert one.error_K(kelvin) == pytest.approx(1.5, rel=4 / (2 * 400) ** 0.5)
+    assert Picture(one.weights).error_K(kelvin) == 0.0
+    thin = one.map(lambda image: image)
+    clear = Picture(Weights(*(np.ones((EDGE, EDGE), np.float32),) * 4))
+    assert thin.error_K(kelvin) == one.error_K(kelvin)
+    assert clear.error_K(kelvin) is None
+    assert Step.between(kelvin, clear, one).error_K is None
+
+
+def drawn_of(seed: int) -> DrawnPixels:
+    """A third of the pixels, those on the left with twice the chance of the others."""
+    importance = np.where(np.arange(EDGE) < EDGE // 2, 2.0, 1.0) * np.ones((EDGE, 1))
+    return DrawnPixels((EDGE, EDGE), PixelSample.of(importance.ravel(), most=1200, seed=seed))
+
+
+@pytest.mark.parametrize("noise_K", [0.0, 2.0])
+def test_few_pixels_that_hold_the_square(noise_K: float) -> None:
+    """A hundredth of the pixels differs by 10 K. The square's mean over draws is that of the whole
+    picture, one standard error added: by which pixels were drawn, and by the noise.
+
+    The variance by which are drawn is the sum of (1 - p) / p times the square of what a pixel has
+    above the mean. Noise has a variance of v = 4 n^2 in a half's difference, and is even in each of
+    400 blocks of 9 pixels: that adds (v^2 + 2 v d^2) (1 / p + 8) / 9 / 400 to the mean's.
+    """
+    kelvin: Any = temperature
+    true = np.zeros((EDGE, EDGE))
+    true.flat[np.random.default_rng(3).choice(EDGE**2, EDGE**2 // 100, replace=False)] = 10.0
+    square = float(np.mean(true**2))
+    chance = np.where(np.arange(EDGE) < EDGE // 2, 4 / 9, 2 / 9) * np.ones((EDGE, 1))
+    by_draw = float(np.sum((1 - chance) / chance * (true**2 - square) ** 2)) / EDGE**4
+    v = 4 * noise_K**2
+    by_noise = (v**2 + 2 * v * square) * (float(np.mean(1 / chance)) + 8) / 9 / 400
+    doubt = (by_draw + by_noise) ** 0.5
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng(100 + seed)
+        one, other = (picture(400.0 + level, noise_K, rng) for level in (true, 0.0))
+        drawn = drawn_of(seed)
+        step = Step.between(kelvin, one.map(drawn.pick), other.map(drawn.pick), drawn)
+        assert step.map_K.shape == (EDGE, EDGE) and step.error_K is not None
+        assert np.count_nonzero(np.isfinite(step.map_K)) == len(drawn.sample.pixels)
+        found.append(step.error_K**2)
+    within = 3 * doubt / 40**0.5 + 0.2 * doubt  # a standard error of few large numbers is rough
+    assert float(np.mean(found)) == pytest.approx(square + doubt, abs=within)
+
+
+def test_noise_of_drawn_pixels() -> None:
+    """Of a noise that is 1 K on the left and 3 K elsewhere, though the left is drawn more often."""
+    kelvin: Any = temperature
+    rng = np.random.default_rng(5)
+    noise = rng.normal(0.0, np.where(np.arange(EDGE) < EDGE // 2, 0.1, 0.3), (EDGE, EDGE))
+    nothing = np.zeros((EDGE, EDGE), np.float32)
+    mean = Weights(*(np.full_like(nothing, 0.5),) * 2, nothing, np.full_like(nothing, 40.0))
+    whole = Picture(mean, Weights(nothing, nothing, nothing, noise.astype(np.float32)))
+    drawn = drawn_of(1)
+    found = whole.map(drawn.pick).error_K(kelvin, drawn)
+    assert found == pytest.approx(5**0.5, rel=4 / (2 * 400) ** 0.5)

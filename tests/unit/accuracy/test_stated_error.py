@@ -1,0 +1,160 @@
+"""A run that states an error larger than was asked for says so, and what can be done."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.accuracy.spectral import summed
+from cldit.accuracy.trace_error import StatedError
+from cldit.gpu.device import Device
+from cldit.radiance.weights import Weights
+from cldit.run import open_run, simulate
+from cldit.scene import Scene, load_scene, parse_scene
+from cldit.scene.transport import Transport
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.result import Audit
+
+
+@pytest.mark.parametrize(
+    ("halves", "audit", "asked", "said"),
+    [
+        (0.05, 0.24, {}, "audit by path tracing finds it, where directions and chains make some 0"),
+        (0.05, 0.24, {"directions": 16}, "allowed is more transport.directions for that part"),
+        (0.4, 0.24, {}, "directions and chains make it; allowed is a smaller transport.accuracy_K"),
+        (0.24, 0.24, {"directions": 16}, "make it; allowed is more transport.directions"),
+        (0.24, None, {"method": "path"}, "allowed is a larger transport.max_samples"),
+    ],
+)
+def test_more_than_asked(
+    halves: float, audit: float | None, asked: dict[str, Any], said: str
+) -> None:
+    (text,) = StatedError(halves, audit).remarks(Transport(accuracy_K=0.1, **asked))
+    assert text.startswith("stated error 0.24 K RMS, more than transport.accuracy_K: 0.1 asks for:")
+    assert said in text
+
+
+@pytest.mark.parametrize(("halves", "told"), [(0.0, 0), (0.1, 0), (0.1049, 0), (0.1051, 1)])
+def test_as_asked(halves: float, told: int) -> None:
+    """As it is printed, with two digits."""
+    assert len(StatedError(halves).remarks(Transport(accuracy_K=0.1))) == told
+
+
+def test_audit_is_stated() -> None:
+    """It is of the picture; halves have the error of half of the ordinates, and miss a part."""
+    assert StatedError(0.2, 0.1).error_K == 0.1
+    assert StatedError(0.1, 0.2).error_K == 0.2
+    assert StatedError(0.2).error_K == 0.2
+
+
+def test_unknown() -> None:
+    """Is said, with what is known; it is never a number, nor less than was asked for."""
+    assert StatedError(None, unknown="why").error_K is None
+    (text,) = StatedError(None, unknown="why").remarks(Transport())
+    assert text == "error of the trace in T_app: unknown (why)"
+    (text,) = StatedError(0.05, unknown="why").remarks(Transport(accuracy_K=0.1))
+    assert text.startswith("error of the trace in T_app: at least 0.05 K RMS")
+    assert len(StatedError(0.2, unknown="why").remarks(Transport(accuracy_K=0.1))) == 2
+
+
+@pytest.mark.parametrize("audit_K", [0.0, 0.3, 0.8, 2.0])
+@pytest.mark.parametrize("cells_K", [0.0, 0.4, 0.8])
+def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: float) -> None:
+    """The sum with the cells is neither below either of both, nor 2^1/2 too small or too large.
+
+    The audit finds errors of even sources in cells (a part of the cells' error) and others. Its
+    square is theirs together; which part is whose, nobody knows.
+    """
+    halves_K = 0.2
+    found = StatedError(halves_K, audit_K).beyond(cells_K)
+    assert found.whole_K == audit_K
+    trace_K = found.error_K
+    assert trace_K is not None and trace_K >= min(halves_K, audit_K)
+    stated = (trace_K**2 + cells_K**2) ** 0.5
+    assert stated >= max(audit_K, cells_K) - 1e-12
+    both = (audit_K**2 + cells_K**2) ** 0.5
+    assert both / 2**0.5 - 1e-12 <= stated <= both + 1e-12
+
+
+def test_unknown_cells_explain_nothing() -> None:
+    assert StatedError(0.2, 0.5).beyond(None) == StatedError(0.2, 0.5)
+    assert StatedError(0.2, None).beyond(1.0).error_K == 0.2
+
+
+def flat(value: float) -> Weights:
+    """Weights of two by two pixels that all are of one value."""
+    image = np.full((2, 2), value, np.float32)
+    return Weights(image, -image, np.zeros_like(image), np.zeros_like(image))
+
+
+def node(difference: float, audit: float | None, *, noise: float = 0.0) -> Any:
+    """A trace of such weights, audited in all of its pixels."""
+    every = PixelSample(np.arange(4), np.ones(4))
+    found = None
+    if audit is not None:
+        rows = [flat(audit + sign * noise).map(lambda w: w.reshape(1, 4)) for sign in (1, -1)]
+        found = Audit(every, (rows[0], rows[1]))
+    return SimpleNamespace(
+        weights=flat(0.5),
+        weights_difference=flat(difference),
+        audit=found,
+        scatters=True,
+        unaudited="" if found else "no audit",
+        seconds={},
+        counts={},
+    )
+
+
+def stated(scene: Scene, *traces: Any) -> StatedError | None:
+    """Of nodes of equal light."""
+    at_K = 450.0
+    emissivity = np.full((2, 2), 0.5, np.float32)
+    maps: Any = SimpleNamespace(
+        emissivity=emissivity, apparent_temperature_K=np.full((2, 2), at_K, np.float32)
+    )
+    nodes = [SimpleNamespace(share=lambda _: 1 / len(traces)) for _ in traces]
+    quadrature: Any = SimpleNamespace(nodes=nodes, reference_K=at_K)
+    return StatedError.of(scene, summed(traces, quadrature, scene), maps)
+
+
+def test_wavelengths_add_as_they_do_in_the_picture() -> None:
+    """Errors of opposite sign cancel, and equal ones are one node's: their share is the light's."""
+    scene = load_scene("droplets-only")
+    one = stated(scene, node(0.01, 0.02))
+    both = stated(scene, node(0.01, 0.02), node(0.01, 0.02))
+    against = stated(scene, node(0.01, 0.02), node(-0.01, -0.02))
+    half = stated(scene, node(0.01, 0.02), node(0.0, 0.0))
+    assert one is not None and both is not None and against is not None and half is not None
+    assert one.halves_K is not None and one.audit_K is not None
+    assert one.audit_K == pytest.approx(2 * one.halves_K, rel=1e-6)
+    assert (both.halves_K, both.audit_K) == pytest.approx((one.halves_K, one.audit_K), rel=1e-5)
+    assert (against.halves_K, against.audit_K) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert half.audit_K == pytest.approx(one.audit_K / 2, rel=1e-5)
+
+
+def test_one_wavelength_without_an_audit() -> None:
+    """The sum is known in part, and no more than that is said."""
+    found = stated(load_scene("droplets-only"), node(0.01, 0.02), node(0.01, None))
+    assert found is not None
+    assert found.audit_K is None
+    assert found.unknown == "no audit"
+
+
+def test_runs_say_so(device: Device, tmp_path: Path) -> None:
+    """As it goes, in run.json, and in the run that is opened again; not where 100 K will do."""
+    data = load_scene("droplets-only").model_dump(mode="json")
+    data["camera"]["pixels"] = [8, 8]
+    data["domain"]["leaf_edge_m"] = 4e-3
+    for kelvin, told in ((1e-3, 1), (100.0, 0)):
+        lines: list[str] = []
+        data["transport"] |= {"accuracy_K": kelvin, "directions": 8, "gather": False}
+        folder = tmp_path / str(kelvin)
+        run = simulate(parse_scene(data), folder, device=device, progress=lines.append)
+        kept = json.loads((folder / "run.json").read_text())["remarks"]
+        for texts in (lines, kept, run.info.remarks, open_run(folder).info.remarks):
+            assert sum("more than transport.accuracy_K" in text for text in texts) == told

@@ -1,0 +1,232 @@
+"""The error of a computed gas's own cells, by a spray on cells twice as large."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.accuracy.budget import Budget, without_chance
+from cldit.accuracy.errors import Errors
+from cldit.accuracy.picture import Step
+from cldit.errors import MediumError, SprayError
+from cldit.medium.frame import Frame
+from cldit.medium.octree import CellSource, PointSource, Sources, build_octrees
+from cldit.prepare import medium
+from cldit.prepare.gas_grid import GasGrid, coarser_gas, within
+from cldit.prepare.stages import Stages
+from cldit.scene import Scene, parse_scene
+from cldit.scene.spray import LagrangianSpray
+from cldit.spray.result import Cells, Parcels, Spray, Vapour
+
+H = 1e-3
+CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
+NONE: Any = None
+
+
+def vapour(h_m: float = H, *, long: int = 24) -> Vapour:
+    """A column of gas, `long` cells high."""
+    cells = Cells.regular(
+        origin_m=np.array([-2 * h_m, -2 * h_m, -0.03]),
+        spacing_m=np.full(3, h_m),
+        shape=(4, 4, long),
+    )
+    one = np.ones(len(cells.lower_m))
+    return Vapour(cells, 1e24 * one, 480.0 * one, 0.1)
+
+
+def gas(lower: list[list[float]], edge_m: float, absorption: float = 1.0) -> CellSource:
+    low = np.array(lower)
+    some, none = np.full(len(low), absorption), np.zeros(len(low))
+    return CellSource(low, low + edge_m, some, 2 * some, none, none, none)
+
+
+def droplets(place: list[list[float]]) -> PointSource:
+    one = np.ones(len(place))
+    return PointSource(np.array(place), one, 3 * one, 2 * one, None, (one,))
+
+
+def step(error_K: float | None) -> Step:
+    return Step(error_K, np.full((2, 2), np.nan if error_K is None else error_K))
+
+
+def test_the_same_spray_on_cells_twice_as_large() -> None:
+    asked: list[LagrangianSpray] = []
+    sources: Sources = (droplets([[0, 0, 0]]), [gas([[0.0, 0.0, 0.0]], 2 * H)])
+
+    def made(spec: LagrangianSpray) -> Sources:
+        asked.append(spec)
+        return sources
+
+    spec = LagrangianSpray(seed=7)
+    found = coarser_gas(spec, vapour(), CUBE, made)
+    (other,) = asked
+    assert other.box.spacing_m == 2 * spec.box.spacing_m
+    data = other.model_dump()
+    data["box"]["spacing_m"] = spec.box.spacing_m
+    assert data == spec.model_dump()
+    assert found.sources is not None and found.fixed == "spray.box.spacing_m"
+    assert "2 to 1 mm" in found.how
+
+
+@pytest.mark.parametrize(
+    ("spacing_m", "here", "why"),
+    [
+        (1e-3, vapour(long=23), "11.5 along the vapour"),  # 12 are 24 of those of half the edge
+        (1e-3, vapour(2e-3), "the spray was given"),
+        (6e-3, vapour(6e-3, long=24), "above 0.01 m"),
+    ],
+)
+def test_no_spray_where_none_tells(spacing_m: float, here: Vapour, why: str) -> None:
+    def never(_: LagrangianSpray) -> Sources:
+        raise AssertionError("made")
+
+    spec = LagrangianSpray(box={"spacing_m": spacing_m})
+    found = coarser_gas(spec, here, CUBE, never)
+    assert found.sources is None and why in found.how
+
+
+def test_a_flow_that_cannot_be_followed() -> None:
+    def fails(_: LagrangianSpray) -> Sources:
+        raise SprayError("the gas is too fast")
+
+    found = coarser_gas(LagrangianSpray(), vapour(), CUBE, fails)
+    assert found.sources is None and "too fast" in found.how
+
+
+def test_what_lies_outside_is_cut_off() -> None:
+    """A quarter of one of three cells, and one of four parcels; the octree takes the rest."""
+    edge = 8e-3
+    lower = [[0.0, 0.0, 0.0], [-0.034, 0.0, 0.0], [0.0, 0.0, 0.032]]  # the last touches the cube
+    points = droplets([[0, 0, 0], [0.03, 0, 0], [0, 0, -0.03], [0.04, 0, 0]])
+    cut, lost = within(CUBE, (points, [gas(lower, edge)]))
+    assert lost == pytest.approx((0.25 + 1) / 3)  # of the gas, which is more than 1/4
+    placed, (cells,) = cut
+    assert placed is not None and len(placed.position_m) == 3
+    assert len(cells.lower_m) == 2 and cells.lower_m[1, 0] == pytest.approx(-0.032)
+    with pytest.raises(MediumError):
+        build_octrees(CUBE, [(points, [gas(lower, edge)])], optical_depth_split=1e-5)
+    tree = build_octrees(CUBE, [cut], optical_depth_split=1e-5)[0]
+    assert tree.integral("vapour_absorption") == pytest.approx(1.75 * edge**3)
+    assert tree.integral("droplet_scattering") == pytest.approx(9.0)
+    whole = (droplets([[0, 0, 0]]), [gas(lower[:1], edge)])
+    same, none = within(CUBE, whole)
+    assert none == 0.0 and np.array_equal(same[1][0].upper_m, whole[1][0].upper_m)
+
+
+def test_too_much_outside_is_no_answer() -> None:
+    """One part in a thousand of the gas is what may be lost."""
+    beside = gas([[0.04, 0.0, 0.0]], 2e-3)
+    for absorption, known in ((500.0, False), (1100.0, True)):
+        inside = gas([[0.0, 0.0, 0.0]], 2e-3, absorption)
+        sources: Sources = (None, [_both(inside, beside)])
+        found = coarser_gas(LagrangianSpray(), vapour(), CUBE, lambda _, s=sources: s)  # type: ignore[misc]
+        assert (found.sources is not None) == known
+        assert known or "0.2 % of the spray" in found.how
+
+
+def _both(one: CellSource, other: CellSource) -> CellSource:
+    return CellSource(
+        *(
+            np.concatenate([getattr(each, name) for each in (one, other)])
+            for name in CellSource.__dataclass_fields__
+        )
+    )
+
+
+def test_chance_is_taken_out_where_it_is_the_smaller_part() -> None:
+    """9 K and 1.5 K for each of two sprays: the root of 81 - 2 x 2.25, and the map with it."""
+    less, how = without_chance(step(9.0), 1.5)
+    assert less.error_K == pytest.approx(76.5**0.5) == pytest.approx(less.map_K[0, 0])
+    assert "taken out" in how
+    for sampling_K in (None, 4.6):  # 2 x 4.6^2 is more than half of 81
+        whole, how = without_chance(step(9.0), sampling_K)
+        assert whole.error_K == 9.0 and how.startswith("at most")
+    assert without_chance(step(None), 1.0)[0].error_K is None
+
+
+@dataclass
+class Pilot:
+    """Pictures are numbers here, and their differences are plain."""
+
+    probed: Any
+    coarser_K: float | Exception
+
+    def variant(self, name: str, sources: Any, depth: int) -> float:
+        assert (name, sources, depth) == ("gas grid", "sources", 6)
+        if isinstance(self.coarser_K, Exception):
+            raise self.coarser_K
+        return self.coarser_K
+
+    def level(self, depth: int) -> float:
+        assert depth == 6  # the picture's own cells
+        return 500.0
+
+    def step(self, one: float, other: float) -> Step:
+        return step(abs(one - other))
+
+
+def errors_of(gas: GasGrid | None, coarser_K: float | Exception = 509.0) -> Errors:
+    pilot: Any = Pilot(SimpleNamespace(parcels=None, gas=gas), coarser_K)
+    found = Budget(scene(audit=True), pilot, 6, lambda _: None).of_sources()
+    return Errors.of(cause for cause, _ in found)
+
+
+def test_the_budget_states_it() -> None:
+    known: Any = GasGrid("sources", "step", "spray.box.spacing_m")  # type: ignore[arg-type]
+    (cause,) = errors_of(known).causes
+    assert (cause.name, cause.error_K, cause.fixed) == ("gas grid", 9.0, "spray.box.spacing_m")
+    (remark,) = errors_of(known).remarks(1.0)
+    assert "gas grid makes 9 K" in remark and "allowed is a smaller spray.box.spacing_m" in remark
+    assert errors_of(None).causes == ()
+    (cause,) = errors_of(GasGrid(None, "one grid alone")).causes
+    assert cause.error_K is None and cause.how == "one grid alone"
+    (cause,) = errors_of(known, MediumError("more than memory holds")).causes
+    assert cause.error_K is None and "more than memory holds" in cause.how
+
+
+def scene(*, audit: bool) -> Scene:
+    return parse_scene(
+        {
+            "name": "s",
+            "spray": {"model": "lagrangian"},
+            "optics": {"compare_paper": False},
+            "transport": {"audit": audit},
+        }
+    )
+
+
+@pytest.mark.parametrize("audit", [True, False])
+def test_a_second_spray_is_made_for_the_audit_alone(
+    audit: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It is deposited as the spray is, comes from the same cache, and is a stage of the run."""
+    asked: list[tuple[float, Path]] = []
+    place = np.random.default_rng(1).normal(0, 1e-3, (50, 3))
+    one = np.ones(50)
+    parcels = Parcels(place, 1e-5 * one, 1e3 * one, 370.0 * one, 600.0 * one)
+
+    def make(spec: Any, *, cache: Path, **_: Any) -> Spray:
+        h_m = spec.box.spacing_m
+        asked.append((h_m, cache))
+        return Spray(parcels=parcels, vapour=vapour(h_m, long=round(24 * H / h_m)))
+
+    monkeypatch.setattr(medium, "make_spray", make)
+    info = SimpleNamespace(memory_bytes=2**31, largest_buffer_bytes=2**30)
+    device: Any = SimpleNamespace(info=info)
+    stages = Stages(None)
+    prepared = medium.prepare(scene(audit=audit), device, stages, tmp_path)
+    named = [stage.name for stage in stages.done]
+    if not audit:
+        assert asked == [(H, tmp_path)] and prepared.probed is None
+        assert named == ["spray", "optics"]
+        return
+    assert asked == [(H, tmp_path), (2 * H, tmp_path)]
+    assert named == ["spray", "optics", "spray on cells of gas twice as large"]
+    assert prepared.probed is not None and prepared.probed.gas is not None
+    sources = prepared.probed.gas.sources
+    assert sources is not None and sources[0] is not None and sources[0].extent is not None
