@@ -12,9 +12,10 @@ from cldit.bench.error import path_settings
 from cldit.bench.kernels import Kernels
 from cldit.bench.report import Part, Table, number
 from cldit.medium.octree import Octree, build_octree
+from cldit.optics.scene_phase import henyey_greenstein
 from cldit.radiance.effective import effective_weights
 from cldit.transport.cells import Needs
-from cldit.transport.phase import henyey_greenstein
+from cldit.transport.phase import ScatteringTable
 
 _NONE = Needs(vapour=False, droplets=False, scattering=False)
 _VAPOUR = replace(_NONE, vapour=True)
@@ -37,8 +38,7 @@ def leave_out(case: Case, *, say: Say, directions: int = 6) -> Part:
     """Measures every part on a variant of the scene that has no use for it.
 
     Args:
-        case: with the scene.
-        say: takes lines of progress.
+        case, say: with the scene; takes lines of progress.
         directions: swept.
     """
     tree = case.tree
@@ -117,7 +117,7 @@ def _without(tree: Octree, prefix: str) -> Octree:
 
 def _phase(case: Case, directions: int, add: Callable[[Saving], None]) -> None:
     """A table that says isotropic, in the last sweep and in path tracing."""
-    kernels, table = Kernels(case), henyey_greenstein(0.0)
+    kernels, table = Kernels(case), ScatteringTable.of(henyey_greenstein(0.0))
     work = f"{directions} last sweeps"
     plain, tabled = kernels.sweep(directions), kernels.sweep(directions, phase=table)
     add(Saving("phase function", "isotropic scattering", work, plain.core_s, tabled.core_s))

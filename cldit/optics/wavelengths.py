@@ -25,12 +25,12 @@ from cldit.optics.droplets import droplet_table
 from cldit.optics.line_radiance import Glow, belongs, emitted
 from cldit.optics.node_count import AHEAD, enough, stays_K
 from cldit.optics.response import Filter, scene_filter
+from cldit.optics.scene_phase import scene_phase
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
-from cldit.scene.transport import HenyeyGreenstein
 from cldit.spray.result import Spray
 
 Floats = NDArray[np.float64]
@@ -86,15 +86,17 @@ def wavelengths(
         band = BandOptics.paper(scene.optics, filter_um, droplets=droplets, cache=cache)
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))
     spectrum = Spectrum.of(scene, spray, filter_um)
+    asymmetry = scene_phase(scene, spray, "spectral").asymmetry
 
     def choose() -> Arrays:
         lines = Sightlines.through(spray, width_m=scene.domain.leaf_m)
         light = _light(spectrum, filter_um, reference_K)
-        groups, errors_K = _chosen(scene, lines, spectrum, light, filter_um, reference_K)
+        groups, errors_K = _chosen(scene, lines, spectrum, light, asymmetry)
         means = _Means.of(spectrum, lines, groups, light)
         return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
 
-    arrays = cached(cache, kind="wavelengths", text=_content(scene, spray, spectrum), make=choose)
+    content = _content(scene, spray, spectrum, asymmetry)
+    arrays = cached(cache, kind="wavelengths", text=content, make=choose)
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(
@@ -103,7 +105,7 @@ def wavelengths(
     return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()))
 
 
-def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:
+def _content(scene: Scene, spray: Spray, spectrum: Spectrum, asymmetry: float | None) -> str:
     """All that the choice of wavelengths depends on, in short."""
     arrays = [*vars(spectrum).values()]
     if spray.parcels is not None:
@@ -114,7 +116,7 @@ def _content(scene: Scene, spray: Spray, spectrum: Spectrum) -> str:
         arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
     optics, sensor = scene.optics.model_dump(), scene.camera.sensor
     where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
-    further = (scene.walls.temperature_K, scene.domain.leaf_m, _asymmetry(scene))
+    further = (scene.walls.temperature_K, scene.domain.leaf_m, asymmetry)
     return f"{_FORM} {where!r} {further!r} {digest(*arrays)}"
 
 
@@ -232,16 +234,6 @@ def _efficiencies(
     return absorbed, turned
 
 
-def _asymmetry(scene: Scene) -> float | None:
-    """g of the scene's droplets; None where it is Mie's."""
-    phase = scene.transport.phase
-    if isinstance(phase, HenyeyGreenstein):
-        return phase.henyey_greenstein
-    if phase == "mie" or (phase is None and scene.transport.method != "branching"):
-        return None
-    return 0.0
-
-
 def _index_absorbing(
     target: float,
     sizes_m2: Floats,
@@ -289,12 +281,13 @@ def _chosen(
     lines: Sightlines,
     spectrum: Spectrum,
     light: Floats,
-    filter_um: Filter,
-    reference_K: float,
+    asymmetry: float | None,
 ) -> tuple[Groups, list[float]]:
     """The groups, and the errors of 1, 2, .. nodes."""
+    filter_um = scene_filter(scene)
+    reference_K = reference_temperature_K(scene.background.temperatures_K)
     samples = np.arange(len(light))
-    depths = _depths(spectrum, lines, _asymmetry(scene))
+    depths = _depths(spectrum, lines, asymmetry)
     glow = Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
     exact, emissivity = glow.apparent(depths, filter_um)
     seen = emissivity > min(VISIBLE_EMISSIVITY, 0.5 * float(emissivity.max()))

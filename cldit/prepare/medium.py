@@ -14,11 +14,12 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import BandOptics
 from cldit.optics.emitters import emitters
+from cldit.optics.scene_phase import scene_phase
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.prepare.case_fit import misfits
 from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.prepare.gas_grid import GasGrid, coarser_gas
-from cldit.prepare.phases import droplets_content, in_classes, mean_phase, phase_choice, sizes_left
+from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
 from cldit.prepare.probed import ParcelVariants, Probed
 from cldit.prepare.spray_factory import make_spray
 from cldit.prepare.stages import Stages
@@ -65,7 +66,7 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
     """
     chosen = wavelengths(scene, spray, cache=cache)
     sources = tuple(emitters(spray, band) for band in chosen.bands)
-    choice = phase_choice(scene, spray, scene.optics.preset)
+    choice = scene_phase(scene, spray, scene.optics.preset)
     phases: list[ScatteringTable | None] = [None] * len(sources)
     content = droplets_content(spray)
     if choice.mie:
@@ -78,7 +79,7 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
             (in_classes(points, spray, phase), cells)
             for (points, cells), phase in zip(sources, phases, strict=True)
         )
-    words = choice.words
+    words = choice.name
     g = [phase.asymmetry for phase in phases if phase is not None]
     if choice.mie:
         words += f", g {min(g):.3f} to {max(g):.3f}" if g else ": nothing scatters"
@@ -88,7 +89,7 @@ def properties_of(scene: Scene, spray: Spray, *, cache: Path | None) -> Properti
     if chosen.errors_K and scene.optics.compare_paper:
         (band,) = wavelengths(scene, spray, cache=cache, paper=True).bands
         paper = emitters(spray, band)
-        if phase_choice(scene, spray, "paper").mie:
+        if scene_phase(scene, spray, "paper").mie:
             paper_phase = mean_phase(spray, band, paper[0], content=content, cache=cache)
             paper = (in_classes(paper[0], spray, paper_phase), paper[1])
     remarks = (*choice.remarks, *_not_reached(scene.optics, chosen), *sizes_left(phases))

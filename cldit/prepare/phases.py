@@ -1,66 +1,23 @@
-"""How the droplets of a scene scatter: by its phase function, or by what its preset means."""
+"""Mean Mie phase functions of a spray's droplets, kept by content."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from cldit.io.tables import Arrays, cached, digest
 from cldit.medium.octree import PointSource
 from cldit.optics.band import BandOptics
-from cldit.scene import Scene
-from cldit.scene.transport import HenyeyGreenstein
+from cldit.optics.scene_phase import has_coefficients
 from cldit.spray.result import Spray
 from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import PhaseError, ScatteringTable
 from cldit.transport.size_classes import MOST_CLASSES, TOLERATED, in_size_classes
 
 _FORM = 2  # of kept phase functions
-
-
-@dataclass(frozen=True)
-class PhaseChoice:
-    """How droplets scatter: by Mie's phase function or not, in words, and what one should know."""
-
-    mie: bool
-    words: str
-    remarks: tuple[str, ...] = ()
-
-
-def phase_choice(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]) -> PhaseChoice:
-    """What the scene says, or what its preset means where it says nothing.
-
-    Args:
-        scene: what is to be traced.
-        spray: that of the scene.
-        preset: of the optics.
-    """
-    given = scene.transport.phase
-    if isinstance(given, HenyeyGreenstein):
-        return PhaseChoice(False, f"Henyey and Greenstein, g {given.henyey_greenstein:g}")
-    if given is not None:
-        return PhaseChoice(given == "mie", given)
-    if preset == "paper":
-        return PhaseChoice(False, "isotropic (preset paper)")
-    if _coefficients(spray):
-        remark = (
-            "droplets given as coefficients, without diameters, are taken to scatter "
-            "isotropically; set transport.phase: {henyey_greenstein: g} if g is known"
-        )
-        return PhaseChoice(False, "isotropic (no diameters)", (remark,))
-    if scene.transport.method == "branching":
-        remark = "method branching scatters isotropically, whatever the preset"
-        return PhaseChoice(False, "isotropic (method branching)", (remark,))
-    return PhaseChoice(True, "mie (preset spectral)")
-
-
-def _coefficients(spray: Spray) -> bool:
-    given = spray.prescribed
-    return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
 
 
 def droplets_content(spray: Spray) -> str:
@@ -92,7 +49,7 @@ def mean_phase(
     Raises:
         PhaseError: droplets are given as coefficients, without diameters.
     """
-    if _coefficients(spray):
+    if has_coefficients(spray):
         raise PhaseError(
             "transport.phase: mie needs droplet diameters, and this spray gives coefficients only; "
             "allowed: isotropic, {henyey_greenstein: g}"

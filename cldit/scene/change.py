@@ -15,13 +15,7 @@ _PART = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[-?[0-9]+\])*)")
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """`path=value` as a command line has it, the value read as YAML.
-
-    Args:
-        text: such as `walls.temperature_K=500` or `camera.pixels=[200, 200]`.
-
-    Returns:
-        The path and its value.
+    """Path and value of a command-line change such as `camera.pixels=[200, 200]`.
 
     Raises:
         SceneError: there is no `=`, no path, or the value is not YAML.

@@ -9,10 +9,6 @@ from pydantic import Discriminator, Tag
 from cldit.scene.checks import Section, Within
 
 
-def _parametric(value: object) -> str | None:
-    return "HenyeyGreenstein" if isinstance(value, (dict, HenyeyGreenstein)) else None
-
-
 class HenyeyGreenstein(Section):
     """A phase function by its mean cosine."""
 
@@ -20,11 +16,18 @@ class HenyeyGreenstein(Section):
     """Mean cosine g of the scattering angle."""
 
 
+def _kind(value: object) -> str | None:
+    """Tag of the type in `Phase` that checks a value; None: the value is no phase function."""
+    if value in ("isotropic", "mie"):
+        return "name"
+    return "HenyeyGreenstein" if isinstance(value, (dict, HenyeyGreenstein)) else None
+
+
 Phase = Annotated[
     Annotated[Literal["isotropic", "mie"], Tag("name")]
     | Annotated[HenyeyGreenstein, Tag("HenyeyGreenstein")],
     Discriminator(
-        lambda value: "name" if value in ("isotropic", "mie") else _parametric(value),
+        _kind,
         custom_error_type="not_allowed",
         custom_error_message=(
             "is no phase function; allowed: isotropic, mie, {henyey_greenstein: g}"

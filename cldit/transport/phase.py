@@ -6,6 +6,7 @@ phase function is constant in a bin; its integral over the cosine is 1.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,13 @@ class ScatteringTable:
     cosine: Floats
     cumulative: Floats
     classes: SizeClasses | None = None
+
+    @classmethod
+    def of(cls, cumulative: Callable[[Floats], Floats]) -> ScatteringTable:
+        """Table of a phase function, from its share above given cosines up to a factor."""
+        cosine = cosine_bounds()
+        share = cumulative(cosine)
+        return cls(cosine, share / share[-1])
 
     @property
     def bins(self) -> int:
@@ -110,23 +118,3 @@ def cosine_bounds() -> Floats:
     cosine = np.cos(np.linspace(0.0, np.pi, BINS + 1))
     cosine[0], cosine[-1] = 1.0, -1.0
     return np.asarray(cosine)
-
-
-def henyey_greenstein(g: float) -> ScatteringTable:
-    """The phase function of Henyey and Greenstein (Astrophys. J. 93, 1941).
-
-    Args:
-        g: mean cosine of the scattering angle, -1 < g < 1.
-
-    Raises:
-        PhaseError: g is out of range.
-    """
-    if not -1 < g < 1:
-        raise PhaseError(f"Henyey-Greenstein: g = {g:g} is outside -1..1 (both excluded)")
-    cosine = cosine_bounds()
-    if abs(g) < 1e-6:
-        return ScatteringTable(cosine, (1 - cosine) / 2)
-    root = np.sqrt(1 + g * g - 2 * g * cosine)
-    cumulative = (1 - g * g) / (2 * g) * (1 / abs(1 - g) - 1 / root)
-    cumulative /= cumulative[-1]
-    return ScatteringTable(cosine, cumulative)

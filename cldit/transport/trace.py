@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from cldit.errors import NotConvergedError, TransportError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
+from cldit.optics.scene_phase import named_phase
 from cldit.scene.schema import Scene
-from cldit.scene.transport import HenyeyGreenstein
 from cldit.transport.branching import trace_branching
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.audit import audited
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.phase import ScatteringTable, henyey_greenstein
+from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Settings, Trace
 from cldit.transport.source_iteration import trace_source
 from cldit.transport.tuning import Tuning
@@ -44,9 +44,9 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
     """
     spec, tuning = scene.transport, Tuning()
     finer = 0.1 / spec.accuracy_K
-    phase = mie if spec.phase in (None, "mie") else None
-    if isinstance(spec.phase, HenyeyGreenstein):
-        phase = henyey_greenstein(spec.phase.henyey_greenstein)
+    phase = mie
+    if spec.phase is not None and not (named := named_phase(spec.phase)).mie:
+        phase = None if named.cumulative is None else ScatteringTable.of(named.cumulative)
     wanted, thick = tuning.ordinates, tuning.thick_depth
     if phase is not None:
         wanted, thick = tuning.ordinates_phase, tuning.thick_depth_phase

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import cldit
-from cldit.transport.phase import henyey_greenstein
+from tests.phase_tables import henyey_greenstein
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "verify"))
 slab = importlib.import_module("slab")

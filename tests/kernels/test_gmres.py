@@ -14,8 +14,8 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-from cldit.transport.phase import henyey_greenstein
 from cldit.transport.trace import Settings, trace
+from tests.phase_tables import henyey_greenstein
 
 from .medium import random_tree, scene_of, sweeper_of
 

@@ -14,8 +14,8 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import compiled
-from cldit.transport.phase import henyey_greenstein
 from cldit.transport.sobol import BITS, DIMENSIONS, columns
+from tests.phase_tables import henyey_greenstein
 
 Words = NDArray[np.uint32]
 ULP = float(np.finfo(np.float32).eps)

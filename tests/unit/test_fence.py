@@ -34,7 +34,7 @@ BUDGETS: dict[str, int] = {
     "io": 1527,
     "kernels": 3008,
     "medium": 1757,
-    "optics": 3721,
+    "optics": 3811,
     "prepare": 1265,
     "radiance": 404,
     "rig": 1447,
@@ -44,7 +44,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6368,
     "study": 4410,
     "testing": 1370,
-    "transport": 7681,
+    "transport": 7669,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu io medium optics prepare radiance scene spray transport",

@@ -15,9 +15,10 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.phase import ScatteringTable, henyey_greenstein
+from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Method
 from cldit.transport.trace import Settings, trace
+from tests.phase_tables import henyey_greenstein
 
 Floats = NDArray[np.float64]
 EDGE_M, SIGMA_M, PIXELS = 0.16, 0.012, 37

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.run import Run
-from cldit.transport.phase import henyey_greenstein
 from cldit.transport.trace import Trace, trace
+from tests.phase_tables import henyey_greenstein
 
 from .slab import EDGE, disort, droplets_of_9_um, run_slab
 

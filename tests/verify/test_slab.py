@@ -14,7 +14,7 @@ import pytest
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.run import Run
-from cldit.transport.phase import henyey_greenstein
+from tests.phase_tables import henyey_greenstein
 
 from .slab import BEHIND, CAMERA, EDGE, disort, droplets_of_9_um, run_slab
 

@@ -11,8 +11,8 @@ import pytest
 
 from cldit.errors import ClditError, OpticsError, SceneError
 from cldit.optics import mie
+from cldit.optics.scene_phase import scene_phase
 from cldit.prepare.medium import properties_of
-from cldit.prepare.phases import phase_choice
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.show.report.optics_summary import scene_optics
 from cldit.spray.result import Cells, Parcels, Prescribed, Spray, Vapour
@@ -83,14 +83,14 @@ def test_the_second_use_solves_nothing(tmp_path: Path, monkeypatch: pytest.Monke
 def test_phase_of_the_presets() -> None:
     """`spectral` takes Mie's, `paper` none; what the scene says goes before."""
     spray = spray_of()
-    assert phase_choice(scene_of(), spray, "spectral").mie
-    assert phase_choice(scene_of(), spray, "paper").words == "isotropic (preset paper)"
+    assert scene_phase(scene_of(), spray, "spectral").mie
+    assert scene_phase(scene_of(), spray, "paper").name == "isotropic (preset paper)"
     for given in ("isotropic", "mie", {"henyey_greenstein": 0.5}):
         said = scene_of(transport={"phase": given})
         for preset in ("paper", "spectral"):
-            found = phase_choice(said, spray, preset)
+            found = scene_phase(said, spray, preset)
             assert found.mie == (given == "mie") and found.remarks == ()
-    branching = phase_choice(scene_of(transport={"method": "branching"}), spray, "spectral")
+    branching = scene_phase(scene_of(transport={"method": "branching"}), spray, "spectral")
     assert not branching.mie and "branching" in branching.remarks[0]
 
 

@@ -11,8 +11,9 @@ from cldit.prepare.medium import properties_of
 from cldit.prepare.phases import in_classes, sizes_left
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Parcels, Spray
-from cldit.transport.phase import SizeClasses, henyey_greenstein
+from cldit.transport.phase import SizeClasses
 from cldit.transport.size_classes import TOLERATED
+from tests.phase_tables import henyey_greenstein
 
 COUNT = 400
 

@@ -12,8 +12,9 @@ from cldit.transport.cells import Box
 from cldit.transport.discrete_ordinates import blurred_boundary
 from cldit.transport.discrete_ordinates.blurred_boundary import ForwardPeak, blurred_maps
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
-from cldit.transport.phase import ScatteringTable, henyey_greenstein
+from cldit.transport.phase import ScatteringTable
 from cldit.transport.view import View
+from tests.phase_tables import henyey_greenstein
 
 DEGREES = 80
 PHASE = henyey_greenstein(0.8)

@@ -16,7 +16,7 @@ from cldit.transport.discrete_ordinates.quadrature import (
     nearest,
     unfolded,
 )
-from cldit.transport.phase import henyey_greenstein
+from tests.phase_tables import henyey_greenstein
 
 
 def test_unfolded_sphere() -> None:

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cldit.transport.phase import PhaseError, SizeClasses, henyey_greenstein
+from cldit.errors import OpticsError
+from cldit.transport.phase import PhaseError, SizeClasses
+from tests.phase_tables import henyey_greenstein
 
 
 @pytest.mark.parametrize("g", [-0.7, 0.0, 1e-7, 0.3, 0.8, 0.95])
@@ -21,7 +23,7 @@ def test_henyey_greenstein_moments_are_powers_of_g(g: float) -> None:
 
 @pytest.mark.parametrize("g", [-1.0, 1.0, float("nan")])
 def test_impossible_asymmetry_is_refused(g: float) -> None:
-    with pytest.raises(PhaseError, match=r"outside -1\.\.1"):
+    with pytest.raises(OpticsError, match=r"outside -1\.\.1"):
         henyey_greenstein(g)
 
 

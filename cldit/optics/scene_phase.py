@@ -1,0 +1,97 @@
+"""The phase function of a scene's droplets, decided once for transport and wavelengths.
+
+A new phase function is a type of `cldit.scene.transport.Phase` and a branch of `named_phase`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, assert_never
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import OpticsError
+from cldit.scene.schema import Scene
+from cldit.scene.transport import HenyeyGreenstein, Phase
+from cldit.spray.result import Spray
+
+Floats = NDArray[np.float64]
+Cumulative = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScenePhase:
+    """Phase function with which the droplets of a scene scatter.
+
+    name: for reports, with its parameters or the reason why it was chosen.
+    asymmetry: mean cosine g of the scattering angle; None: by Mie's theory from the droplets.
+    cumulative: share of the light that is scattered into cosines above given ones, any shape, up
+        to a constant factor; None: isotropic, or by Mie's theory.
+    """
+
+    name: str
+    asymmetry: float | None
+    cumulative: Cumulative | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def mie(self) -> bool:
+        """True if the phase function follows from the sizes of the droplets."""
+        return self.asymmetry is None
+
+
+def named_phase(phase: Phase) -> ScenePhase:
+    """The phase function that a scene names in `transport.phase`."""
+    if isinstance(phase, HenyeyGreenstein):
+        g = phase.henyey_greenstein
+        name = f"Henyey and Greenstein, g {g:g}"
+        return ScenePhase(name=name, asymmetry=g, cumulative=henyey_greenstein(g))
+    if phase == "isotropic":
+        return ScenePhase(name=phase, asymmetry=0.0)
+    if phase == "mie":
+        return ScenePhase(name=phase, asymmetry=None)
+    assert_never(phase)
+
+
+def scene_phase(scene: Scene, spray: Spray, preset: Literal["paper", "spectral"]) -> ScenePhase:
+    """The phase function that a scene names, or that of the optical `preset` if it names none."""
+    if scene.transport.phase is not None:
+        return named_phase(scene.transport.phase)
+    if preset == "paper":
+        return ScenePhase(name="isotropic (preset paper)", asymmetry=0.0)
+    if has_coefficients(spray):
+        remark = (
+            "droplets given as coefficients, without diameters, are taken to scatter "
+            "isotropically; set transport.phase: {henyey_greenstein: g} if g is known"
+        )
+        return ScenePhase(name="isotropic (no diameters)", asymmetry=0.0, remarks=(remark,))
+    if scene.transport.method == "branching":
+        remark = "method branching scatters isotropically, whatever the preset"
+        return ScenePhase(name="isotropic (method branching)", asymmetry=0.0, remarks=(remark,))
+    return ScenePhase(name="mie (preset spectral)", asymmetry=None)
+
+
+def has_coefficients(spray: Spray) -> bool:
+    """True if scattering is given by coefficients, without droplets."""
+    given = spray.prescribed
+    return given is not None and bool(np.any(given.droplet_scattering_per_m > 0))
+
+
+def henyey_greenstein(g: float) -> Cumulative:
+    """The phase function of Henyey and Greenstein (Astrophys. J. 93, 1941) of asymmetry `g`.
+
+    Raises:
+        OpticsError: g is not between -1 and 1.
+    """
+    if not -1 < g < 1:
+        raise OpticsError(f"Henyey-Greenstein: g = {g:g} is outside -1..1 (both excluded)")
+
+    def cumulative(cosine: Floats) -> Floats:
+        if abs(g) < 1e-6:
+            return (1 - cosine) / 2
+        root = np.sqrt(1 + g * g - 2 * g * cosine)
+        return np.asarray((1 - g * g) / (2 * g) * (1 / abs(1 - g) - 1 / root))
+
+    return cumulative
