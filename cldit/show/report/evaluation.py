@@ -1,6 +1,6 @@
-"""What the shots say of their own evaluation: witnesses, drift terms and budget, as part of a page.
+"""Page of an evaluation: maps, witnesses, drift, uncertainty budget.
 
-All of it is read from the folder of the maps, so that a page can be made later, of any evaluation.
+All of it is read from the folder of the maps, so the page can be made later, of any evaluation.
 """
 
 from __future__ import annotations
@@ -14,18 +14,16 @@ import numpy as np
 from cldit.dit.budget import PARTS, part_file
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
-from cldit.io.files import write_text
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
 from cldit.show.figures.panels import Frame, Panel, panels_picture
 from cldit.show.figures.pictures import errors_picture, map_picture
-from cldit.show.report.html import EvaluationContent, Picture, Table, render
+from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
 STORED = "evaluation.json"
-_SEEN_K = 1e-6  # below it a cause drops out of the equation, and rounding is left
-_SETPOINT = "{:g} K"
-_WHAT = {  # of the budget's maps
+_SEEN_K = 1e-6  # smaller changes are rounding: the part cancels in the equation
+_TOTALS = {
     "apparent_temperature_systematic_error_K": ("systematic error of apparent temperature", "K"),
     "apparent_temperature_total_error_K": ("total error of apparent temperature", "K"),
     "emissivity_systematic_error": ("systematic error of emissivity", ""),
@@ -33,64 +31,85 @@ _WHAT = {  # of the budget's maps
 }
 
 
-def evaluation_content(maps: Path, frame: Frame, *, title: str) -> EvaluationContent:
-    """What is stored of an evaluation.
+def evaluation_sections(maps: Path, frame: Frame, *, title: str) -> list[Section]:
+    """Sections about the stored evaluation in the folder `maps`; none for folders of old versions.
 
     Args:
-        maps: folder of its maps.
-        frame: axes of the pictures.
-        title: of the pictures.
-
-    Returns:
-        Nothing but empty parts where the folder was written before there were such files.
+        maps: folder of the maps.
+        frame: axes of the figures.
+        title: of the figures.
 
     Raises:
         RunFolderError: a file is damaged.
     """
     place = maps / STORED
     if not place.is_file():
-        return EvaluationContent()
+        return []
     stored = read_json(place)
     try:
-        return _content(stored, maps, frame, title)
+        return _sections(stored, maps, frame, title)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RunFolderError(f"{place}: is damaged ({error}); evaluate the shots again") from error
 
 
-def _content(stored: Any, maps: Path, frame: Frame, title: str) -> EvaluationContent:
-    witnesses = stored.get("witnesses", [])
-    in_kelvin = [one for one in witnesses if one.get("setpoints")]
+def _sections(stored: Any, maps: Path, frame: Frame, title: str) -> list[Section]:
     parts = stored.get("budget") or {}
-    return EvaluationContent(
-        remarks=tuple(stored["remarks"]),
-        findings=tuple(
-            f"{one['name']}: {one.get('says') or one['text']}"
-            for one in witnesses
-            if one["stands_out"]
-        ),
-        witnesses=_by_background(
-            "witness",
-            [
-                (one["compared"], one["setpoints"], _with_noise(one), one["says"] or "nothing")
-                for one in in_kelvin
-            ],
-            last="what it names",
-        ),
-        others=tuple(
-            one["text"] for one in witnesses if not one.get("setpoints") and not one["stands_out"]
-        ),
-        improbable=_improbable(stored),
-        drifts=_by_background(
-            "term",
-            [
-                (one["name"], one["setpoints"], [f"{k:+.3f} K" for k in one["kelvin"]])
-                for one in stored.get("drifts", [])
-            ],
-        ),
-        drift_axis=str(stored.get("drift_axis", "")),
-        budget=_budget(parts),
-        pictures=_pictures(list(parts), maps, frame, title),
+    drifts = _by_background(
+        "term",
+        [
+            (one["name"], one["setpoints"], [f"{k:+.3f} K" for k in one["kelvin"]])
+            for one in stored.get("drifts", [])
+        ],
     )
+    budget = _budget(parts)
+    return [
+        Section("Consistency of the shots", _witnesses(stored)),
+        Section(
+            "Drift that references and injections share",
+            [
+                str(stored.get("drift_axis", "")),
+                "Terms of the fit's covariance, in kelvin of the black body. A steady drift has "
+                "its sign; the others are standard deviations." if drifts.rows else "",
+                drifts,
+            ],
+        ),
+        Section(
+            "Uncertainty budget: errors that no shot shows",
+            [
+                "Medians over the evaluated pixels:" if budget.rows else "",
+                budget,
+                *_error_figures(list(parts), maps, frame, title),
+            ],
+        ),
+    ]  # fmt: skip
+
+
+def _witnesses(stored: Mapping[str, Any]) -> list[Block]:
+    found = stored.get("witnesses", [])
+    in_kelvin = [one for one in found if one.get("setpoints")]
+    others = [one for one in found if not one.get("setpoints") and not one["stands_out"]]
+    table = _by_background(
+        "witness",
+        [
+            (one["compared"], one["setpoints"], _with_noise(one), one["says"] or "none detected")
+            for one in in_kelvin
+        ],
+        last="finding",
+    )
+    return [
+        Bullets(
+            [
+                f"{one['name']}: {one.get('says') or one['text']}"
+                for one in found
+                if one["stands_out"]
+            ]
+        ),
+        "Each witness in kelvin of the black body, with its noise:" if table.rows else "",
+        table,
+        *(one["text"] for one in others),
+        _improbable(stored),
+        *stored["remarks"],
+    ]
 
 
 def _with_noise(witness: Mapping[str, Any]) -> list[str]:
@@ -101,11 +120,11 @@ def _with_noise(witness: Mapping[str, Any]) -> list[str]:
 
 
 def _by_background(first: str, rows: Sequence[tuple[Any, ...]], *, last: str = "") -> Table:
-    """Columns by background: (name, set points, cells), and a last one where it has a title."""
+    """Table with a column for each background; rows: (name, set points, cells, last cell)."""
     if not rows:
-        return [], []
-    titles = [first, *(_SETPOINT.format(k) for k in rows[0][1]), *([last] if last else [])]
-    return titles, [[name, *cells, *more] for name, _, cells, *more in rows]
+        return Table((), ())
+    titles = [first, *(f"{kelvin:g} K" for kelvin in rows[0][1]), *([last] if last else [])]
+    return Table(titles, [[name, *cells, *more] for name, _, cells, *more in rows])
 
 
 def _improbable(stored: Mapping[str, Any]) -> str:
@@ -124,14 +143,14 @@ def _budget(parts: Mapping[str, Any]) -> Table:
         for name, one in parts.items()
         if one["apparent_temperature_K"] is not None and one["emissivity"] is not None
     ]
-    return (["cause, by so much", "T_app", "emissivity"], rows) if rows else ([], [])
+    return Table(["part and its size", "T_app", "emissivity"], rows)
 
 
-def _pictures(names: Sequence[str], maps: Path, frame: Frame, title: str) -> tuple[Picture, ...]:
-    """Systematic and total errors; and what each part does to the apparent temperature."""
-    panels = [
+def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -> list[Figure]:
+    """Systematic and total errors; and the change of T_app by each part alone."""
+    totals = [
         Panel(read_image(path)[0], text, unit, colours="viridis")
-        for name, (text, unit) in _WHAT.items()
+        for name, (text, unit) in _TOTALS.items()
         if (path := maps / f"{name}.tif").is_file()
     ]
     single = [
@@ -141,47 +160,50 @@ def _pictures(names: Sequence[str], maps: Path, frame: Frame, title: str) -> tup
         and np.nanmax(np.abs(image := read_image(path)[0]), initial=0.0) > _SEEN_K
     ]
     drawn = [
-        (panels, "budget", f"Root of the sum of the squares of all parts, and with the statistical "
+        (totals, "budget", f"Root of the sum of the squares of all parts, and with the statistical "
          f"error. A map of each part is in {maps.name}/{PARTS}."),
         (single, "T_app by cause", "Change of the apparent temperature by each cause alone."),
     ]  # fmt: skip
-    return tuple(
-        Picture(panels_picture(some, frame, title=f"{title}: {what}"), caption)
+    return [
+        Figure(panels_picture(some, frame, title=f"{title}: {what}"), caption)
         for some, what, caption in drawn
         if some
-    )
+    ]
+
+
+def pixels_section(maps: Maps) -> Section:
+    """Number and share of pixels by the reason why they have a value or none."""
+    count = {reason.text: number for reason, number in maps.count().items()}
+    total = max(sum(count.values()), 1)
+    rows = [[name, str(n), f"{100 * n / total:.1f} %"] for name, n in count.items()]
+    return Section("Pixels", [Table((), rows, numbers=(1, 2))])
 
 
 def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
-    """Writes the page of an evaluation beside its maps.
+    """Writes the page of an evaluation beside its maps and returns the page's path.
 
     Args:
-        maps: folder of its maps.
-        frame: axes of the pictures.
-        title: of page and pictures.
-
-    Returns:
-        The page's path.
+        maps: folder of the maps.
+        frame: axes of the figures.
+        title: of page and figures.
 
     Raises:
         RunFolderError: a file is missing or damaged.
     """
     drawn = Maps.load(maps)
-    text = render(
-        "evaluation.html",
-        title=title,
-        maps=(
-            Picture(
-                map_picture(drawn, frame, title=title),
-                "Hue is the apparent temperature, saturation the emissivity.",
-            ),
-            Picture(
-                errors_picture(drawn, frame, title=f"{title}: standard errors"),
-                "Standard errors, with what the witnesses found.",
-            ),
+    figures = [
+        Figure(
+            map_picture(drawn, frame, title=title),
+            "Hue is the apparent temperature, saturation the emissivity.",
         ),
-        evaluation=evaluation_content(maps, frame, title=title),
-        reasons={reason.text: count for reason, count in drawn.count().items()},
-    )
-    write_text(maps / PAGE, text)
-    return maps / PAGE
+        Figure(
+            errors_picture(drawn, frame, title=f"{title}: standard errors"),
+            "Standard errors, including what the witnesses found.",
+        ),
+    ]
+    content = [
+        Section("Emissivity and apparent temperature", figures),
+        *evaluation_sections(maps, frame, title=title),
+        pixels_section(drawn),
+    ]
+    return write_page(Page(title, content), maps / PAGE)

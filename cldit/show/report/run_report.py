@@ -1,14 +1,15 @@
-"""The pictures and the report of a run folder, and the map picture of an acquisition folder."""
+"""Figures and report of a run folder, and the figure of the maps of an acquisition folder."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Cause
-from cldit.acquisition.measured import is_measured, open_measured
+from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow
@@ -31,8 +32,20 @@ from cldit.show.figures.pictures import (
     weights_picture,
 )
 from cldit.show.figures.shares import Shares
-from cldit.show.report.evaluation import evaluation_content, write_evaluation_page
-from cldit.show.report.html import EvaluationContent, Picture, ReportContent, write_report
+from cldit.show.page import (
+    Bar,
+    Block,
+    Cell,
+    Code,
+    Details,
+    Figure,
+    Page,
+    Section,
+    Slider,
+    Table,
+    write_page,
+)
+from cldit.show.report.evaluation import evaluation_sections, pixels_section, write_evaluation_page
 from cldit.show.report.series_report import FILM_FILE
 
 
@@ -51,17 +64,17 @@ def _title(run: Run, what: str) -> str:
     return f"{run.scene.name}: {what}"
 
 
-def write_pictures(run: Run) -> dict[str, Picture]:
-    """Writes the PNG pictures of a stored run into its folder `pictures` and returns them."""
+def write_figures(run: Run) -> dict[str, Figure]:
+    """Writes the figures of a stored run into its folder `pictures`; returns them by name."""
     traced = _frame(run, run.pixel_m)
     sensor = _frame(run, SensorView.from_scene(run.scene).pixel_m)
-    pictures: dict[str, Picture] = {}
+    figures: dict[str, Figure] = {}
     if run.measured is not None:
-        pictures["maps"] = Picture(
+        figures["maps"] = Figure(
             map_picture(run.measured, sensor, title=_title(run, "DIT of the acquired shots")),
             "What the rig acquired: hue is the apparent temperature, saturation the emissivity.",
         )
-        pictures["errors"] = Picture(
+        figures["errors"] = Figure(
             errors_picture(run.measured, sensor, title=_title(run, "standard errors")),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
         )
@@ -69,29 +82,29 @@ def write_pictures(run: Run) -> dict[str, Picture]:
         place = maps_folder(_folder(run) / "acquisition", run.scene.plan.delays_s, number)
         if len(run.scene.plan.delays_s) > 1 and place.is_dir():
             maps = Maps.load(place)
-            pictures[f"maps_{place.name}"] = Picture(
+            figures[f"maps_{place.name}"] = Figure(
                 map_picture(
                     maps, sensor, title=_title(run, f"DIT of the shots at {delay_text(delay_s)}")
                 ),
                 f"{DelayRow.of(delay_s, maps).text}.",
             )
-    pictures["maps_noise_free"] = Picture(
+    figures["maps_noise_free"] = Figure(
         map_picture(run.maps, traced, title=_title(run, "DIT of the trace, without noise")),
-        "The same from the traced radiances themselves, on the traced field.",
+        "The same from the traced radiances, on the traced field.",
     )
-    pictures["weights"] = Picture(
+    figures["weights"] = Figure(
         weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
-        "Where the light of every pixel comes from; one trace serves every background.",
+        "Origin of the light of every pixel; one trace serves every background.",
     )
     if run.error_maps:
-        pictures["simulation_errors"] = Picture(
+        figures["simulation_errors"] = Figure(
             error_maps_picture(
                 run.error_maps, traced, title=_title(run, "standard error of the simulated T_app")
             ),
-            "What the simulation itself errs by; errors/ holds a map of every cause.",
+            "Standard error of the simulation itself; errors/ has a map of every cause.",
         )
     if run.info.spectral is not None and run.info.spectral.errors_K:
-        pictures["wavelengths"] = Picture(
+        figures["wavelengths"] = Figure(
             nodes_picture(
                 run.info.spectral.errors_K,
                 chosen=len(run.info.spectral.nodes),
@@ -101,15 +114,20 @@ def write_pictures(run: Run) -> dict[str, Picture]:
         )
     folder = _folder(run) / "pictures"
     make_folder(folder)
-    if "maps" not in pictures:
-        pictures["maps"] = pictures["maps_noise_free"]
-    for name, picture in pictures.items():
-        write_bytes(folder / f"{name}.png", picture.png)
-    return pictures
+    if "maps" not in figures:
+        figures["maps"] = figures["maps_noise_free"]
+    for name, figure in figures.items():
+        write_bytes(folder / f"{name}.png", figure.png)
+    return figures
 
 
-def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], ...]:
+def _camera(run: Run) -> Slider:
     """Mean of the injection shots at every background, all in one scale."""
+    if run.measured is None:
+        return Slider("Background", {})
+    acquisition = open_acquisition(_folder(run) / "acquisition")
+    if len(acquisition.plan.delays) > 1 and spray_time_s(run.scene) is not None:
+        acquisition = acquisition.at_delay(_delay_number(run, acquisition.plan.delays))
     frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
     sums: dict[float, tuple[NDArray[np.float64], int]] = {}
     for shot in acquisition.shots:
@@ -118,50 +136,60 @@ def _camera(run: Run, acquisition: Acquisition) -> tuple[tuple[float, Picture], 
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
     drawn = camera_pictures(means, frame, title=run.scene.name)
-    return tuple(
-        (at, Picture(png, f"Mean of {sums[at][1]} injections.")) for at, png in drawn.items()
+    return Slider(
+        "Background",
+        {
+            f"{at:g} K": Figure(png, f"Mean of {sums[at][1]} injections.")
+            for at, png in drawn.items()
+        },
     )
 
 
-def _of_run(run: Run, acquisition: Acquisition) -> Acquisition:
-    """The shots of the time that the run itself shows."""
+def _delay_number(run: Run, delays: Sequence[float]) -> int:
+    """Index of the delay whose spray the run itself shows; 0 without a time."""
     time_s = spray_time_s(run.scene)
-    delays = acquisition.plan.delays
-    if time_s is None or len(delays) == 1:
-        return acquisition
-    return acquisition.at_delay(min(range(len(delays)), key=lambda at: abs(delays[at] - time_s)))
+    if time_s is None or not delays:
+        return 0
+    return min(range(len(delays)), key=lambda at: abs(delays[at] - time_s))
 
 
-def _evaluation(run: Run) -> EvaluationContent:
-    """Of the shots of the time that the run itself shows."""
+def _evaluation(run: Run) -> list[Section]:
     if run.measured is None:
-        return EvaluationContent()
-    delays, time_s = run.scene.plan.delays_s, spray_time_s(run.scene)
-    number = 0
-    if time_s is not None and delays:
-        number = min(range(len(delays)), key=lambda at: abs(delays[at] - time_s))
-    return evaluation_content(
-        maps_folder(_folder(run) / "acquisition", delays, number),
+        return []
+    delays = run.scene.plan.delays_s
+    return evaluation_sections(
+        maps_folder(_folder(run) / "acquisition", delays, _delay_number(run, delays)),
         _frame(run, SensorView.from_scene(run.scene).pixel_m),
         title=run.scene.name,
     )
 
 
-def _shares(run: Run) -> Shares:
-    """Shares before the middle background."""
+def _origin(run: Run) -> list[Block]:
+    """Shares of the signal by origin, in front of the middle background."""
     whole = Boundary.in_filter(
         Surroundings.from_scene(run.scene),
         run.quadrature.filter_um,
         reference_K=run.quadrature.reference_K,
     )
     leaves = float(whole.leaving(run.quadrature.reference_K))
-    return Shares.of(
+    shares = Shares.of(
         run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
     )
+    middle_K = float(np.median(run.scene.background.temperatures_K))
+    figure = shares.picture(_frame(run, run.pixel_m), title=_title(run, "origin of the signal"))
+    means = shares.means()
+    rows: list[list[Cell]] = [
+        [name, f"{100 * share:.1f} %", Bar(share)] for name, share in means.items()
+    ]
+    return [
+        Figure(figure, f"Shares of the radiance in front of a background of {middle_K:g} K."),
+        "Mean over the pixels where the spray is:" if means else "",
+        Table((), rows, numbers=(1,)),
+    ]
 
 
 def _spectral(run: Run) -> dict[str, str]:
-    """The nodes, their error, and what the paper's properties would have given."""
+    """Wavelengths, their error, and the difference to the paper's optical properties."""
     info = run.info.spectral
     if info is None or not info.errors_K:
         return {}
@@ -173,10 +201,10 @@ def _spectral(run: Run) -> dict[str, str]:
     if info.from_paper is not None:
         d = info.from_paper
         figures["T_app against the paper's optical properties"] = (
-            f"{d.mean_K:+.3g} K in the mean, {d.rms_K:.3g} K RMS over {d.pixels} pixels"
+            f"{d.mean_K:+.3g} K on average, {d.rms_K:.3g} K RMS over {d.pixels} pixels"
         )
         figures["emissivity against the paper's optical properties"] = (
-            f"{d.mean_emissivity:+.3g} in the mean"
+            f"{d.mean_emissivity:+.3g} on average"
         )
     return figures
 
@@ -195,8 +223,8 @@ def _trace(run: Run) -> dict[str, str]:
     if run.info.closure is not None:
         balance = run.info.closure
         figures["energy balance: weights and isothermal emission, less 1"] = (
-            f"{balance.largest:+.2g} at most, {balance.mean:+.2g} in the mean; the "
-            f"{balance.value} is allowed {balance.bound:.2g}"
+            f"{balance.largest:+.2g} at most, {balance.mean:+.2g} on average; allowed for the "
+            f"{balance.value}: {balance.bound:.2g}"
         )
     if run.errors is not None:
         figures["error of T_app, RMS over the pixels that have one"] = run.errors.text
@@ -205,7 +233,7 @@ def _trace(run: Run) -> dict[str, str]:
         for cause in run.errors.model:
             figures[f"model, not in the sum: {cause.name}"] = f"{cause.text}: {cause.how}"
     if run.info.plan is not None:
-        figures["accuracy asked for"] = f"{run.scene.transport.accuracy_K:g} K"
+        figures["requested accuracy"] = f"{run.scene.transport.accuracy_K:g} K"
     if run.info.accuracy_K is not None:
         figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():
@@ -214,82 +242,82 @@ def _trace(run: Run) -> dict[str, str]:
 
 
 def _cause(cause: Cause) -> str:
-    held = f" (held by {cause.fixed})" if cause.fixed else ""
-    return f"{cause.text}: {cause.how}{held}"
+    fixed = f" (fixed by {cause.fixed})" if cause.fixed else ""
+    return f"{cause.text}: {cause.how}{fixed}"
 
 
-def _commands(run: Run) -> tuple[str, ...]:
-    """What does the run again, from its folder."""
+def _stages(run: Run) -> Table:
+    total = sum(stage.seconds for stage in run.info.stages)
+    rows: list[list[Cell]] = [
+        [
+            stage.name,
+            f"{stage.seconds:.2f} s",
+            Bar(stage.seconds / total if total > 0 else 0.0),
+            stage.note,
+        ]
+        for stage in run.info.stages
+    ]
+    return Table((), [*rows, ["all", f"{total:.2f} s", "", ""]] if rows else [], numbers=(1,))
+
+
+def _commands(run: Run) -> str:
+    """Commands that repeat the run, from its folder."""
     if run.measured is None:
         return (
-            "cldit repeat .  # anew, and what differs",
-            "cldit run scene.yaml --trace-only --out again",
+            "cldit repeat .  # compute it again, print the difference\n"
+            "cldit run scene.yaml --trace-only --out again"
         )
     return (
-        "cldit repeat .                               # anew, and what differs",
-        "cldit run scene.yaml --out again             # all of it",
-        "cldit acquire rig.yaml plan.yaml --out shots # the shots alone",
-        "cldit evaluate shots",
+        "cldit repeat .                               # compute it again, print the difference\n"
+        "cldit run scene.yaml --out again             # all of it\n"
+        "cldit acquire rig.yaml plan.yaml --out shots # only the shots\n"
+        "cldit evaluate shots"
     )
 
 
 def write_run_report(run: Run) -> Path:
-    """Writes pictures and report.html of a stored run.
-
-    Returns the report's path.
+    """Writes figures and report.html of a stored run; returns the report's path.
 
     Raises:
         RunFolderError: the run is not stored, or its acquisition is damaged.
     """
     folder = _folder(run)
-    pictures = write_pictures(run)
-    shares = _shares(run)
-    camera: tuple[tuple[float, Picture], ...] = ()
-    shown = [pictures["maps"]]
+    figures = write_figures(run)
+    shown = [figures["maps"]]
     if run.measured is not None:
-        camera = _camera(run, _of_run(run, open_acquisition(folder / "acquisition")))
-        shown.append(pictures["maps_noise_free"])
-    shown += [picture for name, picture in pictures.items() if name.startswith("maps_delay_")]
-    middle_K = float(np.median(run.scene.background.temperatures_K))
-    maps = run.maps if run.measured is None else run.measured
-    content = ReportContent(
-        name=run.scene.name,
-        description=run.scene.description,
-        maps=tuple(shown),
-        camera=camera,
-        shares=shares.means(),
-        share_pictures=(
-            Picture(
-                shares.picture(_frame(run, run.pixel_m), title=_title(run, "origin of the signal")),
-                f"Shares of the radiance before a background of {middle_K:g} K.",
-            ),
+        shown.append(figures["maps_noise_free"])
+    shown += [figure for name, figure in figures.items() if name.startswith("maps_delay_")]
+    more = ("simulation_errors", "errors", "weights", "wavelengths")
+    origin = {} if run.info.origin is None else run.info.origin.text
+    computed = {"device": f"{run.info.device}: {run.info.device_reason}"}
+    content: list[Block] = [
+        run.scene.description,
+        Section("Emissivity and apparent temperature", shown),
+        Section("Camera images", [_camera(run)]),
+        Section("Origin of the signal", _origin(run)),
+        Section("Errors and weights", [figures[name] for name in more if name in figures]),
+        *_evaluation(run),
+        pixels_section(run.maps if run.measured is None else run.measured),
+        Section("Spray", [Table.pairs(_spray(run))]),
+        Section("Trace", [Table.pairs(_trace(run))]),
+        Section("Run times", [_stages(run)]),
+        Section("Computed with", [Table.pairs(computed | run.info.versions | origin)]),
+        Section(
+            "How to repeat it",
+            [
+                Code(_commands(run)),
+                Details("scene.yaml, with every default", dump_scene(run.scene), open=True),
+            ],
         ),
-        more_pictures=tuple(
-            pictures[name]
-            for name in ("simulation_errors", "errors", "weights", "wavelengths")
-            if name in pictures
-        ),
-        evaluation=_evaluation(run),
-        reasons={reason.text: count for reason, count in maps.count().items()},
-        figures=_spray(run),
-        trace=_trace(run),
-        stages=tuple((stage.name, stage.seconds) for stage in run.info.stages),
-        notes={stage.name: stage.note for stage in run.info.stages if stage.note},
-        device=f"{run.info.device}: {run.info.device_reason}",
-        versions=run.info.versions | ({} if run.info.origin is None else run.info.origin.text),
-        commands=_commands(run),
-        scene_yaml=dump_scene(run.scene),
-    )
-    path = folder / "report.html"
-    write_report(path, content)
-    return path
+    ]
+    return write_page(Page(run.scene.name, content), folder / "report.html")
 
 
 def write_pages(folder: str | Path) -> tuple[Path, ...]:
     """Writes a page beside the maps of an acquisition or of measured data, one for each delay.
 
     Args:
-        folder: of an acquisition, or with measured.yaml, or such a file itself; evaluated.
+        folder: evaluated acquisition, folder with measured.yaml, or such a file itself.
 
     Returns:
         The pages' paths.
@@ -297,23 +325,38 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
     Raises:
         RunFolderError: a file is missing or damaged.
     """
-    found = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    found = _opened(folder)
     frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
-    title = f"{found.folder.resolve().name}: DIT of the shots"
-    if isinstance(found, Acquisition) and len(found.plan.delays) > 1:
-        delays = found.plan.delays
-        return tuple(
-            write_evaluation_page(place, frame, title=f"{title} at {delay_text(delay_s)}")
-            for number, delay_s in enumerate(delays)
-            if (place := maps_folder(found.folder, delays, number)).is_dir()
-        )
-    return (write_evaluation_page(found.folder / "maps", frame, title=title),)
+    return tuple(
+        write_evaluation_page(place, frame, title=f"{_name(found)}: DIT of the shots{when}")
+        for place, when in _evaluated(found)
+    )
+
+
+def _opened(folder: str | Path) -> Acquisition | Measured:
+    return open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+
+
+def _name(found: Acquisition | Measured) -> str:
+    return found.folder.resolve().name
+
+
+def _evaluated(found: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
+    """Folders of maps, and ` at 0.95 ms` for each of several delays."""
+    delays = found.plan.delays if isinstance(found, Acquisition) else ()
+    if len(delays) < 2:
+        yield found.folder / "maps", ""
+        return
+    for number, delay_s in enumerate(delays):
+        place = maps_folder(found.folder, delays, number)
+        if place.is_dir():
+            yield place, f" at {delay_text(delay_s)}"
 
 
 def show_folder(folder: str | Path) -> Path:
-    """Draws the maps of a run, acquisition or measured data; returns the picture's path.
+    """Draws the maps of a run, an acquisition or measured data; returns the first figure's path.
 
-    Of a series it is the film, which the series itself made.
+    For a series, returns the film that the series itself made.
 
     Raises:
         RunFolderError: the folder holds none of these, or was not evaluated yet.
@@ -324,35 +367,22 @@ def show_folder(folder: str | Path) -> Path:
         if not film.is_file():
             raise RunFolderError(
                 f"{place}: the series has no film; `cldit run {place / SERIES_FILE} --times .. "
-                f"--out {place}` ends it"
+                f"--out {place}` completes it"
             )
         return film
     if (place / "scene.yaml").is_file():
-        write_pictures(open_run(place))
+        write_figures(open_run(place))
         return place / "pictures" / "maps.png"
-    acquisition = open_measured(place) if is_measured(place) else open_acquisition(place)
-    place = acquisition.folder
-    if not (place / "maps").is_dir():
-        raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
-    frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
-    title = f"{place.resolve().name}: DIT of the acquired shots"
-    if isinstance(acquisition, Acquisition) and len(acquisition.plan.delays) > 1:
-        return _show_delays(acquisition, frame, title)
-    path = place / "maps.png"
-    write_bytes(path, map_picture(Maps.load(place / "maps"), frame, title=title))
-    return path
-
-
-def _show_delays(acquisition: Acquisition, frame: Frame, title: str) -> Path:
-    """A picture a delay, in the folder of its maps; the path of the first."""
+    found = _opened(place)
+    if not (found.folder / "maps").is_dir():
+        raise RunFolderError(
+            f"{found.folder}: is not evaluated yet; run `cldit evaluate {found.folder}` first"
+        )
+    frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
     drawn: list[Path] = []
-    delays = acquisition.plan.delays
-    for number, delay_s in enumerate(delays):
-        place = maps_folder(acquisition.folder, delays, number)
-        if place.is_dir():
-            picture = map_picture(
-                Maps.load(place), frame, title=f"{title} at {delay_text(delay_s)}"
-            )
-            drawn.append(place / "maps.png")
-            write_bytes(drawn[-1], picture)
+    for maps, when in _evaluated(found):
+        title = f"{_name(found)}: DIT of the acquired shots{when}"
+        # one delay: beside the folder of its maps, as before there were several
+        drawn.append((maps if when else found.folder) / "maps.png")
+        write_bytes(drawn[-1], map_picture(Maps.load(maps), frame, title=title))
     return drawn[0]

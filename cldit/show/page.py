@@ -1,0 +1,337 @@
+"""Pages of sections, paragraphs, tables and figures, written as HTML or as Markdown.
+
+A page in HTML is one file: it needs no other file and no network, and can be read on a phone.
+A page in Markdown refers to its figures as files beside it. All text is plain and gets escaped;
+text in backticks is code in paragraphs and lists.
+"""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from html import escape
+from pathlib import Path
+from string import Template
+
+from cldit.io.files import make_folder, read_text, write_bytes, write_text
+
+_WIDE_PX = 1100  # a map with its key has some 1050
+_WIDE = 1.8  # width over height of two panels
+_SHORT = 16  # characters in the longest cell of a column that is aligned to the right
+_CODE = re.compile(r"`([^`]+)`")
+_SLIDE = """<script>
+(function (box) {
+  var shots = box.querySelectorAll('figure'), range = box.querySelector('input');
+  var label = box.querySelector('output'), texts = label.textContent.split('|');
+  function show() {
+    shots.forEach(function (shot, at) { shot.hidden = at !== Number(range.value); });
+    label.textContent = texts[range.value];
+    range.setAttribute('aria-valuetext', texts[range.value]);
+  }
+  box.querySelector('label').hidden = false;
+  range.addEventListener('input', show);
+  show();
+})(document.currentScript.previousElementSibling);
+</script>"""
+
+
+@dataclass(frozen=True)
+class Section:
+    """Parts of a page under a heading; omitted if all of them are empty."""
+
+    title: str
+    content: Sequence[Block]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A PNG image with its caption. file: its path relative to a page in Markdown."""
+
+    png: bytes
+    caption: str
+    file: str = ""
+
+    @property
+    def wide(self) -> bool:
+        """True if labels of several panels would be too small on a phone: there it scrolls."""
+        width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
+        return width > _WIDE_PX or width > _WIDE * height  # from the PNG's first chunk
+
+
+@dataclass(frozen=True)
+class Slider:
+    """Figures in turn, by a slider. Without JavaScript, and in Markdown, all of them in sequence.
+
+    name: of the quantity that the slider changes. figures: by the text of its value.
+    """
+
+    name: str
+    figures: Mapping[str, Figure]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A table cell that refers to another page of the same folder, named without its suffix."""
+
+    text: str
+    page: str
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A table cell that shows a share, 0 to 1, as the length of a bar."""
+
+    share: float
+
+
+Cell = str | Link | Bar
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells under titles, which may be empty; omitted without rows.
+
+    numbers: columns that are aligned to the right; None: those of short texts.
+    """
+
+    titles: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    numbers: Sequence[int] | None = None
+
+    @classmethod
+    def pairs(cls, values: Mapping[str, str]) -> Table:
+        """Table of names and values, without titles."""
+        return cls((), list(values.items()), numbers=())
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of sentences."""
+
+    lines: Sequence[str]
+
+
+@dataclass(frozen=True)
+class Code:
+    """Lines of code or commands."""
+
+    text: str
+    language: str = "sh"
+
+
+@dataclass(frozen=True)
+class Details:
+    """A long text that can be folded away; omitted in Markdown."""
+
+    summary: str
+    text: str
+    open: bool = False
+
+
+@dataclass(frozen=True)
+class Html:
+    """HTML that is inserted unchanged; omitted in Markdown."""
+
+    text: str
+
+
+Block = str | Section | Figure | Slider | Table | Bullets | Code | Details | Html
+"""A part of a page; a text is a paragraph."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page. heading: above its content; empty: the title. head: more HTML for its head."""
+
+    title: str
+    content: Sequence[Block]
+    heading: str = ""
+    head: str = ""
+
+    def html(self) -> str:
+        """The page as one HTML file."""
+        return _template().substitute(
+            title=escape(self.title),
+            heading=escape(self.heading or self.title),
+            head=self.head,
+            body=html_of(self.content),
+        )
+
+    def markdown(self) -> str:
+        """The page as Markdown."""
+        return f"# {self.heading or self.title}\n\n{markdown_of(self.content)}\n"
+
+
+def write_page(page: Page, path: Path) -> Path:
+    """Writes a page as HTML or Markdown, by the suffix of `path`; returns the path.
+
+    A file appears whole or not at all. The figures of a page in Markdown are written first.
+    """
+    if path.suffix == ".md":
+        for figure in _figures(page.content):
+            make_folder((path.parent / figure.file).parent)
+            write_bytes(path.parent / figure.file, figure.png)
+    write_text(path, page.markdown() if path.suffix == ".md" else page.html())
+    return path
+
+
+@cache
+def _template() -> Template:
+    return Template(read_text(Path(__file__).with_name("page.html")))
+
+
+def _figures(content: Sequence[Block]) -> Iterator[Figure]:
+    for part in content:
+        match part:
+            case Figure():
+                yield part
+            case Section(_, inner):
+                yield from _figures(inner)
+            case Slider(_, figures):
+                yield from figures.values()
+
+
+def html_of(content: Sequence[Block]) -> str:
+    """HTML of parts of a page."""
+    return "\n".join(text for part in content if (text := _html(part)))
+
+
+def _html(part: Block) -> str:
+    match part:
+        case "" | Bullets([]) | Code(""):
+            return ""
+        case str():
+            return f"<p>{_inline(part)}</p>"
+        case Section(title, content):
+            body = html_of(content)
+            heading = f"<h2>{escape(title)}</h2>\n" if title else ""
+            return f"<section>{heading}\n{body}\n</section>" if body else ""
+        case Figure(png, caption):
+            wide = ' class="wide"' if part.wide else ""
+            source = f"data:image/png;base64,{b64encode(png).decode('ascii')}"
+            return (
+                f'<figure><div{wide}><img alt="{escape(caption)}" src="{source}"></div>\n'
+                f"<figcaption>{escape(caption)}</figcaption></figure>"
+            )
+        case Slider():
+            return _html_slider(part)
+        case Table():
+            return _html_table(part)
+        case Bullets(lines):
+            items = "\n".join(f"<li>{_inline(line)}</li>" for line in lines)
+            return f"<ul>\n{items}\n</ul>"
+        case Code(text):
+            return f"<pre>{escape(text)}</pre>"
+        case Details(summary, text, is_open):
+            attribute = " open" if is_open else ""
+            inner = f"<summary>{escape(summary)}</summary><pre>{escape(text)}</pre>"
+            return f"<details{attribute}>{inner}</details>"
+        case Html(text):
+            return text
+
+
+def _inline(text: str) -> str:
+    return _CODE.sub(r"<code>\1</code>", escape(text))
+
+
+def _captioned(slider: Slider) -> list[Figure]:
+    return [
+        Figure(one.png, f"{slider.name} at {value}. {one.caption}".rstrip(), one.file)
+        for value, one in slider.figures.items()
+    ]
+
+
+def _html_slider(slider: Slider) -> str:
+    last, body = len(slider.figures) - 1, html_of(_captioned(slider))
+    if last < 1:
+        return body
+    return (
+        f'<div class="slider">\n<label hidden>{escape(slider.name)} '
+        f"<output>{'|'.join(map(escape, slider.figures))}</output>\n"
+        f'<input type="range" min="0" max="{last}" value="0" step="1"></label>\n'
+        f"{body}\n</div>{_SLIDE}"
+    )
+
+
+def _html_table(table: Table) -> str:
+    if not table.rows:
+        return ""
+    numbers = table.numbers
+    if numbers is None:
+        columns = enumerate(zip(*table.rows, strict=True))
+        numbers = [at for at, cells in columns if max(map(_length, cells)) <= _SHORT]
+    lines = [[("td", cell) for cell in row] for row in table.rows]
+    if table.titles:
+        lines.insert(0, [("th", title) for title in table.titles])
+    body = "\n".join(
+        f"<tr>{''.join(_html_cell(*cell, at in numbers) for at, cell in enumerate(line))}</tr>"
+        for line in lines
+    )
+    return f'<div class="scroll"><table>\n{body}\n</table></div>'
+
+
+def _html_cell(tag: str, cell: Cell, number: bool) -> str:
+    attribute = ' class="n"' if number else ""
+    match cell:
+        case Bar(share):
+            attribute = ' class="bar"'
+            text = f'<span style="width:{100 * max(0.0, min(share, 1.0)):.1f}%"></span>'
+        case Link(name, page):
+            text = f'<a href="{escape(page)}.html">{escape(name)}</a>'
+        case _:
+            text = escape(cell)
+    return f"<{tag}{attribute}>{text}</{tag}>"
+
+
+def _length(cell: Cell) -> int:
+    match cell:
+        case Bar():
+            return 0
+        case Link(text):
+            return len(text)
+        case _:
+            return len(cell)
+
+
+def markdown_of(content: Sequence[Block]) -> str:
+    """Markdown of parts of a page."""
+    return "\n\n".join(text for part in content if (text := _markdown(part)))
+
+
+def _markdown(part: Block) -> str:
+    match part:
+        case str():
+            return part
+        case Section(title, content):
+            body = markdown_of(content)
+            return f"## {title}\n\n{body}" if body and title else body
+        case Figure(_, caption, file):
+            return f"![{caption}]({file})"
+        case Slider():
+            return markdown_of(_captioned(part))
+        case Table(titles, rows):
+            return _markdown_table(titles or [""] * len(rows[0]), rows) if rows else ""
+        case Bullets(lines):
+            return "\n".join(f"- {line}" for line in lines)
+        case Code(text, language):
+            return f"```{language}\n{text}\n```" if text else ""
+        case Details() | Html():
+            return ""
+
+
+def _markdown_table(titles: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    lines = [titles, ["---"] * len(titles), *rows]
+    return "\n".join(f"| {' | '.join(map(_markdown_cell, line))} |" for line in lines)
+
+
+def _markdown_cell(cell: Cell) -> str:
+    match cell:
+        case Bar(share):
+            return f"{100 * share:.0f} %"
+        case Link(text, page):
+            return f"[{text}]({page}.md)"
+        case _:
+            return cell.replace("|", r"\|")
