@@ -30,7 +30,7 @@ from cldit.io.plain_data import dump_yaml
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene
-from cldit.show.figures.design_figure import design_picture
+from cldit.show.figures.curves import design_picture
 
 _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 

@@ -23,7 +23,7 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
-from cldit.show.figures.droplets import life_picture
+from cldit.show.figures.curves import life_picture
 from cldit.show.figures.figures import human_figures
 from cldit.show.report.spray_report import write_spray
 from cldit.spray.droplet.evaporation import MODELS

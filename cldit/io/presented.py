@@ -30,4 +30,4 @@ class Presented:
         return figure
 
     def _repr_html_(self) -> str:
-        return str(import_module("cldit.show.figures.notebook").html_of(self))
+        return str(import_module("cldit.show.figures.plot").html_of(self))

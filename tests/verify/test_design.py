@@ -39,7 +39,7 @@ from cldit.rig.clock import SimulatedClock
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene
-from cldit.show.figures.design_figure import design_picture
+from cldit.show.figures.curves import design_picture
 from tests.conftest import tiny_weights
 
 SPRAY_K = 370.0  # of tiny_weights

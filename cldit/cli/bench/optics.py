@@ -13,7 +13,7 @@ from cldit.optics.wavelengths import wavelengths
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
-from cldit.show.figures.pictures import nodes_picture
+from cldit.show.figures.curves import nodes_picture
 
 
 @click.command("optics")

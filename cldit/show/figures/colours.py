@@ -1,4 +1,4 @@
-"""Colours of a DIT map: hue = apparent temperature, saturation = emissivity, value = 1."""
+"""Colours of a DIT map: hue is apparent temperature, saturation emissivity, value 1."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cldit.dit.maps import Maps, Reason
 
 COLD_HUE = 2.0 / 3.0  # blue; hot is 0, red
 UNKNOWN = 0.83  # light grey of pixels without a value
-_COUNTS_FROM = 0.1  # emissivity from which a pixel has a say in the default range
+_COUNTS_FROM = 0.1  # least emissivity of pixels that determine the default range
 
 
 def temperature_range_K(maps: Maps) -> tuple[float, float]:
-    """Percentiles 1 and 99 of the apparent temperatures, each weighted by emissivity.
+    """Percentiles 1 and 99 of the apparent temperatures, weighted by emissivity.
 
-    Pixels of emissivity above 0.1 count, or all if there are none; rounded outwards to 5 K.
+    Only pixels of emissivity above 0.1 count, or all if there are none. Rounded outwards to 5 K;
     (0, 0) without any temperature.
     """
     known = np.isfinite(maps.apparent_temperature_K)
@@ -52,15 +52,9 @@ def map_colours(
     range_K: tuple[float, float],
     scale: float,
 ) -> NDArray[np.float64]:
-    """Colours of a DIT map; ends of the scales hold beyond them, NaN temperatures are hueless.
+    """RGB (..., 3) of a DIT map; values beyond a scale get its end, NaN temperatures no hue.
 
-    Args:
-        emissivity, temperature_K: (...).
-        range_K: temperatures of blue and red.
-        scale: emissivity of full saturation.
-
-    Returns:
-        (..., 3) RGB.
+    range_K: temperatures of blue and red. scale: emissivity of full saturation.
     """
     low, high = range_K
     span = high - low if high > low else 1.0
@@ -74,16 +68,7 @@ def map_colours(
 def picture_colours(
     maps: Maps, *, range_K: tuple[float, float], scale: float
 ) -> NDArray[np.float64]:
-    """Colours of maps: transparent pixels are white, unknown ones light grey.
-
-    Args:
-        maps: (H, W).
-        range_K: temperatures of blue and red.
-        scale: emissivity of full saturation.
-
-    Returns:
-        (H, W, 3) RGB.
-    """
+    """RGB (H, W, 3) of maps as `map_colours`; pixels without a value are light grey."""
     colour = map_colours(maps.emissivity, maps.apparent_temperature_K, range_K=range_K, scale=scale)
     known = (maps.reason == Reason.OK) | (maps.reason == Reason.EMISSIVITY_TOO_LOW)
     colour[~known] = UNKNOWN

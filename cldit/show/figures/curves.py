@@ -1,28 +1,26 @@
-"""Curves of a run or an evaluation: budget of the error, spectrum, profile along a line."""
+"""Figures of curves: error budget, spectrum, profile, design of a measurement, droplet."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from cldit.accuracy.errors import Errors
+from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
-from cldit.show.figures.sheet import figure_of, plain
+from cldit.show.figures.sheet import figure_of, plain, png_of
+from cldit.spray.droplet.follow import Life
+
+Floats = NDArray[np.float64]
 
 
 def budget_figure(
     kelvin: Mapping[str, float | None], *, title: str, total_K: float | None
 ) -> Figure:
-    """Bars of the error of T_app by cause.
-
-    Args:
-        kelvin: of each cause; None: unknown, shown in words.
-        title: above.
-        total_K: of all together, a line; None: none is known.
-    """
+    """Bars of the error of T_app by cause, in kelvin, with a line at the total; None: unknown."""
     figure = figure_of(6.2, 1.2 + 0.32 * max(len(kelvin), 1))
     axes = figure.subplots()
     names = list(kelvin)
@@ -44,19 +42,8 @@ def budget_figure(
     return figure
 
 
-def errors_by_cause(errors: Errors) -> dict[str, float | None]:
-    """The error of each cause of `errors`, K, by its name."""
-    return {cause.name: cause.error_K for cause in errors.causes}
-
-
 def spectrum_figure(run: Run, *, title: str) -> Figure:
-    """What the spray hides of the background at each wavelength, in the mean over its pixels, and
-    the light of the background behind it.
-
-    Args:
-        run: whose nodes stand for the parts of the filter.
-        title: above.
-    """
+    """Mean emissivity of the spray's pixels at each wavelength, above the background's light."""
     quadrature = run.quadrature
     with np.errstate(divide="ignore", invalid="ignore"):
         hidden = 1.0 - np.array(
@@ -82,12 +69,7 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
 
 
 def profile_figure(profile: Profile, *, title: str) -> Figure:
-    """T_app and emissivity along a line, bands of one standard error.
-
-    Args:
-        profile: the values.
-        title: above.
-    """
+    """T_app and emissivity along a line, with bands of one standard error."""
     figure = figure_of(6.2, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     along = 1e3 * profile.distance_m
@@ -107,3 +89,100 @@ def profile_figure(profile: Profile, *, title: str) -> Figure:
     lower.set_xlabel("distance from the start / mm")
     upper.set_title(plain(title), fontsize="medium")
     return figure
+
+
+def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
+    """PNG of the error of T_app with 1, 2, .. wavelengths; the chosen number is marked."""
+    figure = figure_of(5.0, 3.4)
+    axes = figure.subplots()
+    numbers = np.arange(1, len(errors_K) + 1)
+    shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
+    axes.semilogy(numbers, shown, "o-", color="C0")
+    axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
+    axes.set_xlabel("number of wavelengths")
+    axes.set_ylabel("RMS error of apparent temperature / K")
+    axes.set_title(plain(title), fontsize="medium")
+    axes.grid(True, which="both", alpha=0.3)
+    axes.legend()
+    return png_of(figure)
+
+
+def design_picture(
+    lines: Sequence[tuple[Design, Floats, Floats]], best: Design, goal: Goal, *, title: str
+) -> bytes:
+    """PNG of the error of T_app against the time of a measurement; the chosen design is marked.
+
+    Args:
+        lines: design, (N,) times [s], (N,) errors [K], for each number of backgrounds.
+    """
+    figure = figure_of(7.4, 4.6)
+    axes = figure.subplots()
+    for design, time_s, error_K in sorted(lines, key=lambda line: len(line[0].backgrounds_K)):
+        low, high = min(design.backgrounds_K), max(design.backgrounds_K)
+        label = f"{len(design.backgrounds_K)} backgrounds, {low:g} to {high:g} K"
+        (drawn,) = axes.loglog(time_s / 60.0, error_K, label=label, linewidth=1.4)
+        axes.plot(design.time_s / 60.0, design.error_K, "o", color=drawn.get_color(), markersize=4)
+    axes.plot(
+        best.time_s / 60.0,
+        best.error_K,
+        "o",
+        markersize=11,
+        markerfacecolor="none",
+        markeredgecolor="black",
+        label=f"plan.yaml: {best.shots} shots, {best.references} references each",
+    )
+    axes.axhline(goal.error_K, color="grey", linewidth=0.8, linestyle="--")
+    axes.annotate(
+        "requested",
+        (1.0, goal.error_K),
+        xycoords=("axes fraction", "data"),
+        xytext=(-4, 3),
+        textcoords="offset points",
+        ha="right",
+        fontsize=8,
+        color="grey",
+    )
+    axes.set_xlabel("time / min")
+    axes.set_ylabel(f"standard error of T_app / K, {100 * goal.quantile:g} % quantile")
+    axes.set_title(plain(title), fontsize=10)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(lambda value, _: "")
+    axes.set_yticks([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50])
+    lowest = min(float(errors.min()) for _, _, errors in lines)
+    highest = max(float(errors.max()) for _, _, errors in lines)
+    axes.set_ylim(0.8 * lowest, 1.2 * max(highest, goal.error_K))
+    axes.set_xticks([20, 30, 40, 60, 100, 200, 400, 1000])
+    longest = max(float(time_s[-1]) for _, time_s, _ in lines) / 60.0
+    shortest = min(float(time_s[0]) for _, time_s, _ in lines) / 60.0
+    axes.set_xlim(0.9 * shortest, 1.1 * longest)
+    axes.grid(which="both", alpha=0.25)
+    axes.legend(fontsize=8)
+    return png_of(figure)
+
+
+def life_picture(life: Life, *, title: str) -> bytes:
+    """PNG of d^2, temperature, speed and mass of a droplet against time."""
+    figure = figure_of(9.0, 6.0)
+    figure.suptitle(title)
+    last = float(life.time_s[-1])
+    scale, unit = next(((s, u) for s, u in ((1.0, "s"), (1e3, "ms")) if last * s >= 1), (1e6, "µs"))
+    panels = (
+        (life.diameter_m**2 * 1e12, "d² / µm²", True),
+        (life.temperature_K, "temperature / K", False),
+        (life.velocity_m_s, "velocity relative to the gas / (m/s)", False),
+        (life.mass_kg / life.mass_kg[0], "mass / first mass", True),
+    )
+    for axes, (column, label, from_zero) in zip(
+        figure.subplots(2, 2, sharex=True).flat, panels, strict=True
+    ):
+        axes.plot(life.time_s * scale, column, color="#1b6ca8")
+        axes.set_ylabel(label)
+        axes.grid(alpha=0.3)
+        axes.ticklabel_format(axis="y", useOffset=False)
+        axes.set_xlim(0, last * scale)
+        if from_zero:
+            axes.set_ylim(bottom=0)
+    for axes in figure.axes[2:]:
+        axes.set_xlabel(f"time / {unit}")
+    return png_of(figure)

@@ -1,4 +1,4 @@
-"""Axes in mm, and pictures of numbers with a colour bar each; injector tip at (0, 0)."""
+"""Images of numbers with axes in mm and a colour bar each; injector tip at (0, 0)."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _GREY = (UNKNOWN, UNKNOWN, UNKNOWN)
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a picture lies: size of its pixels on the object, and (x, z) of its middle."""
+    """Position of an image: size of its pixels on the object, and (x, z) of its centre."""
 
     pixel_m: tuple[float, float]
     centre_m: tuple[float, float] = (0.0, 0.0)
 
     def extent_mm(self, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
-        """Left, right, bottom, top of a picture of (H, W) pixels."""
+        """Left, right, bottom, top of an image of (H, W) pixels."""
         half_x, half_z = 500.0 * self.pixel_m[0] * shape[1], 500.0 * self.pixel_m[1] * shape[0]
         x, z = (1e3 * middle for middle in self.centre_m)
         return x - half_x, x + half_x, z - half_z, z + half_z
@@ -34,9 +34,9 @@ class Frame:
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of numbers (H, W), NaN shown grey.
+    """Image of numbers (H, W), NaN shown grey.
 
-    `limits` are those of the colours; without them, all but the outermost thousandths.
+    limits: ends of the colour scale; None: all but the outermost thousandths.
     """
 
     image: NDArray[np.generic]
@@ -48,13 +48,7 @@ class Panel:
 
 
 def axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
-    """Labels both axes and marks the injector's tip, where it is in the picture.
-
-    Args:
-        axes: of the picture.
-        frame: where the picture lies.
-        shape: its pixels (H, W).
-    """
+    """Labels the axes of an image of `shape` (H, W) and marks the injector's tip inside it."""
     left, right, bottom, top = frame.extent_mm(shape)
     axes.set_xlabel("x / mm")
     axes.set_ylabel("z / mm")
@@ -75,28 +69,18 @@ def axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
 
 
 def aspect_of(frame: Frame, shape: tuple[int, ...]) -> float:
-    """Height over width, in `frame`, of a picture of `shape` (H, W) pixels."""
+    """Height over width, in `frame`, of an image of `shape` (H, W) pixels."""
     left, right, bottom, top = frame.extent_mm(shape)
     return (top - bottom) / (right - left)
 
 
 def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
-    """PNG of `panels_figure`.
-
-    Args:
-        panels, frame, title: as for `panels_figure`.
-    """
+    """PNG of `panels_figure` of `panels` in `frame` under a `title`."""
     return png_of(panels_figure(panels, frame, title=title))
 
 
 def panels_figure(panels: Sequence[Panel], frame: Frame, *, title: str) -> Figure:
-    """One or more pictures with a colour bar each, at most two side by side.
-
-    Args:
-        panels: the pictures.
-        frame: axes.
-        title: above all.
-    """
+    """Figure of `panels` in `frame` under a `title`, at most two side by side."""
     columns = min(2, len(panels))
     figure, places = sheet(
         [panel.title for panel in panels],
@@ -117,20 +101,9 @@ def panels_figure(panels: Sequence[Panel], frame: Frame, *, title: str) -> Figur
 def draw(
     place: Place, values: NDArray[np.float64], frame: Frame, *, norm: Normalize, colours: str
 ) -> AxesImage:
-    """Draws numbers and their axes, NaN grey.
-
-    Args:
-        place: in the sheet.
-        values: (H, W).
-        frame: where the picture lies.
-        norm: from numbers to colours.
-        colours: name of matplotlib's colour map.
-
-    Returns:
-        What `draw_key` takes, and what takes other numbers of the same shape.
-    """
-    place.picture.set_facecolor(_GREY)
-    drawn = place.picture.imshow(
+    """Draws `values` (H, W) and their axes, NaN grey, with matplotlib's colour map `colours`."""
+    place.image.set_facecolor(_GREY)
+    drawn = place.image.imshow(
         np.ma.masked_invalid(values),
         extent=frame.extent_mm(values.shape),
         cmap=colours,
@@ -138,28 +111,21 @@ def draw(
         interpolation="nearest",
         aspect="auto",
     )
-    axes_mm(place.picture, frame, values.shape)
+    axes_mm(place.image, frame, values.shape)
     return drawn
 
 
 def draw_key(
     place: Place, drawn: AxesImage, label: str, *, below: bool | np.bool_, above: bool | np.bool_
 ) -> None:
-    """The colour bar.
-
-    Args:
-        place: in the sheet.
-        drawn: the picture.
-        label: of the bar, with the unit.
-        below, above: values lie beyond this end, which is then pointed.
-    """
+    """Draws the colour bar of an image; an end beyond which values lie is pointed."""
     names = {(True, True): "both", (True, False): "min", (False, True): "max"}
     extend = names.get((bool(below), bool(above)), "neither")
-    place.picture.figure.colorbar(drawn, cax=place.key, label=label, extend=extend)
+    place.image.figure.colorbar(drawn, cax=place.key, label=label, extend=extend)
 
 
 def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
-    """Percentiles `cut` and 100 - `cut` of finite `values` (...,); never an empty interval."""
+    """Percentiles `cut` and 100 - `cut` of the finite `values`; never an empty interval."""
     known = values[np.isfinite(values)]
     if not known.size:
         return 0.0, 1.0

@@ -1,9 +1,11 @@
-"""Pictures as PNG: maps, weights, camera images, errors; axes in mm, injector tip at (0, 0)."""
+"""Figures of maps, weights, shares, camera images and errors, with axes in mm."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.colors import Normalize
@@ -11,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps, Reason
-from cldit.radiance.weights import Weights
+from cldit.radiance.weights import Weights, compose
 from cldit.show.figures.colours import (
     emissivity_scale,
     map_colours,
@@ -25,14 +27,13 @@ from cldit.show.figures.panels import (
     axes_mm,
     draw,
     draw_key,
-    panels_picture,
     robust_limits,
 )
-from cldit.show.figures.sheet import figure_of, plain, png_of, sheet
+from cldit.show.figures.sheet import plain, png_of, sheet
 
 
 def _explained(maps: Maps) -> str:
-    """What white and grey mean here, with the number of pixels; empty when nothing is."""
+    """Meaning of white and grey in these maps, with the number of pixels; empty without any."""
     count = maps.count()
     lines = []
     if clear := count.get(Reason.EMISSIVITY_TOO_LOW, 0):
@@ -47,25 +48,9 @@ def _explained(maps: Maps) -> str:
     return "\n".join(lines)
 
 
-def map_picture(
-    maps: Maps,
-    frame: Frame,
-    *,
-    title: str,
-    range_K: tuple[float, float] | None = None,
-    scale: float | None = None,
-    note: str | None = None,
-    stamp: str = "",
-) -> bytes:
-    """PNG of `map_figure`.
-
-    Args:
-        maps, frame, title, range_K, scale, note, stamp: as for `map_figure`; maps (H, W).
-    """
-    figure = map_figure(
-        maps, frame, title=title, range_K=range_K, scale=scale, note=note, stamp=stamp
-    )
-    return png_of(figure)
+def map_picture(maps: Maps, frame: Frame, *, title: str, **options: Any) -> bytes:
+    """PNG of `map_figure` of `maps` (H, W) in `frame`, under a `title`, with its `options`."""
+    return png_of(map_figure(maps, frame, title=title, **options))
 
 
 def map_figure(
@@ -78,19 +63,16 @@ def map_figure(
     note: str | None = None,
     stamp: str = "",
 ) -> Figure:
-    """Both maps in one: hue = apparent temperature, saturation = emissivity, value = 1.
+    """Figure of both maps (H, W): hue is apparent temperature, saturation emissivity.
 
-    The colouring of the paper (Section 3). Where there is no temperature since the spray is
-    transparent, white; where there is none for another reason, light grey.
+    The colouring of the paper (Section 3). Pixels without a temperature are white where the spray
+    is transparent, and light grey for any other reason.
 
     Args:
-        maps: (H, W).
-        frame: axes.
-        title: above the picture.
         range_K: temperatures of blue and red; None: percentiles, see `temperature_range_K`.
         scale: emissivity of full saturation; None: see `emissivity_scale`.
-        note: small print; None: what white and grey mean in these maps, in one line or more.
-        stamp: in the upper left corner of the picture, such as its time.
+        note: small print; None: the meaning of white and grey in these maps.
+        stamp: text in the upper left corner of the image, such as its time.
     """
     chosen_K = temperature_range_K(maps) if range_K is None else range_K
     full = emissivity_scale(maps) if scale is None else scale
@@ -104,7 +86,7 @@ def map_figure(
         key_in=0.85,
         note=_explained(maps) if note is None else note,
     )
-    axes, key = place.picture, place.key
+    axes, key = place.image, place.key
     axes.imshow(
         picture_colours(maps, range_K=chosen_K, scale=full),
         extent=frame.extent_mm(shape),
@@ -143,26 +125,15 @@ def map_figure(
     return figure
 
 
-def weights_picture(weights: Weights, frame: Frame, *, title: str) -> bytes:
-    """PNG of the four weights and those of patches.
-
-    Args:
-        weights: (H, W).
-        frame: axes.
-        title: above all.
-    """
-    return panels_picture(weights_panels(weights), frame, title=title)
-
-
 def weights_panels(weights: Weights) -> list[Panel]:
-    """The four weights (H, W) and those of patches, a panel each."""
+    """Panels of the four weights (H, W) and those of patches."""
     patches = [
-        Panel(image, f"seen of {name}", "share", colours="gray")
+        Panel(image, f"weight of {name}", "share", colours="gray")
         for name, image in weights.patches.items()
     ]
     return [
-        Panel(weights.background, "seen of the background", "share", (0.0, 1.0), "gray"),
-        Panel(weights.wall, "seen of the walls", "share", colours="gray"),
+        Panel(weights.background, "weight of the background", "share", (0.0, 1.0), "gray"),
+        Panel(weights.wall, "weight of the walls", "share", colours="gray"),
         *patches,
         Panel(weights.vapour, "emitted by vapour", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
         Panel(weights.liquid, "emitted by droplets", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
@@ -172,16 +143,7 @@ def weights_panels(weights: Weights) -> list[Panel]:
 def camera_pictures(
     images: Mapping[float, NDArray[np.floating | np.integer]], frame: Frame, *, title: str
 ) -> dict[float, bytes]:
-    """Draws recorded images with one scale, so that they can be compared.
-
-    Args:
-        images: (rows, columns) counts by their background's temperature [K].
-        frame: axes.
-        title: above each.
-
-    Returns:
-        PNGs by temperature.
-    """
+    """PNGs of recorded `images` (H, W) with one scale, by the temperature of the background, K."""
     if not images:
         return {}
     bounds = [robust_limits(image.astype(np.float64)) for image in images.values()]
@@ -201,31 +163,14 @@ def camera_pictures(
     return pictures
 
 
-def errors_picture(maps: Maps, frame: Frame, *, title: str) -> bytes:
-    """PNG of both standard errors; that of the temperature spans decades, in log colours.
-
-    Args:
-        maps: (H, W).
-        frame: axes.
-        title: above all.
-    """
-    return panels_picture(errors_panels(maps), frame, title=title)
-
-
 def errors_panels(maps: Maps) -> list[Panel]:
-    """Both standard errors (H, W), a panel each."""
+    """Panels of both standard errors (H, W); that of the temperature in logarithmic colours."""
     error_K = maps.apparent_temperature_standard_error_K
     positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
     known = maps.emissivity_standard_error
     limits = robust_limits(positive, cut=1.0) if positive.size else (0.0, 1.0)
     return [
-        Panel(
-            known,
-            "standard error of emissivity",
-            "",
-            (0.0, robust_limits(known)[1]),
-            "viridis",
-        ),
+        Panel(known, "standard error of emissivity", "", (0.0, robust_limits(known)[1]), "viridis"),
         Panel(
             error_K,
             "standard error of apparent temperature",
@@ -237,57 +182,87 @@ def errors_panels(maps: Maps) -> list[Panel]:
     ]
 
 
-def error_maps_picture(
-    images: Mapping[str, NDArray[np.float32]], frame: Frame, *, title: str
-) -> bytes:
-    """PNG of the standard error of T_app in every pixel: all causes together, and the largest.
-
-    Args:
-        images: (H, W) by cause, K, NaN where there is no T_app; `total` is among them.
-        frame: axes.
-        title: above all.
-    """
-    return panels_picture(error_maps_panels(images), frame, title=title)
-
-
 def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
-    """The standard error of T_app, `images` (H, W) by cause: all together, and the largest."""
+    """Panels of the standard error of T_app, (H, W) by cause: the total, and the largest."""
 
     def mean(name: str) -> float:
         return float(np.nanmean(images[name]))
 
     largest = max((name for name in images if name != "total"), key=mean, default=None)
-    shown = ["total", *([] if largest is None else [largest])]
+    shown = {name: images[name] for name in ("total", largest) if name is not None}
+    titles = {name: f"of it by {name}" for name in shown} | {"total": "all causes together"}
     limits = (0.0, robust_limits(images["total"])[1])
-    return [
-        Panel(
-            images[name],
-            "all causes together" if name == "total" else f"of it by {name}",
-            "K",
-            limits,
-            "viridis",
-        )
-        for name in shown
-    ]
+    return [Panel(shown[name], titles[name], "K", limits, "viridis") for name in shown]
 
 
-def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
-    """PNG of the error in T_app with 1, 2, .. spectral nodes.
+@dataclass(frozen=True)
+class Shares:
+    """Shares (H, W) of the radiance of each pixel by origin, 0 to 1; NaN where nothing arrives.
 
-    Args:
-        errors_K: of each number.
-        chosen: the number that is marked.
-        title: above the picture.
+    where: True where the spray adds or takes something; the means are over these pixels.
     """
-    figure = figure_of(5.0, 3.4)
-    axes = figure.subplots()
-    numbers = np.arange(1, len(errors_K) + 1)
-    shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
-    axes.semilogy(numbers, shown, "o-", color="C0")
-    axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
-    axes.set_xlabel("number of wavelengths")
-    axes.set_ylabel("RMS error of apparent temperature / K")
-    axes.set_title(plain(title), fontsize="medium")
-    axes.grid(True, which="both", alpha=0.3)
-    axes.legend()
-    return png_of(figure)
+
+    background: NDArray[np.float64]
+    wall: NDArray[np.float64]
+    vapour: NDArray[np.float64]
+    liquid: NDArray[np.float64]
+    where: NDArray[np.bool_]
+    patches: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, kw_only=True)
+
+    @classmethod
+    def of(
+        cls,
+        weights: Weights,
+        reference: Weights,
+        *,
+        background: float,
+        wall: float,
+        patches: Mapping[str, float] | None = None,
+    ) -> Shares:
+        """Shares for given radiances [photons s-1 m-2 sr-1] of background, walls and patches.
+
+        The spray is where the weights (H, W) differ from those without it by more than 1 %.
+        """
+        radiances = {"background": background, "wall": wall, **(patches or {})}
+        total = compose(weights, background=background, wall=wall, patches=patches)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = {
+                name: np.where(
+                    total > 0, image * np.float64(radiances.get(name, 1.0)) / total, np.nan
+                )
+                for name, image in weights.images.items()
+            }
+        outside = ("background", "wall", *weights.patches)
+        before, now = (
+            sum(part.images[name].astype(np.float64) for name in outside)
+            for part in (reference, weights)
+        )
+        moved = np.abs(reference.background.astype(np.float64) - weights.background) > 0.01
+        return cls(
+            share["background"],
+            share["wall"],
+            share["vapour"],
+            share["liquid"],
+            where=(np.abs(before - now) > 0.01) | moved,
+            patches={name: share[name] for name in weights.patches},
+        )
+
+    def means(self) -> dict[str, float]:
+        """Mean shares over the pixels where the spray is; empty without any."""
+        if not self.where.any():
+            return {}
+        named = {
+            "background": self.background,
+            "walls": self.wall,
+            **self.patches,
+            "vapour": self.vapour,
+            "droplets": self.liquid,
+        }
+        return {name: float(np.nanmean(part[self.where])) for name, part in named.items()}
+
+    def panels(self) -> list[Panel]:
+        """Panels of the shares of vapour and droplets."""
+        return [
+            Panel(self.vapour, "share of vapour in the signal", "share", (0.0, 1.0)),
+            Panel(self.liquid, "share of droplets in the signal", "share", (0.0, 1.0)),
+        ]

@@ -1,8 +1,10 @@
-"""One picture of a run, an evaluation or a spray, for notebooks and scripts."""
+"""Figures and HTML of a run, an evaluation or a spray, for notebooks and scripts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from base64 import b64encode
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +16,13 @@ from cldit.dit.profile import profile_of
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.plain_data import parse_json
 from cldit.run import Run
+from cldit.show import page
 from cldit.show.figures.curves import (
     budget_figure,
-    errors_by_cause,
     profile_figure,
     spectrum_figure,
 )
+from cldit.show.figures.figures import human_figures
 from cldit.show.figures.panels import Frame, panels_figure
 from cldit.show.figures.pictures import (
     error_maps_panels,
@@ -27,6 +30,7 @@ from cldit.show.figures.pictures import (
     map_figure,
     weights_panels,
 )
+from cldit.show.figures.sheet import png_of
 from cldit.show.report.spray_report import views_figure
 from cldit.spray.result import Spray
 
@@ -35,10 +39,10 @@ if TYPE_CHECKING:
 
 
 def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -> Figure:
-    """A figure, which a notebook shows and `savefig` writes.
+    """Draws a figure, which a notebook shows and `savefig` writes.
 
     Args:
-        of: a run, what `cldit.evaluate` returned, or a spray.
+        of: a run, a data set of `cldit.evaluate`, or a spray.
         what: of a run `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`;
             of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`, its masses
             from the side and from below.
@@ -47,17 +51,13 @@ def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -
             `cldit.dit.profile.profile_of`.
 
     Raises:
-        EvaluationError: there is no such picture of it.
+        EvaluationError: there is no such figure of it.
     """
-    kinds: Mapping[str, Callable[..., Figure]]
-    if isinstance(of, Run):
-        kinds = _OF_RUN
-    elif isinstance(of, Spray):
+    kinds = _OF_RUN if isinstance(of, Run) else _OF_EVALUATION
+    if isinstance(of, Spray):
         kinds = {"maps": _spray}
-    else:
-        kinds = _OF_EVALUATION
     if what not in kinds:
-        raise EvaluationError(f"plot: {what!r}; allowed are {', '.join(kinds)}")
+        raise EvaluationError(f"plot: {what!r}; allowed: {', '.join(kinds)}")
     return kinds[what](of, **options)
 
 
@@ -91,10 +91,11 @@ def _weights(run: Run) -> Figure:
 def _budget(run: Run) -> Figure:
     if run.errors is None:
         raise EvaluationError(
-            f"{run.scene.name}: states no error; allowed is a scene with transport.audit: true"
+            f"{run.scene.name}: states no error; set transport.audit: true in its scene"
         )
+    kelvin = {cause.name: cause.error_K for cause in run.errors.causes}
     title = f"{run.scene.name}: error of T_app, RMS"
-    return budget_figure(errors_by_cause(run.errors), title=title, total_K=run.errors.total_K)
+    return budget_figure(kelvin, title=title, total_K=run.errors.total_K)
 
 
 def _spectrum(run: Run) -> Figure:
@@ -121,7 +122,7 @@ def _spray(spray: Spray, *, title: str = "spray") -> Figure:
 
 
 def maps_of(data: xarray.Dataset) -> tuple[Maps, Frame]:
-    """Maps (H, W) of what `cldit.evaluate` or `Run.to_xarray` returned, and where they lie."""
+    """Maps (H, W) and their frame, from a data set of `cldit.evaluate` or `Run.to_xarray`."""
     maps = Maps(**{name: data[name].values for name in UNITS})
     x, z = (1e-3 * np.asarray(data[name].values, float) for name in ("x", "z"))
     pixel_m = (_step(x), _step(z))
@@ -169,3 +170,31 @@ _OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
     "budget": _data_budget,
     "profile": _data_profile,
 }
+
+
+def html_of(result: Run | Spray) -> str:
+    """HTML that a notebook shows of a result: figures and a table."""
+    if isinstance(result, Spray):
+        figures = [_image(plot(result), "mass per area of droplets and vapour")]
+        return _html("spray", figures, human_figures(result.notes))
+    figures = [_image(plot(result), "apparent temperature and emissivity")]
+    if result.measured is not None:
+        figures.append(_image(plot(result, "acquired"), "acquired by the rig"))
+    rows = {reason.text: f"{count} pixels" for reason, count in result.maps.count().items()}
+    if result.errors is not None:
+        rows["error of T_app, RMS"] = result.errors.text
+        rows |= {f"of it by {cause.name}": cause.text for cause in result.errors.causes}
+    rows["device"] = result.info.device
+    rows["time"] = f"{sum(stage.seconds for stage in result.info.stages):.3g} s"
+    if result.folder is not None:
+        rows["folder"] = str(result.folder)
+    return _html(result.scene.name, figures, rows)
+
+
+def _html(title: str, figures: Sequence[str], rows: Mapping[str, str]) -> str:
+    return f"<h4>{escape(title)}</h4>{''.join(figures)}{page.html_of([page.Table.pairs(rows)])}"
+
+
+def _image(figure: Figure, about: str) -> str:
+    data = b64encode(png_of(figure)).decode("ascii")
+    return f'<img alt="{escape(about)}" style="max-width:48%" src="data:image/png;base64,{data}">'

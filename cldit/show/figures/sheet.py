@@ -1,8 +1,8 @@
-"""Figures and the places of pictures on them.
+"""Figures, and places on them for images.
 
-Pictures of pixels get places in inches, worked out from their shape. A layout engine would find
-much the same by drawing everything twice and measuring every label, which was most of a report's
-time; curves, whose labels differ, still use one (`figure_of`).
+Images get places in inches, computed from their shape. A layout engine would find nearly the same
+places by drawing everything twice and measuring every label, which took most of a report's time;
+curves, whose labels differ, still use one (`figure_of`).
 """
 
 from __future__ import annotations
@@ -17,41 +17,41 @@ from matplotlib.figure import Figure
 
 _DPI = 130
 
-# inches around a picture: for the labels of z and x, and for the heading of a sheet
+# inches around an image: for the labels of z and x, and for the heading of a sheet
 _LEFT, _BOTTOM, _TOP, _HEADING = 0.72, 0.52, 0.1, 0.4
 _TITLE, _NOTE_LINE = 0.24, 0.16
-_TALLEST = 3.0  # times the width that a picture may take
+_TALLEST = 3.0  # height of an image over the width available to it
 
 
 @dataclass(frozen=True)
 class Place:
-    """Axes for a picture and for its key (colour bar)."""
+    """Axes for an image and for its key (colour bar)."""
 
-    picture: Axes
+    image: Axes
     key: Axes
 
 
 def plain(text: str) -> str:
-    """User text for a figure: `$` would start a formula."""
+    """User text for a figure, in which `$` starts no formula."""
     return text.replace("$", r"\$")
 
 
 class Sheet(Figure):
-    """A figure that a notebook shows, also where nobody has loaded pyplot."""
+    """Figure that a notebook shows, even if pyplot was never imported."""
 
     def _repr_png_(self) -> bytes:
         return png_of(self)
 
 
 def figure_of(width_in: float, height_in: float) -> Figure:
-    """A figure of `width_in` x `height_in` for curves; `png_of` crops it to what is drawn."""
+    """Figure of `width_in` x `height_in` for curves; `png_of` crops it to its content."""
     figure = Sheet(figsize=(width_in, height_in), dpi=_DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def png_of(figure: Figure) -> bytes:
-    """The figure as PNG; one with a layout engine is cropped to what is drawn."""
+    """PNG of a figure; with a layout engine, cropped to its content."""
     stream = io.BytesIO()
     if figure.get_layout_engine() is None:
         figure.savefig(stream, format="png", dpi=_DPI)
@@ -72,19 +72,13 @@ def sheet(
     key_labels_in: float = 0.95,
     note: str = "",
 ) -> tuple[Figure, list[Place]]:
-    """A figure with places for pictures, in rows, under one heading.
+    """Figure with a titled place for each image, in rows under one heading, and a note below.
 
     Args:
-        titles: of the places.
-        aspect: height over width of every picture.
-        heading: of the figure.
+        aspect: height over width of every image.
         columns: places in a row.
-        width_in, gap_in, key_in, key_labels_in: widths in inches of a picture, of the gap to its
+        width_in, gap_in, key_in, key_labels_in: widths in inches of an image, of the gap to its
             key, of the key, and of the key's labels.
-        note: small print below everything.
-
-    Returns:
-        The figure and its places.
     """
     wide = width_in if aspect <= _TALLEST else width_in * _TALLEST / aspect
     high = wide * aspect
@@ -102,12 +96,12 @@ def sheet(
     for number, title in enumerate(titles):
         left = (number % columns) * each_wide + _LEFT + 0.5 * (width_in - wide)
         bottom = foot + (rows - 1 - number // columns) * each_high + _BOTTOM
-        picture = figure.add_axes((left / width, bottom / height, wide / width, high / height))
+        image = figure.add_axes((left / width, bottom / height, wide / width, high / height))
         key = figure.add_axes(
             ((left + wide + gap_in) / width, bottom / height, key_in / width, high / height)
         )
         if title:
-            # A height that is given keeps matplotlib from measuring every label to find one.
-            picture.set_title(title, fontsize=9.5, y=1.0)
-        places.append(Place(picture, key))
+            # With a given height, matplotlib does not measure every label to find one.
+            image.set_title(title, fontsize=9.5, y=1.0)
+        places.append(Place(image, key))
     return figure, places

@@ -17,7 +17,7 @@ from cldit.errors import RunFolderError
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
 from cldit.show.figures.panels import Frame, Panel, panels_picture
-from cldit.show.figures.pictures import errors_picture, map_picture
+from cldit.show.figures.pictures import errors_panels, map_picture
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
@@ -197,7 +197,7 @@ def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
             "Hue is the apparent temperature, saturation the emissivity.",
         ),
         Figure(
-            errors_picture(drawn, frame, title=f"{title}: standard errors"),
+            panels_picture(errors_panels(drawn), frame, title=f"{title}: standard errors"),
             "Standard errors, including what the witnesses found.",
         ),
     ]

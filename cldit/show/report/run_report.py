@@ -21,17 +21,17 @@ from cldit.run import Run, open_run
 from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s
+from cldit.show.figures.curves import nodes_picture
 from cldit.show.figures.figures import human_figures
-from cldit.show.figures.panels import Frame
+from cldit.show.figures.panels import Frame, panels_picture
 from cldit.show.figures.pictures import (
+    Shares,
     camera_pictures,
-    error_maps_picture,
-    errors_picture,
+    error_maps_panels,
+    errors_panels,
     map_picture,
-    nodes_picture,
-    weights_picture,
+    weights_panels,
 )
-from cldit.show.figures.shares import Shares
 from cldit.show.page import (
     Bar,
     Block,
@@ -60,64 +60,62 @@ def _frame(run: Run, pixel_m: tuple[float, float]) -> Frame:
     return Frame(pixel_m=pixel_m, centre_m=(x, z))
 
 
-def _title(run: Run, what: str) -> str:
-    return f"{run.scene.name}: {what}"
-
-
 def write_figures(run: Run) -> dict[str, Figure]:
     """Writes the figures of a stored run into its folder `pictures`; returns them by name."""
     traced = _frame(run, run.pixel_m)
     sensor = _frame(run, SensorView.from_scene(run.scene).pixel_m)
+    name, delays = run.scene.name, run.scene.plan.delays_s
     figures: dict[str, Figure] = {}
+
+    def add(key: str, png: bytes, caption: str) -> None:
+        figures[key] = Figure(png, caption)
+
     if run.measured is not None:
-        figures["maps"] = Figure(
-            map_picture(run.measured, sensor, title=_title(run, "DIT of the acquired shots")),
-            "What the rig acquired: hue is the apparent temperature, saturation the emissivity.",
+        add(
+            "maps",
+            map_picture(run.measured, sensor, title=f"{name}: DIT of the acquired shots"),
+            "Acquired by the rig: hue is the apparent temperature, saturation the emissivity.",
         )
-        figures["errors"] = Figure(
-            errors_picture(run.measured, sensor, title=_title(run, "standard errors")),
+        add(
+            "errors",
+            panels_picture(errors_panels(run.measured), sensor, title=f"{name}: standard errors"),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
         )
-    for number, delay_s in enumerate(run.scene.plan.delays_s):
-        place = maps_folder(_folder(run) / "acquisition", run.scene.plan.delays_s, number)
-        if len(run.scene.plan.delays_s) > 1 and place.is_dir():
-            maps = Maps.load(place)
-            figures[f"maps_{place.name}"] = Figure(
-                map_picture(
-                    maps, sensor, title=_title(run, f"DIT of the shots at {delay_text(delay_s)}")
-                ),
-                f"{DelayRow.of(delay_s, maps).text}.",
-            )
-    figures["maps_noise_free"] = Figure(
-        map_picture(run.maps, traced, title=_title(run, "DIT of the trace, without noise")),
+    for number, delay_s in enumerate(delays if len(delays) > 1 else ()):
+        place = maps_folder(_folder(run) / "acquisition", delays, number)
+        if place.is_dir():
+            maps, title = Maps.load(place), f"{name}: DIT of the shots at {delay_text(delay_s)}"
+            caption = f"{DelayRow.of(delay_s, maps).text}."
+            add(f"maps_{place.name}", map_picture(maps, sensor, title=title), caption)
+    add(
+        "maps_noise_free",
+        map_picture(run.maps, traced, title=f"{name}: DIT of the trace, without noise"),
         "The same from the traced radiances, on the traced field.",
     )
-    figures["weights"] = Figure(
-        weights_picture(run.weights, traced, title=_title(run, "weights of the trace")),
+    add(
+        "weights",
+        panels_picture(weights_panels(run.weights), traced, title=f"{name}: weights of the trace"),
         "Origin of the light of every pixel; one trace serves every background.",
     )
     if run.error_maps:
-        figures["simulation_errors"] = Figure(
-            error_maps_picture(
-                run.error_maps, traced, title=_title(run, "standard error of the simulated T_app")
-            ),
+        title = f"{name}: standard error of the simulated T_app"
+        add(
+            "simulation_errors",
+            panels_picture(error_maps_panels(run.error_maps), traced, title=title),
             "Standard error of the simulation itself; errors/ has a map of every cause.",
         )
     if run.info.spectral is not None and run.info.spectral.errors_K:
-        figures["wavelengths"] = Figure(
-            nodes_picture(
-                run.info.spectral.errors_K,
-                chosen=len(run.info.spectral.nodes),
-                title=_title(run, "error against number of wavelengths"),
-            ),
+        chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"
+        add(
+            "wavelengths",
+            nodes_picture(run.info.spectral.errors_K, chosen=chosen, title=title),
             "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
         )
+    figures.setdefault("maps", figures["maps_noise_free"])
     folder = _folder(run) / "pictures"
     make_folder(folder)
-    if "maps" not in figures:
-        figures["maps"] = figures["maps_noise_free"]
-    for name, figure in figures.items():
-        write_bytes(folder / f"{name}.png", figure.png)
+    for key, figure in figures.items():
+        write_bytes(folder / f"{key}.png", figure.png)
     return figures
 
 
@@ -176,7 +174,8 @@ def _origin(run: Run) -> list[Block]:
         run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
-    figure = shares.picture(_frame(run, run.pixel_m), title=_title(run, "origin of the signal"))
+    title = f"{run.scene.name}: origin of the signal"
+    figure = panels_picture(shares.panels(), _frame(run, run.pixel_m), title=title)
     means = shares.means()
     rows: list[list[Cell]] = [
         [name, f"{100 * share:.1f} %", Bar(share)] for name, share in means.items()

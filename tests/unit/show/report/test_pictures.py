@@ -21,12 +21,12 @@ from cldit.show.figures.colours import (
 )
 from cldit.show.figures.panels import Frame, Panel, panels_picture, robust_limits
 from cldit.show.figures.pictures import (
+    Shares,
     camera_pictures,
-    errors_picture,
+    errors_panels,
     map_picture,
-    weights_picture,
+    weights_panels,
 )
-from cldit.show.figures.shares import Shares
 
 FRAME = Frame((1e-3, 1e-3))
 
@@ -143,13 +143,13 @@ def test_pictures_of_nothing() -> None:
     nan = np.full((3, 3), np.nan)
     nothing = _maps(nan, nan)
     assert map_picture(nothing, FRAME, title="nothing").startswith(b"\x89PNG")
-    assert errors_picture(nothing, FRAME, title="nothing").startswith(b"\x89PNG")
+    assert panels_picture(errors_panels(nothing), FRAME, title="nothing").startswith(b"\x89PNG")
     exact = replace(
         nothing,
         emissivity_standard_error=np.zeros((3, 3), np.float32),
         apparent_temperature_standard_error_K=np.zeros((3, 3), np.float32),
     )
-    assert errors_picture(exact, FRAME, title="exact").startswith(b"\x89PNG")
+    assert panels_picture(errors_panels(exact), FRAME, title="exact").startswith(b"\x89PNG")
     for shape in ((1, 1), (2, 200), (200, 2)):
         image = np.zeros(shape, np.uint16)
         both = camera_pictures({400.0: image, 450.0: image + 1}, FRAME, title="t")
@@ -166,7 +166,7 @@ def test_pictures_of_nothing() -> None:
 def test_weights_and_panels() -> None:
     zero = np.zeros((10, 10), np.float32)
     weights = Weights(zero + 1, zero, zero, zero)
-    assert weights_picture(weights, FRAME, title="w").startswith(b"\x89PNG")
+    assert panels_picture(weights_panels(weights), FRAME, title="w").startswith(b"\x89PNG")
     # Three panels leave the fourth place blank.
     panels = [Panel(zero + n, f"{n}", "1", (0.0, 2.0), "gray") for n in range(3)]
     picture = _pixels(panels_picture(panels, FRAME, title="p"))
@@ -185,7 +185,7 @@ def test_shares() -> None:
     expected = {"background": 0.5, "walls": 0.1, "vapour": 0.3, "droplets": 0.1}
     assert shares.means() == pytest.approx(expected)
     assert shares.where.tolist() == [[True, False]]
-    assert shares.picture(FRAME, title="s").startswith(b"\x89PNG")
+    assert panels_picture(shares.panels(), FRAME, title="s").startswith(b"\x89PNG")
     nothing = Shares.of(empty, empty, background=0.0, wall=0.0)
     assert nothing.means() == {}
     assert np.isnan(nothing.vapour).all()

@@ -59,17 +59,18 @@ def test_maps_are_those_of_the_run(run: Run) -> None:
 
 
 def test_budget_has_a_bar_a_cause() -> None:
-    from cldit.show.figures.curves import budget_figure, errors_by_cause
+    from cldit.show.figures.curves import budget_figure
 
     errors = Errors((Cause("trace", 0.5, ""), Cause("cells", 1.5, ""), Cause("parcels", None, "")))
-    axes = budget_figure(errors_by_cause(errors), title="a", total_K=errors.total_K).axes[0]
+    kelvin = {cause.name: cause.error_K for cause in errors.causes}
+    axes = budget_figure(kelvin, title="a", total_K=errors.total_K).axes[0]
     bars = [bar for bar in axes.patches if isinstance(bar, Rectangle)]
     assert [bar.get_width() for bar in bars] == [0.5, 1.5, 0.0]
     assert [text.get_text() for text in axes.texts] == ["0.5 K", "1.5 K", "unknown"]
 
 
 def test_what_is_not_there_is_named(run: Run) -> None:
-    with pytest.raises(EvaluationError, match="plot: 'map'; allowed are maps, acquired, errors"):
+    with pytest.raises(EvaluationError, match="plot: 'map'; allowed: maps, acquired, errors"):
         run.plot("map")
     if run.errors is None:
         with pytest.raises(ClditError, match="states no error"):
