@@ -40,7 +40,7 @@ def _radiances(cells: OpticalCells, scene: Scene) -> Floats:
 def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
     """Sum (N,) of radiances (C,) times weights (C, N).
 
-    Not by BLAS, whose threads keep a core busy for a while after each product.
+    BLAS is avoided, since its threads keep a core busy for a while after each product.
     """
     return np.asarray(np.einsum("c,cn->n", radiances, weights))
 
