@@ -1,4 +1,4 @@
-"""The black body's way to a set point in the journal: as many readings as a curve needs."""
+"""Journal entries of a black body approaching its set point: as many readings as a curve needs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ApproachLog:
         self._noted: tuple[float, float] | None = None  # when, and what it read
 
     def note(self, approach: Approach) -> None:
-        """One reading more; raises as `Journal.append`."""
+        """Adds one reading; raises as `Journal.append`."""
         now_s = self._clock.now_s()
         if self._noted is not None:
             then_s, before_K = self._noted

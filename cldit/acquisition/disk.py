@@ -1,4 +1,4 @@
-"""Writing so that a kill, a power cut or a full disk leaves nothing half done."""
+"""Writing such that a kill, a power cut or a full disk leaves nothing incomplete."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _OVERHEAD_bytes = 16_384  # TIFF header, metadata, journal lines of one shot
 
 
 def needed_bytes(shots: int, *, picture_bytes: int) -> int:
-    """Bytes that `shots` more pictures of `picture_bytes` each take, with a tenth to spare."""
+    """Bytes that `shots` more images of `picture_bytes` each take, plus a tenth."""
     return int(1.1 * shots * (picture_bytes + _OVERHEAD_bytes))
 
 
 def existing(folder: Path) -> Path:
-    """`folder`, or the nearest above it that is there."""
+    """`folder`, or its nearest existing parent."""
     return next(place for place in (folder, *folder.resolve().parents) if place.exists())
 
 
@@ -33,12 +33,7 @@ def free_bytes(folder: Path) -> int:
 
 
 def check_room(folder: Path, needed: int) -> None:
-    """Raises DiskFull where the disk of `folder` has not `needed` bytes left.
-
-    Args:
-        folder: it need not exist.
-        needed: bytes.
-    """
+    """Raises DiskFull if the disk of `folder`, existing or not, has fewer than `needed` bytes."""
     free = free_bytes(folder)
     if free < needed:
         raise DiskFull(
@@ -50,14 +45,9 @@ def check_room(folder: Path, needed: int) -> None:
 def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
     """Writes a file that carries its own checksum; it is on the disk on return.
 
-    It is renamed before it is synced, so that the system can write data and entry in one go:
-    three times as fast as one after the other. A kill leaves it whole or absent; a power cut
-    before the return may leave it torn, which its reader must find by the checksum. Leaves
-    nothing behind on failure.
-
-    Args:
-        path: the file.
-        write: puts the content into the open stream.
+    It is renamed before it is synced, so that the system can write data and entry in one go, which
+    is three times as fast. A kill leaves the file complete or absent; a power cut before the return
+    may leave it torn, which its reader detects by the checksum. A failure leaves nothing behind.
     """
     part = path.with_name(path.name + ".part")
     try:

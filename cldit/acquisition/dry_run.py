@@ -1,4 +1,4 @@
-"""What a plan would take, and what speaks against it, with nothing moved and nothing fired."""
+"""Dry run of a plan: its time, its disk space and its problems; nothing moves and nothing fires."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ SECONDS_PER_KELVIN = 3.0  # of a black body on its way, where nobody says better
 
 @dataclass(frozen=True)
 class DryRun:
-    """time_s: of which `background_s` goes into waiting for backgrounds. problems: one line each;
-    with none of them, the acquisition can begin."""
+    """Result of a dry run. `background_s` of `time_s` is waiting for backgrounds. With no
+    `problems`, one line each, the acquisition can begin.
+    """
 
     shots: int
     backgrounds_K: tuple[float, ...]
@@ -38,15 +39,10 @@ class DryRun:
 def dry_run(
     rig: Rig, plan: Plan, folder: Path, *, seconds_per_kelvin: float = SECONDS_PER_KELVIN
 ) -> DryRun:
-    """Goes through the acquisition's own preflight, and calculates; nothing moves, nothing fires.
+    """Runs the acquisition's own preflight and computes time and disk space.
 
-    The preflight sets the camera, takes a test picture, and writes a burst without injection, after
-    which the trigger is inhibited. No set point is written.
-
-    Args:
-        rig, plan: what would be run.
-        folder: that of the acquisition; it need not exist.
-        seconds_per_kelvin: of the black body, on average.
+    The preflight sets the camera, takes a test image, and writes a burst without injection, after
+    which the trigger is inhibited. No set point is written. `folder` need not exist.
 
     Raises:
         RunFolderError: `folder` belongs to another plan, is in use, or is damaged.

@@ -1,7 +1,7 @@
 """A recorded run as one file for other programs: OME-TIFF, or NeXus in HDF5.
 
-Both hold the raw counts as they were recorded, and beside every picture what is known of it. The
-folder stays the original: it alone carries the journal and survives a kill.
+Both contain the raw counts as recorded, and the metadata of every image. The folder remains the
+original: only it has the journal and survives a kill.
 """
 
 from __future__ import annotations
@@ -31,25 +31,22 @@ class ExportError(ClditError):
 
 
 def export(acquisition: Acquisition, form: str, target: Path | None = None) -> Path:
-    """Writes all pictures of a run into one file, which appears whole or not at all.
+    """Writes all images of a run into one file, which appears whole or not at all.
 
     Args:
         acquisition: the opened folder.
         form: `ome-tiff` or `nexus`, for which h5py is needed.
-        target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` if left out.
-
-    Returns:
-        The file's path.
+        target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` by default.
 
     Raises:
-        ExportError: no such form, no pictures, or h5py is missing.
-        RunFolderError: a picture is damaged.
+        ExportError: no such form, no images, or h5py is missing.
+        RunFolderError: an image is damaged.
         DiskFull, FileError: the file cannot be written.
     """
     if form not in FORMATS:
-        raise ExportError(f"--to: {form!r}; allowed are {', '.join(FORMATS)}")
+        raise ExportError(f"--to: {form!r}; allowed: {', '.join(FORMATS)}")
     if not acquisition.shots:
-        raise ExportError(f"{acquisition.folder}: holds no pictures yet")
+        raise ExportError(f"{acquisition.folder}: holds no images yet")
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
     size = len(acquisition.shots) * acquisition.plan.frames * int(np.prod(acquisition.shape)) * 2
@@ -61,7 +58,7 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
 
 @dataclass(frozen=True)
 class _Plane:
-    """One picture of one shot. time_s: since the run's first picture, on the camera's clock."""
+    """One image of one shot. time_s: since the run's first image, on the camera's clock."""
 
     shot: Picture
     number: int
@@ -98,7 +95,7 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
         ):
             at = f" at {delay_text(delays[delay])}" if len(delays) > 1 else ""
             shots = list(group)
-            # What is stored beside the pictures is small; the pictures pass one by one.
+            # What is stored beside the images is small; the images pass one by one.
             planes = [plane.meta for plane in _planes(acquisition, shots)]
             exposure_s = [meta["integration_time_s"] for meta in planes]
             first_ns = planes[0]["host_timestamp_ns"]

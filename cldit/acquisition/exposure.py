@@ -1,4 +1,4 @@
-"""How a shot fills the camera's range: its histogram and the share of saturated pixels."""
+"""Histogram of a shot's counts within the sensor's range."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from cldit.acquisition.quality import saturated_percent
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """How the pixels lie in the range.
+    """Distribution of counts over the sensor's range.
 
     Attributes:
-        pixels: (N,) number of pixels in N equal parts of 0..saturation_counts; what is above is in
-            the last one.
+        pixels: (N,) number of pixels in N equal parts of 0..saturation_counts; the last one
+            includes everything above.
         lowest, median, highest: in counts.
-        saturation_counts, saturated_percent: where a pixel is full, and how many are.
+        saturation_counts, saturated_percent: level of a full pixel, and share of full pixels.
     """
 
     pixels: NDArray[np.int64]
@@ -30,13 +30,7 @@ class Exposure:
 
 
 def exposure(image: NDArray[np.uint16], *, saturation_counts: int, bins: int = 64) -> Exposure:
-    """The exposure of a shot.
-
-    Args:
-        image: (h, w) or (n, h, w) counts.
-        saturation_counts: from which a pixel is saturated.
-        bins: parts of the histogram.
-    """
+    """Exposure of a shot, (h, w) or (n, h, w) counts, in a histogram of `bins` parts."""
     clipped = np.minimum(image, saturation_counts)
     pixels, _ = np.histogram(clipped, bins, range=(0.0, float(max(saturation_counts, 1))))
     return Exposure(

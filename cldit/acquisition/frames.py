@@ -1,8 +1,4 @@
-"""Pictures out of the files that cameras and other programs write, by installed readers.
-
-A reader is an entry point of the group `cldit.readers`, named as the ending of its files without
-the dot. It is called with a `Source` and gives a `Stack`, or an array (frames, rows, columns).
-"""
+"""Reads images from files of cameras and other programs, through installed readers."""
 
 from __future__ import annotations
 
@@ -59,16 +55,16 @@ def installed_readers() -> dict[str, EntryPoint]:
 
 @cache
 def _seen_readers(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Those that were installed along `sys.path` when a file was first opened: to look through all
-    that is installed takes longer than to read a picture."""
+    """Readers installed when a file was first opened; searching all installed packages takes longer
+    than reading an image.
+    """
     return installed_readers()
 
 
 def open_stack(source: Source) -> Stack:
-    """Opens a file of pictures; nothing of them is read yet, where its reader can do that.
-
-    Raises:
-        EvaluationError: of another kind, missing, damaged, no such data set, or temperatures.
+    """Opens a file of images, without reading them if its reader allows that. Raises
+    EvaluationError for another kind of file, a missing or damaged one, a missing data set, or
+    temperatures.
     """
     reader = _reader(source)
     try:
@@ -115,7 +111,7 @@ def _arranged(opened: Any, source: Source) -> Stack:
     stack: Stack = opened
     if source.axes == AXES or isinstance(stack, ArrayStack):
         return stack
-    try:  # pages that are no pictures: all of them are needed for one
+    try:  # pages that are no images: all of them are needed for one
         whole = np.stack([stack.read(number) for number in range(len(stack))])
     finally:
         stack.close()
@@ -125,11 +121,11 @@ def _arranged(opened: Any, source: Source) -> Stack:
 def _check(stack: Stack, source: Source) -> None:
     count = len(stack)
     if count == 0:
-        raise EvaluationError(f"{source.text}: cannot be read (holds no picture)")
+        raise EvaluationError(f"{source.text}: cannot be read (holds no image)")
     if source.last is not None and source.last > count:
         raise EvaluationError(f"{source.text}: has {count} frames, asked for {source.last}")
     if source.first >= (count if source.last is None else source.last):
-        raise EvaluationError(f"{source.text}: [{source.first}:..] of {count} holds no picture")
+        raise EvaluationError(f"{source.text}: [{source.first}:..] of {count} holds no image")
     unit = str(getattr(stack, "unit", ""))
     if unit.strip().lower() in _TEMPERATURES:
         raise EvaluationError(
@@ -138,7 +134,7 @@ def _check(stack: Stack, source: Source) -> None:
 
 
 class _Part:
-    """Some pictures of a file."""
+    """Some images of a file."""
 
     def __init__(self, stack: Stack, source: Source) -> None:
         self._stack = stack
@@ -159,33 +155,31 @@ class _Part:
 
 
 class FrameReader:
-    """Reads pictures in any order, holding the last file open."""
+    """Reads images in any order, holding the last file open."""
 
     def __init__(self) -> None:
         self._source: Source | None = None
         self._stack: Stack | None = None
 
     def count(self, source: Source) -> int:
-        """Number of pictures in a file."""
+        """Number of images in a file."""
         return len(self._open(source))
 
     def notes(self, source: Source) -> tuple[str, ...]:
-        """What the file says of its pictures, a few words each."""
+        """Remarks of the file about its images, a few words each."""
         stack = self._open(source)
         unit = str(getattr(stack, "unit", ""))
         return (*getattr(stack, "notes", ()), *([f"unit {unit}"] if unit else []))
 
     def told(self, source: Source) -> tuple[Told, ...]:
-        """What the file says of time and exposure of each of its pictures."""
+        """Time and exposure of each image, as far as the file contains them."""
         stack = self._open(source)
         found = tuple(getattr(stack, "told", ()))
         return found if len(found) == len(stack) else (Told(),) * len(stack)
 
     def read(self, source: Source, number: int) -> NDArray[Any]:
-        """Picture `number` of the file `source`, (rows, columns).
-
-        Raises:
-            EvaluationError: it cannot be read.
+        """Image `number` of the file `source`, (rows, columns); raises EvaluationError if it cannot
+        be read.
         """
         stack = self._open(source)
         try:
@@ -193,10 +187,10 @@ class FrameReader:
         except EvaluationError:
             raise
         except Exception as error:
-            raise EvaluationError(f"{source.text}: picture {number}: {error}") from error
+            raise EvaluationError(f"{source.text}: image {number}: {error}") from error
 
     def close(self) -> None:
-        """Lets go of the file; the next picture opens it again."""
+        """Closes the file; the next image opens it again."""
         if self._stack is not None:
             self._stack.close()
         self._source = self._stack = None

@@ -36,13 +36,10 @@ _PROCESS = (
 
 
 class Guard:
-    """Watches over `rig` while it is entered; has no process where all devices are simulated.
+    """Watches over `rig` while it is entered; has no process if all devices are simulated.
 
-    `make_safe` is to be called before it is left: otherwise, or where that failed, the guard's
-    process takes over.
-
-    Args:
-        folder: the acquisition's; guard.log and the journal are there.
+    `make_safe` must be called before it is left: otherwise, or if that failed, the guard's process
+    takes over. guard.log and the journal are in `folder`.
     """
 
     def __init__(self, rig: Rig, folder: Path) -> None:
@@ -108,12 +105,8 @@ class Guard:
 def watch(stream: IO[bytes], folder: Path) -> int:
     """Runs the guard's process.
 
-    Args:
-        stream: the rig file's length and text, then what the acquisition says before it ends.
-        folder: that of the acquisition.
-
-    Returns:
-        Exit status; 0 where all is safe.
+    `stream` delivers the rig file's length and text, then the acquisition's messages until it ends.
+    The exit status is 0 if all is safe.
     """
     rig_file = stream.read(int(stream.readline() or 0))
     if stream.read() == _SAFE or not rig_file:

@@ -17,16 +17,16 @@ _RAW, _NON_UNIFORMITY_CORRECTED = 0, 1  # calibration modes whose pixels are cou
 
 
 class HccError(ClditError):
-    """A film cannot be read, or does not hold counts."""
+    """A film cannot be read, or contains no counts."""
 
 
 @dataclass(frozen=True)
 class HccFilm:
-    """What a film says.
+    """Content of a film.
 
     frames: (n, h, w) counts, row 0 at the top. integration_time_s, time: of each frame, in UTC.
-    frame_ids: as the camera counted; a gap is a lost frame. corrected: whether the camera has
-    taken out the chip's non-uniformity. headers: all that the camera wrote, a dict a frame.
+    frame_ids: the camera's count; a gap is a lost frame. corrected: True if the camera has
+    corrected the chip's non-uniformity. headers: all metadata of the camera, a dict per frame.
     """
 
     frames: NDArray[np.uint16]
@@ -39,11 +39,7 @@ class HccFilm:
 
 
 def read_hcc(path: str | Path) -> HccFilm:
-    """A film of raw or non-uniformity corrected counts.
-
-    Raises:
-        HccError: as `HccReader`.
-    """
+    """Reads a film of raw or non-uniformity corrected counts; raises as `HccReader`."""
     with HccReader(Path(path)) as reader:
         headers = reader.headers
         return HccFilm(
@@ -60,10 +56,10 @@ def read_hcc(path: str | Path) -> HccFilm:
 
 
 class HccReader:
-    """A film that is open: its headers, checked, and its frames as they are asked for.
+    """Open film: its headers, checked, and its frames on request.
 
     Raises:
-        HccError: fasthcc is not installed; the file is missing, damaged or cut short; frames are
+        HccError: fasthcc is not installed; the file is missing, damaged or truncated; frames are
             missing; or the pixels are temperatures or radiances, from which DIT cannot start.
     """
 
@@ -112,7 +108,7 @@ class HccReader:
             )
 
     def frames(self, first: int, last: int) -> NDArray[np.uint16]:
-        """Counts (N, h, w) of the pictures from `first` to before `last`, row 0 at the top."""
+        """Counts (N, h, w) of the images from `first` up to `last`, exclusive, row 0 at the top."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
@@ -133,6 +129,6 @@ class HccReader:
 
 
 def frame_time(header: dict[str, Any]) -> datetime:
-    """When a frame was taken, in UTC: whole seconds of its `header`, and 100 ns steps."""
+    """Time of a frame in UTC, from whole seconds of its `header` and steps of 100 ns."""
     seconds = header.get("POSIXTime", 0) + 1e-7 * header.get("SubSecondTime", 0)
     return datetime.fromtimestamp(seconds, UTC)

@@ -21,10 +21,10 @@ _WORTH = {
 
 
 class Interrupts:
-    """Holds the process's signals while it is entered; elsewhere than in the main thread, none.
+    """Handles the process's signals while it is entered; outside the main thread, none.
 
-    The handler only counts, but within `abortable()`, where nothing is being written, the second
-    press raises Aborted at once.
+    The handler only counts. Within `abortable()`, where nothing is being written, the second press
+    raises Aborted at once.
     """
 
     def __init__(self, should_stop: StopCheck | None = None) -> None:
@@ -34,12 +34,12 @@ class Interrupts:
         self._before: dict[int, Any] = {}
 
     def should_stop(self) -> bool:
-        """Whether nothing new is to be begun."""
+        """True if nothing new is to be begun."""
         return self._presses > 0 or (self._asked is not None and self._asked())
 
     @contextmanager
     def abortable(self) -> Iterator[None]:
-        """The part of a shot that the second press cuts short."""
+        """Part of a shot that the second press interrupts."""
         self._abortable = True
         try:
             self._check()

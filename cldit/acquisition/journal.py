@@ -1,4 +1,4 @@
-"""The journal: what happened, one JSON object a line, on the disk before the next step."""
+"""Journal of an acquisition: one JSON object per line, on the disk before the next step."""
 
 from __future__ import annotations
 
@@ -40,25 +40,21 @@ _NEEDED = {  # by event; what is read later on
 
 
 def read_journal(path: Path) -> list[Entry]:
-    """Every whole entry, in order; a last line that was torn by a kill does not count.
-
-    Raises:
-        RunFolderError: the file cannot be read, or is damaged elsewhere than at its end.
+    """Reads every complete entry in order; a last line torn by a kill is ignored. Raises
+    RunFolderError if the file cannot be read or is damaged elsewhere.
     """
     return _parse(path)[0]
 
 
 def read_whole_entries(path: Path) -> tuple[list[Entry], RunFolderError | None]:
-    """Every entry before the first that is damaged, and what is wrong with that one.
-
-    Raises:
-        RunFolderError: the file cannot be read.
+    """Reads the entries before the first damaged one, and the error of that one. Raises
+    RunFolderError if the file cannot be read.
     """
     return _entries(path)[::2]
 
 
 def _parse(path: Path) -> tuple[list[Entry], int]:
-    """Entries, and how many bytes of the file they take."""
+    """Entries, and the bytes of the file that they take."""
     entries, whole, damage = _entries(path)
     if damage is not None:
         raise damage
@@ -84,14 +80,8 @@ def _entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
 
 
 def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
-    """The entry of one line.
-
-    Args:
-        line: of a journal.
-        number: its sequence number, from 0.
-
-    Returns:
-        What is wrong with it, or an empty text; and the entry.
+    """Parses a `line` with the sequence number `number`, from 0: its error, empty if none, and the
+    entry.
     """
     try:
         entry = parse_json(line)
@@ -113,14 +103,11 @@ def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
 
 
 def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]]:
-    """When each kept shot was taken, and when its background had become stable.
-
-    Args:
-        entries: of a journal, in order.
+    """Time of each kept shot, and of the last stabilisation of its background.
 
     Returns:
-        Seconds since 1970 by shot; without a second one where no background became stable before.
-        Empty where the time of any shot does not rise over the one before: somebody set the clock.
+        Seconds since 1970 by shot; the second is None if no background became stable before. Empty
+        if the time of any shot is not later than that of the one before: the clock was set.
     """
     found: dict[str, tuple[float, float | None]] = {}
     stable_s: float | None = None
@@ -140,7 +127,7 @@ def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]
 
 
 def check_entry(path: Path, entry: Entry) -> None:
-    """Raises RunFolderError where an `entry` of the journal `path` lacks what its event has."""
+    """Raises RunFolderError if an `entry` of the journal `path` lacks a field of its event."""
     missing = [name for name in _NEEDED.get(entry["event"], ()) if name not in entry]
     if missing:
         raise _damaged(path, entry["seq"], f"has no {' and no '.join(missing)}")
@@ -156,11 +143,8 @@ def _damaged(path: Path, number: int, what: str) -> RunFolderError:
 class Journal:
     """Appends to the journal; an entry is synced before `append` returns, or with the next one.
 
-    Args:
-        room_bytes: asked when the disk is full: how much the error is to say is needed.
-
-    Raises:
-        RunFolderError: as `read_journal`, or it cannot be written.
+    `room_bytes` is called when the disk is full, for the space that the error names. Raises
+    RunFolderError as `read_journal`, or if it cannot be written.
     """
 
     def __init__(self, path: Path, room_bytes: Callable[[], int] = lambda: 0) -> None:
@@ -174,20 +158,17 @@ class Journal:
             fsync_folder(path.parent)
 
     def append(self, event: str, *, time: str, sync: bool = True, **values: Any) -> Entry:
-        """Adds one line.
+        """Adds one line and returns it.
 
         Args:
-            event: what happened.
+            event: its name.
             time: wall time, ISO 8601.
-            sync: False for what the rest of the folder says too: a power cut may take the line, a
-                kill does not.
-            values: whatever else is known, as JSON can hold it.
-
-        Returns:
-            The line as it was written.
+            sync: False if the rest of the folder contains the same: a power cut may remove the
+                line, a kill does not.
+            values: further fields, as JSON can represent them.
 
         Raises:
-            DiskFull, RunFolderError: not written; the journal is as it was before.
+            DiskFull, RunFolderError: not written; the journal is unchanged.
         """
         entry: Entry = {"seq": len(self.entries), "time": time, "event": event, **values}
         line = json.dumps(entry, allow_nan=False).encode() + b"\n"

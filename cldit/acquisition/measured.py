@@ -1,4 +1,4 @@
-"""Measured pictures in files of any program, described by a small YAML: `measured.yaml`."""
+"""Measured images in files of any program, described by a small YAML: `measured.yaml`."""
 
 from __future__ import annotations
 
@@ -42,74 +42,76 @@ Times = tuple[Annotated[float, Within(-1e12, 1e12)], ...] | str
 
 def _all_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
     if sorted(axes) != sorted(AXES):
-        raise ValueError(f"{', '.join(axes)}; allowed are {', '.join(AXES)} in the files' order")
+        raise ValueError(f"{', '.join(axes)}; allowed: {', '.join(AXES)} in the files' order")
     return axes
 
 
 class MeasuredSensor(Section):
-    """The camera. What is left out is taken from the references: gain, and noise from variance."""
+    """Camera. Values that are not given are found from the references: gain, and noise from
+    variance.
+    """
 
     saturation_counts: Annotated[float, Within(1.0, 1e9)]
-    """From here on a pixel is not used."""
+    """Level at and above which a pixel is not used."""
     offset_counts: Annotated[float, Within(-1e6, 1e6)] | None = None
-    """Counts in the dark; left out: from the references."""
+    """Counts in the dark; by default from the references."""
     counts_per_radiance: Annotated[float, Within(1e-40, 1e10)] | None = None
-    """Gain, counts per photon s-1 m-2 sr-1; left out: from the references."""
+    """Gain, counts per photon s-1 m-2 sr-1; by default from the references."""
     electrons_per_count: Annotated[float, Within(1e-6, 1e9)] | None = None
-    """For the photon noise; left out: from the references' variance."""
+    """For the photon noise; by default from the references' variance."""
     read_noise_electrons: Annotated[float, Within(0.0, 1e9)] | None = None
-    """Noise of the camera; left out: from the references' variance."""
+    """Noise of the camera; by default from the references' variance."""
 
 
 class MeasuredBackground(Section):
-    """Pictures before one black-body temperature: names of files, with * and ? if wanted."""
+    """Images taken at one black-body temperature: names of files, with * and ? if wanted."""
 
     temperature_K: Temperature
-    """Of the black body."""
+    """Temperature of the black body."""
     references: Files
-    """Names of pictures without spray, with * and ?; pages as `file[0:20]`."""
+    """Names of images without spray, with * and ?; pages as `file[0:20]`."""
     injections: Files
-    """Names of pictures with spray."""
+    """Names of images with spray."""
     references_K: Readings | None = None
-    """Of the black body at each picture: numbers, `log.csv::column`, or `run.nxs::/entry/log`."""
+    """Black-body temperature of each image: numbers, `log.csv::column`, or `run.nxs::/log`."""
     injections_K: Readings | None = None
-    """The same of the injections; left out: temperature_K."""
+    """The same for the injections; temperature_K by default."""
     references_s: Times | None = None
-    """When each picture was taken: seconds of one clock, or as above, and dates in a table."""
+    """Time of each image: seconds of one clock, or as above, with dates in a table."""
     injections_s: Times | None = None
-    """The same of the injections; where no background has any: what the files say."""
+    """The same for the injections; if no background has times, those of the files."""
 
 
 class MeasuredFile(Section):
     """measured.yaml."""
 
     name: str = "measured"
-    """Of the measurement."""
+    """Name of the measurement."""
     filter_um: Filter
     """Two edges, a list of (um, transmission), or a file of both."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] | None = None
-    """Of every picture; left out: what the files say."""
+    """Exposure of every image; by default that of the files."""
     setup: Setup
-    """What no picture can say."""
+    """Set-up: everything that no image shows."""
     sensor: MeasuredSensor
     """The camera."""
     backgrounds: tuple[MeasuredBackground, ...]
     """At least two for a fit."""
     references: Count | None = None
-    """How many there must be before each background."""
+    """Required number of references at each background."""
     shots: Count | None = None
-    """How many injections there must be before each background."""
+    """Required number of injections at each background."""
     axes: Annotated[tuple[Axis, ...], AfterValidator(_all_axes)] = AXES
-    """Order of the axes in stacks of pictures."""
+    """Order of the axes in stacks of images."""
     bad_pixels: str | None = None
-    """A picture that is not 0 where a pixel is defective."""
+    """Image that is not 0 where a pixel is defective."""
     accept: tuple[Acceptable, ...] = ()
-    """Witnesses that do not end the evaluation, whatever they find."""
+    """Checks (witnesses) that do not end the evaluation, whatever they find."""
 
 
 @dataclass(frozen=True)
 class MeasuredShot:
-    """One picture of a file."""
+    """One image of a file."""
 
     id: str
     kind: Kind
@@ -123,10 +125,10 @@ class MeasuredShot:
 
 @dataclass(frozen=True)
 class Measured:
-    """Measured data, as the evaluation wants it (`cldit.dit.shots.Acquisition`).
+    """Measured data for the evaluation (`cldit.dit.shots.Acquisition`).
 
-    bad_pixels: (rows, columns) True where a pixel is not used. accept: names of witnesses that do
-    not end the evaluation. inputs: measured.yaml, and every file that it names.
+    bad_pixels: (rows, columns) True where a pixel is not used. accept: names of checks that do not
+    end the evaluation. inputs: measured.yaml, and every file that it names.
     """
 
     folder: Path
@@ -142,20 +144,12 @@ class Measured:
     reader: FrameReader = field(default_factory=FrameReader, repr=False, compare=False)
 
     def load(self, shot: MeasuredShot) -> NDArray[Any]:
-        """(rows, columns) counts.
-
-        Raises:
-            EvaluationError: the picture cannot be read.
-        """
+        """Loads (rows, columns) counts; raises EvaluationError if the image cannot be read."""
         return self.reader.read(shot.source, shot.number)
 
     def found(self) -> tuple[str, ...]:
-        """What the files hold, to be read before anything is fitted: a line or more.
-
-        The first picture of each background and kind is read.
-
-        Raises:
-            EvaluationError: one of them cannot be read.
+        """Summary of the files' content for the user, one line or more; reads the first image of
+        each background and kind. Raises EvaluationError if one of them cannot be read.
         """
         groups: dict[tuple[float, Kind], list[MeasuredShot]] = {}
         for shot in self.shots:
@@ -181,7 +175,7 @@ class Measured:
         lines = [
             f"{len(setpoints)} backgrounds ({', '.join(f'{k:g}' for k in setpoints)} K, readings "
             f"{min(kelvin):g}..{max(kelvin):g} K); {kinds} each; "
-            f"{', '.join(dict.fromkeys(forms))}; first pictures {low:g}..{high:g}"
+            f"{', '.join(dict.fromkeys(forms))}; first images {low:g}..{high:g}"
         ]
         lines += told_lines([(shot.told, shot.time_s) for shot in self.shots])
         for note, names in notes.items():
@@ -199,16 +193,18 @@ def _span(counts: list[int]) -> str:
 
 
 def is_measured(path: str | Path) -> bool:
-    """Whether a path is measured data: a folder with measured.yaml, or such a file, be it there."""
+    """True if a path is measured data: a folder with measured.yaml, or such a file, existing or
+    not.
+    """
     path = Path(path)
     return (path / MEASURED).is_file() if path.is_dir() else path.suffix in (".yaml", ".yml")
 
 
 def open_measured(path: str | Path) -> Measured:
-    """Opens measured.yaml (or the folder with it) and finds its files; no picture is read yet.
+    """Opens measured.yaml (or the folder with it) and finds its files; no image is read yet.
 
     Raises:
-        SceneError: the YAML is not as it must be; every wrong key is named.
+        SceneError: the YAML is invalid; every wrong key is named.
         EvaluationError: files that are missing, unreadable, named twice, or too few.
     """
     path = Path(path)
@@ -229,7 +225,7 @@ def open_measured(path: str | Path) -> Measured:
         setpoint_K = background.temperature_K
         if setpoint_K in setpoints:
             raise EvaluationError(
-                f"{file}: backgrounds: {setpoint_K:g} K stands there twice; give its files together"
+                f"{file}: backgrounds: {setpoint_K:g} K is given twice; list its files together"
             )
         setpoints.add(setpoint_K)
         wanted: tuple[
@@ -251,12 +247,12 @@ def open_measured(path: str | Path) -> Measured:
             ),
         )
         for kind, patterns, count, readings, times in wanted:
-            where = f"{kind}s before {setpoint_K:g} K"
+            where = f"{kind}s at {setpoint_K:g} K"
             found: list[MeasuredShot] = []
             for source in _sources(folder, patterns, where, given.axes):
                 if source in owners:
                     raise EvaluationError(
-                        f"{source.text}: named as {owners[source]} and as {where}; leave one out"
+                        f"{source.text}: named as {owners[source]} and as {where}; remove one"
                     )
                 owners[source] = where
                 found += [
@@ -274,7 +270,7 @@ def open_measured(path: str | Path) -> Measured:
                 ]
             if not found or (count is not None and len(found) != count):
                 raise EvaluationError(
-                    f"{where}: {len(found)} pictures, expected {count or 'some'}; shots are "
+                    f"{where}: {len(found)} images, expected {count or 'some'}; shots are "
                     "missing, or too many files match"
                 )
             if readings is not None:
@@ -310,7 +306,7 @@ def open_measured(path: str | Path) -> Measured:
 
 
 def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
-    """Logs of temperatures, and the picture of defective pixels."""
+    """Logs of temperatures and times, and the image of defective pixels."""
     logs = (
         one
         for each in given.backgrounds
@@ -350,7 +346,7 @@ def _calibration(given: MeasuredFile) -> dict[str, Any]:
         "read_noise_electrons": 0.0,
         **data,
     }
-    Calibration.from_dict(filled)  # what is given must be possible
+    Calibration.from_dict(filled)  # given values must be possible
     return data
 
 

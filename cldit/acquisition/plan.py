@@ -1,4 +1,4 @@
-"""What is recorded, as frozen data: backgrounds x delays x {reference, injection} x shots."""
+"""Plan of an acquisition as frozen data: backgrounds x delays x {reference, injection} x shots."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ Seconds = Annotated[float, Within(0.0, 1e6)]
 
 
 class StabilitySection(Section):
-    """When a background counts as stable; see `cldit.rig.stability.wait_stable`."""
+    """Criterion of a stable background; see `cldit.rig.stability.wait_stable`."""
 
     tolerance_K: Annotated[float, Within(1e-3, 100.0)] = 0.2
-    """Readings must be so close to the set point."""
+    """Largest difference of readings from the set point."""
     hold_s: Seconds = 30.0
-    """For so long."""
+    """Time for which readings must stay within the tolerance."""
     settle_s: Seconds = 30.0
-    """And so much longer."""
+    """Additional waiting time."""
     timeout_s: Annotated[float, Within(0.1, 1e7)] = 3600.0
-    """Then the run stops with an error."""
+    """Time after which the run stops with an error."""
 
 
 class TriggerSection(Section):
     """Delays and pulse widths of one shot, from the generator's start."""
 
     camera_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.95e-3
-    """From the generator's start to the camera's pulse; not used where `delays_s` are given."""
+    """Delay of the camera's pulse from the generator's start; unused if `delays_s` are given."""
     injector_delay_s: Annotated[float, Within(0.0, 1.0)] = 0.0
-    """From the generator's start to the injector's pulse."""
+    """Delay of the injector's pulse from the generator's start."""
     camera_width_s: Annotated[float, Within(1e-7, 1.0)] = 1e-4
-    """Of the camera's pulse."""
+    """Width of the camera's pulse."""
     injector_width_s: Annotated[float, Within(1e-7, 1.0)] = 1.5e-3
-    """Of the injector's pulse."""
+    """Width of the injector's pulse."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """One picture to take. `background` and `delay` are indices into the plan's temperatures and
+    """One image to take. `background` and `delay` are indices into the plan's temperatures and
     its `delays`."""
 
     id: str
@@ -67,38 +67,38 @@ class Shot:
 
 
 class Plan(Section):
-    """A measurement. Two plans with one hash take the same pictures."""
+    """A measurement. Two plans with one hash take the same images."""
 
     backgrounds_K: tuple[Temperature, ...]
-    """Set points of the black body, 1 to 1000."""
+    """Set points of the black body, 1 to 1000 of them."""
     shots: Annotated[int, Within(0, 100_000)] = 5
-    """Injections before each."""
+    """Injections at each background."""
     references: Annotated[int, Within(0, 100_000)] = 5
-    """Pictures without injection before each."""
+    """Images without injection at each background."""
     delays_s: tuple[Annotated[float, Within(0.0, 1.0)], ...] = ()
-    """From the generator's start to the camera's pulse, up to 100. Before each background, shots
-    and references are taken at each; none: at `trigger.camera_delay_s`."""
+    """Delays of the camera's pulse from the generator's start, up to 100. At each background, shots
+    and references are taken at every delay; `trigger.camera_delay_s` by default."""
     frames: Annotated[int, Within(1, 1000)] = 1
-    """Of each shot: one trigger, then the camera's own rate."""
+    """Images of each shot: one trigger, then the camera's own rate."""
     integration_time_s: Annotated[float, Within(1e-9, 10.0)] = 25e-6
-    """Of every picture."""
+    """Exposure of every image."""
     interleave: bool = True
-    """Before each background references and injections alternate (ABBA), so that what drifts slowly
-    drops out of their difference; false: all references first."""
+    """References and injections alternate at each background (ABBA), so that slow drift cancels in
+    their difference; false: all references first."""
     order: Literal["fastest", "given"] = "fastest"
-    """`fastest`: the least way for the black body."""
+    """Order of the backgrounds; `fastest`: the shortest path of the black body."""
     pause_s: Seconds = 1.0
-    """Before each shot, to scavenge the vessel."""
+    """Pause ahead of each shot, to scavenge the vessel."""
     frame_timeout_s: Annotated[float, Within(1e-3, 3600.0)] = 5.0
-    """Then a picture counts as missing."""
+    """Time after which an image counts as missing."""
     drift_K: Annotated[float, Within(1e-3, 100.0)] = 0.5
-    """A shot before a background further off than this is rejected."""
+    """Largest deviation of the black body during a shot; a shot beyond it is rejected."""
     retakes: Annotated[int, Within(0, 100)] = 3
-    """Of each shot that is rejected."""
+    """Number of retakes of a rejected shot."""
     expect_fuel: bool = True
-    """Whether an injection that looks like the reference is rejected."""
+    """Reject an injection that equals the reference."""
     stability: StabilitySection = StabilitySection()
-    """When a background counts as stable."""
+    """Criterion of a stable background."""
     trigger: TriggerSection = TriggerSection()
     """Pulses of a shot."""
 
@@ -106,14 +106,14 @@ class Plan(Section):
     @classmethod
     def _some(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
         if not 1 <= len(temperatures) <= 1000:
-            raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
+            raise ValueError(f"{len(temperatures)} temperatures, allowed: 1..1000")
         return temperatures
 
     @field_validator("delays_s")
     @classmethod
     def _apart(cls, delays_s: tuple[float, ...]) -> tuple[float, ...]:
         if len(delays_s) > 100:
-            raise ValueError(f"{len(delays_s)} delays, allowed is 0..100")
+            raise ValueError(f"{len(delays_s)} delays, allowed: 0..100")
         for one, other in pairwise(sorted(delays_s)):
             if other - one < SAME_s:
                 raise ValueError(
@@ -124,7 +124,7 @@ class Plan(Section):
     @model_validator(mode="after")
     def _possible(self) -> Plan:
         if self.shots + self.references == 0:
-            raise ValueError("shots, references: both are 0; allowed is 1 or more in all")
+            raise ValueError("shots, references: both are 0; allowed: 1 or more in all")
         if self.drift_K < self.stability.tolerance_K:
             raise ValueError(
                 f"drift_K: {self.drift_K:g} is less than stability.tolerance_K, "
@@ -140,7 +140,7 @@ class Plan(Section):
     def hash(self) -> str:
         """SHA-256 of the plan as canonical JSON, without the order of the kinds: ids say which.
 
-        One delay hashes the same wherever it stands, and as before plans had several.
+        One delay gives the same hash in either key, and the hash of plans without `delays_s`.
         """
         plain = self.model_dump(mode="json", exclude={"interleave"})
         plain["trigger"]["camera_delay_s"] = self.delays[0]
@@ -204,7 +204,7 @@ class Plan(Section):
         return tuple(upwards if to_low <= to_high else reversed(upwards))
 
     def burst(self, shot: Shot) -> Burst:
-        """What the trigger generator sends for one shot: one pulse, never more."""
+        """Pulses of the trigger generator for one shot: one pulse, never more."""
         return Burst(
             n=1,
             camera_delay_s=self.delays[shot.delay],
@@ -228,10 +228,10 @@ class Plan(Section):
 
 
 def _interleaved(references: int, injections: int) -> list[Kind]:
-    """The order of the kinds in which what rises steadily is the same in either kind's mean.
+    """Order of the kinds in which a steady rise has the same effect on the mean of either kind.
 
-    The fewer ones lie evenly among all, rounded down and up in turns (R I I R R I I R of equal
-    numbers). A reference is first: injections are judged by it.
+    The less frequent kind is spread evenly, rounded down and up in turn (R I I R R I I R for equal
+    numbers). A reference comes first, because injections are compared with it.
     """
     total = references + injections
     few = min(references, injections)
@@ -247,10 +247,8 @@ def _interleaved(references: int, injections: int) -> list[Kind]:
 
 
 def parse_plan(data: dict[str, Any], *, source: str = "plan") -> Plan:
-    """A plan from plain `data`; errors name `source`.
-
-    Raises:
-        SceneError: names every key that is not allowed.
+    """A plan from plain `data`; raises SceneError that names `source` and every key that is not
+    allowed.
     """
     try:
         return Plan.model_validate(data)

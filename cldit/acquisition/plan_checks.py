@@ -1,4 +1,4 @@
-"""Whether instruments can do what a plan asks for, by what they say of themselves."""
+"""Checks a plan against the capabilities that the instruments declare."""
 
 from __future__ import annotations
 
@@ -17,14 +17,9 @@ _ZERO_CELSIUS_K = 273.15
 
 
 def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
-    """What speaks against a plan before any setting is written.
+    """Problems of a plan that are known before any setting is written, one error each.
 
-    Args:
-        rig, plan: what is to be run.
-        connected: whether the instruments answer; without, the camera is not asked.
-
-    Returns:
-        An error for each problem.
+    Without `connected` instruments the camera is not asked.
     """
     found: list[RigError] = []
 
@@ -107,7 +102,7 @@ def _check_spray(rig: Rig, plan: Plan) -> None:
 
 
 def _check_times(plan: Plan, shot: Shot) -> None:
-    """The burst of a shot, and whether it is over before its picture counts as missing."""
+    """The burst of a shot, and whether it is over before its image counts as missing."""
     burst = plan.burst(shot)
     check_burst(burst)
     delays = (burst.camera_delay_s, burst.injector_delay_s)
@@ -120,15 +115,13 @@ def _check_times(plan: Plan, shot: Shot) -> None:
 def _too_short(what: str, needed_s: float, plan: Plan) -> OutOfLimits:
     return OutOfLimits(
         f"frame_timeout_s: {plan.frame_timeout_s:g} is shorter than {what}, {needed_s:g}; every "
-        "picture would count as missing"
+        "image would count as missing"
     )
 
 
 def external_trigger(modes: frozenset[TriggerMode], frames: int) -> TriggerInfo:
-    """How a shot of so many `frames` starts, with a camera of these `modes`.
-
-    Raises:
-        ConfigRejected: it has no external trigger.
+    """Trigger mode of a shot of `frames` images, from a camera's `modes`; raises ConfigRejected if
+    it has no external trigger.
     """
     for mode in (TriggerMode.EXTERNAL_EDGE, TriggerMode.EXTERNAL_LEVEL):
         if mode in modes:

@@ -1,4 +1,4 @@
-"""Everything that can be known to fail is found before anything moves."""
+"""Preflight: everything that is bound to fail is found before anything moves."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from cldit.rig.load import Rig
 from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode
 
 _READY_S = 900.0  # a cooled detector takes some minutes
-_AGREE = 0.01  # how far, relatively, an instrument may round what it is told
-_HOW_WELL = {  # of the setup: says nothing of what the pictures hold
+_AGREE = 0.01  # relative rounding of a setting by an instrument
+_HOW_WELL = {  # of the setup, without influence on the images
     "uncertainty",
     "background_error_K",
     "camera_offset_error_counts",
@@ -34,10 +34,10 @@ _HOW_WELL = {  # of the setup: says nothing of what the pictures hold
 
 @dataclass(frozen=True)
 class Ready:
-    """What preflight found out.
+    """Result of the preflight.
 
-    configuration: the snapshot that is stored with the pictures, as JSON can hold it.
-    shape: rows and columns of a picture.
+    configuration: the snapshot that is stored with the images, as JSON can represent it. shape:
+    rows and columns of an image.
     """
 
     configuration: dict[str, Any]
@@ -51,24 +51,24 @@ class Ready:
 
 
 def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bool = True) -> Ready:
-    """Connects and checks the rig for `plan`, and takes one test picture without injecting.
+    """Connects and checks the rig for `plan`, and takes one test image without injecting.
 
-    The acquisition and the dry run ask the same questions here, and so refuse in the same words.
+    Acquisition and dry run ask the same questions here, and so refuse in the same words.
 
     Args:
-        rig, plan: what is to be run.
-        folder: that of the acquisition; it need not exist.
-        shots_left: pictures that are still to be taken.
+        rig, plan: to be run.
+        folder: of the acquisition; it need not exist.
+        shots_left: images still to be taken.
         inject: False never brings the trigger generator into a state in which a trigger injects,
-            for who does not make the rig safe afterwards.
+            for callers that do not make the rig safe afterwards.
 
     Raises:
         NotConnected: all devices that do not answer.
-        OutOfLimits: set points or settings that the instruments cannot take; nothing has moved.
+        OutOfLimits: set points or settings beyond an instrument's limits; nothing has moved.
         ConfigRejected: an instrument refuses, or reads back something else.
-        MissingFrames: the camera sends no test picture.
-        DiskFull: the disk cannot hold the pictures that are left to take.
-        RunFolderError: `folder` holds pictures of another rig.
+        MissingFrames: the camera sends no test image.
+        DiskFull: the disk has no room for the remaining images.
+        RunFolderError: `folder` contains images of another rig.
         RigError: several of these; a line each.
     """
     problems: list[RigError] = []
@@ -129,7 +129,7 @@ def _agree(what: str, wanted: float, got: float, *, least: float = 0.0) -> None:
 
 
 def _check_trigger(rig: Rig, plan: Plan, *, inject: bool) -> None:
-    """What the generator makes of the plan's burst at every delay; it is left inhibited."""
+    """Configures the generator with the plan's burst at every delay, and leaves it inhibited."""
     last = {shot.delay: shot for shot in plan.steps()}
     for shot in last.values():
         asked = plan.burst(shot)
@@ -169,14 +169,10 @@ def _test_picture(
 
 
 def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
-    """Pictures of one folder are evaluated together, so they must mean the same.
+    """Raises RunFolderError if the rig differs from the one that `folder` was begun with.
 
-    Args:
-        before, now: configurations, as `configuration.json` holds them.
-        folder: named by the error.
-
-    Raises:
-        RunFolderError: the configuration stored in `folder` says that they do not.
+    Images of one folder are evaluated together, so they must mean the same. `before` and `now` are
+    configurations as in `configuration.json`.
     """
 
     def meaning(data: dict[str, Any]) -> dict[str, Any]:

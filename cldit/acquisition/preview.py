@@ -1,4 +1,4 @@
-"""Live pictures for a callback that may be slow: what it cannot keep up with is dropped."""
+"""Live images for a callback that may be slow: images that it cannot keep up with are dropped."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Preview(Generic[T]):
 
     @property
     def ended(self) -> bool:
-        """Whether the callback has returned from its last item and gets no more."""
+        """True if the callback has returned from its last item and gets no more."""
         return not self._thread.is_alive()
 
     def offer(self, item: T) -> None:

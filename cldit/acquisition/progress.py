@@ -1,4 +1,4 @@
-"""How far an acquisition is, and how long it will still take."""
+"""Progress of an acquisition, and the time left."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Approach:
-    """A black body on its way: what it reads, where it goes, and how close is close enough."""
+    """A black body on its way: its reading, its set point, and the tolerance."""
 
     reading_K: float
     setpoint_K: float
@@ -24,8 +24,9 @@ class Approach:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where the sequence is. done and total count shots; eta_s is in the rig's time; approach is
-    there while a background is waited for."""
+    """State of the sequence. done and total count shots; eta_s is in the rig's time; approach is
+    set while a background is awaited.
+    """
 
     phase: str
     done: int
@@ -35,13 +36,7 @@ class Progress:
 
 
 def left_text(done: int, total: int, left_s: float | None) -> str:
-    """What is left, in words: `7 of 10 shots left, 12 min`.
-
-    Args:
-        done: shots that are saved.
-        total: shots of the plan.
-        left_s: seconds that the rest takes; None where that is not known yet.
-    """
+    """Remaining work in words: `7 of 10 shots left, 12 min`; `left_s` is None while unknown."""
     shots = f"{total - done} of {total} shots left"
     if done == total:
         return shots
@@ -65,11 +60,11 @@ class Eta:
         self._left = {"background": backgrounds, "shot": shots}
 
     def background(self, took_s: float) -> None:
-        """One background more is reached, after `took_s`."""
+        """Counts one more background, reached after `took_s`."""
         self._add("background", took_s)
 
     def shot(self, took_s: float) -> None:
-        """One shot more is taken, after `took_s`."""
+        """Counts one more shot, taken after `took_s`."""
         self._add("shot", took_s)
 
     def _add(self, what: str, took_s: float) -> None:
@@ -77,7 +72,7 @@ class Eta:
         self._left[what] = max(self._left[what] - 1, 0)
 
     def left_s(self) -> float | None:
-        """Seconds that are left; None before there is one of each."""
+        """Seconds left; None before there is one of each."""
         if not all(self._took_s.values()):
             return None
         return sum(

@@ -1,4 +1,4 @@
-"""Whether a shot may be kept: frames whole and in order, a living picture, fuel in the air."""
+"""Quality of a shot: complete frames in order, a live image, fuel in the air."""
 
 from __future__ import annotations
 
@@ -20,12 +20,8 @@ _BLOCK_pixels = 8  # side of a block: averages noise, and is smaller than any pl
 def frame_problem(
     frames: Sequence[Frame], ready: Ready, *, expected_id: int | None = None
 ) -> str | None:
-    """Why the frames of one shot cannot be kept; None where they can.
-
-    Args:
-        frames: of one shot, in the order of their arrival.
-        ready: what preflight found.
-        expected_id: of the first frame; None where it is not known.
+    """Problem of the frames of one shot, in the order of arrival, that forbids keeping it; None if
+    there is none. `expected_id` is that of the first frame, None if unknown.
     """
     for number, frame in enumerate(frames):
         wanted = None if expected_id is None else expected_id + number
@@ -44,13 +40,13 @@ def frame_problem(
 
 
 class References:
-    """Knows the references of a background and delay, and tells an injection that shows no fuel.
+    """References of a background and delay, against which an injection without fuel is recognised.
 
-    Pictures are compared in blocks of pixels. What the black body may have drifted between two
-    shots is taken out first, as a change linear in the reference and no larger than the plan's
-    drift_K makes; that is exact for a disc before walls. The rest is held against shot noise,
-    read noise and rounding. Fuel is whatever stands out in more than one block, so that noise
-    which the calibration does not know of lets a shot pass and never rejects a good one.
+    Images are compared in blocks of pixels. A possible drift of the black body between two shots is
+    removed first, as a change linear in the reference and no larger than the plan's drift_K allows;
+    that is exact for a disc in front of walls. The rest is compared with shot noise, read noise and
+    rounding. Fuel is present if more than one block exceeds them, so that noise unknown to the
+    calibration lets a shot pass and never rejects a good one.
     """
 
     def __init__(self, plan: Plan, ready: Ready) -> None:
@@ -69,9 +65,10 @@ class References:
             self._counts[_place(shot)] = self._counts.get(_place(shot), 0) + 1
 
     def problem(self, shot: Shot, image: NDArray[np.uint16]) -> str | None:
-        """Why an injection cannot be kept: `shot` with its `image`, (h, w) or (n, h, w).
+        """Problem of an injection `shot` with its `image`, (h, w) or (n, h, w), that forbids
+        keeping it.
 
-        The result is None also where there is no reference to compare.
+        None also if there is no reference to compare.
         """
         count = self._counts.get(_place(shot), 0)
         if not self._plan.expect_fuel or shot.kind != "injection" or count == 0:
@@ -83,7 +80,7 @@ class References:
             change -= self._drift(reference, change, deviation, shot.background_K)
             if np.count_nonzero(np.abs(change) > _STANDS_OUT * deviation) > _BY_CHANCE:
                 return None
-        return "failed injection: the picture equals the reference within its noise"
+        return "failed injection: the image equals the reference within its noise"
 
     def _blocks(self, frame: NDArray[np.uint16]) -> NDArray[np.float64]:
         """Sums of counts over the whole blocks of a frame."""

@@ -34,9 +34,10 @@ from cldit.scene.delays import delay_folder
 
 @dataclass(frozen=True)
 class Picture:
-    """One shot that was kept. `background_K` is the mean of the readings before and after it;
-    `background` and `delay` are indices into the plan's temperatures and delays. time_s, stable_s:
-    when it was taken and its background became stable, since 1970, where the journal knows."""
+    """One kept shot. `background_K` is the mean of the readings before and after it; `background`
+    and `delay` are indices into the plan's temperatures and delays. time_s, stable_s: when it was
+    taken and its background became stable, since 1970, if the journal knows.
+    """
 
     id: str
     path: Path
@@ -52,13 +53,13 @@ class Picture:
 
 @dataclass(frozen=True)
 class Acquisition:
-    """What the evaluation needs of a measurement.
+    """Recorded data for the evaluation.
 
-    shots: the kept pictures in the plan's order. missing: ids of those still to be taken.
-    centre_m: (x, z) of the picture's middle, the injector's tip at 0, 0. bad_pixels: (h, w), those
-    that the camera reports. frame: which of each shot's pictures is loaded. shape: rows
-    and columns. configuration: the whole snapshot of the rig. damage: a line for all that is not
-    whole and was left out.
+    shots: the kept images in the plan's order. missing: ids of those still to be taken. centre_m:
+    (x, z) of the image's middle, the injector's tip at 0, 0. bad_pixels: (h, w), reported by the
+    camera. frame: index of the image of each shot that is loaded. shape: rows and columns.
+    configuration: the whole snapshot of the rig. damage: a line for everything damaged and
+    excluded.
     """
 
     folder: Path
@@ -77,13 +78,13 @@ class Acquisition:
 
     @property
     def inputs(self) -> tuple[Path, ...]:
-        """Files that say what was recorded; the journal has a checksum of every picture."""
+        """Files that describe the recording; the journal has a checksum of every image."""
         named = (self.folder / name for name in (PLAN, CONFIGURATION, JOURNAL))
         return tuple(path for path in named if path.is_file())
 
     @property
     def complete(self) -> bool:
-        """Whether every shot of the plan was taken."""
+        """True if every shot of the plan was taken."""
         return not self.missing
 
     @property
@@ -98,12 +99,12 @@ class Acquisition:
 
     @property
     def simulated(self) -> bool:
-        """Whether any instrument was."""
+        """True if any instrument was simulated."""
         devices = self.configuration["devices"].values()
         return any(device["info"].get("simulated", False) for device in devices)
 
     def at_delay(self, delay: int) -> Acquisition:
-        """The same with the shots of one delay alone, number `delay` of the plan's."""
+        """Copy with the shots of one delay only, number `delay` of the plan's."""
         here = {shot.id for shot in self.plan.steps() if shot.delay == delay}
         return replace(
             self,
@@ -112,9 +113,9 @@ class Acquisition:
         )
 
     def whole(self) -> Acquisition:
-        """The same without the pictures that cannot be read or are not what was recorded.
+        """Copy without images that cannot be read or differ from their recorded checksum.
 
-        Every picture is read, and those left out are named in `damage`.
+        Every image is read, and those excluded are named in `damage`.
         """
         damage: dict[str, str] = {}
         for shot in self.shots:
@@ -129,20 +130,16 @@ class Acquisition:
         )
 
     def load(self, shot: Picture) -> NDArray[np.uint16]:
-        """Raw counts (h, w) of the frame that was chosen, row 0 at the top.
-
-        Raises:
-            RunFolderError: missing, damaged, or not the picture that was recorded.
+        """Raw counts (h, w) of the chosen frame, row 0 at the top. Raises RunFolderError if
+        missing, damaged, or not the recorded image.
         """
         frames, _ = self.load_frames(shot)
         image: NDArray[np.uint16] = frames[self.frame]
         return image
 
     def load_frames(self, shot: Picture) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-        """All pictures of a shot (n, h, w), and what is stored beside them.
-
-        Raises:
-            RunFolderError: as `load`, or the shape is not the plan's.
+        """All images of a shot (n, h, w), and their metadata. Raises RunFolderError as `load`, or
+        if the shape is not the plan's.
         """
         image, meta = load_shot(self.folder, shot.id, plan_hash=self.plan.hash())
         frames = image.reshape(-1, *image.shape[-2:])
@@ -153,15 +150,8 @@ class Acquisition:
 
 
 def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
-    """Where the maps of one delay are.
-
-    Args:
-        folder: of the acquisition.
-        delays: all of its plan, in seconds.
-        number: which of them, from 0.
-
-    Returns:
-        `maps` in the folder; with several delays, a folder within.
+    """Folder of the maps of one delay, `number` of the plan's `delays`: `maps`, or with several
+    delays a folder inside it.
     """
     if len(delays) < 2:
         return folder / "maps"
@@ -169,19 +159,18 @@ def maps_folder(folder: Path, delays: Sequence[float], number: int) -> Path:
 
 
 def acquisition_in(folder: str | Path) -> Path:
-    """Of a run's `folder` its acquisition; any other path as it is."""
+    """Acquisition folder of a run's `folder`; any other path unchanged."""
     inner = Path(folder) / "acquisition"
     return inner if inner.is_dir() else Path(folder)
 
 
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
-    """Opens what `acquire` wrote, complete or not; with several delays, the shots of all.
+    """Opens an acquisition, complete or not; with several delays, the shots of all.
 
-    Args:
-        frame: which picture of each shot, from 0.
+    `frame` selects the image of each shot, from 0.
 
     Raises:
-        RunFolderError: the folder holds no acquisition, or files are missing, damaged or foreign.
+        RunFolderError: the folder has no acquisition, or files are missing, damaged or foreign.
     """
     folder = Path(folder)
     if not (folder / PLAN).is_file():
@@ -190,7 +179,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         )
     plan = load_plan(folder / PLAN)
     if not 0 <= frame < plan.frames:
-        raise RunFolderError(f"{folder}: frame {frame}: allowed is 0..{plan.frames - 1}")
+        raise RunFolderError(f"{folder}: frame {frame}: allowed: 0..{plan.frames - 1}")
     found = survey(folder, plan, salvage=True)
     configuration = read_json(folder / CONFIGURATION)
     if configuration.get("plan_hash") != plan.hash():
@@ -248,7 +237,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
 
 
 def _damage(folder: Path, found: Found) -> Iterator[str]:
-    """What is not whole, a line each."""
+    """Everything that is damaged, a line each."""
     if found.damage is not None:
         yield str(found.damage)
     for name in found.torn:

@@ -1,4 +1,6 @@
-"""Runs a plan on a rig, and leaves the rig safe; `cldit.acquisition.sequence` says how it goes."""
+"""Runs a plan on a rig and leaves the rig safe; `cldit.acquisition.sequence` describes the
+sequence.
+"""
 
 from __future__ import annotations
 
@@ -27,18 +29,18 @@ def acquire(
     should_stop: StopCheck | None = None,
     preview: Callable[[SavedShot], None] | None = None,
 ) -> Record:
-    """Takes every shot of `plan` that `folder` does not hold yet.
+    """Takes every shot of `plan` that is not in `folder` yet.
 
     The same call resumes after any ending, a kill included. Ctrl-C once finishes the shot and
-    returns a record that is not complete; twice aborts the shot. The rig is left safe, connected.
+    returns an incomplete record; twice aborts the shot. The rig is left safe, connected.
 
     Args:
-        rig, plan: what is run.
-        folder: where pictures and journal go.
+        rig, plan: to be run.
+        folder: of images and journal.
         progress: called after every step.
-        should_stop: asked now and then; True ends the acquisition after the present shot.
-        preview: called in a thread of its own with the newest picture; while it is busy, pictures
-            pass it by, and saving never waits for it.
+        should_stop: polled; True ends the acquisition after the present shot.
+        preview: called in its own thread with the newest image; images that arrive while it is busy
+            are skipped, and saving never waits for it.
 
     Raises:
         As `iterate`.
@@ -66,18 +68,13 @@ def iterate(
 ) -> Generator[SavedShot, None, Record]:
     """Does the same as `acquire`, and yields each shot after it is saved.
 
-    Closing the generator early ends the acquisition safely.
-
-    Args:
-        rig, plan, folder, progress, should_stop: as in `acquire`.
-
-    Returns:
-        The record, as the generator's return value.
+    Closing the generator early ends the acquisition safely. The record is the generator's return
+    value.
 
     Raises:
         RunFolderError: the folder is in use, belongs to another plan, or is damaged.
-        DiskFull: says how much room is needed.
-        RigError: what went wrong on the rig; Aborted on the second Ctrl-C.
+        DiskFull: names the space needed.
+        RigError: of the rig; Aborted on the second Ctrl-C.
     """
     with exclusive(folder), Guard(rig, folder) as guard, Interrupts(should_stop) as interrupts:
         try:

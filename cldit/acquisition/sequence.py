@@ -64,7 +64,7 @@ from cldit.rig.stability import wait_stable
 
 @dataclass(frozen=True)
 class Record:
-    """How an acquisition ended. `lost_injections` went into the vessel without a kept picture."""
+    """Result of an acquisition. `lost_injections` entered the vessel without a kept image."""
 
     folder: Path
     complete: bool
@@ -76,7 +76,7 @@ class Record:
 
 @dataclass(frozen=True)
 class SavedShot:
-    """A shot that is on the disk: raw counts (h, w), (n, h, w) where the plan has n frames."""
+    """A shot that is on the disk: raw counts (h, w), or (n, h, w) if the plan has n frames."""
 
     shot: Shot
     image: NDArray[np.uint16]
@@ -84,7 +84,7 @@ class SavedShot:
 
 
 class Sequence:
-    """See the picture above; `run` is gone through once."""
+    """Sequence of the module docstring; `run` can be iterated once."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class Sequence:
         self._picture_bytes = 0
 
     def run(self) -> Generator[SavedShot, None, Record]:
-        """Takes what is missing of the plan, and yields each shot after it is saved."""
+        """Takes the missing shots of the plan, and yields each one after it is saved."""
         found = survey(self._folder, self._plan)
         self._done = found.done
         if found.entries:
@@ -131,7 +131,7 @@ class Sequence:
         return needed_bytes(left, picture_bytes=self._picture_bytes)
 
     def _prepare_folder(self, ready: Ready) -> None:
-        """Writes what the pictures need beside them, and is not there yet."""
+        """Writes what the images need beside them, and is not there yet."""
         make_folder(self._folder / SHOTS)
         begun = (self._folder / PLAN).exists()
         rig_file = self._rig.file.model_dump(mode="json")
@@ -159,7 +159,7 @@ class Sequence:
                 shot=entry["shot"],
                 attempt=entry["attempt"],
                 inject=entry["inject"],
-                reason="the acquisition ended between trigger and picture",
+                reason="the acquisition ended between trigger and image",
             )
 
     def _measure(self, journal: Journal, ready: Ready) -> Generator[SavedShot, None, None]:
@@ -286,7 +286,7 @@ class Sequence:
                 pixel_m=self._rig.file.setup.pixel_m,
                 meta=taken.meta,
             )
-        # The picture is on the disk; were this line lost, the next run would find it and adopt it.
+        # The image is on the disk; were this line lost, the next run would find it and adopt it.
         # The next `fired` line, which is always synced, takes it along.
         journal.append("saved", **_saved(taken.meta), sync=False)
         self._done.add(shot.id)
@@ -306,7 +306,7 @@ class Sequence:
             self._stabilise(journal, shot.background_K)
 
     def _lose(self, journal: Journal, shot: Shot, attempt: int, error: Exception) -> None:
-        """Notes why a shot that may have been fired has no picture."""
+        """Notes why a shot that may have been fired has no image."""
         last = journal.entries[-1]
         if last["event"] != "fired" or (last["shot"], last["attempt"]) != (shot.id, attempt):
             return
@@ -338,11 +338,11 @@ class Sequence:
 
 
 class _Stopped(Exception):
-    """Nothing new is to be begun."""
+    """Raised to stop before anything new is begun."""
 
 
 def _saved(meta: dict[str, Any]) -> dict[str, Any]:
-    """The part of a picture's metadata that the journal repeats."""
+    """The part of an image's metadata that the journal repeats."""
     names = (
         "time",
         "shot",

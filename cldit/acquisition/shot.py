@@ -24,7 +24,7 @@ from cldit.rig.protocols import Frame
 
 @dataclass(frozen=True)
 class Taken:
-    """A picture (h, w), or a shot's (n, h, w), that may be kept; and what is stored beside it."""
+    """An image (h, w), or a shot's (n, h, w), that may be kept, with its metadata."""
 
     image: NDArray[np.uint16]
     meta: dict[str, Any]
@@ -32,7 +32,7 @@ class Taken:
 
 @dataclass(frozen=True)
 class Rejected:
-    """A shot that must be taken again, and why. `fired`: the trigger had been sent."""
+    """A shot that must be taken again, with the reason. `fired`: the trigger had been sent."""
 
     reason: str
     fired: bool
@@ -162,8 +162,9 @@ class Shooter:
 
 
 def _then(error: BaseException, *actions: Callable[[], None]) -> None:
-    """What is done while `error` is on its way. What fails of it is noted there and does not take
-    its place; the rig is made safe next, and that is checked."""
+    """Performs actions while `error` is being raised; their own failures become notes of it,
+    because the rig is made safe and checked next.
+    """
     for action in actions:
         try:
             action()

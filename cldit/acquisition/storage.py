@@ -1,4 +1,4 @@
-"""The folder of an acquisition: who may write there, its pictures, and what is found there."""
+"""Folder of an acquisition: its lock, its images, and its content."""
 
 from __future__ import annotations
 
@@ -35,19 +35,18 @@ _LOCK = ".lock"
 
 
 class DamagedPicture(RunFolderError):
-    """A picture that is not, or no longer, what was recorded."""
+    """An image that is not, or no longer, the recorded one."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What an acquisition folder holds already.
+    """Content of an acquisition folder.
 
-    saved: shot id -> the `saved` entry of its journal, for every shot whose file is there.
-    adoptable: shot id -> metadata of a whole file that the journal does not know yet.
-    torn: shots whose file a power cut left damaged, before the journal knew of it.
-    lost: `fired` entries that came to nothing, and of which the journal does not say so yet.
-    gone: shots that the journal has as saved and whose file is not there.
-    damage: what is wrong with the journal; its entries are those before it.
+    saved: shot id -> the `saved` entry of its journal, for every shot whose file exists. adoptable:
+    shot id -> metadata of a complete file that the journal does not list yet. torn: shots whose
+    file a power cut damaged before the journal listed it. lost: `fired` entries without a result
+    that the journal has not noted. gone: shots listed as saved whose file is missing. damage: error
+    of the journal; its entries are those before it.
     """
 
     entries: list[Entry]
@@ -60,12 +59,12 @@ class Found:
 
     @property
     def done(self) -> set[str]:
-        """Ids of the shots whose pictures are there."""
+        """Ids of the shots whose images exist."""
         return {*self.saved, *self.adoptable}
 
 
 def shot_path(folder: Path, shot_id: str) -> Path:
-    """The file of a shot's pictures in `folder`, by `shot_id`."""
+    """File of the images of shot `shot_id` in `folder`."""
     return folder / SHOTS / f"{shot_id}.tif"
 
 
@@ -76,10 +75,8 @@ def checksum(image: NDArray[Any]) -> str:
 
 @contextmanager
 def exclusive(folder: Path) -> Iterator[None]:
-    """Nobody else may acquire into `folder` meanwhile.
-
-    Raises:
-        RunFolderError: somebody does, or the folder cannot be made.
+    """Locks the folder against other acquisitions. Raises RunFolderError if it is locked, or cannot
+    be made.
     """
     make_folder(folder)
     lock = FileLock(folder / _LOCK)
@@ -96,7 +93,7 @@ def exclusive(folder: Path) -> Iterator[None]:
 
 
 def check_folder(folder: Path) -> None:
-    """Raises as `exclusive` would, and leaves nothing behind: for who only asks."""
+    """Raises as `exclusive` would, and leaves nothing behind: for callers that only ask."""
     if folder.exists():
         make_folder(folder)  # which says so where it is a file
     with written(folder), TemporaryDirectory(dir=existing(folder)):
@@ -114,14 +111,8 @@ def save_shot(
     pixel_m: tuple[float, float],
     meta: dict[str, Any],
 ) -> None:
-    """Writes the picture(s) of a shot, durable on return; leaves nothing behind on failure.
-
-    Args:
-        folder: that of the acquisition.
-        shot: whose picture it is.
-        image: (h, w) or (n, h, w) counts.
-        pixel_m: width and height of a pixel at the target.
-        meta: stored with the picture, as JSON can hold it.
+    """Writes the images of a shot, (h, w) or (n, h, w) counts, with their metadata; durable on
+    return. A failure leaves nothing behind.
     """
 
     def write(stream: IO[bytes]) -> None:
@@ -133,17 +124,10 @@ def save_shot(
 def load_shot(
     folder: Path, shot_id: str, *, plan_hash: str
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
-    """Raw counts and metadata of a shot, after every check.
-
-    Args:
-        folder: that of the acquisition.
-        shot_id, plan_hash: what the metadata must say.
-
-    Returns:
-        Counts (h, w) or (n, h, w), and the metadata.
+    """Loads counts (h, w) or (n, h, w) and metadata of a shot, after every check.
 
     Raises:
-        DamagedPicture: cannot be read, or its pixels are not those that were recorded.
+        DamagedPicture: cannot be read, or its pixels differ from the recorded checksum.
         RunFolderError: not this shot of this plan.
     """
     path = shot_path(folder, shot_id)
@@ -152,7 +136,7 @@ def load_shot(
     except RunFolderError as error:
         raise DamagedPicture(str(error)) from error
     if image.dtype != np.uint16 or image.ndim not in (2, 3):
-        raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw picture")
+        raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw image")
     if not {"shot", "plan_hash", "sha256"} <= set(meta):
         raise DamagedPicture(f"{path}: does not say which shot it is; move it out of the folder")
     if meta["shot"] != shot_id or meta["plan_hash"] != plan_hash:
@@ -168,13 +152,10 @@ def load_shot(
 
 
 def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
-    """Looks at what `folder` holds of `plan`, without changing anything.
+    """Lists the part of `plan` that is in `folder`, without changing anything.
 
-    Args:
-        folder: that of the acquisition.
-        plan: that it must belong to.
-        salvage: goes on where the journal is damaged: pictures carry their own data and checksum.
-            For the evaluation; an acquisition must know every injection.
+    With `salvage` it continues where the journal is damaged, because images carry their own
+    metadata and checksum: for the evaluation only; an acquisition must know every injection.
 
     Raises:
         RunFolderError: the folder belongs to another plan or to something else, or is damaged.
@@ -192,7 +173,7 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
                 f"{folder / PLAN}, or choose another folder"
             )
     elif entries or pictures:
-        raise RunFolderError(f"{folder}: holds pictures but no {PLAN}; choose another folder")
+        raise RunFolderError(f"{folder}: holds images but no {PLAN}; choose another folder")
     known = {shot.id for shot in plan.steps()}
     present: set[str] = set()
     for path in pictures:
@@ -229,7 +210,7 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
 
 
 def _journal(path: Path) -> tuple[list[Entry], RunFolderError | None]:
-    """Entries that are whole, up to the first that is not; and what is wrong there."""
+    """Entries up to the first damaged one, and the error of that one."""
     entries, damage = read_whole_entries(path)
     for number, entry in enumerate(entries):
         try:

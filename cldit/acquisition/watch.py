@@ -1,7 +1,7 @@
-"""A recording as its folder tells it, for whoever looks on from another process.
+"""State of a recording, read from its folder by another process.
 
-Nothing here writes, locks or asks the recording: it reads the plan once, and of the journal what
-is new. So nothing that happens here can stop or delay a shot.
+Nothing here writes, locks or asks the recording: it reads the plan once, and of the journal only
+new lines. It can neither stop nor delay a shot.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """Where a recording is. left_s: of the rig's time, None where not known yet. readings: of this
-    session. last: `saved` line of the newest shot. alarms: what may still be unsafe, a line each.
+    """State of a recording. left_s: in the rig's time, None while unknown. readings: of this
+    session. last: `saved` line of the newest shot. alarms: possible dangers, a line each.
     """
 
     state: State
@@ -50,12 +50,10 @@ class Seen:
 
 
 class Watch:
-    """Reads what is new of a journal whenever it is asked to look.
+    """Reads the new lines of a journal on request.
 
-    Args:
-        folder: of the acquisition, which need not be there yet.
-        known_bytes: length of the journal when the recording was begun: what is within was told
-            by earlier sessions.
+    `folder` need not exist yet. `known_bytes` is the length of the journal when the recording
+    began: lines before it belong to earlier sessions.
     """
 
     def __init__(self, folder: Path, *, known_bytes: int = 0) -> None:
@@ -77,11 +75,8 @@ class Watch:
         self._alarms: tuple[str, ...] = ()
 
     def look(self) -> bool:
-        """Takes in what is new, and says whether anything was.
-
-        Raises:
-            FileError: the journal or the plan cannot be read.
-            RunFolderError: the journal is damaged.
+        """Reads new lines; True if there were any. Raises FileError if journal or plan cannot be
+        read, RunFolderError if the journal is damaged.
         """
         if self._plan is None:
             if not (self._folder / PLAN).exists():
@@ -105,11 +100,7 @@ class Watch:
         return bool(new)
 
     def seen(self, *, ended: bool = False) -> Seen:
-        """What is known by now.
-
-        Args:
-            ended: whether the process that records has ended.
-        """
+        """Current state; `ended` is True if the recording process has ended."""
         plan = self._plan
         if plan is None:
             return Seen(state="broken off" if ended else "preparing")
@@ -138,7 +129,7 @@ class Watch:
         return "recording" if self._event else "preparing"
 
     def _take(self, plan: Plan, entry: Entry, *, here: bool) -> None:
-        """One entry more; `here`: of this session."""
+        """Processes one more entry; `here` if it is of this session."""
         event = entry["event"]
         if event == "saved":
             self._saved.add(entry["shot"])

@@ -1,1 +1,1 @@
-"""Readers of picture files: the entry points of the group `cldit.readers`."""
+"""Readers of image files: the entry points of the group `cldit.readers`."""

@@ -1,4 +1,4 @@
-"""A number a picture, from where a laboratory writes it: a table, a data set, or the YAML."""
+"""One number per image, from a table, a data set, or the YAML."""
 
 from __future__ import annotations
 
@@ -21,17 +21,15 @@ def read_numbers(
     allowed: str = "a number",
     convert: Callable[[str], float] = float,
 ) -> list[float]:
-    """Numbers in the order of the pictures.
+    """Reads numbers in the order of the images.
 
     Args:
-        folder: where relative paths start.
-        given: the numbers; or `log.csv::column` or `run.nxs::/entry/log`, with [first:last] or not.
-        column: of a table that is named alone.
-        allowed: what a cell of a table may be, for messages.
-        convert: a cell into its number, or ValueError.
-
-    Returns:
-        As many as there are.
+        folder: base of relative paths.
+        given: the numbers; or `log.csv::column` or `run.nxs::/entry/log`, with [first:last] or
+            without.
+        column: of a table named without one.
+        allowed: description of a valid cell, for messages.
+        convert: turns a cell into its number, or raises ValueError.
 
     Raises:
         EvaluationError: unreadable.
@@ -65,6 +63,6 @@ def _column(
             found.append(convert(value if between == "," else value.replace(",", ".")))
         except (TypeError, ValueError, AttributeError) as error:
             raise EvaluationError(
-                f"{source.path}, line {number}: {name} is {value!r}; allowed is {allowed}"
+                f"{source.path}, line {number}: {name} is {value!r}; allowed: {allowed}"
             ) from error
     return found

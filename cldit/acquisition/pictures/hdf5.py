@@ -1,4 +1,4 @@
-"""HDF5 and NeXus: a data set of pictures, and one of temperatures."""
+"""HDF5 and NeXus: data sets of images and of temperatures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Hdf5(ArrayStack):
         self.told = _told(data.parent, len(self))
 
     def read(self, number: int) -> NDArray[Any]:
-        """Picture `number`, (rows, columns)."""
+        """Image `number`, (rows, columns)."""
         try:
             return super().read(number)
         except OSError as error:
@@ -43,7 +43,9 @@ class Hdf5(ArrayStack):
 
 
 def _told(group: Any, count: int) -> tuple[Told, ...]:
-    """By NeXus' NXdetector: `count_time`, and `start_time` with its attribute `start`."""
+    """Times and exposures according to NeXus' NXdetector: `count_time`, and `start_time` with its
+    attribute `start`.
+    """
     if _text(group.attrs.get("NX_class")) != "NXdetector":
         return ()
     exposed_s, begun_s = (_seconds(group, name, count) for name in ("count_time", "start_time"))
@@ -63,7 +65,7 @@ def _told(group: Any, count: int) -> tuple[Told, ...]:
 
 
 def _seconds(group: Any, name: str, count: int) -> NDArray[np.float64] | None:
-    """(count,) of a field in a unit of time; None where there is none, or of another length."""
+    """(count,) values of a field in a unit of time; None if missing, or of another length."""
     if name not in group:
         return None
     unit = SECONDS_OF_UNIT.get(_text(group[name].attrs.get("units")))
@@ -78,10 +80,8 @@ def _text(value: Any) -> str:
 
 
 def read_line(source: Source) -> NDArray[np.float64]:
-    """(N,) numbers of a data set with one axis, between `first` and `last`.
-
-    Raises:
-        EvaluationError: there is no such data set, or it has another shape.
+    """Reads (N,) numbers of a data set with one axis, from `first` to `last`. Raises
+    EvaluationError if there is no such data set, or it has another shape.
     """
     file, data = _open(source, (1,))
     try:

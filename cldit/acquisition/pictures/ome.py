@@ -1,4 +1,4 @@
-"""OME-XML in a TIFF: when each plane was taken, and how long it was exposed."""
+"""OME-XML in a TIFF: time and exposure of each plane."""
 
 from __future__ import annotations
 
@@ -11,17 +11,11 @@ _AXES = ("TheT", "TheZ", "TheC")
 
 
 def told_by_ome(xml: str, count: int) -> tuple[Told, ...]:
-    """Of each picture, where one image has a plane a picture along one axis.
+    """Time and exposure of each image, if the file's one OME image has a plane for each along one
+    axis.
 
     `AcquisitionDate`, `DeltaT` and `ExposureTime` are those of the OME data model (2016-06), whose
-    default unit is the second.
-
-    Args:
-        xml: the file's description.
-        count: pictures of the file.
-
-    Returns:
-        One a picture; none where planes and pictures do not match.
+    default unit is the second. Empty if planes and the `count` of images do not match.
     """
     try:
         images = ElementTree.fromstring(xml).findall("{*}Image")

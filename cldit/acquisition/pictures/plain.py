@@ -1,4 +1,4 @@
-"""Pictures in files that hold little else: .npy, .png, and text with a row of pixels a line."""
+"""Images in files that hold little else: .npy, .png, and text with a row of pixels a line."""
 
 from __future__ import annotations
 
@@ -20,26 +20,20 @@ def open_npy(source: Source) -> NDArray[Any]:
 
 
 def open_png(source: Source) -> NDArray[Any]:
-    """A grey picture of 8 or 16 bits.
-
-    Raises:
-        ValueError: it holds colours.
-    """
+    """Reads a grey image of 8 or 16 bits; raises ValueError for colours."""
     with open_regular(source.path) as stream, Image.open(stream) as image:
         if image.mode not in ("L", "I", "I;16", "I;16B"):
             raise ValueError(
-                f"mode {image.mode} holds colours, not counts; export grey pictures of 16 bits"
+                f"mode {image.mode} holds colours, not counts; export grey images of 16 bits"
             )
         return np.array(image)
 
 
 def open_text(source: Source) -> NDArray[Any]:
-    """A line a row of pixels; semicolons, tabs, blanks or commas between them.
+    """Reads text with one line per row of pixels, separated by semicolons, tabs, blanks or commas.
 
-    Where something else stands between numbers, a comma is a decimal point.
-
-    Raises:
-        ValueError: a line holds something else, or another number of pixels than the first.
+    With any other separator than a comma, a comma is a decimal point. Raises ValueError if a line
+    contains anything else, or another number of pixels than the first.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(source.path).splitlines(), start=1):
@@ -52,7 +46,7 @@ def open_text(source: Source) -> NDArray[Any]:
         try:
             row = [float(word if between == "," else word.replace(",", ".")) for word in words]
         except ValueError as error:
-            raise ValueError(f"line {number}: {error}; allowed are numbers only") from error
+            raise ValueError(f"line {number}: {error}; allowed: numbers only") from error
         if rows and len(row) != len(rows[0]):
             raise ValueError(f"line {number}: {len(row)} pixels, expected {len(rows[0])}")
         rows.append(row)
@@ -77,7 +71,7 @@ class Hcc:
         return len(self._film.headers)
 
     def read(self, number: int) -> NDArray[Any]:
-        """Picture `number`, (rows, columns)."""
+        """Image `number`, (rows, columns)."""
         return np.asarray(self._film.frames(number, number + 1)[0])
 
     def close(self) -> None:

@@ -1,8 +1,4 @@
-"""Where pictures are, and what a reader of a kind of file gives.
-
-A file is named as it is; a data set within HDF5 or NeXus as `run.nxs::/entry/data/frames`. Of
-either `[10:20]` at the end takes a part.
-"""
+"""Location of images, and the interface of a reader of a kind of file."""
 
 from __future__ import annotations
 
@@ -27,7 +23,7 @@ _PART = re.compile(r"^(?P<name>.*)\[(?P<first>\d*):(?P<last>\d*)\]$")
 class Source:
     """A file, and where in it.
 
-    dataset: within HDF5 and the like. first, last: which pictures. axes: order of the stack's axes.
+    dataset: within HDF5 and the like. first, last: which images. axes: order of the stack's axes.
     """
 
     path: Path
@@ -44,7 +40,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Told:
-    """Of one picture; None where its file does not say. time_s: since 1970, of the file's clock."""
+    """Metadata of one image; None if its file has none. time_s: since 1970, of the file's clock."""
 
     time_s: float | None = None
     integration_time_s: float | None = None
@@ -56,37 +52,31 @@ SECONDS_OF_UNIT |= {"min": 60.0, "h": 3600.0}
 
 
 def moment_s(text: str) -> float:
-    """Seconds since 1970 of an ISO 8601 date, in UTC where it has no zone.
-
-    Raises:
-        ValueError: it is none.
+    """Seconds since 1970 of an ISO 8601 date, in UTC if it has no zone; raises ValueError
+    otherwise.
     """
     found = datetime.fromisoformat(text.strip())
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
 class Stack(Protocol):
-    """Pictures of one file. `notes`, `unit` and `told`, a `Told` a picture, may be there too: what
+    """Images of one file. `notes`, `unit` and `told`, a `Told` an image, may be there too: what
     the file says of them."""
 
     def __len__(self) -> int: ...
 
     def read(self, number: int) -> NDArray[Any]:
-        """Picture `number`, (rows, columns)."""
+        """Image `number`, (rows, columns)."""
 
     def close(self) -> None:
         """Closes the file."""
 
 
 class ArrayStack:
-    """Pictures of anything that numpy can index: an array, a map of a file, a data set."""
+    """Images of anything that numpy can index: an array, a map of a file, a data set."""
 
     def __init__(self, data: Any, axes: tuple[Axis, ...] = AXES, *, unit: str = "") -> None:
-        """Takes (rows, columns), or three axes in the order of `axes`.
-
-        Raises:
-            ValueError: another number of axes.
-        """
+        """Takes (rows, columns), or three axes in the order of `axes`, or raises ValueError."""
         shape: tuple[int, ...] = data.shape
         if len(shape) not in (2, 3):
             raise ValueError(f"shape {shape}, expected (frames, rows, columns)")
@@ -100,7 +90,7 @@ class ArrayStack:
         return 1 if self._frames is None else int(self._data.shape[self._frames])
 
     def read(self, number: int) -> NDArray[Any]:
-        """Picture `number`, (rows, columns)."""
+        """Image `number`, (rows, columns)."""
         place: Any = ()
         if self._frames is not None:
             place = (slice(None),) * self._frames + (number,)
@@ -108,21 +98,19 @@ class ArrayStack:
         return picture.T if self._turned else picture
 
     def close(self) -> None:
-        """Nothing of its own to close."""
+        """Does nothing: an array has no file."""
 
 
 def parse_source(text: str) -> tuple[str, Source]:
-    """The pattern of the file's name, and a source with what stands behind `::` and in `[:]`.
-
-    Raises:
-        EvaluationError: what stands behind `::` is no data set.
+    """Splits a name into the pattern of the file's name and a source with the parts after `::` and
+    in `[:]`. Raises EvaluationError if the part after `::` is no data set.
     """
     part = _PART.match(text)
     name, first, last = (part["name"], part["first"], part["last"]) if part else (text, "", "")
     pattern, separator, dataset = name.partition("::")
     if separator and (not dataset or "[" in dataset or "]" in dataset):
         raise EvaluationError(
-            f"{text}: {dataset!r} is no data set; allowed is /group/name, with [first:last] or not"
+            f"{text}: {dataset!r} is no data set; allowed: /group/name, with [first:last] or not"
         )
     place = int(first) if first else 0, int(last) if last else None
     return pattern, Source(Path(pattern), dataset, *place)

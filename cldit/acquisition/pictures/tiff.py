@@ -1,4 +1,4 @@
-"""TIFF: a picture a page, or several pictures in one page as ImageJ writes them."""
+"""TIFF: one image per page, or several images in one page as ImageJ writes them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ORIENTATION, _TIME, _EXIF = 274, 306, 34665
 
 
 class Tiff:
-    """Pictures of a TIFF file, turned as its orientation tags say."""
+    """Images of a TIFF file, rotated according to its orientation tags."""
 
     def __init__(self, source: Source) -> None:
         self._path = source.path
@@ -65,27 +65,27 @@ class Tiff:
     def _check_end(self, offset: int | None, count: int) -> None:
         if offset is not None and offset + count > self._size:
             raise ValueError(
-                f"its pictures end at byte {offset + count}, the file at {self._size}; cut off"
+                f"its images end at byte {offset + count}, the file at {self._size}; cut off"
             )
 
     def _check_whole(self) -> None:
-        """Raises ValueError where a file holds fewer pictures than it says.
+        """Raises ValueError if a file contains fewer images than it declares.
 
-        A file that was cut off still opens: its readers stop at the last page that they find.
+        A truncated file still opens: its readers stop at the last page that they find.
         """
         file = self._file
         told = (file.imagej_metadata or {}).get("images", 1)
         if len(self) < told:
-            raise ValueError(f"ImageJ says {told} pictures, {len(self)} are there; it is cut off")
+            raise ValueError(f"ImageJ says {told} images, {len(self)} are there; it is cut off")
         if self._follows(file.pages[-1].offset):
             raise ValueError(f"another page follows the last of {self._pages}; it is cut off")
         if file.is_ome:
             missing = sum(page is None for series in file.series for page in series.pages)
             if missing:
-                raise ValueError(f"OME lists {missing} pictures that are not there")
+                raise ValueError(f"OME lists {missing} images that are not there")
 
     def _follows(self, offset: int) -> int:
-        """Where a page's directory at `offset` says that the next one is; 0 for none."""
+        """Offset of the page after the directory at `offset`; 0 for none."""
         form = self._file.tiff
         self._stream.seek(offset)
         (tags,) = struct.unpack(form.tagnoformat, self._stream.read(form.tagnosize))
@@ -124,11 +124,11 @@ class Tiff:
         return self._pages if self._stack is None else len(self._stack)
 
     def read(self, number: int) -> NDArray[Any]:
-        """Picture `number`, (rows, columns).
+        """Image `number`, (rows, columns).
 
         Raises:
             EvaluationError: its compression needs a package that is not installed.
-            ValueError: the file is cut off.
+            ValueError: the file is truncated.
         """
         if self._stack is not None:
             return turned(np.asarray(self._stack[number]), self._turn)
@@ -147,8 +147,8 @@ class Tiff:
             ) from error
         if picture.ndim != 2:
             raise EvaluationError(
-                f"{self._path}: picture of shape {picture.shape} holds colours, not counts; "
-                "export grey pictures of 16 bits"
+                f"{self._path}: image of shape {picture.shape} holds colours, not counts; "
+                "export grey images of 16 bits"
             )
         return turned(picture, self._tag(number, _ORIENTATION, self._turn))
 
@@ -160,13 +160,8 @@ class Tiff:
 
 
 def told_by_exif(tags: dict[str, Any]) -> Told:
-    """Exposure and original time by Exif 2.3 (`ExposureTime`, `DateTimeOriginal`).
-
-    Args:
-        tags: of a page's Exif directory, by name.
-
-    Returns:
-        What they hold of both.
+    """Exposure and original time from a page's Exif directory (Exif 2.3: `ExposureTime`,
+    `DateTimeOriginal`).
     """
     exposed = tags.get("ExposureTime")
     taken = str(tags.get("DateTimeOriginal", "")).strip()
@@ -182,20 +177,11 @@ def told_by_exif(tags: dict[str, Any]) -> Told:
 
 
 def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """A stored picture as it is looked at (TIFF 6.0, tag 274).
-
-    Args:
-        picture: (rows, columns) as stored.
-        orientation: 1 (as it is) to 8.
-
-    Returns:
-        (rows, columns) as they are looked at.
-
-    Raises:
-        ValueError: no such orientation.
+    """Rotates a stored (rows, columns) image for viewing, by its `orientation` from 1 to 8 (TIFF
+    6.0, tag 274). Raises ValueError for another orientation.
     """
     if orientation not in range(1, 9):
-        raise ValueError(f"orientation tag {orientation}; allowed are 1 to 8")
+        raise ValueError(f"orientation tag {orientation}; allowed: 1 to 8")
     if orientation > 4:  # rows of the file are columns
         picture = picture.T
     if orientation in (3, 4, 7, 8):
@@ -207,7 +193,7 @@ def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keeps off the terminal what tifffile logs of damage; `_check_whole` names it in full."""
+    """Suppresses tifffile's log of damage; `_check_whole` reports it in full."""
     logger = logging.getLogger("tifffile")
     keep = _Nothing()
     logger.addFilter(keep)

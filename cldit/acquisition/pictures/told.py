@@ -1,7 +1,8 @@
-"""What files say of their pictures: when each was taken, and how long it was exposed.
+"""Metadata of image files: time and exposure of each image.
 
-Only what a format defines is read: headers of Telops' films, OME-XML, Exif's exposure and original
-time, NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which an export makes anew.
+Only metadata that a format defines is read: headers of Telops' films, OME-XML, Exif's exposure and
+original time, NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which an export
+renews.
 """
 
 from __future__ import annotations
@@ -31,20 +32,15 @@ def _number_or_moment(text: str) -> float:
 def read_times(
     folder: Path, given: Sequence[float] | str, *, where: str, count: int
 ) -> list[float]:
-    """Times in seconds, in the order of the pictures.
+    """Reads times in seconds, rising, in the order of the images.
 
     Args:
-        folder: where relative paths start.
-        given: seconds of one clock; or `log.csv::column`, which may hold dates in ISO 8601; or
-            `run.nxs::/entry/time`.
-        where: which pictures, for messages.
-        count: how many pictures there are.
-
-    Returns:
-        One a picture, rising.
+        folder, given: as for `read_numbers`; a table may contain dates in ISO 8601.
+        where: names the images in messages.
+        count: number of images.
 
     Raises:
-        EvaluationError: unreadable, another number than pictures, or not rising.
+        EvaluationError: unreadable, not one per image, or not rising.
     """
     found = read_numbers(
         folder,
@@ -55,13 +51,13 @@ def read_times(
     )
     if len(found) != count:
         raise EvaluationError(
-            f"{where}: {count} pictures and {len(found)} times ({given}); allowed is one each"
+            f"{where}: {count} images and {len(found)} times ({given}); allowed: one each"
         )
     for number, (before, after) in enumerate(pairwise(found), start=1):
         if not after > before:
             raise EvaluationError(
                 f"{where}: time {number} is {after:.10g} s after {before:.10g} s ({given}); they "
-                "must rise in the order of the pictures"
+                "must rise in the order of the images"
             )
     if not all(math.isfinite(one) for one in found):
         raise EvaluationError(f"{where}: times that are not finite ({given})")
@@ -69,14 +65,13 @@ def read_times(
 
 
 def check_exposures(told: Iterable[tuple[str, Told]], stated_s: float | None) -> float | None:
-    """The one exposure of all pictures that tell theirs, in seconds; None where none does.
+    """Common exposure of all images with a known one, in seconds; None if there is none.
 
-    Args:
-        told: of each picture, after the words that name it.
-        stated_s: `integration_time_s` of the YAML.
+    `told` pairs a name with the metadata of its image; `stated_s` is `integration_time_s` of the
+    YAML.
 
     Raises:
-        EvaluationError: two that differ.
+        EvaluationError: two exposures differ.
     """
     known = [(name, one.integration_time_s) for name, one in told if one.integration_time_s]
     if not known:
@@ -97,13 +92,12 @@ def check_exposures(told: Iterable[tuple[str, Told]], stated_s: float | None) ->
 
 
 def check_times(told: Iterable[tuple[str, Told, float | None]]) -> None:
-    """Times of the YAML against those of the files: both may start anywhere.
+    """Compares the times of the YAML with those of the files; both may start anywhere.
 
-    Args:
-        told: of each picture, after the words that name it, and its time by the YAML [s].
+    `told` lists for each image its name, its metadata and its time in the YAML in seconds.
 
     Raises:
-        EvaluationError: they are more than a second apart from each other in one than in the other.
+        EvaluationError: the two differ by more than a second from one image to another.
     """
     apart = [
         (name, stated_s - one.time_s)
@@ -119,19 +113,14 @@ def check_times(told: Iterable[tuple[str, Told, float | None]]) -> None:
 
 
 def told_lines(told: Sequence[tuple[Told, float | None]]) -> list[str]:
-    """What is known of exposures and times of all pictures, a line each.
-
-    Args:
-        told: of each picture, and its time as the evaluation takes it [s].
-
-    Returns:
-        None of those of which nothing is known.
+    """Summary of exposures and times of all images, a line each; `told` pairs the metadata of an
+    image with the time that the evaluation uses.
     """
     lines = []
     exposed = [one.integration_time_s for one, _ in told if one.integration_time_s]
     if exposed:
-        lines.append(f"exposure {1e6 * exposed[0]:g} us, by {len(exposed)} of {len(told)} pictures")
+        lines.append(f"exposure {1e6 * exposed[0]:g} us, by {len(exposed)} of {len(told)} images")
     times = [time_s for _, time_s in told if time_s is not None]
     if times:
-        lines.append(f"times of {len(times)} of {len(told)} pictures, over {np.ptp(times):.4g} s")
+        lines.append(f"times of {len(times)} of {len(told)} images, over {np.ptp(times):.4g} s")
     return lines
