@@ -88,7 +88,7 @@ def files() -> dict[str, list[Path]]:
 # What a room still has; only falls.
 LEFT: dict[str, int] = {
     "accuracy": 181,
-    "acquisition": 235,
+    "acquisition": 0,
     "api": 24,
     "bench": 131,
     "camera": 11,

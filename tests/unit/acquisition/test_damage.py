@@ -17,7 +17,7 @@ from cldit.errors import EvaluationError, RunFolderError
 from cldit.rig.load import open_rig
 from tests.wrapped import pulses
 
-LINES = 12  # of the journal, from where on it is spoiled: five pictures are saved by then
+LINES = 12  # of the journal, from where on it is spoiled: five images are saved by then
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def spoil(folder: Path, change: Callable[[dict[str, Any]], Any] | bytes) -> None
 def test_a_damaged_journal(
     change: Any, message: str, folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
 ) -> None:
-    """Pictures carry their own data and checksum, so all are evaluated; an acquisition refuses."""
+    """Images carry their own data and checksum, so all are evaluated; an acquisition refuses."""
     whole = evaluate_folder(folder).maps
     spoil(folder, change)
     fired = len(pulses(tiny_rig))

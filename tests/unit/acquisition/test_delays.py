@@ -51,7 +51,7 @@ def test_one_delay_is_the_same_plan_wherever_it_stands() -> None:
     [
         ([1e-3, 1e-3], "closer than 1e-06 s"),
         ([1e-3, -1e-3], "outside 0..1"),
-        ([1e-3 * number for number in range(101)], "101 delays, allowed is 0..100"),
+        ([1e-3 * number for number in range(101)], "101 delays, allowed: 0..100"),
     ],
 )
 def test_refused(delays_s: list[float], message: str) -> None:

@@ -85,11 +85,11 @@ def test_nexus(recorded: Acquisition) -> None:
 def test_export_says_what_is_wrong(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
-    """A damaged picture leaves no file; and what is missing is said."""
+    """A damaged image leaves no file; and what is missing is said."""
     acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "none", should_stop=lambda: True)
-    with pytest.raises(ExportError, match="no pictures yet"):
+    with pytest.raises(ExportError, match="no images yet"):
         export(open_acquisition(tmp_path / "none"), "ome-tiff")
-    with pytest.raises(ExportError, match="allowed are ome-tiff, nexus"):
+    with pytest.raises(ExportError, match="allowed: ome-tiff, nexus"):
         export(open_acquisition(tmp_path / "none"), "png")
     acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
     acquisition = open_acquisition(tmp_path / "a")

@@ -70,7 +70,7 @@ def _write(folder: Path, data: dict[str, Any]) -> None:
 
 @pytest.fixture
 def tiffs(tmp_path: Path) -> Path:
-    """One TIFF a picture."""
+    """One TIFF an image."""
     for kelvin in BACKGROUNDS:
         for kind in ("references", "injections"):
             place = tmp_path / f"{kelvin:g}" / kind
@@ -164,7 +164,7 @@ def test_axes_and_readings_of_the_black_body(tiffs: Path, tmp_path: Path) -> Non
     assert [shot.background_K for shot in open_measured(folder).shots[:2]] == [413.0, 413.1]
     data["axes"] = ["rows", "columns"]
     _write(folder, data)
-    with pytest.raises(SceneError, match=r"axes.*allowed are frames, rows, columns"):
+    with pytest.raises(SceneError, match=r"axes.*allowed: frames, rows, columns"):
         open_measured(folder)
 
 
@@ -183,7 +183,7 @@ def test_bad_pixels_and_a_sensor_of_known_noise(tiffs: Path) -> None:
     found = evaluate_folder(tiffs)
     assert found.maps.reason[3, 4] == Reason.BAD_PIXEL
     assert found.maps.count()[Reason.BAD_PIXEL] == 1
-    # 2 x 3 x 6 pictures of 320 pixels of 5000 counts, noise 11 each: gain to a few 1e-4
+    # 2 x 3 x 6 images of 320 pixels of 5000 counts, noise 11 each: gain to a few 1e-4
     assert found.calibration.counts_per_radiance == pytest.approx(1.2e-17, rel=2e-3)
 
 
@@ -194,7 +194,7 @@ def _only_one(data: dict[str, Any], folder: Path) -> str:
 
 def _equal(data: dict[str, Any], folder: Path) -> str:
     data["backgrounds"][1]["temperature_K"] = 413.0
-    return "413 K stands there twice"
+    return "413 K is given twice"
 
 
 def _too_near(data: dict[str, Any], folder: Path) -> str:
@@ -218,18 +218,18 @@ def _swapped_once(data: dict[str, Any], folder: Path) -> str:
 
 def _same_files(data: dict[str, Any], folder: Path) -> str:
     data["backgrounds"][2]["injections"] = data["backgrounds"][2]["references"]
-    return "named as references before 493 K and as injections before 493 K"
+    return "named as references at 493 K and as injections at 493 K"
 
 
 def _none_match(data: dict[str, Any], folder: Path) -> str:
     data["backgrounds"][0]["injections"] = "413/injection/*.tif"
-    return r"injections before 413 K: no file matches 413/injection/\*.tif"
+    return r"injections at 413 K: no file matches 413/injection/\*.tif"
 
 
 def _missing(data: dict[str, Any], folder: Path) -> str:
     (folder / "453" / "injections" / "004.tif").unlink()
     data["shots"] = SHOTS
-    return "injections before 453 K: 5 pictures, expected 6; shots are missing"
+    return "injections at 453 K: 5 images, expected 6; shots are missing"
 
 
 def _wrong_size(data: dict[str, Any], folder: Path) -> str:
@@ -238,7 +238,7 @@ def _wrong_size(data: dict[str, Any], folder: Path) -> str:
 
 
 def _damaged(data: dict[str, Any], folder: Path) -> str:
-    (folder / "453" / "references" / "002.tif").write_bytes(b"II*\0no picture")
+    (folder / "453" / "references" / "002.tif").write_bytes(b"II*\0no image")
     return "002.tif: cannot be read"
 
 
@@ -351,14 +351,14 @@ def test_memory_does_not_grow_with_the_shots(tmp_path: Path) -> None:
         tracemalloc.stop()
         assert found.shots == shots and found.peak_bytes >= 0
         assert np.isfinite(found.evaluation.maps.emissivity).mean() > 0.99
-    # A picture is 160 kB as float64; 100 more shots held would be 16 MB. Thumbnails: 4 kB a shot.
+    # An image is 160 kB as float64; 100 more shots held would be 16 MB. Thumbnails: 4 kB a shot.
     assert peaks[1] < peaks[0] + 100 * 8e3
 
 
 @pytest.mark.parametrize("form", ["imagej", "plain", "compressed", "one page", "ome"])
 @pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.98])
 def test_a_stack_that_was_cut_off(tmp_path: Path, form: str, part: float) -> None:
-    """Wherever it ends: as it is opened, or at the picture that is not whole."""
+    """Wherever it ends: as it is opened, or at the image that is not whole."""
     stack = np.arange(6 * 40 * 50, dtype=np.uint16).reshape(6, 40, 50)
     path = tmp_path / "stack.tif"
     how: dict[str, dict[str, Any]] = {

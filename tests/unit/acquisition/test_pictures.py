@@ -1,4 +1,4 @@
-"""Files of pictures as laboratories have them: read as they are meant, or refused in words."""
+"""Files of images as laboratories have them: read as they are meant, or refused in words."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_orientation_tags_are_followed_as_pillow_does(tmp_path: Path, orientatio
 
 def test_an_orientation_that_does_not_exist_is_named(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", PICTURES[0], extratags=[(274, "H", 1, 9, True)])
-    with pytest.raises(EvaluationError, match="orientation tag 9; allowed are 1 to 8"):
+    with pytest.raises(EvaluationError, match="orientation tag 9; allowed: 1 to 8"):
         read_all(Source(tmp_path / "a.tif"))
 
 
@@ -253,7 +253,7 @@ def test_a_reader_that_is_installed_later_is_found(
 def test_a_part_of_any_file(tmp_path: Path) -> None:
     _, source = parse_source(f"{_npy(tmp_path)}[1:4]")
     np.testing.assert_array_equal(read_all(source), PICTURES[1:4])
-    with pytest.raises(EvaluationError, match="holds no picture"):
+    with pytest.raises(EvaluationError, match="holds no image"):
         open_stack(parse_source(f"{_npy(tmp_path)}[4:4]")[1])
 
 
@@ -266,7 +266,7 @@ def test_temperatures_of_pictures(tmp_path: Path) -> None:
     assert read("log.csv::T") == [413.2, 413.4, 412.9] and read([413.0], 1) == [413.0]
     assert read("log.csv::T[1:]", 2) == [413.4, 412.9]
     for given, message in (
-        ("log.csv::T[1:]", "3 pictures and 2 temperatures"),
+        ("log.csv::T[1:]", "3 images and 2 temperatures"),
         ("log.csv::time", "temperature 0 is 0 "),
         ("log.csv::K", "no column K; it has time, T"),
         ([139.9, 140.0, 140.1], "degrees Celsius"),

@@ -37,7 +37,7 @@ def test_each_frame_of_a_shot_can_be_evaluated(
     first, last = (found.emissivity for found in maps)
     assert not np.array_equal(first, last, equal_nan=True)
     assert abs(float(np.nanmax(first)) - float(np.nanmax(last))) < 0.1
-    with pytest.raises(RunFolderError, match=r"frame 3: allowed is 0\.\.2"):
+    with pytest.raises(RunFolderError, match=r"frame 3: allowed: 0\.\.2"):
         evaluate_folder(tmp_path / "a", frame=3)
 
 
@@ -121,7 +121,7 @@ def _float(folder: Path) -> None:
     [
         (_pixels, "pixels are not those that were recorded"),
         (_swap, "is no shot b00_ref_00 of this plan"),
-        (_float, "is no raw picture"),
+        (_float, "is no raw image"),
         (lambda f: (f / "shots" / "b00_ref_00.tif").write_bytes(b"II*\0"), "cannot be read"),
         (lambda f: (f / "shots" / "b00_ref_00.tif").write_bytes(b""), "cannot be read as TIFF"),
     ],
@@ -168,5 +168,5 @@ def test_folder_of_something_else(
         open_acquisition(tmp_path / "nowhere")
     (tmp_path / "shots").mkdir()
     (tmp_path / "shots" / "old.tif").write_bytes(b"")
-    with pytest.raises(RunFolderError, match=r"holds pictures but no plan\.yaml"):
+    with pytest.raises(RunFolderError, match=r"holds images but no plan\.yaml"):
         acquire(open_rig(tiny_rig), tiny_plan, tmp_path)

@@ -83,7 +83,7 @@ def test_two_runs_in_one_folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_p
 def test_disk_full_while_writing(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The fifth picture finds no room: the rig is safe, four are kept, the same call resumes."""
+    """The fifth image finds no room: the rig is safe, four are kept, the same call resumes."""
     count = 0
 
     def full(*args: Any, **kwargs: Any) -> None:
@@ -191,7 +191,7 @@ def test_folder_that_cannot_be_made(
 def test_power_cut_ordering(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is on the disk when: the `fired` line before its trigger; the picture, and its name in
+    """What is on the disk when: the `fired` line before its trigger; the image, and its name in
     the folder, before the `saved` line and before anybody is told."""
     if not Path("/proc/self/fd").is_dir():
         pytest.skip("needs /proc to tell which file is synced")

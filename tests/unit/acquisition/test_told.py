@@ -128,7 +128,7 @@ def test_times_in_the_yaml(made: Laboratory, tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["evaluate", str(folder)])
     assert result.exit_code == 0, result.output
     said = " ".join(result.output.split())
-    assert "times of 24 of 24 pictures, over 100 s" in said
+    assert "times of 24 of 24 images, over 100 s" in said
     assert "drift is told over time: 2 s between shots (median), 20 s at most" in said
 
 
@@ -143,14 +143,14 @@ def test_times_in_a_table_as_dates(made: Laboratory, tmp_path: Path) -> None:
     assert opened.shots[3].time_s is None  # nobody knows how far another clock is from that
     assert folder / "log.csv" in opened.inputs
     (folder / "log.csv").write_text("when\n1\nlater\n3\n", encoding="utf-8")
-    with pytest.raises(EvaluationError, match=r"line 3: when is 'later'; allowed is seconds"):
+    with pytest.raises(EvaluationError, match=r"line 3: when is 'later'; allowed: seconds"):
         open_measured(folder)
 
 
 @pytest.mark.parametrize(
     ("times_s", "message"),
     [
-        ([0.0, 2.0], "references before 423 K: 3 pictures and 2 times"),
+        ([0.0, 2.0], "references at 423 K: 3 images and 2 times"),
         ([0.0, 4.0, 2.0], "time 2 is 2 s after 4 s .* they must rise"),
     ],
 )
@@ -184,7 +184,7 @@ def _films(folder: Path, made: Laboratory, *, injections_us: float = 25.0) -> No
 def test_exposures_that_differ_are_refused(made: Laboratory, tmp_path: Path) -> None:
     _films(tmp_path / "a", made)
     opened = open_measured(tmp_path / "a")
-    assert "exposure 25 us, by 24 of 24 pictures" in opened.found()
+    assert "exposure 25 us, by 24 of 24 images" in opened.found()
     opened.close()
     _edit(tmp_path / "a", lambda data: data.update(integration_time_s=30e-6))
     with pytest.raises(EvaluationError, match=r"25 us by its file; integration_time_s says 30 us"):
