@@ -1,13 +1,13 @@
-"""Parcels of a sample become a cloud: what each stands for lies about it, not in one point.
+"""Kernel density estimate of a spray: each parcel of a sample becomes a cloud.
 
 A parcel is spread with the covariance of its nearest neighbours, times a width squared: wide where
-parcels are few, narrow where they are many, narrower across a plume than along it. Spreading
-alone widens the spray by as much, which shows most where it is narrow. So each parcel first moves
-towards the mean of its neighbours, by half of what the spreading would undo: its bias is then of
-fourth order in the width instead of second ("data sharpening": Choi and Hall, Biometrika 86, 941,
-1999). For neighbours of mean m and covariance S in a density f, m - x = S grad f / f to first
-order, and a kernel of covariance C needs the step C grad f / (2 f): with C = w^2 S it is
-w^2 (m - x) / 2. Droplets, sizes and temperatures stay as they are; nothing is drawn at random.
+parcels are sparse, narrow where they are dense, narrower across a plume than along it. Spreading
+alone would widen the spray by as much, most visibly where it is narrow. So each parcel first moves
+towards the mean of its neighbours, by half of the widening: the bias is then of fourth order in the
+width instead of second ("data sharpening": Choi and Hall, Biometrika 86, 941, 1999). For neighbours
+of mean m and covariance S in a density f, m - x = S grad f / f to first order, and a kernel of
+covariance C needs the step C grad f / (2 f): with C = w^2 S it is w^2 (m - x) / 2. Numbers, sizes
+and temperatures of the droplets do not change; nothing is random.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ Floats = NDArray[np.float64]
 
 NEIGHBOURS = 16
 WIDTH = 1.4
-_WIDEST = 0.5  # of a kernel's standard deviation, over that of all parcels
-# Of the halves' difference, what the whole errs by: T_app of gdi-flow errs by the power -1/3 of the
-# number of parcels (6.3 to 2.9 K from 2,700 to 27,000), and two errors make a difference.
+_WIDEST = 0.5  # largest standard deviation of a kernel, over that of all parcels
+# Error of all parcels over the difference of the halves: the error of T_app of gdi-flow goes with
+# the power -1/3 of the number of parcels (6.3 to 2.9 K from 2,700 to 27,000), and a difference has
+# two independent errors.
 SAMPLING = 2.0 ** -(1 / 2 + 1 / 3)
-_ROUND = 0.1  # of the covariance, taken from its mean: 16 neighbours make it longer than it is
+_ROUND = 0.1  # isotropic share of the covariance, which 16 neighbours overestimate lengthwise
 _AT_ONCE = 100_000  # parcels whose neighbours are in memory together
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """How parcels are spread: over which neighbours, the parcel itself among them, and how wide.
+    """Spreading of parcels: number of neighbours, including the parcel itself, and width.
 
     width: standard deviation of a parcel over that of its neighbours.
     """
@@ -46,35 +47,32 @@ class Kernel:
 
     def __post_init__(self) -> None:
         if not 4 <= self.neighbours <= 1000:
-            raise MediumError(f"kernel: {self.neighbours} neighbours, allowed is 4..1000")
+            raise MediumError(f"kernel: {self.neighbours} neighbours; allowed: 4..1000")
         if not 0 < self.width <= 10:
-            raise MediumError(f"kernel: width {self.width:g}, allowed is above 0, at most 10")
+            raise MediumError(f"kernel: width {self.width:g}; allowed: above 0 to 10")
 
     def spread(self, parcels: Parcels) -> Parcels:
-        """The same parcels as clouds; those that are known to fill boxes stay as they are.
+        """Same parcels as clouds; parcels that fill boxes are unchanged.
 
-        Parcels without droplets take no part. With fewer places than neighbours all are
-        neighbours; parcels that all lie in one place stay points.
-
-        Raises:
-            MediumError: the parcels are clouds already.
+        Parcels without droplets do not count. With fewer places than neighbours all are neighbours;
+        parcels that are all in one place remain points. Raises MediumError if they are clouds.
         """
         if not parcels.sampled:
             return parcels
         if parcels.extent is not None:
-            raise MediumError("kernel: the parcels are clouds already, and were moved for it")
+            raise MediumError("kernel: the parcels are clouds already, and have been moved")
         place = parcels.position_m.copy()
         covariance = np.zeros((len(place), 3, 3))
-        held = parcels.droplets > 0
-        # Neighbours are places: many parcels in one place would only be each other's.
-        there, which = np.unique(place[held], axis=0, return_inverse=True)
+        filled = parcels.droplets > 0
+        # Neighbours are distinct places: parcels in one place would only have each other.
+        there, which = np.unique(place[filled], axis=0, return_inverse=True)
         if len(there) > 1:
             moved, spread = self._clouds(there)
-            place[held], covariance[held] = moved[which], spread[which]
+            place[filled], covariance[filled] = moved[which], spread[which]
         return replace(parcels, position_m=place, extent=Cloud(covariance))
 
     def _clouds(self, there: Floats) -> tuple[Floats, Floats]:
-        """Where each of some places (N, 3) moves, and its covariance (N, 3, 3)."""
+        """New position (N, 3) of each place (N, 3), and its covariance (N, 3, 3)."""
         count = min(self.neighbours, len(there))
         most = _WIDEST**2 * float(there.var(axis=0).sum())
         tree = cKDTree(there)
@@ -89,7 +87,7 @@ class Kernel:
             even = trace[:, None, None] / 3 * np.eye(3)
             width2 = np.minimum(self.width**2, most / trace)
             covariance[mine] = width2[:, None, None] * ((1 - _ROUND) * spread + _ROUND * even)
-            # One far from all others is no gradient: it moves by less than they are wide.
+            # An isolated place has no gradient: it moves by less than its neighbours are wide.
             step = mean - there[mine]
             step *= np.minimum(1.0, np.sqrt(trace) / np.maximum(_length(step), 1e-30))[:, None]
             moved[mine] = there[mine] + width2[:, None] / 2 * step
@@ -101,32 +99,23 @@ def _length(vector: Floats) -> Floats:
 
 
 def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
-    """Two sprays of half of the parcels each, drawn at random, each with the liquid of all.
+    """Two sprays of half of the parcels each, drawn at random, each with the mass of all.
 
-    Spread each half anew: clouds that were made of all parcels have followed their chance already,
-    and halves of them differ by too little (`variants`).
-
-    Args:
-        parcels: to be halved.
-        seed: of the draw.
-
-    Returns:
-        Both halves.
-
-    Raises:
-        MediumError: the parcels are no sample, but fill boxes; or fewer than two have droplets.
+    Spread each half again: clouds of all parcels have followed their noise already, and their
+    halves would differ by too little (`variants`). Raises MediumError if the parcels are not a
+    sample, or if fewer than two have droplets.
     """
     if not parcels.sampled:
-        raise MediumError("halves: these parcels are no sample; their sampling error is 0")
-    held = np.flatnonzero(parcels.droplets > 0)
-    if len(held) < 2:
-        raise MediumError(f"halves: {len(held)} parcels with droplets, at least 2 are needed")
+        raise MediumError("halves: these parcels are not a sample; their sampling error is 0")
+    filled = np.flatnonzero(parcels.droplets > 0)
+    if len(filled) < 2:
+        raise MediumError(f"halves: {len(filled)} parcels with droplets, at least 2 are needed")
     first = np.zeros(len(parcels.droplets), bool)
-    first[np.random.default_rng(seed).permutation(held)[: len(held) // 2]] = True
+    first[np.random.default_rng(seed).permutation(filled)[: len(filled) // 2]] = True
     whole = parcels.mass_kg
 
     def weighted(half: Parcels) -> Parcels:
-        # By mass and not by 2: the whole spray's mass is known, and has no error by sampling.
+        # By mass instead of 2: the mass of the spray is known, and has no sampling error.
         return replace(half, droplets=half.droplets * (whole / half.mass_kg))
 
     return weighted(parcels.take(first)), weighted(parcels.take(~first))
@@ -134,12 +123,12 @@ def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
 
 @dataclass(frozen=True)
 class Variants:
-    """What shows the error of a spray's parcels, each of them to be traced as any spray.
+    """Sprays whose images show the error of a sample of parcels.
 
-    whole: all parcels, as clouds. halves: of `halves`, each spread anew. narrower: clouds of half
-    of the variance. SAMPLING times the RMS difference of the halves' pictures is the whole's error
-    by sampling; 4/3 of (whole - narrower) is about the bias of the width, which falls with its
-    fourth power, and the noise that the narrower clouds add: an upper bound.
+    whole: all parcels, as clouds. halves: of `halves`, each spread separately. narrower: clouds of
+    half of the variance. SAMPLING times the RMS difference of the halves' images is the sampling
+    error of the whole; 4/3 of (whole - narrower) is about the bias of the width, which falls with
+    its fourth power, and the additional noise of narrower clouds: an upper bound.
     """
 
     whole: Spray
@@ -148,15 +137,9 @@ class Variants:
 
 
 def variants(spray: Spray, *, kernel: Kernel, seed: int) -> Variants:
-    """Makes the variants of a spray whose parcels are a sample, in points.
+    """Variants of a spray whose parcels are a sample of points; raises MediumError otherwise.
 
-    Args:
-        spray: with points.
-        kernel: that spreads them.
-        seed: of the halves.
-
-    Raises:
-        MediumError: the spray has no parcels, or they are no sample, or clouds already.
+    `kernel` spreads the parcels, and `seed` draws the halves.
     """
     if spray.parcels is None:
         raise MediumError("variants: the spray has no parcels")

@@ -1,4 +1,4 @@
-"""Parcels and gas cells into bricks of finest cells, every amount conserved."""
+"""Conservative deposition of parcels and gas cells in bricks of finest cells."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cldit.spray.extent import Box, Extent
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposit: some 60 bytes a pair
-_BOXES_AT_ONCE = 20_000  # whose bricks are marked while they are in the cache
-_OUTSIDE = 1e-9  # share of a box that may stick out of the cube: rounding of its corners
+_PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposition: about 60 bytes a pair
+_BOXES_AT_ONCE = 20_000  # boxes whose bricks are marked while they are in the cache
+_OUTSIDE = 1e-9  # share of a box that may be outside the cube: rounding of its corners
 
 
 @dataclass(frozen=True)
 class Touched:
-    """The bricks that anything falls into.
+    """Bricks that contain anything.
 
-    directory: (nb, nb, nb) int32 in [z, y, x] order, slot of the brick or -1; slots: how many.
+    directory: (nb, nb, nb) int32 in [z, y, x] order, slot of the brick or -1; slots: their number.
     """
 
     directory: NDArray[np.int32]
@@ -39,15 +39,9 @@ class Touched:
         return np.asarray(slot * CELLS_PER_BRICK + local)
 
     def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-        """Storage addresses of those finest cells of a layer that are stored.
+        """Storage addresses (S,) of the stored finest cells of a layer z, and their mask (Y, X).
 
-        Args:
-            z: of the layer.
-            y: (Y,) rows.
-            x: (X,) columns.
-
-        Returns:
-            (S,) addresses, and (Y, X) True where a cell is stored.
+        The cells are those of the rows y (Y,) and columns x (X,).
         """
         slot = self.directory[z // BRICK][np.ix_(y // BRICK, x // BRICK)]
         local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK
@@ -56,19 +50,9 @@ class Touched:
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
-    """Finest cell of every point.
+    """Finest cell (N, 3) of every point (N, 3).
 
-    Args:
-        frame: the cube.
-        position_m: (N, 3).
-        amount: (N,); points without any may lie outside.
-        what: named by errors.
-
-    Returns:
-        (N, 3).
-
-    Raises:
-        MediumError: part of `amount` lies outside the cube.
+    Raises MediumError, which names `what`, if part of `amount` (N,) is outside the cube.
     """
     place = frame.to_cells(position_m)
     outside = np.any((place < 0) | (place > frame.cells), axis=1) & (amount > 0)
@@ -83,18 +67,18 @@ def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: s
 def _refuse(frame: Frame, what: str, share: float, low: Floats, high: Floats) -> None:
     corner = np.asarray(frame.lower_m)
     raise MediumError(
-        f"{100 * share:.3g} % of the {what} lies outside the domain: found at "
-        f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m, the cube reaches from "
+        f"{100 * share:.3g} % of the {what} is outside the domain: at "
+        f"{np.round(low, 4).tolist()} to {np.round(high, 4).tolist()} m; the cube reaches from "
         f"{np.round(corner, 4).tolist()} to {np.round(corner + frame.edge_m, 4).tolist()} m; "
         "enlarge domain.edge_m or move domain.centre_m"
     )
 
 
 @dataclass(frozen=True)
-class Boxes:
+class PlacedBoxes:
     """Axis-aligned boxes in units of finest cells, lower and upper (N, 3).
 
-    shared: (N,) where in a list of amounts those begin that are of each box; None: one a box.
+    shared: (N,) first of the amounts that belong to each box; None: one amount for each box.
     """
 
     lower: Floats
@@ -102,16 +86,10 @@ class Boxes:
     shared: Ints | None = None
 
     @classmethod
-    def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> Boxes:
-        """Boxes in the cube.
+    def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> PlacedBoxes:
+        """Boxes (N, 3) in the cube.
 
-        Args:
-            frame: the cube.
-            lower_m, upper_m: (N, 3) corners.
-            what: named by errors.
-
-        Raises:
-            MediumError: a box reaches out of the cube by more than rounding.
+        Raises MediumError, which names `what`, if a box reaches out of the cube.
         """
         lower, upper = frame.to_cells(lower_m), frame.to_cells(upper_m)
         slack = _OUTSIDE * frame.cells + _OUTSIDE * np.abs(lower).max(initial=0.0)
@@ -130,13 +108,13 @@ class Boxes:
 
     def span(self) -> tuple[Ints, Ints]:
         """First finest cell and number of finest cells that each box touches, (N, 3) both."""
-        # A face that lies on a cell face to within rounding does not touch the cell beyond it.
+        # A face on a cell face, to within rounding, does not touch the cell beyond it.
         first = np.floor(self.lower + 1e-6).astype(np.int64)
         last = np.ceil(self.upper - 1e-6).astype(np.int64)
         return first, np.maximum(last - first, 1)
 
     def overlaps(self) -> Iterator[tuple[Ints, Ints, Floats]]:
-        """Chunks of (box, finest cell (N, 3), share of the box in that cell); shares sum to 1."""
+        """Yields chunks of (box, finest cell (N, 3), share of the box in it); shares sum to 1."""
         first, count = self.span()
         pairs = np.prod(count, axis=1)
         ends = np.cumsum(pairs)
@@ -161,7 +139,7 @@ class Boxes:
             cell[:, axis] = first[box, axis] + step
             low = np.maximum(self.lower[box, axis], cell[:, axis])
             high = np.minimum(self.upper[box, axis], cell[:, axis] + 1)
-            # A sliver that the span leaves to its neighbour goes there in full.
+            # The neighbour receives a sliver outside the span in full.
             low = np.where(step == 0, self.lower[box, axis], low)
             high = np.where(step == count[box, axis] - 1, self.upper[box, axis], high)
             share *= (high - low) / (self.upper[box, axis] - self.lower[box, axis])
@@ -174,7 +152,7 @@ class Boxes:
             self._mark(mark, part)
 
     def _mark(self, mark: NDArray[np.bool_], part: slice) -> None:
-        first, count = Boxes(self.lower[part], self.upper[part]).span()
+        first, count = PlacedBoxes(self.lower[part], self.upper[part]).span()
         low = first // BRICK
         high = np.minimum((first + count - 1) // BRICK, len(mark) - 1)
         extent = high - low + 1
@@ -182,7 +160,7 @@ class Boxes:
         small = np.maximum(np.maximum(x, y), z) <= 4
         steps = extent[small].max(axis=0, initial=0)
         for further in np.ndindex(*steps):
-            # Most boxes lie in one brick: the others alone are looked at further.
+            # Most boxes are in one brick; only the others need further steps.
             i, j, k = further
             step = low[small & (x > i) & (y > j) & (z > k)] + further
             mark[step[:, 2], step[:, 1], step[:, 0]] = True
@@ -190,13 +168,7 @@ class Boxes:
             mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount, spread evenly over its box, to its target's stored cells.
-
-        Args:
-            touched: the stored bricks.
-            amounts: (N,) each.
-            targets: (S,) each, added to.
-        """
+        """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
         amounts = _together(amounts, self.shared)
         lattice = Lattice.of(self.lower, self.upper)
         if lattice is not None:
@@ -220,35 +192,29 @@ def _together(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
 
 
 @dataclass(frozen=True)
-class Points:
-    """Points in the cube, or what lies in one finest cell: the cell (N, 3) of each.
+class PlacedPoints:
+    """Points, or objects within one finest cell: the cell (N, 3) of each.
 
-    shared: as in `Boxes`.
+    shared: as in `PlacedBoxes`.
     """
 
     cell: NDArray[np.signedinteger]
     shared: Ints | None = None
 
     def mark(self, mark: NDArray[np.bool_]) -> None:
-        """Sets the bricks (nb, nb, nb) that hold a point."""
+        """Sets the bricks (nb, nb, nb) that contain a point."""
         brick = self.cell // BRICK
         mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount (N,) to its target's cell of the point.
-
-        Args:
-            touched: the stored bricks.
-            amounts: (N,) each.
-            targets: (S,) each, added to.
-        """
+        """Adds every amount (N,) to the cell of its point in its target (S,)."""
         address = touched.address(self.cell)
         for target, amount in zip(targets, _together(amounts, self.shared), strict=True):
             target += np.bincount(address, amount, minlength=len(target))
 
 
 @dataclass(frozen=True)
-class Clouds:
+class PlacedClouds:
     """Clouds in the cube, in units of finest cells: place (N, 3) and covariance (N, 3, 3)."""
 
     place: Floats
@@ -262,13 +228,7 @@ class Clouds:
         self._rasterise(none, directory, mark, target, marking=True)
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
-        """Adds every amount (N,), spread over its cloud, to its target's stored cells.
-
-        Args:
-            touched: the stored bricks.
-            amounts: (N,) each.
-            targets: (S,) each, added to.
-        """
+        """Adds every amount (N,), spread over its cloud, to its target (S,)."""
         sums = np.zeros((len(amounts), len(targets[0]) if targets else 0))
         mark = np.zeros(touched.directory.shape, bool)
         amount = np.stack(amounts, axis=1) if amounts else np.zeros((len(self.place), 0))
@@ -285,54 +245,37 @@ class Clouds:
         *,
         marking: bool,
     ) -> None:
-        # Brings a compiler, which a scene without clouds does not need.
+        # Imports a compiler, which a scene without clouds does not need.
         from cldit.medium.rasterise import rasterise
 
         rasterise(self.place, self.covariance, amount, directory, self.cells, marking, mark, target)
 
 
-Placed = Points | Boxes | Clouds
+Placed = PlacedPoints | PlacedBoxes | PlacedClouds
 
 
 def place_boxes(
     frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str, shared: Ints | None = None
-) -> Boxes | Points:
-    """Boxes in the cube; those of a lattice that is the cells', as points in these.
+) -> PlacedBoxes | PlacedPoints:
+    """Boxes (N, 3) in the cube, or points if each box of a lattice is within one cell.
 
-    Args:
-        frame: the cube.
-        lower_m, upper_m: (N, 3) corners.
-        what: named by errors.
-        shared: as in `Boxes`.
-
-    Returns:
-        As `Boxes`, or as `Points` in the cells.
-
-    Raises:
-        MediumError: as `Boxes.place`.
+    Raises as `PlacedBoxes.place`; `shared` as in `PlacedBoxes`.
     """
-    boxes = Boxes.place(frame, lower_m, upper_m, what=what)
+    boxes = PlacedBoxes.place(frame, lower_m, upper_m, what=what)
     lattice = Lattice.of(boxes.lower, boxes.upper)
     cells = None if lattice is None else lattice.cells()
-    return replace(boxes, shared=shared) if cells is None else Points(cells, shared)
+    return replace(boxes, shared=shared) if cells is None else PlacedPoints(cells, shared)
 
 
 def place_droplets(
     frame: Frame, position_m: Floats, extent: Extent | None, amount: Floats
 ) -> Placed:
-    """Parcels in the cube, as points, boxes or clouds.
+    """Parcels (N, 3) in the cube as points, boxes or clouds, by the extent of their droplets.
 
-    Args:
-        frame: the cube.
-        position_m: (N, 3).
-        extent: how droplets are spread about it; None: at it.
-        amount: (N,), of which none may lie outside.
-
-    Raises:
-        MediumError: part of `amount` (N,) lies outside the cube.
+    Raises MediumError if part of `amount` (N,) is outside the cube.
     """
     if isinstance(extent, Box):
-        # Classes of size that share a box follow each other.
+        # Size classes that share a box are consecutive.
         other = np.zeros(max(len(position_m) - 1, 0), bool)
         for along in position_m.T:
             other |= along[1:] != along[:-1]
@@ -342,30 +285,23 @@ def place_droplets(
         return place_boxes(frame, middle - half, middle + half, what="droplets", shared=starts)
     cell = cells_of_points(frame, position_m, amount, what="droplets")
     if extent is None:
-        return Points(cell)
-    return Clouds(frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2, frame.cells)
+        return PlacedPoints(cell)
+    return PlacedClouds(
+        frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2, frame.cells
+    )
 
 
 def touched_bricks(frame: Frame, placed: Sequence[Placed], *, limit: int) -> Touched:
-    """Marks the bricks that anything falls into.
-
-    Args:
-        frame: the cube.
-        placed: what lies in it.
-        limit: cells at most.
-
-    Raises:
-        MediumError: more finest cells than `limit` would have to be stored.
-    """
+    """Bricks that contain anything; raises MediumError if they have more cells than `limit`."""
     mark = np.zeros((frame.bricks,) * 3, bool)
     for each in placed:
         each.mark(mark)
     slots = int(mark.sum())
     if slots * CELLS_PER_BRICK > limit:
         raise MediumError(
-            f"the spray fills {slots * CELLS_PER_BRICK:.3g} cells of {frame.cell_m * 1e3:.3g} mm, "
-            f"allowed are {limit:.3g}; set domain.leaf_edge_m coarser than {2 * frame.cell_m:.3g}, "
-            "or leave it out with domain.rule: need"
+            f"the spray fills {slots * CELLS_PER_BRICK:.3g} cells of {frame.cell_m * 1e3:.3g} mm; "
+            f"allowed: {limit:.3g}; set domain.leaf_edge_m above {2 * frame.cell_m:.3g}, or omit "
+            "it with domain.rule: need"
         )
     directory = np.full(mark.shape, -1, np.int32)
     directory[mark] = np.arange(slots, dtype=np.int32)

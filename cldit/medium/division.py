@@ -1,4 +1,4 @@
-"""How the cube of an octree is divided into leaves, and where every value of its cells goes."""
+"""Division of the cube into the leaves of an octree, and their values from finest cells."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _IN_BRICK = (1, 2, 3, 4, 5, 6)
 
 @dataclass(frozen=True)
 class Division:
-    """How the cube is divided, and where every value of the finest cells goes.
+    """Division of the cube, and leaf of every finest cell.
 
-    keep: touched brick of every stored one. whole, member: bricks (nb, nb, nb) that lie in a coarse
-    leaf, and which; filled: coarse leaves that hold something. unsplit: blocks of cells in stored
-    bricks that stay one leaf, (edge, where).
+    keep: touched brick of every stored one. whole, member: mask (nb, nb, nb) of bricks in a coarse
+    leaf, and the leaf's number; filled: coarse leaves that are not empty. unsplit: blocks of cells
+    in stored bricks that are one leaf, (edge, mask).
     """
 
     frame: Frame
@@ -48,16 +48,10 @@ class Division:
     def of(
         cls, frame: Frame, touched: Touched, every: list[dict[str, Floats]], bound: float
     ) -> Division:
-        """Top-down division of the cube by the sums of the finest cells.
+        """Top-down division of the cube, the same for all wavelengths.
 
-        Args:
-            frame: the cube.
-            touched: its stored bricks.
-            every: fields of the finest cells (S * 512,), a wavelength each.
-            bound: optical depth above which a cube of vapour is halved.
-
-        Returns:
-            The division, the same for all wavelengths.
+        `every` has the fields of the finest cells (S * 512,) of each wavelength, and `bound` is the
+        optical depth above which a cube of vapour is halved.
         """
         shape = (touched.slots, BRICK, BRICK, BRICK)
         vapour = reduce(np.maximum, (f["vapour_absorption"] for f in every)).reshape(shape)
@@ -73,8 +67,8 @@ class Division:
         brick_droplets[mark] = droplets[inside].any(axis=(1, 2, 3))
         parent, level, split = _coarse_levels(frame, brick_vapour, brick_droplets, bound, leaves)
 
-        # Bricks that stay whole become coarse leaves, as do those of a larger leaf.
-        stored = mark & (split | (frame.depth == 0))  # a tree of one cell keeps it in a brick
+        # Undivided bricks become coarse leaves, as do those of a larger leaf.
+        stored = mark & (split | (frame.depth == 0))  # a tree of one cell has it in a brick
         directory = np.full(mark.shape, -1, np.int32)
         keep = touched.directory[stored]
         directory[stored] = np.arange(len(keep), dtype=np.int32)
@@ -102,24 +96,17 @@ class Division:
         )
 
     def fill(self, data: Floats) -> NDArray[np.float32]:
-        """Values of a field in the leaves of the tree (P,).
-
-        Args:
-            data: of the finest cells (S * 512,).
-
-        Returns:
-            (P,) in the tree's addresses.
-        """
+        """Values (P,) of a field, in the tree's addresses, from the finest cells (S * 512,)."""
         fine, empty = len(self.keep) * CELLS_PER_BRICK, self.frame.depth + 1
         values = np.zeros(fine + empty + int(self.filled.sum()), np.float32)
         if not data.any():
             return values
         bricks = data.reshape(self.touched.slots, BRICK, BRICK, BRICK)
-        # Coarse leaves: the mean of their bricks, of which those without a slot hold nothing.
+        # Coarse leaves have the mean of their bricks; bricks without a slot are empty.
         slots = self.touched.directory[self.whole]
-        held = slots >= 0
+        found = slots >= 0
         total = np.zeros(len(slots))
-        total[held] = bricks[slots[held]][_inside(self.frame)].mean(axis=(1, 2, 3))
+        total[found] = bricks[slots[found]][_inside(self.frame)].mean(axis=(1, 2, 3))
         members = np.bincount(self.member, minlength=len(self.filled))
         means = np.bincount(self.member, total, len(members)) / members
         values[fine + empty :] = means[self.filled]
@@ -135,7 +122,7 @@ class Division:
 
 
 def _inside(frame: Frame) -> tuple[slice, slice, slice, slice]:
-    """The used part of (S, 8, 8, 8): a cube of fewer than eight cells is one brick, partly used."""
+    """Used part of (S, 8, 8, 8): a cube of fewer than eight cells is one partly used brick."""
     used = slice(0, min(BRICK, frame.cells))
     return slice(None), used, used, used
 
@@ -149,8 +136,8 @@ def _coarse_levels(
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.bool_]]:
     """Divides from the cube down to bricks.
 
-    Returns (nb, nb, nb) arrays: number and level of the leaf that covers a brick, and whether the
-    brick itself is divided further (where the leaf means nothing).
+    Returns (nb, nb, nb) arrays: number and level of the leaf that covers a brick, and the mask of
+    bricks that are divided further (which have no such leaf).
     """
     pyramid = [(vapour, droplets)]
     while pyramid[-1][0].shape[0] > 1:
@@ -188,7 +175,7 @@ def _merge_in_bricks(
     bound: float,
     leaves: list[int],
 ) -> list[tuple[int, NDArray[np.bool_]]]:
-    """Blocks of 4^3 and 2^3 cells in divided bricks that stay one leaf: (edge, where)."""
+    """Blocks of 4^3 and 2^3 cells in divided bricks that are one leaf: (edge, mask)."""
     edge = min(BRICK, frame.cells)
     level = frame.depth - edge.bit_length() + 1
     open_: NDArray[np.bool_] | None = None
@@ -202,12 +189,12 @@ def _merge_in_bricks(
             present[:, :count, :, :count, :, :count] = True
         else:
             present = open_.repeat(2, 1).repeat(2, 3).repeat(2, 5)
-        if side == 1:  # a finest cell is a leaf whatever it holds
+        if side == 1:  # a finest cell is always a leaf
             leaves[level] += int(present.sum())
             break
         blocks = _blocks(droplets[keep], side)
         divide = np.asarray(blocks.any(axis=_IN_BLOCK, keepdims=True), bool)
-        dry = np.flatnonzero(~divide.all(axis=_IN_BRICK))  # vapour alone is in parts of few bricks
+        dry = np.flatnonzero(~divide.all(axis=_IN_BRICK))  # few bricks have parts without droplets
         v = _blocks(vapour[keep[dry]], side).mean(axis=_IN_BLOCK, keepdims=True)
         divide[dry] |= v * side * frame.cell_m > bound
         divide &= present

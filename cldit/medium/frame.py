@@ -1,4 +1,4 @@
-"""The cube, its finest cells, and the bricks of 8 x 8 x 8 cells in which they are stored."""
+"""Cube of the domain, its finest cells, and the bricks of 8 x 8 x 8 cells that store them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-BRICK = 8  # cells along a brick's edge; the kernels are built with the same number
+BRICK = 8  # cells along a brick's edge; the kernels use the same number
 CELLS_PER_BRICK = BRICK**3
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A cube of `cells`**3 finest cells.
+    """Cube of `cells`**3 finest cells.
 
-    lower_m: the cube's lower corner; depth: how often the cube may be halved; cells = 2**depth.
+    lower_m: lower corner of the cube; depth: number of halvings; cells = 2**depth.
     """
 
     lower_m: tuple[float, float, float]
@@ -26,7 +26,7 @@ class Frame:
     def around(
         cls, *, centre_m: tuple[float, float, float], edge_m: float, leaf_edge_m: float
     ) -> Frame:
-        """The cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
+        """Cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
         x, y, z = (middle - edge_m / 2 for middle in centre_m)
         frame = cls(lower_m=(x, y, z), edge_m=edge_m, depth=0)
         while frame.cell_m >= leaf_edge_m:
@@ -34,7 +34,7 @@ class Frame:
         return frame
 
     def at(self, depth: int) -> Frame:
-        """The same cube, halved `depth` times."""
+        """Same cube, halved `depth` times."""
         return replace(self, depth=depth)
 
     @property

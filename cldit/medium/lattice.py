@@ -1,4 +1,4 @@
-"""Boxes that lie on a regular lattice: their overlaps with cells factor into a matrix an axis."""
+"""Boxes on a regular lattice: their overlaps with cells are a product of one matrix per axis."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from scipy.sparse import csr_array
 
 Floats = NDArray[np.float64]
 
-_FEWEST = 1000  # boxes; below it pairs are as fast
-_SPARSEST = 16  # lattice points a box; above it the dense lattice costs more than the pairs
-_FINEST = 1e-2  # of a cell: a finer lattice is all slivers
-_TOLERANCE = 1e-5  # in cells: how far a box may be from its lattice point
-_SLIVER = 1e-6  # in cells: overlaps below it go to the neighbour
+_FEWEST = 1000  # boxes; with fewer, pairs are as fast
+_SPARSEST = 16  # lattice points per box; with more, the dense lattice is slower than the pairs
+_FINEST = 1e-2  # of a cell; a finer lattice would consist of slivers
+_TOLERANCE = 1e-5  # in cells: largest distance of a box from its lattice point
+_SLIVER = 1e-6  # in cells: the neighbour receives smaller overlaps
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """place (N,): flat [z, y, x] lattice point of each box. shape: lattice points along z, y, x.
+    """Lattice of boxes.
 
-    shares: for x, y, z the (cells, points) share of each point's interval in each cell, columns
-    summing to 1; first: the first cell along x, y, z.
+    place: (N,) flat [z, y, x] lattice point of each box. shape: lattice points along z, y, x.
+    shares: for x, y, z the (cells, points) share of each point's interval in each cell; columns
+    sum to 1. first: first cell along x, y, z.
     """
 
     place: NDArray[np.int64]
@@ -33,10 +34,10 @@ class Lattice:
 
     @classmethod
     def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
-        """The lattice of boxes from `lower` to `upper` (N, 3) in cells; None if there is none."""
+        """Lattice of boxes from `lower` to `upper` (N, 3) in cells; None if there is none."""
         if len(lower) < _FEWEST:
             return None
-        # An axis at a time: numpy takes ten times as long for each of many rows of three.
+        # One axis at a time, since numpy is ten times slower with rows of three.
         origin, spacing = np.array([one.min() for one in lower.T]), upper[0] - lower[0]
         if spacing.min() < _FINEST:
             return None
@@ -59,7 +60,7 @@ class Lattice:
         )
 
     def cells(self) -> NDArray[np.signedinteger] | None:
-        """The one cell (N, 3; x, y, z) that each box lies in; None where boxes lie in several."""
+        """Cell (N, 3; x, y, z) of each box; None if a box is in several cells."""
         within = [share.tocsc() for share in self.shares]
         if any(share.nnz > share.shape[1] for share in within):
             return None
@@ -68,14 +69,14 @@ class Lattice:
         return np.stack([first + share.indices[place] for first, share, place in along]).T
 
     def layers(self, amounts: list[Floats]) -> Iterator[tuple[int, list[Floats]]]:
-        """Sums of each of the amounts, (N,) each, in the cells, [y, x], with the z of their layer.
+        """Yields the z of each layer of cells and the sums [y, x] of each amount (N,) in it.
 
-        Layer by layer, so that what is in work is a few planes and stays in the cache.
+        Only a few planes are processed at a time, which stay in the cache.
         """
         nz, ny, nx = self.shape
         along_x, along_y, along_z = self.shares
         in_layer, inside = np.divmod(self.place, ny * nx)
-        # Of integers of 16 bits a stable sort takes one pass.
+        # A stable sort of 16-bit integers takes one pass.
         order = np.argsort(in_layer.astype(np.min_scalar_type(nz)), kind="stable")
         ends = np.append(0, np.cumsum(np.bincount(in_layer, minlength=nz)))
         by_layer = along_z.tocsc()
@@ -101,7 +102,7 @@ class Lattice:
 
 
 def _axis(origin: float, spacing: float, count: int) -> tuple[int, csr_array]:
-    """First cell touched, and the shares of `count` intervals in the cells from there on."""
+    """First touched cell, and the shares of `count` intervals in the cells from there on."""
     low = origin + spacing * np.arange(count)
     high = low + spacing
     first = int(np.floor(low[0] + _SLIVER))

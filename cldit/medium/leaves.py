@@ -1,4 +1,4 @@
-"""The leaves of an octree as boxes: where each is, how large, and which value is its own."""
+"""Leaves of an octree as boxes: position, size, and address of the value."""
 
 from __future__ import annotations
 
@@ -28,27 +28,18 @@ class Leaves:
 
     @classmethod
     def of(cls, tree: Octree, values: Sequence[NDArray[np.generic]]) -> Leaves:
-        """The leaves on which all of some fields are constant.
+        """Leaves on which all of some fields (P,), without NaN, are constant.
 
         A tree stores the finest cells of a divided brick. Those of a block of 2^3, 4^3 or 8^3 that
         agree in every field are one leaf here.
-
-        Args:
-            tree: the octree.
-            values: fields (P,), each in the tree's addresses, without NaN.
         """
         fine, coarse = _stored(tree, values), _coarse(tree)
         return cls(*(np.concatenate(pair) for pair in zip(fine, coarse, strict=True)))
 
     def nodes(self, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Corners shared by the leaves.
+        """Corners (P, 3; x, y, z) of the leaves, in finest cells, and those of each leaf (N, 8).
 
-        Args:
-            cells: finest cells along an edge of the cube.
-
-        Returns:
-            Points (P, 3; x, y, z) in finest cells, and the eight of each leaf (N, 8) in the order
-            of VTK's hexahedron.
+        They are in the order of VTK's hexahedron; the cube has `cells` finest cells along an edge.
         """
         across = cells + 1
         places = self.corner[:, None] + self.edge[:, None, None] * _HEXAHEDRON
@@ -89,7 +80,7 @@ def _stored(tree: Octree, values: Sequence[NDArray[np.generic]]) -> _Parts:
 def _blocks_alike(
     tree: Octree, values: Sequence[NDArray[np.generic]], side: int
 ) -> NDArray[np.bool_]:
-    """(S, 8, 8, 8), whether all cells of the block of `side`^3 that a cell is in agree."""
+    """Mask (S, 8, 8, 8) of the cells whose block of `side`^3 cells has equal values."""
     count = BRICK // side
     shape = (tree.slots, count, side, count, side, count, side)
     alike = np.ones((tree.slots, count, 1, count, 1, count, 1), bool)
@@ -100,7 +91,7 @@ def _blocks_alike(
 
 
 def _coarse(tree: Octree) -> _Parts:
-    """Corner, edge and address of the leaves that are a brick or larger, empty ones among them."""
+    """Corner, edge and address of the leaves of a brick or larger, including empty ones."""
     z, y, x = np.nonzero(tree.directory < 0)
     index = -1 - tree.directory[z, y, x].astype(np.int64)
     edge = tree.frame.cells >> tree.coarse_level[index].astype(np.int64)

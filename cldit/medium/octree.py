@@ -1,8 +1,8 @@
-"""The octree: how finely each part of the cube is resolved, and what each leaf absorbs and emits.
+"""Octree of the optical coefficients of a medium.
 
-Splitting follows the paper (Section "Ray Tracing"): a cube is halved while its vapour's optical
-depth exceeds a bound or droplets are in it, until its edge is below the leaf edge. Leaves of one
-finest cell are stored in bricks of 8^3 cells, so that kernels find them with two loads; a coarser
+Division follows the paper (Section "Ray Tracing"): a cube is halved while the optical depth of its
+vapour exceeds a bound or it contains droplets, until its edge is below the leaf edge. Leaves of one
+finest cell are stored in bricks of 8^3 cells, so that kernels access them with two loads; a coarser
 leaf is one value for all the bricks (or cells) that it covers.
 """
 
@@ -21,11 +21,11 @@ from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.spray.extent import Extent
 
 Floats = NDArray[np.float64]
-_TOGETHER = 4  # trees that are filled at a time, one a thread
-# Absorption below this optical depth across the whole cube is taken for none: it is far below
-# rounding in any picture, and its denormal numbers would slow every kernel that meets them.
+_TOGETHER = 4  # trees that are filled at a time, one per thread
+# Absorption below this optical depth across the whole cube is set to 0: it is far below rounding in
+# any image, and its denormal numbers would slow down all kernels.
 _NOTHING = 1e-12
-_CLASS = "droplet_scattering_"  # and the number of a class of size, while a tree is made
+_CLASS = "droplet_scattering_"  # and the number of a size class, while a tree is built
 
 FIELDS = (
     "vapour_absorption",
@@ -41,8 +41,8 @@ class PointSource:
     """Droplets in parcels: cross sections summed over a parcel's droplets, (N,) each.
 
     absorption_m2, scattering_m2: cross sections; emission_m2: absorption_m2 x photon radiance.
-    extent: how they are spread about `position_m`; None: at it.
-    class_scattering_m2: scattering_m2 of each class of droplet size but the first, (N,) each;
+    extent: distribution of droplets about `position_m`; None: at this point.
+    class_scattering_m2: scattering_m2 of each class of droplet size except the first, (N,) each;
         empty: one class.
     """
 
@@ -55,7 +55,7 @@ class PointSource:
 
     @property
     def sections(self) -> dict[str, Floats]:
-        """What is deposited in each field, m2 or emission times m2 (N,)."""
+        """Amounts (N,) to deposit in each field, m2 or emission times m2."""
         return {
             "droplet_absorption": self.absorption_m2,
             "droplet_scattering": self.scattering_m2,
@@ -82,18 +82,18 @@ Sources = tuple[PointSource | None, list[CellSource]]
 
 @dataclass(frozen=True)
 class Octree:
-    """Flat arrays of a built tree.
+    """Flat arrays of a tree.
 
     directory: (nb, nb, nb) int32, [z, y, x]. d >= 0: the brick's cells are values[d * 512 + local],
-        local = (z * 8 + y) * 8 + x. d < 0: all of the brick is in one coarse leaf, whose value is
+        local = (z * 8 + y) * 8 + x. d < 0: the whole brick is in one coarse leaf, whose value is
         values[slots * 512 - 1 - d].
     coarse_level: level of every coarse leaf, so that a ray crosses it in one step. The first
         depth + 1 of them are empty space, one for each level.
-    fields: one float32 array a name in FIELDS, coefficients per metre, emission in
+    fields: one float32 array for each name in FIELDS, coefficients per metre, emission in
         photons s-1 m-3 sr-1.
-    leaves: how many leaves there are at each level, 0 (the cube) to depth.
-    shares: (K - 1, P) uint8, for each of K classes of droplet size but the last what it and those
-        before it scatter of all that droplets scatter, in 255ths; None: one class.
+    leaves: number of leaves of each level, 0 (the cube) to depth.
+    shares: (K - 1, P) uint8, cumulative share of each of K classes of droplet size except the last
+        in the scattering of all droplets, in 255ths; None: one class.
     """
 
     frame: Frame
@@ -106,17 +106,17 @@ class Octree:
 
     @property
     def filled(self) -> NDArray[np.bool_]:
-        """(nb, nb, nb), where a brick is not empty space."""
+        """Mask (nb, nb, nb) of bricks that are not empty space."""
         return (self.directory >= 0) | (self.directory < -1 - self.frame.depth)
 
     @property
     def has_vapour(self) -> bool:
-        """Whether any vapour absorbs."""
+        """True if any vapour absorbs."""
         return bool(np.any(self.fields["vapour_absorption"] > 0))
 
     @property
     def has_droplets(self) -> bool:
-        """Whether any droplet absorbs or scatters."""
+        """True if any droplet absorbs or scatters."""
         absorbs = np.any(self.fields["droplet_absorption"] > 0)
         return bool(absorbs or np.any(self.fields["droplet_scattering"] > 0))
 
@@ -137,17 +137,10 @@ def build_octree(
     optical_depth_split: float,
     max_cells: int = 60_000_000,
 ) -> Octree:
-    """Deposits the sources and divides the cube.
+    """Deposits droplets in `points` and gas in `cells`, and divides the cube.
 
-    Args:
-        frame: the cube.
-        points: droplets.
-        cells: gas.
-        optical_depth_split: above which a cube of vapour is halved.
-        max_cells: finest cells at most.
-
-    Raises:
-        MediumError: something lies outside the cube, or the tree exceeds `max_cells` finest cells.
+    `optical_depth_split` is that above which a cube of vapour is halved. Raises MediumError if
+    something is outside the cube, or if the tree has more than `max_cells` finest cells.
     """
     return build_octrees(
         frame, [(points, cells)], optical_depth_split=optical_depth_split, max_cells=max_cells
@@ -163,19 +156,8 @@ def build_octrees(
 ) -> list[Octree]:
     """One tree for each of several sets of coefficients of the same spray (wavelengths).
 
-    Places are the first set's; all trees are divided alike, as the largest coefficients want it,
-    and so have one set of addresses. Geometry is worked out once.
-
-    Args:
-        frame: the cube.
-        sources: droplets and gas of each wavelength.
-        optical_depth_split, max_cells: as in `build_octree`.
-
-    Returns:
-        One tree for each of `sources`.
-
-    Raises:
-        MediumError: as `build_octree`.
+    Positions are those of the first set. All trees have one division, by the largest coefficients,
+    and so the same addresses; the geometry is computed once. Otherwise as `build_octree`.
     """
     droplets, boxes = placed_sources(frame, sources[0])
     touched = touched_bricks(frame, [*droplets, *boxes], limit=max_cells)
@@ -185,24 +167,16 @@ def build_octrees(
         fields["vapour_absorption"][faint] = 0.0
         fields["vapour_emission"][faint] = 0.0
     division = Division.of(frame, touched, every, optical_depth_split)
-    if len(every) == 1:  # memory that a thread takes is not used again by others
+    if len(every) == 1:  # other threads do not reuse the memory of a thread
         return [_filled(division, every[0])]
     with ThreadPoolExecutor(_TOGETHER) as pool:
         return list(pool.map(lambda fields: _filled(division, fields), every))
 
 
 def placed_sources(frame: Frame, sources: Sources) -> tuple[list[Placed], list[Placed]]:
-    """Where droplets and gas lie in the cube.
+    """Geometry of droplets (one or none) and of each source of gas in the cube.
 
-    Args:
-        frame: the cube.
-        sources: at any wavelength.
-
-    Returns:
-        Droplets, one or none, and each source of gas.
-
-    Raises:
-        MediumError: something lies outside the cube.
+    Raises MediumError if something is outside the cube.
     """
     points, cells = sources
     droplets: list[Placed] = []
@@ -265,7 +239,7 @@ def _filled(division: Division, fields: dict[str, Floats]) -> Octree:
 def _cumulative(
     total: NDArray[np.float32], classes: list[NDArray[np.float32]]
 ) -> NDArray[np.uint8]:
-    """`Octree.shares` of what all classes, and each but the first, scatter (P,)."""
-    above = np.cumsum(classes[::-1], axis=0)[::-1]  # of each class and those behind it
+    """Shares as in `Octree`, from the scattering (P,) of all classes and of each but the first."""
+    above = np.cumsum(classes[::-1], axis=0)[::-1]  # of each class and the later ones
     share = np.divide(above, total, out=np.zeros_like(above), where=total > 0)
     return np.asarray(255 - np.rint(255 * np.clip(share, 0.0, 1.0))).astype(np.uint8)

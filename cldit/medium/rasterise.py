@@ -1,10 +1,10 @@
-"""Clouds of droplets into cells, in compiled steps; what each cloud holds is kept to rounding.
+"""Conservative deposition of clouds of droplets in cells, compiled.
 
-A cloud has a place, a covariance and a triangular profile (a box convolved with itself), whose
+A cloud has a position, a covariance and a triangular profile (a box convolved with itself), whose
 support is finite: 2.45 standard deviations. It is divided along z first, then each layer along y,
-then each row along x, by differences of the profile's running integral, whose sum is 1 whatever the
-cells are. Place and covariance of what is left to divide follow by regression on what is known
-already, as they do for a normal distribution.
+then each row along x, by differences of the integral of the profile, whose sum is 1 for any cells.
+Position and covariance of the next division follow by regression on the coordinates known so far,
+as for a normal distribution.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REACH = 6.0**0.5  # half the width of the profile, in standard deviations
-_LEAST = 1e-8  # in cells squared: variance of a cloud that is a point
+_LEAST = 1e-8  # in cells squared: variance of a point
 
 
 @compiled
 def _part(low: float, high: float) -> tuple[float, float, float]:
-    """Share of a profile of unit variance between two places, and mean and variance there."""
+    """Share of a profile of unit variance in an interval, and its mean and variance there."""
     u, v = max(low / REACH, -1.0), min(high / REACH, 1.0)
     if v <= u:
         return 0.0, 0.0, 0.0
@@ -60,9 +60,9 @@ def rasterise(
 
     Args:
         place: (N, 3) in cells from the lower corner, x, y, z. covariance: (N, 3, 3) in cells^2.
-        amount: (N, A). directory: (nb, nb, nb), slot of each brick. cells: along an edge; what
-            would lie beyond them falls into the outermost.
-        marking: whether bricks are marked, mark (nb, nb, nb), and nothing is added.
+        amount: (N, A). directory: (nb, nb, nb), slot of each brick. cells: along an edge; the
+            outermost cells receive the amounts beyond them.
+        marking: bricks are marked in mark (nb, nb, nb), and nothing is added.
         target: (A, slots * 512), added to.
     """
     kinds = amount.shape[1]
@@ -72,7 +72,7 @@ def rasterise(
         xx, zx, yx = covariance[n, 0, 0] + _LEAST, covariance[n, 2, 0], covariance[n, 1, 0]
         on_z = zy / zz
         rest_y = max(yy - on_z * zy, _LEAST)
-        # Regression of x on z and on what of y is not explained by z.
+        # Regression of x on z and on the part of y that z does not explain.
         on_z_x = zx / zz
         on_y_x = (yx - on_z * zx) / rest_y
         rest_x = max(xx - on_z_x * zx - on_y_x * on_y_x * rest_y, _LEAST)
@@ -107,7 +107,7 @@ def rasterise(
                 mean_y *= sigma_y
                 within_y *= var_y
                 cell_y = min(max(y, 0), cells - 1)
-                # z and the rest of y, given the layer and the row
+                # z and the rest of y, for this layer and row.
                 gain_z, gain_y = on_z * within_z / var_y, rest_y / var_y
                 shift = on_z_x * (mean_z + gain_z * mean_y) + on_y_x * gain_y * mean_y
                 middle_x = place[n, 0] + shift

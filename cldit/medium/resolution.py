@@ -1,9 +1,9 @@
-"""How finely a medium is divided: cubes from coarse to the finest that fits, and which it needs.
+"""Resolution of a medium: cubes from coarse to the finest that fits, and the needed cell size.
 
-Boxes that lie on one regular grid, edges in whole numbers of it, are known exactly in cells that
-are its voxels: the cube is then laid on the grid, and no box is smeared over two cells. Other boxes
-are resolved by cells of half their edge, of which at least one lies wholly within each. Thick boxes
-are divided further, for the light within them varies where the medium does not.
+Boxes on one regular grid, with edges of whole numbers of its voxels, are exact in cells that are
+these voxels: the cube is then aligned with the grid, and no box is smeared over two cells. Other
+boxes are resolved by cells of half their edge, of which at least one is entirely within each box.
+Thick boxes are divided further, since the light within them varies even if the medium does not.
 """
 
 from __future__ import annotations
@@ -24,25 +24,24 @@ Floats = NDArray[np.float64]
 
 DEEPEST = 12  # halvings of a cube
 MOST_CELLS = 60_000_000
-_PARTS = 4  # of the smallest box, at most, in a voxel of the grid that all boxes lie on
-_OFF = 1e-5  # in cells: how far a face may be from the grid, as `cldit.medium.lattice` has it
-_FEW = 0.01  # of what all boxes take out of light, which may be resolved less
-# Optical depth of a scattering cell. T_app of 16^3 even cells of depth 0.5 is within 0.13 K of that
-# of cells an eighth as large; thicker ones are gathered, which takes longer than smaller cells.
+_PARTS = 4  # largest ratio of the smallest box to a voxel of the grid of all boxes
+_OFF = 1e-5  # in cells: largest distance of a face from the grid, as in `cldit.medium.lattice`
+_FEW = 0.01  # share of the extinction of all boxes that may be resolved less
+# Optical depth of a scattering cell. T_app of 16^3 uniform cells of depth 0.5 is within 0.13 K of
+# that of cells an eighth as large; gathering thicker cells takes longer than smaller cells.
 CELL_DEPTH = 0.5
-# Cells along a medium that scatters. One cell of depth 0.4 is off by 0.5 K, 8^3 are by 0.06 K.
+# Cells along a scattering medium. The error of one cell of depth 0.4 is 0.5 K, of 8^3 cells 0.06 K.
 ACROSS = 8
-# What a swept cell without content (8 bytes, measured) and a brick of the cube (60, by its arrays)
-# take of the memory of a stored cell (500).
+# Memory of an empty swept cell (8 bytes, measured) and of a brick of the cube (60, by its arrays),
+# over that of a stored cell (500).
 _SWEPT, _BRICK = 1 / 64, 1 / 8
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A cube with its finest cells.
+    """Cube with its finest cells.
 
-    frame: the cube.
-    stored: finest cells in bricks that something falls into; most of a trace's time and memory.
+    stored: finest cells in non-empty bricks, which need most of a trace's time and memory.
     swept: finest cells of the smallest box of bricks around them.
     """
 
@@ -52,27 +51,24 @@ class Candidate:
 
     @property
     def memory_cells(self) -> int:
-        """Stored cells that take as much memory as all of the tree."""
+        """Number of stored cells that need as much memory as the whole tree."""
         return int(self.stored + _SWEPT * self.swept + _BRICK * self.frame.bricks**3)
 
 
 def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Iterator[Candidate]:
-    """Cubes of the medium from one cell to the finest cells that fit, each twice as fine.
+    """Yields cubes of the medium from one cell to the finest cells that fit, each twice as fine.
 
-    All have one lower corner and edge: those of `cube`, or where the boxes of a medium lie on a
-    grid, of a cube on that grid. Nothing is built: what falls into which brick is marked, level by
-    level, as long as more of them are asked for.
+    All have one lower corner and edge: those of `cube`, or if the boxes of a medium are on a grid,
+    of a cube aligned with it. No tree is built; bricks are only marked, level by level, while the
+    caller continues.
 
     Args:
-        cube: in which all of the medium must lie.
+        cube: must contain the whole medium.
         sources: droplets and gas of any wavelength.
-        limit: `Candidate.memory_cells` at most.
-
-    Returns:
-        Candidates, of which the last is the finest that fits.
+        limit: largest `Candidate.memory_cells`.
 
     Raises:
-        MediumError: something lies outside the cube, or one cell is more than `limit`.
+        MediumError: something is outside the cube, or one cell exceeds `limit`.
     """
     refuse_outside(cube, sources)
     whole = cube.at(0)
@@ -82,48 +78,30 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
         one = _counted(corner.at(depth), sources)
         if one.memory_cells > limit:
             if depth == 0:
-                raise MediumError(f"one cell is {one.memory_cells} cells, allowed are {limit}")
+                raise MediumError(f"one cell is {one.memory_cells} cells; allowed: {limit}")
             return
         yield one
 
 
 def refuse_outside(cube: Frame, sources: Sources) -> None:
-    """Checks that all of a medium is in a cube.
-
-    Args:
-        cube: of any depth.
-        sources: droplets and gas.
-
-    Raises:
-        MediumError: something is not.
-    """
+    """Raises MediumError if a part of the medium is outside the cube."""
     placed_sources(cube.at(0), sources)
 
 
 def swept_cells(frame: Frame, sources: Sources) -> int:
-    """Finest cells of the smallest box of bricks around a medium.
-
-    Args:
-        frame: the cube with its cells.
-        sources: droplets and gas.
-    """
+    """Number of finest cells of the smallest box of bricks around a medium."""
     return _counted(frame, sources).swept
 
 
 def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> Frame | None:
-    """A cube whose finest cells are the voxels of the grid that all boxes of a medium lie on.
+    """Cube whose finest cells are the voxels of the grid of all boxes of a medium.
 
-    Its lower corner is that of the boxes, so that bricks begin there, too; parcels in points or as
-    clouds that reach beyond it move it by whole bricks.
-
-    Args:
-        cube: in which all of the medium lies.
-        sources: droplets and gas.
-        voxel_m: edge of the voxels, where it is known that all boxes are made of these.
+    Its lower corner is that of the boxes, so that bricks begin there too; points or clouds beyond
+    it move it by whole bricks. `voxel_m` is the edge of the voxels, if known.
 
     Returns:
-        The cube; None where there is no box, or boxes lie on no common grid of voxels at least a
-        quarter as large as the smallest box.
+        The cube; None if there is no box, or if boxes have no common grid of voxels of at least a
+        quarter of the smallest box.
     """
     corners = _corners(sources)
     if corners is None:
@@ -143,12 +121,7 @@ def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> F
 
 
 def in_whole_cells(frame: Frame, sources: Sources) -> bool:
-    """Whether a medium of boxes is exact in cells: none has a part of a box.
-
-    Args:
-        frame: the cube with its cells.
-        sources: droplets and gas.
-    """
+    """True if a medium of boxes is exact in the cells of a cube: none contains a part of a box."""
     if not known_in_boxes(sources):
         return False
     corners = (frame.to_cells(each) for each in _boxes(sources))
@@ -156,14 +129,14 @@ def in_whole_cells(frame: Frame, sources: Sources) -> bool:
 
 
 def _common_edge(lower: Floats, upper: Floats) -> float | None:
-    """Edge of the voxels that boxes (N, 3) are made of; None where there are none."""
+    """Edge of the voxels that compose boxes (N, 3); None if there are no such voxels."""
     origin, reach = lower.min(axis=0), upper.max(axis=0)
     span = float((reach - origin).max())
     smallest = float((upper - lower).min())
     if not smallest > 0 or span / smallest > 2**DEEPEST:
         return None
     for parts in range(1, _PARTS + 1):
-        edge = span / round(span / smallest * parts)  # of many: one box's rounding does not add up
+        edge = span / round(span / smallest * parts)  # by the span, to avoid the box's rounding
         steps = (lower - origin) / edge, (upper - origin) / edge
         if all(np.abs(each - np.rint(each)).max() <= _OFF for each in steps):
             return edge
@@ -171,40 +144,35 @@ def _common_edge(lower: Floats, upper: Floats) -> float | None:
 
 
 def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
-    """Corners of the box around parcels in points or as clouds, at most the cube; empty: +-inf."""
+    """Corners of the box around points or clouds, clipped to the cube; +-inf if there are none."""
     points, _ = sources
     if points is None or len(points.position_m) == 0 or isinstance(points.extent, Box):
         return np.full(3, np.inf), np.full(3, -np.inf)
-    held = points.absorption_m2 + points.scattering_m2 > 0
+    filled = points.absorption_m2 + points.scattering_m2 > 0
     reach = np.zeros_like(points.position_m)
     if isinstance(points.extent, Cloud):
-        # Brings a compiler, which a scene without clouds does not need.
+        # Imports a compiler, which a scene without clouds does not need.
         from cldit.medium.rasterise import REACH
 
         reach = REACH * np.sqrt(np.diagonal(points.extent.covariance_m2, axis1=1, axis2=2))
     corner = np.asarray(cube.lower_m)
-    low = (points.position_m - reach)[held].min(axis=0, initial=np.inf)
-    high = (points.position_m + reach)[held].max(axis=0, initial=-np.inf)
+    low = (points.position_m - reach)[filled].min(axis=0, initial=np.inf)
+    high = (points.position_m + reach)[filled].max(axis=0, initial=-np.inf)
     return np.maximum(low, corner), np.minimum(high, corner + cube.edge_m)
 
 
 def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
     """Edge of the coarsest cells that resolve a medium of boxes.
 
-    Cells are at most the voxels of its grid, or half of the edge of boxes that lie on none. Where
-    boxes scatter they are halved further: while their optical depth is above `CELL_DEPTH`, and
-    until there are `ACROSS` along the medium. Boxes that are deeper still in cells of `finest_m`
-    ask for none: they are gathered in cells of any size, as well in few as in many. Boxes that take
-    less than a hundredth of all that is taken out of light do not count: a box of optical depth t
-    and smallest face A takes A (1 - exp(-t)).
-
-    Args:
-        cube: in which it lies.
-        sources: without parcels in points or as clouds.
-        finest_m: below which depth asks for no smaller cells.
+    Cells are at most the voxels of its grid, or half of the edge of boxes without a grid. In
+    scattering boxes they are halved further, while their optical depth is above `CELL_DEPTH`, and
+    until there are `ACROSS` along the medium. Boxes that are thicker in cells of `finest_m` do not
+    need smaller cells: they are gathered in cells of any size. Boxes of less than a hundredth of
+    the total extinction do not count: that of a box of optical depth t and smallest face A is
+    A (1 - exp(-t)).
 
     Raises:
-        MediumError: there are parcels that are no boxes.
+        MediumError: there are parcels that are points or clouds.
     """
     if not known_in_boxes(sources):
         raise MediumError("resolution: parcels in points or as clouds have no boxes")
@@ -218,7 +186,7 @@ def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
     grid = on_grid(cube, sources)
     edge = _least_but_few(shortest, taken) / 2 if grid is None else grid.cell_m
     free = np.divide(CELL_DEPTH, extinction, out=np.full(len(edges), np.inf), where=scattering > 0)
-    free[free < finest_m / 2] = np.inf  # halving ends between the half and all of that
+    free[free < finest_m / 2] = np.inf  # halving ends between this and twice as much
     wanted = max(_least_but_few(free, taken), finest_m)
     if np.any(scattering > 0):
         wanted = min(wanted, float((upper.max(axis=0) - lower.min(axis=0)).max()) / ACROSS)
@@ -228,14 +196,14 @@ def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
 
 
 def _least_but_few(values: Floats, weight: Floats) -> float:
-    """The smallest of `values` (N,), those left out that hold a hundredth of `weight` (N,)."""
+    """Smallest of `values` (N,), except those of the smallest hundredth of `weight` (N,)."""
     order = np.argsort(values)
-    held = np.cumsum(weight[order])
-    return float(values[order[np.searchsorted(held, _FEW * held[-1])]])
+    total = np.cumsum(weight[order])
+    return float(values[order[np.searchsorted(total, _FEW * total[-1])]])
 
 
 def known_in_boxes(sources: Sources) -> bool:
-    """Whether all of a medium is in boxes, and no parcel in a point or a cloud."""
+    """True if the whole medium is boxes, without points or clouds."""
     points, _ = sources
     return points is None or len(points.position_m) == 0 or isinstance(points.extent, Box)
 
@@ -254,7 +222,7 @@ def _boxes(sources: Sources) -> tuple[Floats, Floats]:
 
 
 def _corners(sources: Sources) -> tuple[Floats, Floats] | None:
-    """Lower and upper corner (3,) of the box around all of `_boxes`; None where there is none."""
+    """Lower and upper corner (3,) of the box around all of `_boxes`; None if there is none."""
     points, cells = sources
     boxes: list[tuple[Floats, Floats, Floats | float]] = [
         (one.lower_m, one.upper_m, 0.0) for one in cells
@@ -264,7 +232,7 @@ def _corners(sources: Sources) -> tuple[Floats, Floats] | None:
     boxes = [one for one in boxes if len(one[0])]
     if not boxes:
         return None
-    # An axis at a time: numpy takes ten times as long for rows of three.
+    # One axis at a time, since numpy is ten times slower with rows of three.
     lows = [np.array([x.min() for x in lower.T]) - half for lower, _, half in boxes]
     highs = [np.array([x.max() for x in upper.T]) + half for _, upper, half in boxes]
     return np.min(lows, axis=0), np.max(highs, axis=0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.medium.deposit import Boxes
+from cldit.medium.deposit import PlacedBoxes
 from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray, Vapour
@@ -137,7 +137,7 @@ class Beams:
             for total, amount in zip(sums, amounts, strict=True):
                 total += np.bincount(cell, amount[points], len(total))
         if not np.all(points):
-            boxes = Boxes(lower[~points], upper[~points])
+            boxes = PlacedBoxes(lower[~points], upper[~points])
             self._share(boxes, [amount[~points] for amount in amounts], sums)
         area = self.pitch_m[0] * self.pitch_m[2]
         return [
@@ -146,7 +146,7 @@ class Beams:
             for total in sums
         ]
 
-    def _share(self, boxes: Boxes, amounts: list[Floats], sums: list[Floats]) -> None:
+    def _share(self, boxes: PlacedBoxes, amounts: list[Floats], sums: list[Floats]) -> None:
         """Adds every amount, spread evenly over its box, to sums in [z, y, x]."""
         nx, ny, nz = self.shape
         lattice = Lattice.of(boxes.lower, boxes.upper)

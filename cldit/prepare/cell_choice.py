@@ -75,7 +75,7 @@ def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame
         The cube, and what one should know of it.
 
     Raises:
-        MediumError: something lies outside the domain.
+        MediumError: something is outside the domain.
     """
     centre_m, edge_m = domain.centre_m, domain.edge_m
     if domain.leaf_edge_m is not None or domain.rule == "paper":
@@ -111,7 +111,7 @@ def lattice_frames(
         The domain's cube, and the cube that the medium is grown in.
 
     Raises:
-        MediumError: something lies outside the domain.
+        MediumError: something is outside the domain.
     """
     whole = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m

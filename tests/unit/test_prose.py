@@ -101,7 +101,7 @@ LEFT: dict[str, int] = {
     "gpu": 10,
     "io": 36,
     "kernels": 4,
-    "medium": 22,
+    "medium": 0,
     "optics": 44,
     "prepare": 46,
     "radiance": 4,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import MediumError
 from cldit.medium import deposit
-from cldit.medium.deposit import Boxes, Points, place_boxes
+from cldit.medium.deposit import PlacedBoxes, PlacedPoints, place_boxes
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.lattice import Lattice
 from cldit.medium.octree import FIELDS, CellSource, Octree, PointSource, build_octree
@@ -165,7 +165,7 @@ def test_outside_is_an_error_that_says_where() -> None:
             [],
             optical_depth_split=1e-5,
         )
-    with pytest.raises(MediumError, match=r"gas .* lies outside the domain"):
+    with pytest.raises(MediumError, match=r"gas .* is outside the domain"):
         build_octree(
             frame(0.02),
             None,
@@ -221,7 +221,7 @@ def test_boxes_mark_the_bricks_that_they_touch(monkeypatch: pytest.MonkeyPatch) 
     lower = rng.uniform(0.0, 100.0, (300, 3))
     upper = np.minimum(lower + np.exp(rng.uniform(-1.0, 4.0, (300, 3))), 128.0)
     mark, expected = np.zeros((2, 16, 16, 16), bool)
-    Boxes(lower, upper).mark(mark)
+    PlacedBoxes(lower, upper).mark(mark)
     for low, high in zip(np.floor(lower).astype(int), np.ceil(upper).astype(int), strict=True):
         x, y, z = (slice(a // BRICK, (b - 1) // BRICK + 1) for a, b in zip(low, high, strict=True))
         expected[z, y, x] = True
@@ -238,11 +238,11 @@ def test_boxes_of_the_cells_lattice_are_laid_in_them() -> None:
     lower = np.asarray(where.lower_m) + np.argwhere(rng.random((14, 16, 12)) < 0.6) * where.cell_m
     upper, vapour = lower + where.cell_m, rng.uniform(1, 2, len(lower))
     placed = place_boxes(where, lower, upper, what="gas")
-    assert isinstance(placed, Points)
+    assert isinstance(placed, PlacedPoints)
     found = np.floor(where.to_cells(lower + where.cell_m / 2)).astype(int)
     np.testing.assert_array_equal(placed.cell, found)
     off = lower + 0.25 * where.cell_m
-    assert isinstance(place_boxes(where, off, off + where.cell_m, what="gas"), Boxes)
+    assert isinstance(place_boxes(where, off, off + where.cell_m, what="gas"), PlacedBoxes)
     together = build_octree(where, None, [boxes(lower, upper, vapour)], optical_depth_split=0.0)
     parts = [slice(start, start + 900) for start in range(0, len(lower), 900)]
     single = build_octree(

@@ -255,7 +255,7 @@ def test_nothing_and_what_cannot_be() -> None:
     assert needed_edge_m(CUBE, (None, [none]), finest_m=5e-4) == pytest.approx(0.01)
     assert not tree_of(CUBE, (None, [none])).has_droplets
     outside = source(grid.lower_m + 0.1, grid.upper_m + 0.1, np.ones(8))
-    with pytest.raises(MediumError, match=r"lies outside the domain.*domain\.edge_m"):
+    with pytest.raises(MediumError, match=r"is outside the domain.*domain\.edge_m"):
         next(candidates(CUBE, (None, [outside])))
     with pytest.raises(MediumError, match="no boxes"):
         needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []), finest_m=1e-3)
