@@ -137,6 +137,19 @@ def made_run(scene: Scene, *, depth: float = 2.0, nodes: int = 1) -> Run:
     )
 
 
+def as_asked(scene: Scene, asked: dict[str, Any]) -> Scene:
+    """The scene with the temperatures, errors and shots that a page says it evaluated."""
+    return scene.with_(
+        **{
+            "walls.temperature_K": asked["wall_K"],
+            "background.temperatures_K": asked["backgrounds_K"],
+            "background.emissivity": asked["emissivity"],
+            "camera.sensor.read_noise_electrons": asked["read_noise_electrons"],
+            "plan.shots": asked["shots"],
+        }
+    )
+
+
 def _weights(scene: Scene, images: tuple[NDArray[Any], ...]) -> Weights:
     plain = [np.asarray(image, np.float32) for image in images]
     patches = {"flange": plain[4]} if scene.patches else {}

@@ -25,7 +25,6 @@ from cldit.accuracy.spectral import (
     traced_stages,
 )
 from cldit.accuracy.trace_error import StatedError
-from cldit.dit.accuracy import has_temperature
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -161,7 +160,7 @@ class Attempts:
                 found = self._causes(pilot, medium, stated, plan, of_cells)
                 errors = Errors.of(cause for cause, _ in found)
                 maps_K = {cause.name: step.map_K for cause, step in found if step is not None}
-                images = error_maps(errors, maps_K, has_temperature(maps))
+                images = error_maps(errors, maps_K, maps.has_temperature)
         return Attempt(
             self.scene, plan, medium, result, reference, maps, sensor, stated, errors, images
         )

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.drawn_pixels import DrawnPixels
-from cldit.accuracy.node_temperature import NodeTemperature
 from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Image, Weights
 from cldit.transport.result import Subpixels, Trace
 

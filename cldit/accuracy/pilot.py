@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
-from cldit.accuracy.node_temperature import NodeTemperature
 from cldit.accuracy.picture import Picture, Step
 from cldit.errors import MediumError, TransportError
 from cldit.gpu.device import Device
@@ -23,6 +22,7 @@ from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.probed import Probed
+from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 from cldit.transport.cells import OpticalCells

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Cause
 from cldit.accuracy.spectral import NodeTraces
-from cldit.dit.accuracy import has_temperature, temperature_errors_K
 from cldit.dit.maps import Maps
 from cldit.optics.response import scene_filter
+from cldit.radiance.apparent_temperature import temperature_errors_K
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
@@ -51,19 +51,19 @@ class StatedError:
             return None
         if result.difference is None:
             return cls(None, unknown=f"method {scene.transport.method} does not know its error")
-        count = int(np.count_nonzero(has_temperature(maps)))
+        count = int(np.count_nonzero(maps.has_temperature))
         if not count:
             return cls(None, unknown="no pixel has an apparent temperature")
 
         def errors_K(
-            error: Weights, pixels: NDArray[np.int64] | None = None
+            error: Weights, pixels: NDArray[np.int64] | slice = slice(None)
         ) -> NDArray[np.float64]:
             return temperature_errors_K(
-                maps,
                 error,
+                emissivity=maps.emissivity.reshape(-1)[pixels],
+                temperature_K=maps.apparent_temperature_K.reshape(-1)[pixels],
                 surroundings=Surroundings.from_scene(scene),
                 filter_um=scene_filter(scene),
-                pixels=pixels,
             )
 
         halves = errors_K(result.difference).reshape(maps.emissivity.shape)

@@ -17,7 +17,6 @@ from cldit.bench import ASKED_K, BUDGET_SCENES
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError, Say, changed, clocked
 from cldit.bench.report import Part, Table, number
-from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device
 from cldit.run import Run, simulate
 from cldit.scene import Scene
@@ -63,7 +62,7 @@ def true_error_K(run: Run, reference: Reference) -> float:
     Raises:
         BenchError: no pixel has a T_app in both.
     """
-    here = has_temperature(run.maps) & np.isfinite(reference.temperature_K)
+    here = run.maps.has_temperature & np.isfinite(reference.temperature_K)
     if not here.any():
         raise BenchError(f"{run.scene.name}: no pixel has a T_app in the reference as well")
     apart = run.maps.apparent_temperature_K.astype(float) - reference.temperature_K

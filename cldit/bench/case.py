@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.accuracy.node_temperature import NodeTemperature
 from cldit.errors import ClditError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.prepare.medium import Medium, make_medium
 from cldit.prepare.stages import Stages
+from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.accuracy import has_temperature
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights, compose
@@ -46,7 +45,7 @@ class Stated:
         known_K = None if run.errors is None else run.errors.total_K
         text = "unknown" if run.errors is None else run.errors.text
         one, other = truth_K
-        counted = has_temperature(run.maps) & np.isfinite(one + other)
+        counted = run.maps.has_temperature & np.isfinite(one + other)
         if not counted.any():
             return cls(known_K, text, None)
         mine = run.maps.apparent_temperature_K.astype(float)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.io.images import read_image, write_image
+from cldit.radiance.apparent_temperature import has_temperature
 
 Image = NDArray[np.float32]
 
@@ -79,6 +80,11 @@ class Maps:
         nothing = np.full(shape, np.nan, np.float32)
         codes = np.full(shape, int(reason), np.uint8)
         return cls(nothing, nothing, nothing, nothing, codes, nothing, nothing)
+
+    @property
+    def has_temperature(self) -> NDArray[np.bool_]:
+        """(H, W), pixels with an apparent temperature and an emissivity above 0.05."""
+        return has_temperature(self.emissivity, self.apparent_temperature_K)
 
     @property
     def optical_depth(self) -> Image:

@@ -14,7 +14,7 @@ enclosure adds to L its weight times eps B(T) + (1 - eps) B(T_wall), with its ow
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -161,6 +161,11 @@ class Boundary:
                 for patch in around.patches
             },
         )
+
+    @classmethod
+    def without_windows(cls, around: Surroundings, radiance: Radiance) -> Boundary:
+        """Radiances of the surroundings in one band, as if there were no windows."""
+        return cls.of(replace(around, windows=()), radiance, lambda window: Pane())
 
     @classmethod
     def in_filter(cls, around: Surroundings, filter_um: Filter, *, reference_K: float) -> Boundary:

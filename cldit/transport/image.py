@@ -16,16 +16,16 @@ from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device
 from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
+from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.scene.schema import Scene
 from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
-from cldit.transport.temperature_error import counted, pixels_to_refine
 from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
 Reals = NDArray[np.floating]  # of the device's precision
-# Maps pixels (N,), rays across each, their weights so far (C, N), and the number of other pixels
-# that have a T_app to the terms to add to each image, (images, C + 1, N).
+# From pixels (N,), rays across each, their weights so far (C, N), and the number of other pixels
+# that have a T_app: what to add to each image, (images, C + 1, N).
 Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
 
 RAYS_ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}  # by `camera.rays_per_pixel`
@@ -33,8 +33,8 @@ _GROUP = 64
 
 
 @dataclass(frozen=True)
-class _DeviceRows:
-    """A device and the rows of the image that it computes."""
+class _Part:
+    """One device, and the rows of the image that it makes."""
 
     device: Device
     program: Program
@@ -44,13 +44,13 @@ class _DeviceRows:
 
 @dataclass(frozen=True)
 class FormalSolution:
-    """Computes images of a medium with given sources.
+    """Makes images of a medium with given sources.
 
-    accuracy_K: largest allowed error of T_app of a pixel, with adaptive rays.
+    accuracy_K: largest error to leave in T_app of pixels, with adaptive rays.
     real: the device's precision.
-    parts: one for each device; every device has the whole medium.
+    parts: one a device; every device holds all of the medium.
     at_once: images that share one traversal.
-    thick: (T,) the scattering cells left to the final gather; None: no gather.
+    thick: (T,) which scattering cells are left to the final gather; None: there is no gather.
     """
 
     cells: OpticalCells
@@ -59,7 +59,7 @@ class FormalSolution:
     accuracy_K: float
     real: type[np.floating]
     cell_records: CellRecords
-    parts: tuple[_DeviceRows, ...]
+    parts: tuple[_Part, ...]
     at_once: int
     thick: NDArray[np.int64] | None
 
@@ -77,10 +77,14 @@ class FormalSolution:
         at_once: int = 1,
         linear: bool = False,
     ) -> FormalSolution:
-        """Builds the programs and uploads the octree.
+        """Builds the programs and uploads the octree; raises as `trace`.
 
-        Arguments as in the class; `defines` are the kernels', and with `linear` sources have
-        spatial gradients.
+        Args:
+            cells, view, scene, accuracy_K, at_once: see `FormalSolution`.
+            device: makes the images; its others share the rows.
+            defines: of the kernels.
+            thick: (T,) see `FormalSolution`.
+            linear: whether sources have spatial gradients.
         """
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
@@ -90,7 +94,7 @@ class FormalSolution:
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         cell_records = CellRecords.of(cells, linear="LINEAR_COEFFICIENTS" in defines)
         parts = [
-            _DeviceRows(
+            _Part(
                 device=one,
                 program=build(one, "image.cl", defines),
                 rows=rows,
@@ -113,20 +117,20 @@ class FormalSolution:
         gradient: NDArray[np.floating] | None = None,
         pixels: NDArray[np.int64] | None = None,
     ) -> tuple[list[Reals], list[Reals], int]:
-        """Images of sources.
+        """Images of sources, of one ray a pixel as well where there are several.
 
         Args:
-            listed: `at_once` sources (C, N) of the scattering cells; None if nothing scatters.
+            listed: `at_once` sources (C, N) of the scattering cells; None where nothing scatters.
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
-            gather: adds the light scattered by thick cells; needed with `thick`.
-            gradient: (3, C, N) spatial gradient of all sources; needed with `linear`.
-            pixels: (M,) flat numbers of the pixels to trace, as images of one row; not with
-                adaptive rays, which need the whole image to find steep pixels. None: all.
+            gather: adds what thick cells scatter; needed with `thick`.
+            gradient: (3, C, N) spatial gradient of all of the sources; needed with `linear`.
+            pixels: (M,) flat numbers of those that make the images, in one row, where rays are not
+                adaptive: which pixels are steep is seen in a whole image. None: all.
 
         Returns:
             Weights (C + 1, H, W) of each image, the part from within the medium last (see
-            energy_balance.py); with several rays a pixel, the same by one ray through the middle
-            of every pixel; and the number of pixels of several rays.
+            energy_balance.py); the same by one ray through the middle of every pixel, none where
+            they are that; and the number of pixels of several rays.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
@@ -141,7 +145,9 @@ class FormalSolution:
         middle = [] if rays == 1 else list(images.copy().reshape(*images.shape[:2], rows, columns))
         if rays == "adaptive":  # the same pixels for all images
             whole = images[0, :-1].reshape(-1, rows, columns)
-            finer = pixels_to_refine(whole, self.cells, self.scene, accuracy_K=self.accuracy_K)
+            finer = pixels_to_refine(
+                whole, self.cells.temperature(self.scene), accuracy_K=self.accuracy_K
+            )
         if len(finer):
             images[:, :, finer] = self._several(records, finer, RAYS_ACROSS[rays], gather)
         planes = list(images.reshape(*images.shape[:2], rows, columns))
@@ -157,9 +163,15 @@ class FormalSolution:
         *,
         gradient: NDArray[np.floating] | None = None,
     ) -> Reals:
-        """Mean weights (images, C + 1, N) of `across`^2 rays through each of the `pixels` (N,).
+        """Means of several rays through some pixels.
 
-        The other arguments are those of `images`.
+        Args:
+            pixels: (N,) flat numbers, one at least.
+            across: across^2 rays go through each.
+            listed, defect, gather, gradient: as of `images`.
+
+        Returns:
+            Weights (images, C + 1, N).
         """
         return self._several(self._records(listed, defect, gradient), pixels, across, gather)
 
@@ -180,7 +192,7 @@ class FormalSolution:
         defect: Floats,
         gradient: NDArray[np.floating] | None,
     ) -> list[dict[str, Any]]:
-        """Kernel arguments of the cells' sources, for each device."""
+        """On each device: kernel arguments of the cells' sources."""
         table = None
         if self.cell_records.linear:
             listed, table = self.cell_records.linear_sources(listed, gradient, self.thick)
@@ -199,7 +211,7 @@ class FormalSolution:
         return records
 
     def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
-        """Splits the kernel's planes (P, N) into images (images, C + 1, N) and pixels to gather."""
+        """Images (images, C + 1, N) of the kernel's planes (P, N), and pixels left to gather."""
         parts = len(self.cells.needs.components) + 1
         left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
         return planes[: self.at_once * parts].reshape(self.at_once, parts, -1), left
@@ -212,22 +224,22 @@ class FormalSolution:
         across: int,
         gather: Gathered | None,
     ) -> None:
-        """Adds the final gather of the pixels `left` to their images."""
+        """Adds the gather of pixels that are left to their images."""
         if gather is None or not len(left):
             return
         seen = images[:, :-1, left].mean(axis=0)
-        counts = counted(self.view, 1 - images[0, 0], pixels)
+        counts = self.view.has_temperature(1 - images[0, 0], pixels)
         other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
         images[:, :, left] += gather(pixels[left], across, seen, other)
 
     @property
     def _planes(self) -> int:
-        """Number of the kernel's planes: those of all images, and the mark of pixels to gather."""
+        """Number of the kernel's planes: of all images, and of what is left to gather."""
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
     def _whole(self, records: list[dict[str, Any]]) -> Reals:
-        """Planes (P, H W) of one ray through the middle of every pixel, each device its rows."""
+        """One ray through the middle of every pixel: planes (P, H W), each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
@@ -256,7 +268,7 @@ class FormalSolution:
     def _listed(
         self, records: list[dict[str, Any]], pixels: NDArray[np.int64], across: int
     ) -> Reals:
-        """Planes (P, N): means of across^2 rays through each of the listed pixels."""
+        """Means, planes (P, N), of across^2 rays through each of the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
@@ -285,3 +297,41 @@ class FormalSolution:
             if count
         ]
         return np.concatenate(means, axis=1)
+
+
+def pixels_to_refine(
+    image: NDArray[np.floating], temperature: TraceTemperature, *, accuracy_K: float
+) -> NDArray[np.int64]:
+    """Flat numbers (N,) of pixels that one ray does not represent, and of their neighbours.
+
+    A ray through the middle misses the mean over a pixel by a 24th of the second difference where
+    the image is smooth, and by up to half of it at an edge. A quarter is taken here, both in T_app
+    and in the brightness temperature in front of the median background.
+
+    Args:
+        image: (C, H, W) weights from one ray a pixel.
+        temperature: converts errors of the weights.
+        accuracy_K: largest error to leave.
+    """
+    _, rows, columns = image.shape
+    marked = np.zeros((rows, columns), bool)
+    for axis in (1, 2):
+        if image.shape[axis] < 3:
+            continue
+        missing = np.zeros_like(image)
+        inner = [slice(None)] * 3
+        inner[axis] = slice(1, -1)
+        missing[tuple(inner)] = np.diff(image, n=2, axis=axis) / 4
+        curved = np.flatnonzero(np.max(np.abs(missing), axis=0) > 1e-5)
+        there, missed = (part.reshape(len(part), -1)[:, curved] for part in (image, missing))
+        apparent_K = np.nan_to_num(np.abs(temperature.error_K(there, missed)))
+        missed_K = np.abs(temperature.brightness_error_K(there, missed))
+        marked.flat[curved[np.maximum(apparent_K, missed_K) > accuracy_K]] = True
+    wide = marked.copy()
+    for axis in (0, 1):
+        one = wide.copy()
+        ahead, behind = [slice(None)] * 2, [slice(None)] * 2
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        wide[tuple(ahead)] |= one[tuple(behind)]
+        wide[tuple(behind)] |= one[tuple(ahead)]
+    return np.flatnonzero(wide)

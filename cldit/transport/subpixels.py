@@ -1,16 +1,16 @@
-"""Sampling error within pixels, measured by tracing a few pixels with many more rays.
+"""What the rays of a picture miss of its pixels: a few of them are traced by many more rays.
 
-The light of a pixel is the mean over its area. The error of the image's rays is measured in a
-sample of pixels, with the same sources; nothing is extrapolated. The variation within a pixel is
-about as large as its difference from the neighbours. So pixels are drawn with probabilities in
-proportion to the square of that difference, which minimises the variance of the errors' sum of
-squares. A part of the probability is uniform, since structures smaller than a pixel show in none.
-No ray of the sample influences the draw, so there is no bias.
+A pixel's light is the mean over its area. How far the picture's rays are from it is measured in a
+sample of pixels, on the same sources; nothing is extrapolated. What a pixel hides is about as
+much as it differs from its neighbours. So pixels are drawn with probabilities in proportion to the
+square of that, by which the variance of the errors' sum of squares is least; a share of the chance
+is equal for all, since structures smaller than a pixel show in none. No ray of the sample decides
+what is drawn, so there is no bias.
 
-A pixel at the rim of the background sees a share f of it, and the wall beside it. DIT divides the
-excess over its reference by f: I(T_app) = (I - (1 - f) I_wall) / f for a medium of radiance I. A
-ray through the middle has f = 1, other rays another f: the resulting change of T_app is known
-without tracing them, and also enters the probabilities.
+A pixel at the background's rim sees a share f of it, and the wall beside it. DIT takes what it
+shows beyond its reference over f: I(T_app) = (I - (1 - f) I_wall) / f of a medium that shines with
+I. A ray through the middle has f = 1, and other rays another f: what that makes of T_app is known
+without a trace of these, and drawn by as well.
 """
 
 from __future__ import annotations
@@ -28,14 +28,13 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.image import RAYS_ACROSS
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Settings, Subpixels, weights_of
-from cldit.transport.temperature_error import apparent_temperature_K, counted
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-# Ratio of rays across a pixel: the error is a 16th of the image's where light is smooth, and an 8th
-# at edges, whose square adds a 64th.
+# Times as many rays across: they err by a 16th of what the picture's do where light is smooth, and
+# by an 8th at edges, whose square adds a 64th.
 _MORE = 4
 
 
@@ -47,21 +46,26 @@ def sampled_subpixels(
     view: View,
     settings: Settings,
 ) -> Subpixels | None:
-    """Draws pixels of an image and traces them by more rays; None if no pixel has a T_app.
+    """Draws pixels of an image and traces them by more rays.
 
     Args:
         image: (C + 1, H, W) weights, the part from within the medium last.
-        several: maps pixels (N,) and rays across each to weights (1 or 2, C + 1, N) by each half
-            of the ordinates.
-        cells, scene, view, settings: of the trace.
+        several: of pixels (N,) and rays across each, weights (1 or 2, C + 1, N) by either half of
+            the ordinates.
+        cells, scene, view: of the trace.
+        settings: of the trace.
+
+    Returns:
+        The sample; None where no pixel has a T_app.
     """
     parts, rows, columns = image.shape
     flat = image.reshape(parts, -1)
-    seen = counted(view, 1.0 - flat[0], np.arange(flat.shape[1]))
+    seen = view.has_temperature(1.0 - flat[0], np.arange(flat.shape[1]))
     apparent_K = np.full(flat.shape[1], np.nan)
     if not seen.any():
         return None
-    apparent_K[seen] = apparent_temperature_K(flat[:-1, seen], cells, scene)
+    temperature = cells.temperature(scene)
+    apparent_K[seen] = temperature.temperature_K(flat[:-1, seen])
     few = RAYS_ACROSS[scene.camera.rays_per_pixel]
     across = _MORE * few
     rim = np.zeros(flat.shape[1])
@@ -69,10 +73,11 @@ def sampled_subpixels(
     if len(at):
         seen_by = [view.boundary_shares(at, each) for each in (few, across)]
         as_seen = [_evaluated(flat[:-1, at], seen_by[0], each) for each in seen_by]
-        there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # the wall's share is no emissivity
-        # DIT fits pixels of at least this share.
-        there &= np.minimum(*(each[0] for each in seen_by)) > VISIBLE_DISC
-        here_K, more_K = (apparent_temperature_K(one[:, there], cells, scene) for one in as_seen)
+        there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # a part of the wall is no emissivity
+        there &= (
+            np.minimum(*(each[0] for each in seen_by)) > VISIBLE_DISC
+        )  # DIT fits just so much to either side
+        here_K, more_K = (temperature.temperature_K(one[:, there]) for one in as_seen)
         rim[at[there]] = more_K - here_K
     sample = drawn(
         apparent_K.reshape(rows, columns), rim, tuning=settings.tuning, seed=settings.seed
@@ -89,14 +94,15 @@ def sampled_subpixels(
 
 
 def _evaluated(mean: NDArray[np.floating], seen: Floats, shares: Floats) -> Floats:
-    """Weights (C, N) as DIT evaluates them, of pixels that see only a share of the background.
+    """Weights (C, N) as DIT has them, of pixels that see a share of the background, not all of it.
 
-    `mean` (C, N) are the weights of rays of which the shares `seen` (B, N) end on each part of the
-    boundary; `shares` (B, N) are those of the wanted rays, through the same medium.
+    Args:
+        mean: (C, N) of rays of which the shares `seen` (B, N) end on each part of the boundary.
+        shares: (B, N) of the rays that are wanted; the medium before all of them is the same.
     """
     through = mean[0] / np.maximum(seen[0], VISIBLE_DISC)
     out = np.array(mean, np.float64)
-    # Transmitted light of the other parts, less their light without the spray.
+    # What is let through of all else than the background; and all of that, which is no spray's.
     out[1 : len(shares)] += (shares[1:] - seen[1:]) * through - shares[1:]
     out /= np.maximum(shares[0], VISIBLE_DISC)
     out[0] = through
@@ -113,25 +119,29 @@ def _boundary(shares: Floats, cells: OpticalCells) -> Weights:
 def drawn(
     temperature_K: Floats, rim_K: Floats | float = 0.0, *, tuning: Tuning, seed: int
 ) -> PixelSample:
-    """Sample of the pixels that have a temperature, most of them at high contrast.
+    """A sample of the pixels that have a temperature, most of them where contrast is.
 
     Args:
-        temperature_K: (H, W), NaN where there is none, but not everywhere.
-        rim_K: (H W,) known error of pixels at the rim of the background.
-        tuning: number of pixels, and the uniform share of the probability.
+        temperature_K: (H, W), NaN where there is none; not all of them.
+        rim_K: (H W,) what is known beside: how far pixels at the background's rim are off.
+        tuning: how many, and the share of the chance that is equal for all.
         seed: of the random start.
     """
     square = contrast_K(temperature_K).reshape(-1) ** 2 + np.square(rim_K)
     known = np.isfinite(square)
-    even = tuning.audit_even * float(square[known].mean()) or 1.0  # of a uniform image
+    even = tuning.audit_even * float(square[known].mean()) or 1.0  # where nothing differs
     importance = np.where(known, square + even, 0.0)
     return PixelSample.of(importance, most=tuning.subpixels, seed=seed)
 
 
 def contrast_K(temperature_K: Floats) -> Floats:
-    """RMS difference (H, W) of each pixel of `temperature_K` (H, W) from its four neighbours.
+    """How far each pixel is from its neighbours, RMS over those across and down that are known.
 
-    Neighbours of NaN do not count; the result is 0 if none counts, and NaN where the pixel is NaN.
+    Args:
+        temperature_K: (H, W), NaN where there is none.
+
+    Returns:
+        (H, W), 0 where no neighbour is known, NaN where the pixel is not.
     """
     square, count = np.zeros(temperature_K.shape), np.zeros(temperature_K.shape)
     for axis in (0, 1):

@@ -25,7 +25,6 @@ import numpy as np
 from cldit.bench import BUDGET_SCENES
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import changed
-from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import Kernel
@@ -99,7 +98,7 @@ def mean_spray(scene: Scene, given: argparse.Namespace, seeds: Sequence[int]) ->
 def picture(scene: Scene, spray: Spray | None, device: Device) -> np.ndarray:
     """T_app (H, W), NaN where it does not count."""
     maps = simulate(scene, device=device, spray=spray, progress=print).maps
-    return np.where(has_temperature(maps), maps.apparent_temperature_K.astype(float), np.nan)
+    return np.where(maps.has_temperature, maps.apparent_temperature_K.astype(float), np.nan)
 
 
 def by_chance_K(scene: Scene, given: argparse.Namespace, device: Device) -> float:

@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 from cldit.bench.budget import beside_reference
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import changed
-from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import SAMPLING, Kernel, variants
@@ -81,7 +80,7 @@ def picture(scene: Scene, spray: Spray, device: Device) -> Floats:
 def temperature_K(run: Run) -> Floats:
     """T_app (H, W) of a run, NaN where it does not count."""
     maps = run.maps
-    return np.where(has_temperature(maps), maps.apparent_temperature_K.astype(float), np.nan)
+    return np.where(maps.has_temperature, maps.apparent_temperature_K.astype(float), np.nan)
 
 
 def apart_K(one: Floats, other: Floats) -> float:

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.bench.case import changed
-from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import SAMPLING, Kernel, variants
@@ -76,7 +75,7 @@ def scene_of(case: Path, *, pixels: int, asked_K: float = 1.0) -> Scene:
 def temperature_K(run: Run) -> Floats:
     """T_app (H, W), NaN where it does not count."""
     maps = run.maps
-    return np.where(has_temperature(maps), maps.apparent_temperature_K.astype(float), np.nan)
+    return np.where(maps.has_temperature, maps.apparent_temperature_K.astype(float), np.nan)
 
 
 def apart_K(one: Floats, other: Floats) -> float:

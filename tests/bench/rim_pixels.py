@@ -19,7 +19,6 @@ import numpy as np
 import cldit
 from cldit.bench.budget_scenes import budget_scene
 from cldit.bench.case import changed
-from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device, open_device
 from cldit.run import Run
 from cldit.scene import Scene
@@ -29,7 +28,7 @@ def picture(scene: Scene, device: Device, *, rays: int, audit: bool) -> tuple[Ru
     """A run, and its T_app (H, W), NaN where there is none."""
     camera, transport = {"rays_per_pixel": rays}, {"audit": audit, "accuracy_K": 1.0}
     run = cldit.simulate(changed(scene, camera=camera, transport=transport), device=device)
-    shown = np.where(has_temperature(run.maps), run.maps.apparent_temperature_K, np.nan)
+    shown = np.where(run.maps.has_temperature, run.maps.apparent_temperature_K, np.nan)
     return run, shown.astype(float)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,10 +17,9 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.run import Run, open_run, reevaluated
-from cldit.scene import Scene
 from cldit.show.view import save_page, view_items
 from cldit.show.view.traced import traced_item
-from tests.viewed import Viewer, made_run, open_page, scene_for
+from tests.viewed import Viewer, as_asked, made_run, open_page, scene_for
 
 OLD = Path(__file__).parents[1] / "data" / "run-0.1.0"
 MAPS = {
@@ -38,18 +36,6 @@ CHANGES: tuple[dict[str, float], ...] = (
     {"read_noise_electrons": 1500.0, "shots": 2},
     {"wall_K": 300.0, "lowest_K": 390.0, "highest_K": 612.5, "emissivity": 0.99, "shots": 20},
 )
-
-
-def as_asked(scene: Scene, asked: dict[str, Any]) -> Scene:
-    return scene.with_(
-        **{
-            "walls.temperature_K": asked["wall_K"],
-            "background.temperatures_K": asked["backgrounds_K"],
-            "background.emissivity": asked["emissivity"],
-            "camera.sensor.read_noise_electrons": asked["read_noise_electrons"],
-            "plan.shots": asked["shots"],
-        }
-    )
 
 
 def off(page: NDArray[np.float32], given: NDArray[np.float32], *, share: bool) -> float:

@@ -36,7 +36,7 @@ BUDGETS: dict[str, int] = {
     "medium": 1757,
     "optics": 3811,
     "prepare": 1265,
-    "radiance": 404,
+    "radiance": 625,
     "rig": 1447,
     "run": 1709,
     "scene": 1696,

@@ -12,7 +12,6 @@ import pytest
 from cldit.run import Run
 from cldit.transport.monte_carlo import audit
 from cldit.transport.monte_carlo.path import trace_path
-from cldit.transport.temperature_error import temperature_error_K
 from cldit.transport.trace import Trace
 from cldit.transport.tuning import Tuning
 
@@ -81,7 +80,7 @@ def test_unbiased(
     own = audit._planes(truth.weights_difference, cells)
     visible = mine[0] < 0.95
     expected = sum(
-        float(np.mean(np.nan_to_num(temperature_error_K(mine, part, cells, scene))[visible] ** 2))
+        float(np.mean(np.nan_to_num(cells.temperature(scene).error_K(mine, part))[visible] ** 2))
         for part in (added, own)
     )
     assert expected > 0.5
@@ -95,7 +94,7 @@ def test_unbiased(
         assert found is not None
         places = mine[:, found.sample.pixels]
         one, other = (
-            np.nan_to_num(temperature_error_K(places, audit._planes(error, cells), cells, scene))
+            np.nan_to_num(cells.temperature(scene).error_K(places, audit._planes(error, cells)))
             for error in found.errors
         )
         answers.append(found.sample.mean_square(one, other, count=count))

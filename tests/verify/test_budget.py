@@ -13,7 +13,6 @@ import cldit
 from cldit.accuracy.errors import Errors
 from cldit.bench.budget_scenes import budget_scene
 from cldit.bench.case import changed
-from cldit.dit.accuracy import has_temperature
 from cldit.gpu.device import Device
 from cldit.run import Run
 
@@ -65,7 +64,7 @@ def test_voxels_each_of_their_own(device: Device, tmp_path: Path, phase: Any) ->
 
     def picture(**keys: Any) -> tuple[Run, Any]:
         run = cldit.simulate(changed(scene, **keys), device=device)
-        shown = np.where(has_temperature(run.maps), run.maps.apparent_temperature_K, np.nan)
+        shown = np.where(run.maps.has_temperature, run.maps.apparent_temperature_K, np.nan)
         return run, shown.astype(float)
 
     most = {"audit": False, "directions": 64, "accuracy_K": 0.1, "seed": 9}

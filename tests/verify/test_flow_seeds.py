@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.dit.accuracy import has_temperature
 from cldit.medium.cloud import SAMPLING, Kernel, variants
 from cldit.scene import Scene
 from cldit.spray.flow.simulate import simulate_spray
@@ -37,7 +36,7 @@ def test_seeds_of_gdi_flow_differ_by_3_kelvin_at_most(tmp_path: Path) -> None:
 
     def picture(scene: Scene, spray: Spray) -> Any:
         maps = cldit.simulate(scene, spray=spray, cache=tmp_path).maps
-        return np.where(has_temperature(maps), maps.apparent_temperature_K, np.nan)
+        return np.where(maps.has_temperature, maps.apparent_temperature_K, np.nan)
 
     pictures, stated_K = [], []
     for seed in (1, 2, 3):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.dit.accuracy import has_temperature
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
 
@@ -54,7 +53,7 @@ def test_stated_gas_grid_is_within_twice_the_truth(tmp_path: Path) -> None:
     def picture(seed: int, spacing_m: float) -> Any:
         scene = plume(seed, spacing_m, audit=False)
         maps = cldit.simulate(scene, cache=tmp_path).maps
-        return np.where(has_temperature(maps), maps.apparent_temperature_K, np.nan)
+        return np.where(maps.has_temperature, maps.apparent_temperature_K, np.nan)
 
     pictures = {h: [picture(seed, h) for seed in SEEDS] for h in (H, H / 2)}
     chance_K2 = sum(

@@ -17,7 +17,6 @@ import pytest
 
 import cldit
 from cldit.bench.case import Case, changed
-from cldit.dit.accuracy import has_temperature
 from cldit.errors import DeviceError, TransportError
 from cldit.gpu import buffers
 from cldit.gpu.device import Device, open_device, split
@@ -278,7 +277,7 @@ def test_stated_error_of_the_pixels(
     )
     assert run.errors is not None
     stated = next(one for one in run.errors.causes if one.name == "pixel sampling")
-    both = has_temperature(run.maps) & has_temperature(true.maps)
+    both = run.maps.has_temperature & true.maps.has_temperature
     apart = run.maps.apparent_temperature_K - true.maps.apparent_temperature_K
     true_K = float(np.sqrt(np.mean(apart[both].astype(float) ** 2)))
     assert stated.error_K is not None and 0.75 < stated.error_K / true_K < 1.4

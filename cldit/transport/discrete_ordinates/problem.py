@@ -1,4 +1,4 @@
-"""Discrete ordinates problem of one trace: medium, programs and ordinates of its sweeps.
+"""The discrete ordinates problem of one trace: medium, programs and ordinates of its sweeps.
 
 Stages 1 to 3 of `trace_source` share it.
 """
@@ -36,17 +36,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SweepProblem:
-    """Transport problem of one trace.
+    """One trace's transport problem.
 
     medium: the cells with all of their scattering.
     region: thick region, which the final gather refines; None: there is none.
     defines: of all sweeps.
     update: program of the kernels between sweeps (source_update.cl).
-    solver_defines: of the solver's sweeps, in addition to `defines`.
-    linear_cells: (N,) mask of scattering cells with a linear source in the final sweeps; None: no
-        cell.
+    solver_defines: of the solver's sweeps, beside `defines`.
+    linear_cells: (N,) which scattering cells have a linear source in the final sweeps; None: none.
     final_program: of the final sweeps.
-    forward_peak: peak that blurs the boundary in these; None: no blur.
+    forward_peak: that blurs the boundary in these; None: it does not.
     """
 
     medium: OpticalCells
@@ -72,7 +71,14 @@ class SweepProblem:
         device: Device,
         settings: Settings,
     ) -> SweepProblem:
-        """Chooses the physics of the sweeps, and builds the program of the final ones."""
+        """Chooses the physics of the sweeps, and builds the program of the final ones.
+
+        Args:
+            medium, region, scene, view, device, settings: see `SweepProblem`.
+
+        Raises:
+            DeviceError, KernelError: the device cannot do it.
+        """
         share: float | Floats = 1.0
         if settings.phase is not None:
             share = 1.0 - phase_moments(medium, settings.phase, 2)[1]
@@ -116,11 +122,14 @@ class SweepProblem:
 
     @property
     def isotropic(self) -> bool:
-        """True if neither a phase function nor gradients require a moment source."""
+        """Whether neither a phase function nor gradients call for a moment source."""
         return self.settings.phase is None and self.linear_cells is None
 
     def scattering_scaled(self, share: float | Floats) -> OpticalCells:
-        """Medium with this `share`, a number, (1,) or (N,), of its scattering; same source unit."""
+        """The medium with this share of its scattering, in the same unit of sources.
+
+        share: of all scattering cells, or (N,), or (1,).
+        """
         if np.all(share == 1.0):
             return self.medium
         everywhere = np.ones(len(self.medium.depth))
@@ -131,11 +140,11 @@ class SweepProblem:
         return cells.in_units_of(self.medium)
 
     def program(self, flags: Mapping[str, Define]) -> Program:
-        """Program of sweep.cl with these defines in addition to `defines`."""
+        """sweep.cl with these defines beside `defines`."""
         return build(self.device, "sweep.cl", {**self.defines, **flags})
 
     def moment_program(self) -> Program:
-        """Program of sweep.cl that accumulates the moments of the final sources."""
+        """sweep.cl that accumulates the moments which the final sources need."""
         flags = {**self.solver_defines, **_source_defines(self.settings, self.linear_cells)}
         if "MOMENT_SOURCE" in flags:
             flags["ANGULAR_MOMENTS"] = 1
@@ -146,7 +155,7 @@ class SweepProblem:
     def sweeper(
         self, cells: OpticalCells, sweep: Program, linear_cells: NDArray[np.bool_] | None = None
     ) -> Sweeper:
-        """Sweeper of `cells` by the program `sweep`; `linear_cells` (N,) as in `Sweeper`."""
+        """A sweeper of `cells` by the program `sweep`; `linear_cells` (N,) as in `Sweeper`."""
         return Sweeper(
             self.device,
             cells,
@@ -162,8 +171,8 @@ class SweepProblem:
     def forward_fraction(self) -> Floats:
         """Forward fraction f (N,) or (1,) of delta-M for two moments in the final sweeps.
 
-        It is the third moment of the phase function, so that this moment is also correct (Wiscombe,
-        J. Atmos. Sci. 34, 1977); 0 at a fixed order, where all scattering counts.
+        The third moment of the phase function, so that this moment is right too (Wiscombe, J.
+        Atmos. Sci. 34, 1977); 0 at a fixed order, where forward scattering counts as any other.
         """
         phase, settings = self.settings.phase, self.settings
         if phase is None or settings.order is not None or not settings.tuning.delta_m:
@@ -195,20 +204,24 @@ class SweepProblem:
         return self.settings.tuning.moment_share * self.settings.directions
 
     def solver_ordinates(self, sweeper: Sweeper, rng: np.random.Generator) -> DeviceOrdinates:
-        """Few ordinates along which GMRES solves."""
+        """The few `ordinates` along which GMRES solves; `sweeper` and `rng` as there."""
         all_of, tuning = self.settings.directions, self.settings.tuning
         count = min(max(tuning.solver_fewest, round(tuning.solver_share * all_of)), all_of)
         return self.ordinates(sweeper, count, rng)
 
     def ordinates(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> DeviceOrdinates:
-        """Ordinates over the sphere, with balanced weights; `rng` rotates them and shifts rays."""
-        directions = self._over_sphere(sweeper, count, rng).balanced()
-        return sweeper.rays(directions, rng.random((count, 2)))
+        """`count` ordinates over the sphere for `sweeper`, with balanced weights.
+
+        `rng` rotates the quadrature and shifts the rays.
+        """
+        return sweeper.rays(
+            self._over_sphere(sweeper, count, rng).balanced(), rng.random((count, 2))
+        )
 
     def camera_ordinates(
         self, sweeper: Sweeper, rng: np.random.Generator
     ) -> tuple[DeviceOrdinates, DeviceOrdinates]:
-        """Both halves of the final ordinates."""
+        """Both halves of the final ordinates; `sweeper` and `rng` as in `ordinates`."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
             one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())
@@ -235,9 +248,9 @@ class SweepProblem:
 
 
 def _forward_peak(settings: Settings, view: View) -> ForwardPeak | None:
-    """Forward peak that blurs the boundary in the final sweeps; None: no blur.
+    """The forward peak that blurs the boundary in the final sweeps; None: it is seen as it is.
 
-    A uniform boundary is not blurred.
+    Where all of the boundary is alike, there is nothing to blur.
     """
     alike = "BOUNDARY_ENCLOSURE" in view.defines and not len(view.patches)
     if alike or settings.phase is None or settings.order is not None:

@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.accuracy import pixels
-from cldit.accuracy.node_temperature import NodeTemperature
 from cldit.accuracy.picture import Picture
+from cldit.radiance.apparent_temperature import NodeTemperature
+from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
@@ -55,7 +56,10 @@ def kelvin(scene: Scene) -> NodeTemperature:
     """Temperature is ten times what is emitted, to have no curve."""
     before = np.ones((COUNT, COUNT), bool)
     grid = np.linspace(1.0, 50.0, 1000)
-    return NodeTemperature(scene, grid, grid / 5.0, before)
+    around = Boundary.without_windows(
+        Surroundings.from_scene(scene), lambda kelvin: np.asarray(kelvin, float) / 5.0
+    )
+    return NodeTemperature(grid, grid / 5.0, around.wall, around.patches, before)
 
 
 @pytest.mark.parametrize("light", [smooth, edges, plumes])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from cldit.accuracy.spectral import summed
 from cldit.accuracy.trace_error import StatedError
+from cldit.dit.maps import Maps, Reason
 from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
 from cldit.run import open_run, simulate
@@ -113,9 +115,10 @@ def node(difference: float, audit: float | None, *, noise: float = 0.0) -> Any:
 def stated(scene: Scene, *traces: Any) -> StatedError | None:
     """Of nodes of equal light."""
     at_K = 450.0
-    emissivity = np.full((2, 2), 0.5, np.float32)
-    maps: Any = SimpleNamespace(
-        emissivity=emissivity, apparent_temperature_K=np.full((2, 2), at_K, np.float32)
+    maps = replace(
+        Maps.unevaluated((2, 2), Reason.OK),
+        emissivity=np.full((2, 2), 0.5, np.float32),
+        apparent_temperature_K=np.full((2, 2), at_K, np.float32),
     )
     nodes = [SimpleNamespace(share=lambda _: 1 / len(traces)) for _ in traces]
     quadrature: Any = SimpleNamespace(nodes=nodes, reference_K=at_K)

@@ -1,0 +1,149 @@
+"""The page of a recording, written by a process of its own that only reads the recording's folder.
+
+The recording gives it nothing but a pipe that ends with it, a kill included: whatever becomes of
+the page, its disk or its reader, no shot waits for it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from cldit.acquisition.disk import check_room, needed_bytes
+from cldit.acquisition.storage import JOURNAL, load_shot, shot_path
+from cldit.acquisition.watch import Seen, Watch
+from cldit.errors import ClditError
+from cldit.io.files import write_bytes
+from cldit.show.report.live import LastShot, live_page
+
+PAGE = "live.html"
+_PAUSE_s = 1.0  # between two pages, at least
+_REST = 9.0  # times what a page took, so that it takes a tenth of a core at most
+_BEAT_s = 5.0  # a page at least, also where nothing is new: its age is shown
+_NICENESS = 5  # the recording goes first
+_SPARE_bytes = 50_000_000  # of the disk, beside what the recording still needs
+_CLOSING_s = 10.0
+_SERVE = "from cldit.cli.live_page import serve; serve()"
+
+
+class PageWriter:
+    """Starts the process while it is entered.
+
+    Args:
+        folder: of the acquisition; the page is `live.html` in it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / PAGE
+        self.process: subprocess.Popen[bytes] | None = None
+        self.problem = ""
+
+    def __enter__(self) -> PageWriter:
+        journal = self.path.with_name(JOURNAL)
+        known_bytes = journal.stat().st_size if journal.is_file() else 0
+        try:
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", _SERVE, str(self.path.parent), str(known_bytes)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C is for the acquisition
+            )
+        except OSError as error:
+            self.problem = f"{self.path}: not written ({error})"
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        process = self.process
+        if process is None or process.stdin is None:
+            return
+        with suppress(OSError):
+            process.stdin.close()
+        try:
+            code = process.wait(_CLOSING_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            code = process.wait()
+        if code:
+            self.problem = (
+                f"{self.path}: its process ended early ({code}), so it may show an old state; "
+                "the recording does not depend on it"
+            )
+
+
+def serve() -> None:
+    """The process: arguments are the folder and the length that its journal had."""
+    folder, known_bytes = Path(sys.argv[1]), int(sys.argv[2])
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    ended = threading.Event()
+
+    def wait_for_end() -> None:
+        sys.stdin.buffer.read()  # nothing is ever sent: it returns when the recording is gone
+        ended.set()
+
+    threading.Thread(target=wait_for_end, daemon=True).start()
+    write_pages(folder, ended, known_bytes=known_bytes)
+
+
+def write_pages(folder: Path, ended: threading.Event, *, known_bytes: int = 0) -> None:
+    """Writes the page, at most once a second, until `ended`; the last one loads itself no more.
+
+    What cannot be read or written is told on the next page, and tried again.
+
+    Args:
+        folder: of the acquisition.
+        ended: set when the recording has ended.
+        known_bytes: as in `Watch`.
+    """
+    watch = Watch(folder, known_bytes=known_bytes)
+    wanted, unwritten, written_s, pause_s = True, "", 0.0, 0.0
+    shot: LastShot | None = None
+    while True:
+        over = ended.wait(pause_s)
+        begin_s = time.monotonic()
+        problems = [unwritten] if unwritten else []
+        try:
+            wanted = watch.look() or wanted
+        except ClditError as error:
+            problems.append(str(error))
+        seen = watch.seen(ended=over)
+        if (wanted or over or begin_s - written_s >= _BEAT_s) and folder.is_dir():
+            try:
+                shot = _newest(folder, seen, shot)
+            except ClditError as error:
+                problems.append(str(error))
+            page = live_page(
+                seen, shot, over=over, problem="; ".join(problems), epoch_s=time.time()
+            )
+            try:
+                _write(folder, page.encode(), seen)
+                wanted, unwritten, written_s = False, "", begin_s
+            except ClditError as error:
+                wanted, unwritten = True, str(error)
+        if over:
+            return
+        pause_s = max(_PAUSE_s, _REST * (time.monotonic() - begin_s))
+
+
+def _newest(folder: Path, seen: Seen, before: LastShot | None) -> LastShot | None:
+    if seen.last is None or seen.plan is None:
+        return None
+    name = seen.last["shot"]
+    if before is not None and before.meta["shot"] == name:
+        return before
+    return LastShot(*load_shot(folder, name, plan_hash=seen.plan.hash()))
+
+
+def _write(folder: Path, page: bytes, seen: Seen) -> None:
+    """Raises DiskFull where the room is kept for the shots."""
+    last = None if seen.last is None else shot_path(folder, seen.last["shot"])
+    size = last.stat().st_size if last is not None and last.is_file() else 0
+    left = needed_bytes(seen.total - seen.done, picture_bytes=size)
+    check_room(folder, left + len(page) + _SPARE_bytes)
+    write_bytes(folder / PAGE, page, sync=False)

@@ -1,0 +1,216 @@
+"""Apparent temperature T_app from weights, and its error to first order.
+
+A pixel of emissivity 1 - w_bg that receives the radiance L from all but the background has
+
+    B(T_app) = L / (1 - w_bg),
+    d T_app  = (d L + B(T_app) d w_bg) / (1 - w_bg) / (dB/dT).
+
+`cldit.dit.fit` finds the same from recorded signals, `script/lines.js` in the viewer's page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cldit.optics.planck import band_radiance, band_radiance_slope, temperature_of_radiance
+from cldit.optics.response import Filter, scene_filter
+from cldit.optics.spectral import SpectralNode, reference_temperature_K
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.radiance.boundary import Boundary, Surroundings
+from cldit.radiance.weights import Weights, background_radiance, compose
+from cldit.scene.schema import Scene
+
+Floats = NDArray[np.float64]
+
+
+def has_temperature(
+    emissivity: NDArray[np.floating], temperature_K: NDArray[np.floating]
+) -> NDArray[np.bool_]:
+    """Pixels, any shape, that have a T_app and an emissivity above 0.05."""
+    return np.asarray(np.isfinite(temperature_K) & (emissivity > VISIBLE_EMISSIVITY))
+
+
+def first_order_error_K(
+    *,
+    own: Floats,
+    background: NDArray[np.floating],
+    apparent: Floats,
+    emissivity: NDArray[np.floating],
+    slope: Floats,
+) -> Floats:
+    """Error (N,) of T_app from the errors of L and w_bg, see the module.
+
+    Args:
+        own: (N,) error of L.
+        background: (N,) error of w_bg.
+        apparent, emissivity, slope: (N,) B(T_app), 1 - w_bg and dB/dT at T_app.
+    """
+    return np.asarray((own + background * apparent) / emissivity / slope)
+
+
+def temperature_errors_K(
+    error: Weights,
+    *,
+    emissivity: NDArray[np.floating],
+    temperature_K: NDArray[np.floating],
+    surroundings: Surroundings,
+    filter_um: Filter,
+) -> Floats:
+    """Error (N,) of T_app from the `error` of every weight; 0 in pixels without T_app.
+
+    Args:
+        error: N pixels, for instance half the difference of two independent traces.
+        emissivity, temperature_K: of the N pixels, as evaluated.
+        surroundings: walls and patches that were assumed.
+        filter_um: edges of the filter.
+    """
+    emissivity, temperature_K = emissivity.reshape(-1), temperature_K.reshape(-1)
+    here = has_temperature(emissivity, temperature_K)
+    black = partial(band_radiance, filter_um=filter_um)
+    around = Boundary.without_windows(surroundings, black)
+    some = error.map(lambda image: image.reshape(-1)[here])
+    known_K = temperature_K[here].astype(float)
+    out = np.zeros(len(here))
+    out[here] = first_order_error_K(
+        own=compose(some, background=None, wall=around.wall, patches=around.patches),
+        background=some.background,
+        apparent=black(known_K),
+        emissivity=emissivity[here].astype(float),
+        slope=band_radiance_slope(known_K, filter_um=filter_um),
+    )
+    return out
+
+
+@dataclass(frozen=True)
+class TraceTemperature:
+    """T_app of weights (C, N) of the C components of a trace, in all of a scene's filter.
+
+    radiances: (C,) of the background (its median temperature), the walls, each patch, and the
+        units of what vapour and droplets emit.
+    boundaries: number of components that enter from outside, the first ones.
+    """
+
+    radiances: Floats
+    boundaries: int
+    filter_um: Filter
+
+    @classmethod
+    def of(cls, scene: Scene, units: Sequence[float]) -> TraceTemperature:
+        """Radiances in a scene; `units` are those of the components that the medium emits."""
+        filter_um = scene_filter(scene)
+        black = partial(band_radiance, filter_um=filter_um)
+        around = Boundary.without_windows(Surroundings.from_scene(scene), black)
+        background_K = reference_temperature_K(scene.background.temperatures_K)
+        background = background_radiance(
+            blackbody=float(around.radiance(background_K)),
+            wall=around.wall,
+            emissivity=scene.background.emissivity,
+        )
+        outside = (background, around.wall, *around.patches.values())
+        return cls(np.array([*outside, *units]), len(outside), filter_um)
+
+    def temperature_K(self, weights: NDArray[np.floating]) -> Floats:
+        """T_app (N,) of weights (C, N) of pixels that have one."""
+        apparent = _sum(self.radiances[1:], weights[1:]) / (1.0 - weights[0])
+        return temperature_of_radiance(np.maximum(apparent, 0.0), filter_um=self.filter_um)
+
+    def error_K(
+        self,
+        weights: NDArray[np.floating],
+        error: NDArray[np.floating],
+        *,
+        outside: float | None = None,
+    ) -> Floats:
+        """Error (N,) of T_app from an error of the weights; NaN at emissivities up to 0.05.
+
+        A pixel that does not see the background gets the emissivity of one that does: this only
+        steers a trace.
+
+        Args:
+            weights, error: (C, N).
+            outside: radiance to take for walls and patches in place of their own.
+        """
+        own = self.radiances[1:].copy()
+        if outside is not None:
+            own[: self.boundaries - 1] = outside
+        emissivity = 1.0 - weights[0]
+        apparent = _sum(own, weights[1:]) / np.maximum(emissivity, 1e-9)
+        out = np.full(weights.shape[1], np.nan)
+        here = (emissivity > VISIBLE_EMISSIVITY) & (apparent > 0)
+        if here.any():
+            known_K = temperature_of_radiance(apparent[here], filter_um=self.filter_um)
+            out[here] = first_order_error_K(
+                own=_sum(own, error[1:, here]),
+                background=error[0, here],
+                apparent=apparent[here],
+                emissivity=emissivity[here],
+                slope=band_radiance_slope(known_K, filter_um=self.filter_um),
+            )
+        return out
+
+    def brightness_error_K(
+        self, weights: NDArray[np.floating], error: NDArray[np.floating]
+    ) -> Floats:
+        """Error (N,) of the brightness temperature from an `error` of `weights`, both (C, N)."""
+        seen = np.maximum(_sum(self.radiances, weights), 1e-300)
+        bright_K = temperature_of_radiance(seen, filter_um=self.filter_um)
+        slope = band_radiance_slope(bright_K, filter_um=self.filter_um)
+        return _sum(self.radiances, error) / np.maximum(slope, 1e-300)
+
+
+def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
+    """Sum (N,) of radiances (C,) times weights (C, N).
+
+    Not by BLAS, whose threads keep a core busy for a while after each product.
+    """
+    return np.asarray(np.einsum("c,cn->n", radiances, weights))
+
+
+@dataclass(frozen=True)
+class NodeTemperature:
+    """T_app of weights in one spectral node, by a table of the node's black-body radiance.
+
+    grid_K, radiance: (N,), the table. wall, patches: radiances of the boundary.
+    before_background: (H, W), which lines of sight end on the background.
+    """
+
+    grid_K: Floats
+    radiance: Floats
+    wall: float
+    patches: Mapping[str, float]
+    before_background: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, scene: Scene, node: SpectralNode, before_background: NDArray[np.bool_]
+    ) -> NodeTemperature:
+        """Tabulates a node; `before_background` (H, W) has the lines of sight that end on it."""
+        grid_K = np.geomspace(20.0, 5000.0, 20_000)
+        radiance = np.asarray(node.radiance(grid_K), float)
+
+        def tabulated(temperature_K: ArrayLike) -> Floats:
+            return np.asarray(np.interp(np.asarray(temperature_K, float), grid_K, radiance))
+
+        around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
+        return cls(grid_K, radiance, around.wall, around.patches, before_background)
+
+    def picked(self, pixels: NDArray[np.int64]) -> NodeTemperature:
+        """The same for pixels (N,), flat numbers, whose weights are one row (1, N)."""
+        return replace(self, before_background=self.before_background.reshape(1, -1)[:, pixels])
+
+    def __call__(self, weights: Weights) -> Floats:
+        """T_app (H, W); NaN off the background, and where the medium is transparent."""
+        own = compose(weights, background=None, wall=self.wall, patches=self.patches)
+        emissivity = 1.0 - weights.background.astype(float)
+        apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
+        # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
+        known = (apparent > self.radiance[0]) & self.before_background
+        inverse = np.interp(
+            np.log(np.where(known, apparent, 1.0)), np.log(self.radiance), -1.0 / self.grid_K
+        )
+        return np.where(known, -1.0 / inverse, np.nan)

@@ -1,0 +1,131 @@
+"""T_app in the page's script and in `cldit.radiance.apparent_temperature`: one formula.
+
+The script runs in Node.js, without a browser; `tests/system/test_view.py` opens whole pages.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.radiance.apparent_temperature import TraceTemperature
+from cldit.radiance.weights import Weights
+from cldit.run import Run, reevaluated
+from cldit.scene import Scene
+from cldit.show.view import page
+from cldit.show.view.packing import packed
+from cldit.show.view.traced import traced_item
+from tests.viewed import as_asked, made_run, scene_for
+
+Floats = NDArray[np.float64]
+SCRIPTS = ("quantities", "middle", "unpack", "planck", "boundary", "lines", "traced")
+MAPS = {
+    "temperature": "apparent_temperature_K",
+    "temperature_error": "apparent_temperature_standard_error_K",
+    "emissivity": "emissivity",
+    "emissivity_error": "emissivity_standard_error",
+    "reason": "reason",
+}
+
+
+def by_script(
+    folder: Path, runs: Sequence[Run], changes: Sequence[Mapping[str, float]]
+) -> list[tuple[Scene, dict[str, Floats]]]:
+    """The scene and the maps (H, W) of each run and change, as the page computes them."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no Node.js here (node)")
+    given = []
+    for run, asked in zip(runs, changes, strict=True):
+        item = traced_item(run, source="made.yaml")
+        arrays = {name: packed(array) for name, array in item.arrays.items()}
+        plain = {name: {"head": one.head, "text": one.text} for name, one in arrays.items()}
+        given.append({"head": item.head, "arrays": plain, "asked": dict(asked)})
+    script = "\n".join(page._source(f"script/{name}.js") for name in SCRIPTS)
+    (folder / "script.js").write_text(script, encoding="utf-8")
+    (folder / "given.json").write_text(json.dumps(given), encoding="utf-8")
+    maps = Path(__file__).with_name("maps.mjs")
+    told = subprocess.run(
+        [node, str(maps), str(folder / "script.js"), str(folder / "given.json")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 0, told.stderr
+    out = []
+    for run, found in zip(runs, json.loads(told.stdout), strict=True):
+        images = {
+            name: np.array(found[name], float).reshape(run.maps.emissivity.shape) for name in MAPS
+        }
+        out.append((as_asked(run.scene, found["scene"]), images))
+    return out
+
+
+def stacked(weights: Weights) -> Floats:
+    """(C, N) weights in the order of `TraceTemperature`."""
+    images = weights.images
+    names = ("background", "wall", *weights.patches, "vapour", "liquid")
+    return np.array([images[name].reshape(-1) for name in names], float)
+
+
+def shifted(run: Run, error: Weights, sign: float) -> Run:
+    """The run with an error of its weights."""
+    images = run.weights.images
+    moved = {name: images[name] + np.float32(sign) * one for name, one in error.images.items()}
+    weights = Weights.of(moved)
+    return replace(run, weights=weights, spectral=(weights,))
+
+
+@pytest.mark.parametrize("patches", [True, False], ids=["patch", "walls alone"])
+def test_temperature_and_its_first_order_error(tmp_path: Path, patches: bool) -> None:
+    """Where the reference is all background: to 1e-5, for weights err by 2e-6 of themselves.
+
+    Weights that are off by 1e-3 of what a spray changes move T_app by its first-order error: 0.1 to
+    1 K, of which rounding leaves 2e-3 K in a difference of two.
+    """
+    run = made_run(scene_for(windows=[]) if patches else scene_for(windows=[], patches=[]))
+    ramp = np.linspace(0.5, 1.5, run.weights.wall.shape[1], dtype=np.float32)
+    uneven = replace(run.weights, wall=run.weights.wall * ramp)  # or T_app is the same all over
+    run = replace(run, weights=uneven, spectral=(uneven,))
+    change = {"wall_K": 515.0, "lowest_K": 350.0, "highest_K": 700.0}
+    error = Weights.of(
+        {
+            name: 1e-3 * (one - run.reference.images[name]) * (2.0 if name == "wall" else 1.0)
+            for name, one in run.weights.images.items()
+        }
+    )
+    error.wall[:] += 1e-3 * (1.0 - run.weights.background)
+    both = [shifted(run, error, sign) for sign in (1.0, -1.0)]
+    (scene, maps), (_, more), (_, less) = by_script(tmp_path, [run, *both], [change] * 3)
+    assert scene.walls.temperature_K == 515.0
+    temperature = TraceTemperature.of(scene, [1.0, 1.0])
+    planes = stacked(run.weights)
+    here = (run.reference.background.reshape(-1) == 1.0) & (planes[0] < 0.95)
+    assert np.count_nonzero(here) > 100
+    shown_K = maps["temperature"].reshape(-1)[here]
+    assert np.ptp(shown_K) > 10.0
+    np.testing.assert_allclose(shown_K, temperature.temperature_K(planes[:, here]), rtol=1e-5)
+    moved_K = (more["temperature"] - less["temperature"]).reshape(-1)[here] / 2
+    expected = temperature.error_K(planes[:, here], stacked(error)[:, here])
+    assert np.max(np.abs(expected)) > 0.1
+    np.testing.assert_allclose(moved_K, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("nodes", [1, 4])
+def test_maps_and_standard_errors(tmp_path: Path, nodes: int) -> None:
+    """With windows, and in several nodes: what `reevaluated` gives, to 1e-5."""
+    preset = {"optics": {"preset": "spectral"}} if nodes > 1 else {}
+    run = made_run(scene_for(**preset), nodes=nodes)
+    changes: list[dict[str, float]] = [{}, {"emissivity": 0.6}, {"shots": 2}]
+    for scene, maps in by_script(tmp_path, [run] * 3, changes):
+        expected = reevaluated(run, scene).maps
+        for name, of in MAPS.items():
+            np.testing.assert_allclose(maps[name], getattr(expected, of), rtol=1e-5, atol=1e-5)
