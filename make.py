@@ -2,7 +2,7 @@
 """Sets up what is needed and runs it; needs Python 3.11 or newer and nothing else.
 
 python3 make.py run [SCENE] [cldit run options]   the main job; `gdi` if no scene is given
-python3 make.py test [pytest options]             the tests
+python3 make.py test [--all] [pytest options]     the tests of the first tier; of both
 python3 make.py loopback                          the rig's tests, in `unshare -rn` (Linux)
 python3 make.py lint                              ruff, mypy --strict, types as users see them
 python3 make.py docs                              the docs as a site: build/docs/index.html
@@ -78,8 +78,12 @@ def run(arguments: list[str]) -> None:
 
 
 def test(arguments: list[str]) -> None:
+    """The first tier, or both with --all; on all cores if no other option is given."""
     python = install("pocl,cfd,rig,studies,dev")
-    call(python, "-m", "pytest", *(arguments or ["--numprocesses", "auto", "--dist", "worksteal"]))
+    options = [argument for argument in arguments if argument != "--all"]
+    tiers = ["-m", "not long and not hardware"] if "--all" in arguments else []
+    parallel = [] if options else ["--numprocesses", "auto", "--dist", "worksteal"]
+    call(python, "-m", "pytest", *tiers, *parallel, *options)
 
 
 def loopback() -> None:

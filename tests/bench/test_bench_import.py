@@ -6,7 +6,7 @@ import pytest
 
 from cldit.bench.imports.measure import CASES, Large, imports
 
-pytest.importorskip("vtk")
+pytest.importorskip("vtkmodules")
 
 
 def _quiet(_: str) -> None:

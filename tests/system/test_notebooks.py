@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-nbclient = pytest.importorskip("nbclient", reason="nbclient is missing; install cldit[dev]")
-nbformat = pytest.importorskip("nbformat", reason="nbformat is missing; install cldit[dev]")
+from tests.extras import needs
+
+pytestmark = needs("nbclient", "nbformat", extra="dev")
 
 _BOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
 _QUICK = "own-measurement"
@@ -21,6 +22,7 @@ _QUICK = "own-measurement"
     ],
 )
 def test_notebook(path: Path, tmp_path: Path) -> None:
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     book = nbformat.read(path, as_version=4)
     where = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(book, timeout=600, kernel_name="python3", resources=where).execute()
@@ -29,6 +31,7 @@ def test_notebook(path: Path, tmp_path: Path) -> None:
 
 
 def test_notebooks_are_stored_without_outputs() -> None:
+    nbformat = pytest.importorskip("nbformat")
     assert len(_BOOKS) == 5
     for path in _BOOKS:
         for cell in nbformat.read(path, as_version=4).cells:

@@ -117,7 +117,7 @@ def solved(tmp_path_factory: pytest.TempPathFactory) -> Solved:
 
 
 def _vtk(case: Path) -> Path:
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     called(case, "foamToVTK", "-time", "2e-4", "-fields", "(T p rho C7H16)")
     return case / "VTK"
 
@@ -214,7 +214,7 @@ def test_every_export_says_what_the_log_says(tmp_path: Path, solved: Solved, wri
 def test_exports_of_a_region_have_no_parcels(tmp_path: Path, solved: Solved, program: str) -> None:
     """The programs leave them out in silence; the case has them."""
     if program == "foamToVTK":
-        pytest.importorskip("vtk")
+        pytest.importorskip("vtkmodules")
     case = tmp_path / "bomb"
     shutil.copytree(solved.case, case)
     _region(case)
@@ -236,7 +236,7 @@ def test_exports_of_a_region_have_no_parcels(tmp_path: Path, solved: Solved, pro
 
 def test_parallel_export(tmp_path: Path, solved: Solved) -> None:
     """foamToVTK of four processors, of which three have no parcels, writes one mesh."""
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     if shutil.which("mpirun") is None:
         pytest.skip("mpirun is missing")
     case = tmp_path / "bomb"
@@ -283,7 +283,7 @@ def test_wedge_of_block_mesh(tmp_path: Path, solved: Solved) -> None:
 
 def test_names_that_are_no_xml(tmp_path: Path, solved: Solved) -> None:
     """foamToVTK writes a field `PaSR<psiReactionThermo>:Qdot` as it is: the way out is named."""
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     shutil.copytree(solved.case, tmp_path / "bomb")
     called(tmp_path / "bomb", "foamToVTK", "-time", "2e-4")
     with pytest.raises(SprayError, match=r"internal\.vtu: names a field 'PaSR<.*-fields '\(T p"):

@@ -80,12 +80,12 @@ def all_come_back(root: Path, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_programs(seed: int, tmp_path: Path) -> None:
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     all_come_back(tmp_path / "case", seed)
 
 
 @pytest.mark.slow
 def test_programs_with_many_cases(tmp_path: Path) -> None:
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     for seed in range(100, 130):
         all_come_back(tmp_path / str(seed), seed)

@@ -10,10 +10,9 @@ from urllib.parse import unquote, urldefrag
 import pytest
 
 import cldit
+from tests.extras import needs
 
-config = pytest.importorskip("mkdocs.config", reason="mkdocs is missing; install cldit[docs]")
-build = pytest.importorskip("mkdocs.commands.build")
-pytest.importorskip("mkdocstrings", reason="mkdocstrings is missing; install cldit[docs]")
+pytestmark = needs("mkdocs", "mkdocstrings", extra="docs")
 
 _DOCS = Path(__file__).parents[2] / "docs"
 
@@ -38,6 +37,9 @@ class _Links(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from mkdocs.commands import build
+    from mkdocs.config import load_config
+
     folder = tmp_path_factory.mktemp("site")
     heard: list[str] = []
 
@@ -48,7 +50,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ear = Ear(logging.WARNING)
     logging.getLogger("mkdocs").addHandler(ear)
     try:
-        loaded = config.load_config(str(_DOCS / "site" / "mkdocs.yml"), site_dir=str(folder))
+        loaded = load_config(str(_DOCS / "site" / "mkdocs.yml"), site_dir=str(folder))
         assert loaded.strict
         loaded.strict = False  # so that the warnings are listed below
         build.build(loaded)

@@ -17,9 +17,9 @@ from cldit.run import RunCache, reevaluated
 from cldit.scene import Scene, parse_scene
 from cldit.study.grid import Grid
 from cldit.study.sweep import Progress, run_sweep
+from tests.extras import needs
 
-distributed = pytest.importorskip("distributed")
-pytest.importorskip("zarr")
+pytestmark = needs("distributed", "zarr", extra="studies")
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +40,7 @@ def scene() -> Scene:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
     """Two workers, as a user's cluster would be: only its address is given to the sweep."""
+    distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as started:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import cast
 
 import numba
@@ -22,12 +23,20 @@ from cldit.spray.droplet.evaporation import (
     film,
     inert,
 )
-from cldit.spray.droplet.fluids import fuel_table, gas_table
+from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.droplet.gasfilm import Here, Tables
 from cldit.spray.droplet.integrator import Advance, Droplets, Surroundings, advance
 
-FUEL = fuel_table("n-heptane", cache=None)
-GAS = gas_table("nitrogen", cache=None)
+
+@cache
+def n_heptane() -> Fuel:
+    """Made at its first use: CoolProp takes more than a second to import."""
+    return fuel_table("n-heptane", cache=None)
+
+
+@cache
+def nitrogen() -> Gas:
+    return gas_table("nitrogen", cache=None)
 
 
 def droplets(
@@ -35,7 +44,7 @@ def droplets(
 ) -> Droplets:
     """Moving along the only axis."""
     d, t, u = np.broadcast_arrays(*np.atleast_1d(diameter_m, liquid_K, velocity_m_s))
-    return Droplets(FUEL.mass_kg(d, t), t.astype(float), u.astype(float)[:, None])
+    return Droplets(n_heptane().mass_kg(d, t), t.astype(float), u.astype(float)[:, None])
 
 
 def around(
@@ -54,7 +63,9 @@ def follow(
     model: Model = abramzon_sirignano,
     tolerance: float = 1e-3,
 ) -> Advance:
-    return advance(start, gas, duration_s, fuel=FUEL, gas=GAS, model=model, tolerance=tolerance)
+    return advance(
+        start, gas, duration_s, fuel=n_heptane(), gas=nitrogen(), model=model, tolerance=tolerance
+    )
 
 
 def even(constant_kg_m_s: float) -> Model:
@@ -74,7 +85,7 @@ def test_d2_law_in_one_step_and_in_many() -> None:
     """K = 4 c/(pi rho), life d0^2/K: exact for any step."""
     c = 1e-4
     start = droplets(diameter_m=[5e-6, 9e-6, 30e-6])
-    k = 4 * c / (np.pi * float(FUEL.liquid.one("density", 370.0)))
+    k = 4 * c / (np.pi * float(n_heptane().liquid.one("density", 370.0)))
     first = np.array([5e-6, 9e-6, 30e-6])
     found = follow(start, around(3), 1.0, model=even(c))
     assert found.gone_s == pytest.approx(first**2 / k, rel=1e-12)
@@ -82,7 +93,7 @@ def test_d2_law_in_one_step_and_in_many() -> None:
     step = first[1] ** 2 / k / 10
     for number in range(1, 8):
         state = follow(state, around(3), step, model=even(c)).droplets
-        d2 = FUEL.diameter_m(state.mass_kg, state.temperature_K) ** 2
+        d2 = n_heptane().diameter_m(state.mass_kg, state.temperature_K) ** 2
         wanted = np.maximum(first**2 - k * step * number, 0)
         assert d2 == pytest.approx(wanted, rel=1e-10, abs=1e-24)
 
@@ -96,7 +107,7 @@ def test_thermal_relaxation() -> None:
         warm = here.gas_temperature_K - here.temperature_K
         return 0.0, 2 * np.pi * here.diameter_m * lam * warm
 
-    density, cp = (float(v) for v in FUEL.liquid.at(370.0, "density", "cp"))
+    density, cp = (float(v) for v in n_heptane().liquid.at(370.0, "density", "cp"))
     tau = density * cp * 81e-12 / (12 * lam)
     for times in (0.1, 1.0, 5.0):
         found = follow(droplets(), around(gas_K=370.1), times * tau, model=Model(cast(Rule, rule)))
@@ -107,14 +118,25 @@ def test_thermal_relaxation() -> None:
 def viscosity() -> float:
     """Of the film that the integrator sees in gas at the liquid's temperature and 1 kPa vapour."""
     one = np.ones(1)
-    state = film(Drop(FUEL, GAS, 9e-6 * one, 250.0 * one, 250.0 * one, 1e5 * one, 0 * one, 0 * one))
+    state = film(
+        Drop(
+            n_heptane(),
+            nitrogen(),
+            9e-6 * one,
+            250.0 * one,
+            250.0 * one,
+            1e5 * one,
+            0 * one,
+            0 * one,
+        )
+    )
     return float(state.viscosity_Pa_s[0])
 
 
 def test_stokes_relaxation_and_path() -> None:
     """u = u0 exp(-t/tau), way u0 tau (1 - exp(-t/tau)). At Re = 7e-7 Schiller and Naumann's
     correction is 0.15 Re^0.687 = 1e-5."""
-    tau = float(FUEL.liquid.one("density", 250.0)) * 81e-12 / (18 * viscosity())
+    tau = float(n_heptane().liquid.one("density", 250.0)) * 81e-12 / (18 * viscosity())
     start = droplets(liquid_K=250.0, velocity_m_s=1e-6)
     gas = around(gas_K=250.0, pressure_Pa=1e5)
     for times in (0.01, 1.0, 4.0):
@@ -126,9 +148,9 @@ def test_stokes_relaxation_and_path() -> None:
 
 def test_stokes_drag_on_a_shrinking_droplet() -> None:
     """With the d2 law the slip falls as s^(1/(k tau)), s = 1 - k t; both in closed form."""
-    tau = float(FUEL.liquid.one("density", 250.0)) * 81e-12 / (18 * viscosity())
+    tau = float(n_heptane().liquid.one("density", 250.0)) * 81e-12 / (18 * viscosity())
     k = 0.7 / tau
-    c = k * 81e-12 * np.pi * float(FUEL.liquid.one("density", 250.0)) / 4
+    c = k * 81e-12 * np.pi * float(n_heptane().liquid.one("density", 250.0)) / 4
     start = droplets(liquid_K=250.0, velocity_m_s=1e-6)
     gas = around(gas_K=250.0, pressure_Pa=1e5)
     for part in (0.1, 0.5, 0.99):
@@ -142,8 +164,8 @@ def test_drag_beyond_stokes(speed: float) -> None:
     """Against scipy; Re up to 1900, on both sides of 1000, where Cd jumps by 0.3 %."""
     start = droplets(diameter_m=20e-6, liquid_K=250.0, velocity_m_s=speed)
     gas = around(gas_K=250.0, pressure_Pa=0.6e6)
-    mu, rho = viscosity(), 0.6e6 / (8.314 * 250.0) * GAS.molar_mass_kg_mol
-    tau = float(FUEL.liquid.one("density", 250.0)) * 400e-12 / (18 * mu)
+    mu, rho = viscosity(), 0.6e6 / (8.314 * 250.0) * nitrogen().molar_mass_kg_mol
+    tau = float(n_heptane().liquid.one("density", 250.0)) * 400e-12 / (18 * mu)
 
     def slopes(_: float, u: np.ndarray) -> np.ndarray:
         re = rho * np.abs(u) * 20e-6 / mu
@@ -162,7 +184,11 @@ def test_at_the_wet_bulb_the_temperature_stays() -> None:
     low, high = 300.0, 440.0
     for _ in range(60):
         middle = 0.5 * (low + high)
-        at = Drop(FUEL, GAS, *(np.array([v]) for v in (9e-6, middle, 573.0, 0.6e6, 0.0, 0.0)))
+        at = Drop(
+            n_heptane(),
+            nitrogen(),
+            *(np.array([v]) for v in (9e-6, middle, 573.0, 0.6e6, 0.0, 0.0)),
+        )
         low, high = (middle, high) if abramzon_sirignano(at).heat_W[0] > 0 else (low, middle)
     start = droplets(liquid_K=low)
     found = follow(start, around(), 4e-4)
@@ -210,13 +236,13 @@ def test_lifetimes(row: tuple[float, float, tuple[int, ...], tuple[int, ...]]) -
 def test_against_radau(name: str, number: int) -> None:
     """Errors add up over some ten steps and partly cancel: twice the tolerance of a step."""
     chosen = CASES[number]
-    wanted = reference(chosen, MODELS[name], FUEL, GAS)
+    wanted = reference(chosen, MODELS[name], n_heptane(), nitrogen())
     for tolerance in (1e-2, 1e-3):
         found = integrated(
             chosen,
             MODELS[name],
-            FUEL,
-            GAS,
+            n_heptane(),
+            nitrogen(),
             half_s=wanted.life_s / 2,
             steps=1,
             tolerance=tolerance,
@@ -227,11 +253,17 @@ def test_against_radau(name: str, number: int) -> None:
 def test_second_order_in_the_step() -> None:
     """Halving it divides the error by 4, to the next order."""
     case, model = CASES[0], abramzon_sirignano
-    wanted = reference(case, model, FUEL, GAS)
+    wanted = reference(case, model, n_heptane(), nitrogen())
     errors = [
         error_of(
             integrated(
-                case, model, FUEL, GAS, half_s=wanted.life_s / 2, steps=steps, tolerance=np.inf
+                case,
+                model,
+                n_heptane(),
+                nitrogen(),
+                half_s=wanted.life_s / 2,
+                steps=steps,
+                tolerance=np.inf,
             ),
             wanted,
         )
@@ -255,7 +287,7 @@ def crowd(count: int, seed: int) -> tuple[Droplets, Surroundings]:
         rng.normal(0.0, 20.0, (count, 3)),
     )
     speed = rng.normal(0.0, 60.0, (count, 3))
-    return Droplets(FUEL.mass_kg(diameter, warm), warm, speed), gas
+    return Droplets(n_heptane().mass_kg(diameter, warm), warm, speed), gas
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -271,7 +303,9 @@ def test_a_crowd_in_pieces(name: str) -> None:
         momentum = momentum + found.momentum_kg_m_s
         assert np.all(np.isfinite(state.temperature_K)) and np.all(state.mass_kg >= 0)
     assert start.mass_kg == pytest.approx(mass + state.mass_kg, rel=1e-13)
-    enthalpy = FUEL.liquid.one("enthalpy", np.array([start.temperature_K, state.temperature_K]))
+    enthalpy = n_heptane().liquid.one(
+        "enthalpy", np.array([start.temperature_K, state.temperature_K])
+    )
     first = start.mass_kg * enthalpy[0]
     scale = np.maximum(start.mass_kg, state.mass_kg) * 1e5  # some grow
     assert np.all(np.abs(first - heat - state.mass_kg * enthalpy[1]) < 1e-13 * scale)
@@ -304,8 +338,8 @@ def test_closed_box_ends_saturated() -> None:
     start = droplets(diameter_m=3e-6)
     number = 1.0 * gas_kg / start.mass_kg[0]
     vapour_kg, state = 0.0, start
-    enthalpy = gas_kg * float(GAS.vapour.one("enthalpy", 573.0))
-    total = enthalpy + number * float(start.mass_kg[0] * FUEL.liquid.one("enthalpy", 370.0))
+    enthalpy = gas_kg * float(nitrogen().vapour.one("enthalpy", 573.0))
+    total = enthalpy + number * float(start.mass_kg[0] * n_heptane().liquid.one("enthalpy", 370.0))
     warm = 573.0
     for _ in range(400):
         share = vapour_kg / (vapour_kg + gas_kg)
@@ -317,12 +351,12 @@ def test_closed_box_ends_saturated() -> None:
         low, high = 250.0, 700.0
         for _ in range(50):
             warm = 0.5 * (low + high)
-            heat = gas_kg * GAS.vapour.one("enthalpy", warm)
-            heat = heat + vapour_kg * FUEL.vapour.one("enthalpy", warm)
+            heat = gas_kg * nitrogen().vapour.one("enthalpy", warm)
+            heat = heat + vapour_kg * n_heptane().vapour.one("enthalpy", warm)
             low, high = (warm, high) if heat < enthalpy else (low, warm)
     liquid_kg = number * state.mass_kg[0]
     assert vapour_kg + liquid_kg == pytest.approx(1.0, rel=1e-12)
-    kept = enthalpy + liquid_kg * FUEL.liquid.one("enthalpy", state.temperature_K[0])
+    kept = enthalpy + liquid_kg * n_heptane().liquid.one("enthalpy", state.temperature_K[0])
     assert float(kept) == pytest.approx(total, abs=1e-9 * abs(enthalpy))
     assert warm == pytest.approx(state.temperature_K[0], abs=0.5)
     wanted_K, evaporated = heptane_state(
@@ -337,7 +371,7 @@ def test_closed_box_ends_saturated() -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_superheated_droplets_cool_to_boiling(name: str) -> None:
-    boiling = float(FUEL.boiling_K(0.15e6))
+    boiling = float(n_heptane().boiling_K(0.15e6))
     warm = np.array([boiling + 1, 450.0, 520.0])
     found = follow(
         droplets(liquid_K=warm),

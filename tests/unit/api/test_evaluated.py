@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import cldit
+from tests.extras import needs
 from tests.laboratory import laboratory
 from tests.measured_files import write_measured
 
-xarray = pytest.importorskip("xarray", reason="the extra studies is not installed")
+pytestmark = needs("xarray", extra="studies")
 
 
 def test_an_evaluation_is_drawn_compared_and_stored(tmp_path: Path) -> None:
@@ -37,6 +38,7 @@ def test_an_evaluation_is_drawn_compared_and_stored(tmp_path: Path) -> None:
     found = cldit.compare(folder, folder)
     assert found.same and found.stated_K[0] is not None
 
+    xarray = pytest.importorskip("xarray")
     pytest.importorskip("h5netcdf", reason="the extra studies is not installed")
     path = tmp_path / "july.nc"
     data.to_netcdf(path, engine="h5netcdf")

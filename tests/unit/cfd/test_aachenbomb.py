@@ -45,7 +45,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for kind in ("ascii", "vtk"):
         if kind == "vtk":
-            pytest.importorskip("vtk")
+            pytest.importorskip("vtkmodules")
         folder = tmp_path_factory.mktemp(kind)
         with tarfile.open(Path(FOLDER) / f"A_aachenBomb_{kind}.tar.gz") as archive:
             archive.extractall(folder, filter="data")

@@ -33,7 +33,7 @@ def write(kind: str, folder: Path, foam: Foam) -> Path:
     block, gas, cloud = foam.sample()
     gas = {name: values for name, values in gas.items() if name != "p"}
     if kind == "vtk":
-        pytest.importorskip("vtk")
+        pytest.importorskip("vtkmodules")
         from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
 
         save(folder / "gas.vtu", block_grid(block, gas))

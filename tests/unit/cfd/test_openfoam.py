@@ -203,7 +203,7 @@ def test_uniform_lists_of_a_cloud(tmp_path: Path, foam: Foam) -> None:
 @pytest.mark.parametrize("form", ["ascii", "ascii-gz", "binary", "binary-label64"])
 def test_same_as_vtk_reads(tmp_path: Path, foam: Foam, form: str) -> None:
     """vtk's own reader knows nothing of ours: fields, volumes and positions must agree."""
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkFiltersVerdict import vtkCellSizeFilter
     from vtkmodules.vtkIOParallel import vtkPOpenFOAMReader

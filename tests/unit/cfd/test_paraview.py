@@ -16,7 +16,7 @@ from cldit.scene.spray import CfdSpray
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
 
-pytest.importorskip("vtk")
+pytest.importorskip("vtkmodules")
 
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, grid_of, save, stamped
 from tests.unit.cfd.vtkfiles import (

@@ -10,7 +10,7 @@ import pytest
 from cldit.cfd.to_spray import read_cfd
 from tests.unit.cfd.randomcases import random_case, rows_read, write_vtk
 
-pytest.importorskip("vtk")
+pytest.importorskip("vtkmodules")
 
 
 def comes_back(folder: Path, seed: int) -> None:

@@ -20,7 +20,7 @@ from cldit.scene.spray import CfdSpray
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
 
-pytest.importorskip("vtk")
+pytest.importorskip("vtkmodules")
 
 SET = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
 # one of each: points, and the faces of the polyhedron (a cube); volumes by hand

@@ -139,16 +139,21 @@ def test_exit_status_of_the_program() -> None:
 
 
 @pytest.mark.parametrize("columns", [60, 80])
-@pytest.mark.parametrize("words", [["devices"], ["scenes"], ["--help"], ["diff", WRITTEN, WRITTEN]])
+@pytest.mark.parametrize("words", ["devices", "scenes", "--help", "diff run-0.1.0 run-0.1.0"])
 def test_narrow_terminals_cut_nothing(
-    words: list[Any], columns: int, monkeypatch: pytest.MonkeyPatch
+    words: str, columns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All letters are there, whatever the width."""
+    """All letters are there, whatever the width.
+
+    Run folders are named relative to the current folder: a line of text is never broken, and a
+    path in it may be of any length.
+    """
+    monkeypatch.chdir(WRITTEN.parent)
 
     def printed(width: int) -> str:
         monkeypatch.setattr(OUT, "_width", width)
         monkeypatch.setenv("COLUMNS", str(width))
-        return CliRunner().invoke(main, [*map(str, words)], catch_exceptions=False).stdout
+        return CliRunner().invoke(main, words.split(), catch_exceptions=False).stdout
 
     narrow, wide = printed(columns), printed(400)
     assert "…" not in narrow and "..." not in narrow.replace("ARGS]...", "")

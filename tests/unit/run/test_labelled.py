@@ -13,8 +13,9 @@ from cldit.dit.maps import Maps, Reason
 from cldit.radiance.weights import Weights
 from cldit.run.labelled import labelled
 from cldit.scene import Scene, load_scene
+from tests.extras import needs
 
-xarray = pytest.importorskip("xarray", reason="the extra studies is not installed")
+pytestmark = needs("xarray", extra="studies")
 SHAPE = (3, 4)
 PIXEL_M = (0.04, 0.03)
 
@@ -76,6 +77,7 @@ def plain(attributes: dict[Any, Any]) -> dict[Any, Any]:
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "zarr"])
 def test_files_of_it_read_back(tmp_path: Path, engine: Engine) -> None:
+    xarray = pytest.importorskip("xarray")
     pytest.importorskip(engine, reason="the extra studies is not installed")
     data = labelled(
         scene(),

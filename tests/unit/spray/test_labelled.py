@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from tests.extras import needs
 
-xarray = pytest.importorskip("xarray", reason="the extra studies is not installed")
+pytestmark = needs("xarray", extra="studies")
 
 
 def spray() -> Spray:
@@ -41,6 +42,7 @@ def test_a_spray_of_nothing() -> None:
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "zarr"])
 def test_files_of_it_read_back(tmp_path: Path, engine: Literal["h5netcdf", "zarr"]) -> None:
+    xarray = pytest.importorskip("xarray")
     pytest.importorskip(engine, reason="the extra studies is not installed")
     data = spray().to_xarray()
     path = tmp_path / f"spray.{engine}"

@@ -93,7 +93,7 @@ def test_vtk_reads_the_same_post_file(
     tmp_path: Path, foam: Foam, writers: Writers, new: bool
 ) -> None:
     """That the layout written here is CONVERGE's is vtk's word, not the reader's own."""
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     from vtkmodules.vtkIOCONVERGECFD import vtkCONVERGECFDReader
 
     block, _, cloud = sample = foam.sample()
@@ -115,7 +115,7 @@ def test_vtk_reads_the_same_post_file(
 def test_vtk_reads_the_same_ensight(
     tmp_path: Path, foam: Foam, writers: Writers, binary: bool
 ) -> None:
-    pytest.importorskip("vtk")
+    pytest.importorskip("vtkmodules")
     from vtkmodules.vtkIOEnSight import vtkEnSightGoldCombinedReader
 
     block, gas, cloud = sample = foam.sample()

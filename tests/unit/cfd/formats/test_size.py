@@ -34,7 +34,7 @@ def written(kind: str, folder: Path, foam: Foam, writers: Writers) -> CfdSpray:
     elif kind == "vtk":
         from tests.unit.cfd.test_vtk import block_grid, cloud_data, save
 
-        pytest.importorskip("vtk")
+        pytest.importorskip("vtkmodules")
         case = folder
         save(folder / "case_1" / "internal.vtu", block_grid(block, gas))
         save(folder / "lagrangian" / "rain" / "rain_1.vtp", cloud_data(cloud))
