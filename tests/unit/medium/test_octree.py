@@ -158,7 +158,7 @@ def test_empty_tree() -> None:
 
 
 def test_outside_is_an_error_that_says_where() -> None:
-    with pytest.raises(MediumError, match=r"50 % of the droplets lies outside .*domain\.edge_m"):
+    with pytest.raises(MediumError, match=r"50 % of the droplets is outside .*domain\.edge_m"):
         build_octree(
             frame(0.02),
             points(np.array([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0]]), np.ones(2)),
@@ -176,7 +176,7 @@ def test_outside_is_an_error_that_says_where() -> None:
 
 def test_too_many_cells_is_an_error_that_says_what_to_do() -> None:
     whole = (np.full((1, 3), -EDGE / 2), np.full((1, 3), EDGE / 2))
-    with pytest.raises(MediumError, match=r"domain\.leaf_edge_m coarser"):
+    with pytest.raises(MediumError, match=r"set domain\.leaf_edge_m above"):
         build_octree(
             frame(1e-3), None, [boxes(*whole, np.ones(1))], optical_depth_split=0.0, max_cells=10**6
         )

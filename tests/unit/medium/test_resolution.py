@@ -259,5 +259,5 @@ def test_nothing_and_what_cannot_be() -> None:
         next(candidates(CUBE, (None, [outside])))
     with pytest.raises(MediumError, match="no boxes"):
         needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []), finest_m=1e-3)
-    with pytest.raises(MediumError, match="allowed are 100"):
+    with pytest.raises(MediumError, match="allowed: 100"):
         next(candidates(CUBE, (None, [grid]), limit=100))
