@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import AnyFloats, CellMesh
+from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.errors import EmptyCloud, SprayError
 from cldit.spray.result import Floats
 

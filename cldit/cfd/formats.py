@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypedDict
 
-from cldit.cfd import cgns, converge, fluent, text_tables
+from cldit.cfd import tables as text_tables
 from cldit.cfd.case import NO_CLOUD, CfdCase
 from cldit.cfd.ensight import case as ensight
 from cldit.cfd.ensight.file import read_case_file
-from cldit.cfd.mapping_file import ColumnMap, read_column_map
+from cldit.cfd.hdf import cgns, converge, fluent
+from cldit.cfd.mapping.file import ColumnMap, read_column_map
 from cldit.cfd.openfoam import case as openfoam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.regions import clouds_of, is_openfoam

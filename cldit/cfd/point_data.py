@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.case import Column
-from cldit.cfd.cell_mesh import AnyFloats
-from cldit.cfd.mapping_file import CellColumns
+from cldit.cfd.mapping.file import CellColumns
+from cldit.cfd.mesh.cells import AnyFloats
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from cldit.cfd.assumed import assumptions
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
-from cldit.cfd.cell_mesh import AnyFloats, Boxes, Labels
 from cldit.cfd.formats import find_format, read_case
+from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
-from cldit.cfd.parcel_spreading import spread_parcels
-from cldit.cfd.parcels import check_parcels, farthest_m, only
+from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import NoFuel, NotAtThisTime, SprayError

@@ -53,7 +53,7 @@ class SeriesPlan:
         remarks: tuple[str, ...] = ()
         if isinstance(spray, CfdSpray):
             from cldit.cfd.formats import contents  # brings VTK
-            from cldit.cfd.series_frame import with_one_frame
+            from cldit.cfd.orientation import with_one_frame
             from cldit.cfd.times import choose_time, choose_times, time_remarks
 
             source, known = str(spray.file), contents(spray).times_s

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.element_mesh import FACES
+from cldit.cfd.mesh.elements import FACES
 from cldit.io.files import write_bytes
 
 Floats = NDArray[np.floating]

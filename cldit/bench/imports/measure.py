@@ -14,7 +14,7 @@ from typing import Any
 from cldit.bench.case import BenchError, Say
 from cldit.bench.imports import cases
 from cldit.bench.report import Part, Table
-from cldit.cfd.openfoam.size import foam_size
+from cldit.cfd.openfoam.case import foam_size
 from cldit.cfd.size import Size
 from cldit.cfd.vtk.head import vtk_size
 from cldit.io.plain_data import parse_json

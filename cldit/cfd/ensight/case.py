@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, only_claimant
-from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud
 from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import read_geometry
 from cldit.cfd.ensight.variable import corner_mean, per_element, per_node
-from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names
+from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
+from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names
 from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import Labels, narrowed
 from cldit.cfd.inputs import regular, text_of
+from cldit.cfd.mesh.cells import Labels, narrowed
 from cldit.errors import FileError, SprayError
 from cldit.io.files import read_text
 from cldit.spray.result import Floats

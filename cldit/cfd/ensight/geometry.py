@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import AnyFloats, CellMesh, Labels
-from cldit.cfd.element_mesh import CORNERS, ElementMesh
 from cldit.cfd.ensight.file import Reader
 from cldit.cfd.ensight.variable import Block, Elements, Part, Parts
-from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
+from cldit.cfd.mesh.elements import CORNERS, ElementMesh
+from cldit.cfd.mesh.faces import Mesh, join
 
 _FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "quad8": 8}
 _VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import Column
-from cldit.cfd.cell_mesh import AnyFloats
-from cldit.cfd.element_mesh import ElementMesh
 from cldit.cfd.ensight.file import Reader
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.mesh.cells import AnyFloats
+from cldit.cfd.mesh.elements import ElementMesh
+from cldit.cfd.mesh.faces import Mesh
 from cldit.spray.result import Floats
 
 

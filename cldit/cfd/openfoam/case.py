@@ -6,21 +6,25 @@ clouds that hold only barycentric coordinates.
 
 from __future__ import annotations
 
+import gzip
+import re
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined
-from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
-from cldit.cfd.mapping_file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
-from cldit.cfd.mesh import Mesh, join
-from cldit.cfd.openfoam.boundaries import cut_boundaries
+from cldit.cfd.inputs import regular
+from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
+from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
 from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import find_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
+from cldit.cfd.openfoam.patches import cut_boundaries, wall_temperature_K
 from cldit.cfd.openfoam.regions import (
     case_folder,
     check_cloud,
@@ -29,9 +33,7 @@ from cldit.cfd.openfoam.regions import (
     regions,
     time_folders,
 )
-from cldit.cfd.openfoam.size import foam_size
-from cldit.cfd.openfoam.walls import wall_temperature_K
-from cldit.cfd.size import check_room
+from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
@@ -212,3 +214,56 @@ def _cloud(
     position = joined([position for position, _ in filled])
     columns = {key: joined([columns[key] for _, columns in filled]) for key in filled[0][1]}
     return mapped_cloud(name, source, position, with_components(columns), names, PARCEL_NAMES)
+
+
+_HEAD = 10_000
+_NOTE = re.compile(rb"nPoints:\s*(\d+)\s+nCells:\s*(\d+)\s+nFaces:\s*(\d+)")
+_COUNT = re.compile(rb"^\s*(\d+)\s*\(", re.MULTILINE)
+_PACKED = 4  # bytes of a file that one of its .gz stands for
+
+
+def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
+    """What the meshes of all processors take.
+
+    Args:
+        meshes: folder of each processor's mesh.
+        fields: cell fields that are read.
+    """
+    total, largest, held = 0, 0.0, 0.0
+    for folder in meshes:
+        points, cells, faces = _counts(folder / "owner")
+        # a face: four corners, where it begins, two cells, and its sides; a cell: where it begins
+        held += 24 * points + (4 * 4 + 4 + 8 + 8) * faces + (8 + 8 * fields) * cells
+        largest = max(largest, _stored(folder / "faces"))
+        total += cells
+    return Size(total, 0, held + 1.5 * largest)
+
+
+def _stored(path: Path) -> float:
+    found = find_foam(path)
+    return 0.0 if found is None else found.stat().st_size * (_PACKED if found != path else 1)
+
+
+def _counts(owner: Path) -> tuple[int, int, int]:
+    """Points, cells and faces, by the note that OpenFOAM leaves in the file, or by its list."""
+    found = find_foam(owner)
+    if found is None:
+        return 0, 0, 0
+    try:
+        plain = regular(found)
+        with gzip.open(plain) if found != owner else plain.open("rb") as stream:
+            head = stream.read(_HEAD)
+    except (
+        SprayError,
+        OSError,
+        EOFError,
+        zlib.error,
+    ):  # who reads the file says what is wrong with it
+        return 0, 0, 0
+    note = _NOTE.search(head)
+    if note is not None:
+        points, cells, faces = map(int, note.groups())
+        return points, cells, faces
+    count = _COUNT.search(head)
+    faces = 0 if count is None else int(count.group(1))
+    return faces // 3, faces // 3, faces

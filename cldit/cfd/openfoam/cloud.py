@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import Column
-from cldit.cfd.cell_mesh import Labels
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.mesh.cells import Labels
+from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import particles, scalars, vectors, whole
 from cldit.errors import SprayError

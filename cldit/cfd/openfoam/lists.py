@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
+from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.spray.result import Floats
 
@@ -153,7 +153,7 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         table = numbers.reshape(count, width)
         if np.all(table[:, 0] == width - 1):  # all faces have as many corners: no need to walk
             return table[:, 1:].reshape(-1), np.arange(count + 1) * (width - 1)
-    from cldit.cfd.cell_geometry import walk_faces  # brings a compiler
+    from cldit.cfd.mesh.geometry import walk_faces  # brings a compiler
 
     place = np.empty(count + 1, dtype=np.int64)
     here = walk_faces(numbers, place)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.hdf import open_hdf
+from cldit.cfd.hdf.arrays import open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.size import Size
 from cldit.errors import SprayError

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, joined
-from cldit.cfd.column_mapping import Source, gas_columns, mapped_cloud, with_components
-from cldit.cfd.mapping_file import (
+from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.mapping.file import (
     PARCEL_NAMES,
     ColumnMap,
     columns_of,
     gas_names,
     without_unit,
 )
-from cldit.cfd.mesh import join
+from cldit.cfd.mesh.faces import join
 from cldit.cfd.point_data import with_point_fields
 from cldit.cfd.times import CaseTime
 from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, corner_mean, point_columns, vtk_mesh

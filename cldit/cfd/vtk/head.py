@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
 import re
+from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO, Literal
 
 from cldit.cfd.size import Size
+from cldit.errors import SprayError
 
 _PIECE = re.compile(rb"<Piece\b[^>]*>")
 _COUNT = re.compile(rb'\bNumberOf(Points|Cells)\s*=\s*["\'](\d+)["\']')
@@ -50,3 +55,107 @@ def vtk_size(file: Path, *, fields: int) -> Size:
         return Size(0, points, max(read, points * (12 + 4 * fields)))
     # corners, their offset, the type; coordinates may be double, and so may fields
     return Size(cells, 0, max(read, cells * (8 * 8 + 8 + 1 + 8 * fields) + 24 * points))
+
+
+_TAG = re.compile(rb"<(?:VTKFile|DataArray|Array)\b[^>]*>")
+_OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
+_BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
+_AT_ONCE = 1 << 20
+
+
+@dataclass(frozen=True)
+class _Form:
+    """How arrays are written: bytes of a number in their heads, packed or not, base64 or not."""
+
+    size: int
+    order: Literal["big", "little"]
+    packed: bool
+    encoded: bool
+
+    def stored(self, count: int) -> int:
+        """Bytes in the file for so many."""
+        return -(-count // 3) * 4 if self.encoded else count
+
+
+def check_appended(file: Path) -> None:
+    """Refuses a .vtu or .vtp file two of whose arrays overlap, or one of which goes on too far.
+
+    Raises:
+        SprayError: there is such an array, or a place that is no number.
+    """
+    with file.open("rb") as stream:
+        tags, found, begin = _xml(stream)
+        if not found:
+            return  # the arrays lie between the tags
+        end = stream.seek(0, 2)
+        whole = tags[0] if tags else b""
+        form = _Form(
+            size=8 if b'"UInt64"' in whole else 4,
+            order="big" if b'"BigEndian"' in whole else "little",
+            packed=b" compressor=" in whole,
+            encoded=b"base64" in found,
+        )
+        behind = 0
+        for place in sorted(_places(file, tags)):
+            if place < behind:
+                raise _damaged(file, f"an array at {place}, inside the one before it")
+            behind = place + _length(stream, form, begin + place, end, file)
+            if begin + behind > end:
+                raise _damaged(file, f"an array at {place} that goes on behind the file's end")
+
+
+def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:
+    """The tags that matter, the text in which the appended arrays begin, and where it ends."""
+    tags: list[bytes] = []
+    rest, before = b"", 0
+    while part := stream.read(_AT_ONCE):
+        text = rest + part
+        stop = _BEGIN.search(text)
+        last = 0
+        for tag in _TAG.finditer(text, 0, len(text) if stop is None else stop.start()):
+            tags.append(tag.group())
+            last = tag.end()
+        if stop is not None:
+            return tags, stop.group(), before + stop.end()
+        kept = max(last, len(text) - 1000)
+        before, rest = before + kept, text[kept:]
+    return tags, b"", 0
+
+
+def _damaged(file: Path, what: str) -> SprayError:
+    return SprayError(f"{file}: is damaged or truncated ({what})")
+
+
+def _places(file: Path, tags: list[bytes]) -> set[int]:
+    """The offsets that the XML names, each once: time steps may share one."""
+    found = {each.group(1) for tag in tags if (each := _OFFSET.search(tag)) is not None}
+    for text in found:
+        if not text.strip().isdigit():
+            raise _damaged(file, f"an offset {text.decode('latin-1')!a}")
+    return {int(text) for text in found}
+
+
+def _length(stream: BinaryIO, form: _Form, begin: int, end: int, file: Path) -> int:
+    """Bytes in the file that the array at `begin` takes, at least."""
+
+    def numbers(count: int) -> list[int]:
+        stream.seek(begin)
+        raw = stream.read(min(form.stored(count * form.size), max(end - begin, 0)))
+        try:
+            content = base64.b64decode(raw, validate=True) if form.encoded else raw
+        except binascii.Error as error:
+            raise _damaged(file, f"no array where {begin} bytes are before it") from error
+        if len(content) < count * form.size:
+            raise _damaged(file, f"an array that begins at {begin} of {end} bytes")
+        parts = (content[n * form.size : (n + 1) * form.size] for n in range(count))
+        return [int.from_bytes(part, form.order) for part in parts]
+
+    count = numbers(1)[0]
+    if not form.packed:  # one number and its bytes, encoded together
+        return form.stored(form.size + count)
+    if not count:
+        return form.size
+    if count * form.size > end - begin:
+        raise _damaged(file, f"an array of {count} blocks in {end - begin} bytes")
+    sizes = numbers(3 + count)[3:]
+    return form.stored((3 + count) * form.size) + form.stored(sum(sizes))

@@ -13,10 +13,9 @@ from typing import Any
 
 from cldit.cfd.inputs import regular
 from cldit.cfd.size import check_room
-from cldit.cfd.vtk.appended import check_appended
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, dimension
-from cldit.cfd.vtk.head import vtk_size
+from cldit.cfd.vtk.head import check_appended, vtk_size
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
 

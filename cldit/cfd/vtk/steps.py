@@ -15,8 +15,7 @@ from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, Listed, without_step
 from cldit.cfd.vtk.composite import COMPOSITE
-from cldit.cfd.vtk.datasets import dimension, geometry_of, time_value, vtk_mesh
-from cldit.cfd.vtk.ghosts import Marked, unmarked
+from cldit.cfd.vtk.datasets import Marked, dimension, geometry_of, time_value, unmarked, vtk_mesh
 from cldit.cfd.vtk.layout import Layout
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import NotAtThisTime, SprayError

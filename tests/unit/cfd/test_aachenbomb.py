@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.cfd.mapping_file import ColumnMap
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.mapping.file import ColumnMap
+from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import read_foam

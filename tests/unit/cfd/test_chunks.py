@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from cldit.cfd import cell_mesh as meshes
-from cldit.cfd.cell_mesh import CellMesh
-from cldit.cfd.element_mesh import POLYHEDRON, BoxMesh, ElementMesh, PolyhedronFaces
-from cldit.cfd.mesh import join
+from cldit.cfd.mesh import cells as meshes
+from cldit.cfd.mesh.cells import CellMesh
+from cldit.cfd.mesh.elements import POLYHEDRON, BoxMesh, ElementMesh, PolyhedronFaces
+from cldit.cfd.mesh.faces import join
 from cldit.cfd.openfoam import lists as foamlists
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.cfd.openfoam.lists import faces, labels, scalars

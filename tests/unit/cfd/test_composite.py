@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cldit.cfd.formats import contents, read_case
-from cldit.cfd.mapping_found import write_mapping
+from cldit.cfd.mapping.draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray

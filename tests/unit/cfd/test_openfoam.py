@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cldit.cfd.mapping_file import ColumnMap
+from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError

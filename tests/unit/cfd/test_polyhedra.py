@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.cfd.mesh import Mesh, join
+from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.errors import SprayError

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.cfd.series_frame import with_one_frame
+from cldit.cfd.orientation import with_one_frame
 from cldit.cfd.times import choose_times
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import EmptyCloud, NoFuel, NotAtThisTime, SprayError

@@ -11,8 +11,8 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.cfd.mapping_file import read_column_map
-from cldit.cfd.parcel_spreading import spread_parcels
+from cldit.cfd.mapping.file import read_column_map
+from cldit.cfd.parcels import spread_parcels
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError

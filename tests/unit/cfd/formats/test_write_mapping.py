@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from cldit.cfd.formats import read_case
-from cldit.cfd.mapping_file import read_column_map
-from cldit.cfd.mapping_found import write_mapping
+from cldit.cfd.mapping.draft import write_mapping
+from cldit.cfd.mapping.file import read_column_map
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
-from cldit.cfd.column_mapping import Source, gas_columns
-from cldit.cfd.hdf import field, labels, open_hdf, stored
-from cldit.cfd.mapping_file import CellColumns, ColumnMap, Scalar, columns_of, merged
-from cldit.cfd.mesh import Mesh
+from cldit.cfd.hdf.arrays import field, labels, open_hdf, stored
+from cldit.cfd.mapping.columns import Source, gas_columns
+from cldit.cfd.mapping.file import CellColumns, ColumnMap, Scalar, columns_of, merged
+from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime
 from cldit.errors import SprayError

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import (
+from cldit.cfd.mesh.cells import (
     AnyFloats,
     CellMesh,
     Labels,
@@ -60,7 +60,7 @@ class Mesh(PointMesh):
     @cached_property
     def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
         """Where each cell begins, and the sides of all cells, as `Polyhedra` has them."""
-        from cldit.cfd import cell_geometry
+        from cldit.cfd.mesh import geometry as cell_geometry
 
         first = np.zeros(self.cells + 1, np.int64)
         sides = np.empty(len(self.owner) + np.count_nonzero(self.neighbour >= 0), np.int32)

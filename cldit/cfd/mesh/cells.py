@@ -104,7 +104,7 @@ class CellMesh(ABC):
             SprayError: a cell has no volume, or its faces do not enclose it.
         """
         # brings a compiler, which who only lists a case does not need
-        from cldit.cfd import cell_geometry
+        from cldit.cfd.mesh import geometry as cell_geometry
 
         wanted = np.arange(self.cells) if cells is None else cells
         count = len(wanted)

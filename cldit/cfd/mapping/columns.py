@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cldit.cfd.case import Cloud, Column, complete_cloud
-from cldit.cfd.mapping_file import (
+from cldit.cfd.mapping.file import (
     UNITS,
     CellColumns,
     ColumnMap,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import AnyFloats, Labels, narrowed
 from cldit.cfd.inputs import regular
+from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

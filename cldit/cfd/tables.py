@@ -5,17 +5,16 @@ from __future__ import annotations
 import csv
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, complete_cloud
-from cldit.cfd.column_mapping import Source, cloud_columns, gas_columns
-from cldit.cfd.dpm import dpm_columns, dpm_names
-from cldit.cfd.element_mesh import BoxMesh
-from cldit.cfd.inputs import regular
-from cldit.cfd.mapping_file import (
+from cldit.cfd.inputs import regular, text_of
+from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
+from cldit.cfd.mapping.file import (
     CellColumns,
     ColumnMap,
     ParcelColumns,
@@ -24,7 +23,7 @@ from cldit.cfd.mapping_file import (
     read_column_map,
     without_unit,
 )
-from cldit.cfd.parquet import parquet_columns, parquet_names, parquet_rows
+from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
@@ -264,3 +263,149 @@ def _used(names: list[str], wanted: CellColumns | ParcelColumns) -> list[int]:
     """Places of the columns that the mapping uses, by their name with or without its unit."""
     used = columns_of(wanted)
     return [n for n, name in enumerate(names) if name in used or without_unit(name) in used]
+
+
+DENSITY = "mass-density"  # of a droplet: mass over volume, as Fluent gives none
+_ROW = re.compile(r"\(\(([^()]*)\)\s*([^()\s]*)\s*\)\s*$")
+
+
+def dpm_names(file: Path) -> list[str]:
+    """The names of the columns, and `DENSITY` where mass and diameter are among them.
+
+    Raises:
+        SprayError: the file cannot be read, or does not begin as such a file does.
+    """
+    return _named(file, text_of(file).splitlines())
+
+
+def _named(file: Path, lines: list[str]) -> list[str]:
+    head = [line.strip() for line in lines[:2]]
+    if len(head) < 2 or not all(re.fullmatch(r"\([^()]+\)", line) for line in head):
+        raise SprayError(
+            f"{file}: does not begin with Fluent's two lines, (surface count) and (x y z ... name)"
+        )
+    names = head[1][1:-1].split()
+    if names[-1] == "name":
+        names.pop()
+    if len(set(names)) < len(names):
+        raise SprayError(f"{file}: line 2 names a column twice")
+    return [*names, *([DENSITY] if {"mass", "diameter"} <= set(names) else [])]
+
+
+def dpm_columns(file: Path) -> dict[str, Column]:
+    """All columns (N,) by name.
+
+    Raises:
+        SprayError: the file cannot be read, a row is no parcel or of another length, or it is cut
+            off.
+    """
+    text = text_of(file)
+    names = _named(file, text.splitlines())
+    written = [name for name in names if name != DENSITY]
+    rows = []
+    for number, line in enumerate(text.splitlines()[2:], start=3):
+        if not line.strip():
+            continue
+        match = _ROW.match(line.strip())
+        try:
+            row = [] if match is None else [float(part) for part in match[1].split()]
+        except ValueError:
+            row = []
+        if len(row) != len(written):
+            raise SprayError(
+                f"{file}: line {number}: expected are {len(written)} numbers in double parentheses "
+                "and a name"
+            )
+        rows.append(row)
+    if not rows or not text.endswith("\n"):
+        raise SprayError(f"{file}: " + ("holds no parcel" if not rows else "is cut off"))
+    table = np.array(rows)
+    found = {
+        name: Column(f"{file}: column {name}", table[:, place])
+        for place, name in enumerate(written)
+    }
+    if DENSITY in names:
+        diameter = found["diameter"].values
+        if not np.all(diameter > 0):
+            bad = int(np.argmin(diameter > 0))
+            raise SprayError(
+                f"{found['diameter'].label}: {diameter[bad]:g} (entry {bad}) is no size"
+            )
+        density = found["mass"].values / (np.pi / 6 * diameter**3)
+        found[DENSITY] = Column(f"{file}: columns mass and diameter", density)
+    return found
+
+
+def _opened(file: Path) -> Any:
+    try:
+        from pyarrow.lib import ArrowException
+        from pyarrow.parquet import ParquetFile
+    except ImportError as error:
+        raise SprayError(
+            f"{file}: reading Parquet needs pyarrow; install it with: pip install "
+            '"cldit[parquet]", or save the table as CSV'
+        ) from error
+    try:
+        # pages have checksums where the writer made them
+        return ParquetFile(regular(file), page_checksum_verification=True)
+    except SprayError:
+        raise
+    except (ArrowException, OSError) as error:
+        raise SprayError(f"{file}: is damaged, or no Parquet table ({error})") from error
+
+
+def parquet_names(file: Path) -> list[str]:
+    """The names of the columns.
+
+    Raises:
+        SprayError: pyarrow is not installed; the file is no Parquet table, or names a column twice.
+    """
+    names = [str(name) for name in _opened(file).schema_arrow.names]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice or not names:
+        what = f"the column {twice[0]!r} twice" if twice else "no columns"
+        raise SprayError(f"{file}: holds {what}")
+    return names
+
+
+def parquet_rows(file: Path) -> int:
+    """How many rows it has; raises as `parquet_names`."""
+    return int(_opened(file).metadata.num_rows)
+
+
+def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:
+    """Some columns as doubles (N,), rows without a value marked as undefined.
+
+    Args:
+        file: the table.
+        names: of the columns.
+
+    Returns:
+        The columns by name.
+
+    Raises:
+        SprayError: the file is damaged, or a column does not hold numbers.
+    """
+    from pyarrow.lib import ArrowException
+
+    opened = _opened(file)
+    for name in names:
+        kind = opened.schema_arrow.field(name).type
+        if str(kind) not in _NUMBERS:
+            raise SprayError(f"{file}: column {name} holds {kind}; expected are numbers")
+    try:
+        table = opened.read(columns=list(names))
+    except (ArrowException, OSError) as error:
+        raise SprayError(f"{file}: is damaged or truncated ({error})") from error
+    found = {}
+    for name in names:
+        column = table.column(name)
+        empty = column.is_null().to_numpy() if column.null_count else None
+        values = np.asarray(column.cast("float64").to_numpy(), np.float64)
+        found[name] = Column(f"{file}: column {name}", values, empty)
+    return found
+
+
+_NUMBERS = {"float", "double", "halffloat"} | {
+    f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+}

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.cell_mesh import (
+from cldit.cfd.mesh.cells import (
     AnyFloats,
     CellMesh,
     Labels,

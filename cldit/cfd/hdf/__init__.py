@@ -1,0 +1,1 @@
+"""CFD formats in HDF5."""

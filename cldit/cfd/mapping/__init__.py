@@ -1,0 +1,1 @@
+"""Names and units of the fields of a CFD result."""
