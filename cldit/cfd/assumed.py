@@ -1,4 +1,4 @@
-"""What is taken for granted where a case does not say it: each is told, and kept in the run."""
+"""Assumptions where a case does not state a figure; each is reported and kept in the run."""
 
 from __future__ import annotations
 
@@ -15,15 +15,7 @@ _SLACK = 0.01  # of the molar mass: an isotope, or rounded
 
 
 def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
-    """What stands for figures that the case lacks.
-
-    Args:
-        spec: what of the case is wanted.
-        case: as it was read.
-
-    Returns:
-        A sentence for each.
-    """
+    """Lists the assumptions that replace figures which the case lacks, a sentence each."""
     found = []
     if "rho" not in case.gas and "p" in case.gas:
         close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
@@ -50,18 +42,14 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
 
 
 def similar(name: str, known: Iterable[str]) -> list[str]:
-    """Those of the `known` names that `name` may stand for, misspelt; three at most."""
+    """Returns up to three of the `known` names that resemble `name`."""
     by_lower = {each.lower(): each for each in known}
     close = get_close_matches(name.lower(), by_lower, n=3, cutoff=0.6)
     return [by_lower[each] for each in close]
 
 
 def molar_mass_kg_mol(name: str) -> float | None:
-    """By a formula of C, H, O and N as the name of a species, as C7H16; None: it is none.
-
-    Args:
-        name: of the field; what codes put before it is left out.
-    """
+    """Molar mass by a formula of C, H, O and N in a species' name, such as Y_C7H16; else None."""
     match = _FORMULA.match(name)
     if match is None or not re.search(r"\d", name):
         return None

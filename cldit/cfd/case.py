@@ -1,4 +1,4 @@
-"""What any CFD reader yields, in the case's own coordinates, before it becomes a spray."""
+"""CFD case as a reader returns it: in its own coordinates, not yet a spray."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ NO_CLOUD = "none"  # as the name of a cloud: gas alone is wanted
 
 @dataclass(frozen=True)
 class Column:
-    """Values (N,) or (N, 3), and the file and field to name when they are wrong.
+    """Values (N,) or (N, 3), and the label (file and field) that errors name.
 
-    undefined: (N,), true where the file says that there is no value; None: all are defined.
+    undefined: (N,), true where the file marks a value as undefined; None: all are defined.
     """
 
     label: str
@@ -40,7 +40,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Injector:
-    """Where and whither the case's dictionary `source` injects, (3,) each."""
+    """Position and direction, (3,) each, of an injector in the dictionary `source`."""
 
     source: str
     position_m: Floats
@@ -49,9 +49,9 @@ class Injector:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A patch of the mesh's boundary at which the case is cut: a wedge, a plane of symmetry.
+    """Patch at which the case is cut, such as a wedge or a plane of symmetry.
 
-    kind: OpenFOAM's name of the type; normal: outwards, (3,); place_m: a point of it, (3,).
+    kind: OpenFOAM's type of the patch; normal: outwards, (3,); place_m: a point of it, (3,).
     """
 
     name: str
@@ -64,9 +64,9 @@ class Boundary:
 class CfdCase:
     """One time of a case: mesh, cell fields by name (N,), cloud, injectors; time_s if known.
 
-    wall_K: temperature that its walls are held at, where the case says so.
-    gas: those of the fields asked for that there are; available: the names of all. boundaries: at
-    which the case is cut. files: all that were read; remarks: what was chosen or left out.
+    gas: the fields that were read; available: the names of all fields; boundaries: patches at which
+    the case is cut; wall_K: wall temperature, if the case states it; files: all that were read;
+    remarks: choices and omissions.
     """
 
     source: str
@@ -83,15 +83,7 @@ class CfdCase:
 
 
 def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
-    """The one file (or folder) that claims to be `what`, such as "the mesh of step 10".
-
-    Args:
-        what: is claimed; named by the error.
-        claimants: one at least; the same path may come twice.
-
-    Raises:
-        SprayError: there are several; the message lists them.
-    """
+    """Returns the only one of `claimants` to be `what` ("the mesh of step 10"), or raises."""
     known = sorted(set(claimants))
     if len(known) > 1:
         shown = ", ".join(map(str, known))
@@ -103,19 +95,7 @@ def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
 
 
 def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str | None:
-    """The cloud asked for, the only one, or None where there is none or `none` was asked for.
-
-    Args:
-        source: named by errors.
-        names: of the clouds that there are.
-        wanted: None is the only one; `none` is gas alone.
-
-    Returns:
-        A name; None where there is no cloud, or none is wanted.
-
-    Raises:
-        SprayError: there are several, or none of that name.
-    """
+    """Chooses the cloud asked for, else the only one; None for gas alone (`none`, or no cloud)."""
     if wanted == NO_CLOUD:
         return None
     known = sorted(set(names))
@@ -139,18 +119,9 @@ def complete_cloud(
     fields: Mapping[str, Column],
     available: Iterable[str] | None = None,
 ) -> Cloud:
-    """The cloud, once it has parcels and all that a droplet needs.
+    """Makes a cloud once it has parcels and every field that a droplet needs.
 
-    Args:
-        name: of the cloud.
-        source: named by errors.
-        position_m: (N, 3).
-        fields: (N,) or (N, 3) each, by OpenFOAM's names.
-        available: the names of all fields of the file, for errors; None: those of `fields`.
-
-    Raises:
-        EmptyCloud: there is no parcel.
-        SprayError: a field is missing, or has another length than the positions.
+    `source` and `available` (all names in the file; None: those of `fields`) are for errors.
     """
     count = len(position_m.values)
     if count == 0:
@@ -172,7 +143,7 @@ def complete_cloud(
 
 
 def joined(columns: list[Column]) -> Column:
-    """One column of the parts of a decomposed case, under the label of the first."""
+    """Joins the parts of a decomposed case to one column with the label of the first."""
     if len(columns) == 1:
         return columns[0]
     label = f"{columns[0].label} and the other processors'"

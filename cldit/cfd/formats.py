@@ -1,4 +1,4 @@
-"""Which format a CFD result is in, what it contains, and reading it."""
+"""Format of a CFD result, its contents, and its reader."""
 
 from __future__ import annotations
 
@@ -37,11 +37,7 @@ _SUFFIX = {
 
 
 def find_format(spec: CfdSpray) -> str:
-    """The format that the scene names, or that name and content of the file tell.
-
-    Raises:
-        SprayError: there is no such file, or a folder could be two things.
-    """
+    """Format that the scene names, else that of the file's name and content."""
     if spec.format is not None:
         return spec.format
     if not spec.file.exists():
@@ -72,16 +68,7 @@ def find_format(spec: CfdSpray) -> str:
 
 
 def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
-    """One time of a case, in its own coordinates.
-
-    Args:
-        spec: the file, and what of it.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: files or fields are missing or damaged; a mapping is given where names are the
-            format's own.
-    """
+    """Reads one time of a case, in its own coordinates."""
     kind = find_format(spec)
     if spec.mapping is not None and kind == "tables":
         raise SprayError(f"{spec.mapping}: spray.mapping: tables have their names in spray.file")
@@ -123,11 +110,7 @@ def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
 
 
 def _with_table(spec: CfdSpray, path: Path, names: ColumnMap, found: CfdCase) -> CfdCase:
-    """The gas of a case with the parcels of the table that the mapping file `path` names.
-
-    Raises:
-        SprayError: another cloud is asked for, or the table is missing or damaged.
-    """
+    """Replaces the cloud of a case by the table that the mapping file `path` names."""
     if spec.cloud not in (None, "parcels"):
         raise SprayError(
             f"{path}: parcels.file names the parcels, and spray.cloud is {spec.cloud!r}; leave one "
@@ -140,10 +123,9 @@ def _with_table(spec: CfdSpray, path: Path, names: ColumnMap, found: CfdCase) ->
 
 
 def _in_its_case(spec: CfdSpray, found: CfdCase) -> CfdCase:
-    """What OpenFOAM's converters wrote into a case, with the injectors of its dictionary.
+    """Adds the injectors of the OpenFOAM case in which its converted files lie.
 
-    Raises:
-        SprayError: the case has parcels, and what was written from it has none.
+    A converted file without parcels is refused if the case itself has some.
     """
     near = spec.file.resolve().parents[:3]
     case = next((each for each in near if (each / "constant").is_dir()), None)
@@ -183,7 +165,7 @@ class _Common(TypedDict):
 
 @dataclass(frozen=True)
 class Contents:
-    """What a case holds: times in s (those known), cell fields, and clouds with their fields.
+    """Contents of a case: known times in s, cell fields, clouds with their fields.
 
     Fields are those of the time asked for, or the last.
     """
@@ -195,11 +177,7 @@ class Contents:
 
 
 def contents(spec: CfdSpray) -> Contents:
-    """Lists a case without judging whether it has what a spray needs.
-
-    Raises:
-        SprayError: it cannot be read, or does not hold the time.
-    """
+    """Lists a case without judging whether it has all that a spray needs."""
     kind = find_format(spec)
     found: tuple[list[float], list[str], dict[str, list[str]]]
     match kind:

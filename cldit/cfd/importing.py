@@ -1,4 +1,4 @@
-"""What `cldit import` does: list a case, check it, say what came over, keep it."""
+"""Import of a case: list it, check it, describe the result, store it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _COUNTS = ("parcels", "gas_cells", "vapour_cells", "parcels_left_out", "copies")
 
 
 def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
-    """The `spray` section of a scene from the keys that are not None.
+    """Makes the `spray` section of a scene from the keys that are not None.
 
     Raises:
         SprayError: a key or value is not allowed.
@@ -55,7 +55,7 @@ def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
 
 
 def list_case(spec: CfdSpray) -> list[str]:
-    """Format, times, cell fields and clouds, a line each.
+    """Lists format, times, cell fields and clouds, a line each.
 
     Raises:
         SprayError: the case cannot be read.
@@ -73,20 +73,20 @@ def list_case(spec: CfdSpray) -> list[str]:
 
 
 def _quoted(name: str) -> str:
-    """A name with a comma in quotes."""
+    """Puts a name with a comma in quotes."""
     return f'"{name}"' if "," in name else name
 
 
 def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spray:
-    """The spray of a case, checked; cldit's own file of it is written if `out` names one.
+    """Reads the spray of a case; writes cldit's own file of it if `out` is a path.
 
     Args:
         spec: the case.
-        out: of the file, which appears whole or not at all; None writes none.
-        watch: told how far the work is.
+        out: path of the file, which appears whole or not at all; None writes none.
+        watch: receives the progress.
 
     Raises:
-        SprayError: as for `read_cfd` and `write_spray`; no file is written then.
+        SprayError: the case or the file is refused, see `read_cfd`; no file is written then.
     """
     if spec.spread_m is not None:
         raise SprayError("spray.spread_m: parcels are spread when a scene reads the file, not here")
@@ -97,7 +97,7 @@ def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spra
 
 
 def case_lines(spec: CfdSpray, spray: Spray) -> list[str]:
-    """What came over of the case `spec` into its `spray`, a line each."""
+    """Describes the `spray` that was read from the case `spec`, a line each."""
     lines = [f"{spec.file}: {find_format(spec)}"]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:

@@ -1,4 +1,4 @@
-"""The files of a CFD case as they are opened: regular ones only, and errors are SprayError."""
+"""Input files of a CFD case: regular files only; errors are `SprayError`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ from cldit.io.files import check_regular, read_text
 
 
 def regular(path: Path) -> Path:
-    """The file itself, for whoever opens it next: a pipe would keep them waiting.
-
-    Raises:
-        SprayError: it is missing, not a regular file, or not to be read.
-    """
+    """Returns `path` if it is a readable regular file; a pipe would block its reader."""
     try:
         check_regular(path)
     except FileError as error:
@@ -22,11 +18,7 @@ def regular(path: Path) -> Path:
 
 
 def text_of(path: Path) -> str:
-    """The text of a file in UTF-8.
-
-    Raises:
-        SprayError: as `regular`; it is too large, or not in UTF-8.
-    """
+    """Reads a file of text in UTF-8."""
     try:
         return read_text(path)
     except FileError as error:

@@ -1,7 +1,6 @@
-"""From a CFD case's coordinates to the project's: nozzle at the origin, injection along -z.
+"""Nozzle and axis of a case: the frame with the nozzle at the origin and injection along -z.
 
-What the scene leaves out is inferred, from the case's injectors or else from its parcels, and
-said in a sentence for the user.
+They come from the scene, else from the case's injectors, else from its parcels.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ _FEWEST = 8  # for a parabola through them
 
 @dataclass(frozen=True)
 class Frame:
-    """nozzle_m (3,) and unit axis (3,) in the case's coordinates; remarks on their origin.
+    """Nozzle nozzle_m (3,) and unit axis (3,) in the case's coordinates; remarks on their source.
 
-    error_m: of the nozzle, where it was inferred from parcels; else 0.
+    error_m: error of a nozzle inferred from parcels; else 0.
     """
 
     nozzle_m: Floats
@@ -38,7 +37,7 @@ class Frame:
 
     @property
     def rotation(self) -> Floats:
-        """(3, 3): the shortest proper rotation that takes the axis to -z (Rodrigues)."""
+        """Shortest proper rotation that takes the axis to -z (Rodrigues), (3, 3)."""
         target = np.array([0.0, 0.0, -1.0])
         cosine = float(self.axis @ target)
         if cosine < -1.0 + 1e-12:
@@ -49,11 +48,7 @@ class Frame:
 
 
 def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
-    """Nozzle and axis from the scene's `spec`, else the injectors of `case`, else its parcels.
-
-    Raises:
-        SprayError: they cannot be told; the message names the scene keys to set.
-    """
+    """Nozzle and axis from the scene's `spec`, else the injectors of `case`, else its parcels."""
     remarks: list[str] = []
     axis = np.array(spec.axis) if spec.axis is not None else _axis(case, remarks)
     axis = axis / np.linalg.norm(axis)
@@ -130,20 +125,12 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
 def extrapolated(
     position_m: Floats, velocity_m_s: Floats, age_s: Floats, axis: Floats
 ) -> tuple[Floats, float]:
-    """Where parcels were when they were born, and the error of that.
+    """Nozzle (3,) and its error [m], from positions and velocities (N, 3) and ages (N,).
 
-    A parcel that is taken back along its present velocity ends too far downstream, as drag slowed
-    it. The place so found is a function of the age: along the axis a parabola through the
-    youngest parcels gives its value at age zero; across it is their mean, as drag has no side.
-
-    Args:
-        position_m, velocity_m_s: (N, 3).
-        age_s: (N,).
-        axis: of the injection, (3,).
-
-    Returns:
-        The nozzle (3,), and its error [m]: two standard errors of the fit, and the parabola's
-        difference from a straight line.
+    A parcel that is traced back along its present velocity ends too far downstream, as drag slowed
+    it. Along the axis, a parabola in age through the youngest parcels gives the value at age zero;
+    across it their median is taken, as drag has no preferred side. The error is two standard
+    errors of the fit, and the parabola's difference from a straight line.
     """
     young = np.argsort(age_s, kind="stable")[:_YOUNG]
     born = position_m[young] - velocity_m_s[young] * age_s[young, None]
@@ -167,11 +154,7 @@ def extrapolated(
 
 
 def _check_place(case: CfdCase, nozzle: Floats) -> None:
-    """Refuses a nozzle farther from mesh and parcels than these are wide.
-
-    Raises:
-        SprayError: it is; the message says whether millimetres seem to be meant.
-    """
+    """Refuses a nozzle farther from the mesh than the mesh is wide; hint at mm or cm."""
     low, high = case.mesh.extent_m
     size = float(np.linalg.norm(high - low))
 
@@ -193,16 +176,7 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
 
 
 def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
-    """Refuses a nozzle and axis that have most of the liquid behind the nozzle.
-
-    Args:
-        spec: the scene's spray.
-        parcels: in the project's frame, injection along -z.
-        frame: the nozzle and axis used.
-
-    Raises:
-        SprayError: more than half of the liquid is upstream.
-    """
+    """Refuses a nozzle and axis that place more than half of the liquid behind the nozzle."""
     mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
     share = float(mass[parcels.position_m[:, 2] > 0.0].sum() / mass.sum()) if mass.sum() else 0.0
     if share > 0.5:
@@ -221,7 +195,7 @@ def _cloud_or_fail(case: CfdCase) -> Cloud:
 
 
 def _snapped(vector: Floats, within_deg: float) -> Floats:
-    """The nearest coordinate axis if it is within the angle, else the unit vector."""
+    """Returns the nearest coordinate axis if it is within the angle, else the unit vector."""
     unit = vector / np.linalg.norm(vector)
     main = int(np.argmax(np.abs(unit)))
     if abs(unit[main]) < np.cos(np.radians(within_deg)):
@@ -238,19 +212,9 @@ _TRIED = (1.0, 0.5, 0.25, 0.75, 0.0)  # places in the row of times, in this orde
 def with_one_frame(
     spec: CfdSpray, times: Sequence[float], *, watch: Watch = silent
 ) -> tuple[CfdSpray, tuple[str, ...]]:
-    """The case with nozzle and axis fixed, as they are found at the time that tells them best.
+    """Fixes nozzle and axis at the time that gives them best, so that all images of a series match.
 
-    Args:
-        spec: the case.
-        times: all that it has, rising.
-        watch: told how far the reading is.
-
-    Returns:
-        The case, and remarks on where nozzle and axis come from; unchanged, where they are given or
-        the file is cldit's own.
-
-    Raises:
-        SprayError: they cannot be told at any of the times tried.
+    Returns the case, and remarks; unchanged if they are given or the file is cldit's own.
     """
     if find_format(spec) == "cldit" or (spec.nozzle_m is not None and spec.axis is not None):
         return spec, ()

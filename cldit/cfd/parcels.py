@@ -1,4 +1,4 @@
-"""The parcels of a case: what is plausible, and what is left out, counted."""
+"""Parcels of a case: range checks, omission of impossible ones, spreading over a ball."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class CheckedParcels:
-    """Parcels in the case's coordinates; kept: which of the cloud's they are, (N,)."""
+    """Parcels in the case's coordinates; kept: mask of the cloud's parcels, (N,)."""
 
     parcels: Parcels
     kept: Mask
@@ -31,25 +31,16 @@ class CheckedParcels:
 
     @property
     def left_out(self) -> int:
-        """How many parcels were impossible."""
+        """Number of parcels omitted."""
         return int(np.sum(~self.kept))
 
 
 def check_parcels(
     cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float
 ) -> CheckedParcels:
-    """The parcels whose values are possible, and which lie in the mesh's bounding box.
+    """Omits parcels with impossible values or outside the mesh's bounding box, lower_m to upper_m.
 
-    Args:
-        cloud: all parcels.
-        lower_m, upper_m: of the mesh, (3,) each.
-        share: largest share of the parcels that may be left out.
-
-    Returns:
-        The others, with a sentence for each reason to leave one out.
-
-    Raises:
-        SprayError: more than that share is impossible; the message names file, value and limits.
+    More than `share` of their number, or of the mass, is an error.
     """
     count = len(cloud.position_m.values)
     wrong: list[tuple[Mask, str]] = []
@@ -95,7 +86,7 @@ def check_parcels(
 
 
 def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> float:
-    """Share of the liquid in parcels whose values are possible, but which lie outside the mesh."""
+    """Share of the liquid in parcels with possible values, but outside the mesh."""
     possible = np.ones(len(away), dtype=bool)
     for mask, _ in wrong:
         possible &= ~mask | (mask is away)
@@ -107,14 +98,9 @@ def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> floa
 
 
 def farthest_m(cloud: Cloud, share: float) -> float | None:
-    """How far from where it was born the farthest liquid is, as OpenFOAM's log states it.
+    """Distance from their origin within which `share` of the liquid lies; None without origins.
 
-    Parcels in the order of their distance: that at which the liquid beyond is less than
-    1 - share, interpolated as KinematicCloud::penetration does.
-
-    Args:
-        cloud: parcels; without their `origin` there is no answer.
-        share: of the liquid, 0.95 in OpenFOAM's log.
+    Interpolated as KinematicCloud::penetration does; OpenFOAM's log states it for 0.95.
     """
     if "origin" not in cloud.fields:
         return None
@@ -132,7 +118,7 @@ def farthest_m(cloud: Cloud, share: float) -> float | None:
 
 
 def only(cloud: Cloud, kept: Mask) -> Cloud:
-    """The parcels of `cloud` that are `kept` (N,), as a cloud."""
+    """Restricts `cloud` to the parcels that are `kept` (N,)."""
     if kept.all():
         return cloud
 
@@ -156,17 +142,10 @@ def _text(vector: Floats) -> str:
 
 
 def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
-    """Shares the droplets of every parcel evenly among places in a ball about it.
+    """Shares the droplets of every parcel evenly among `points` places in a ball of `radius_m`.
 
-    Places come in opposite pairs (and the middle, for an odd number), so that mass, centre of mass,
-    diameters and temperatures of each parcel stay as they are. Uniform in the ball; the same seed
-    gives the same places.
-
-    Args:
-        parcels: to be shared.
-        radius_m: of the ball.
-        points: number of places.
-        seed: of their draw.
+    Places are uniform in the ball and come in opposite pairs (with the centre, for an odd number),
+    so mass, centre of mass, diameters and temperatures of each parcel are unchanged.
     """
     count = len(parcels.diameter_m)
     random = np.random.default_rng(seed)

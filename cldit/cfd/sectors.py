@@ -1,4 +1,4 @@
-"""Part of a spray made whole: wedges and sectors by turns, half cases by planes of symmetry."""
+"""Completion of a partial case: sectors by rotation, half cases by mirroring."""
 
 from __future__ import annotations
 
@@ -22,35 +22,22 @@ _ANGLE_DEG = 0.5  # by which the mesh may differ from the sector that is said
 
 @dataclass(frozen=True)
 class Copy:
-    """A place x of the case becomes turn (x - origin_m), in the case's own coordinates.
-
-    turn (3, 3), origin_m (3,).
-    """
+    """Copy of the case: a place x becomes turn (x - origin_m); turn (3, 3), origin_m (3,)."""
 
     turn: Floats
     origin_m: Floats
 
     def into(self, frame: Frame) -> tuple[Floats, Floats]:
-        """Origin (3,) and matrix (3, 3) of the way from the case into the project's frame."""
+        """Origin (3,) and matrix (3, 3) of the way from the case to the project's frame."""
         # frame.rotation (turn (x - origin) - nozzle)
         origin = self.origin_m + self.turn.T @ frame.nozzle_m
         return origin, frame.rotation @ self.turn
 
 
 def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
-    """The copies of the case that make it whole, itself first, and what to say of them.
+    """Copies that make the case whole, itself first, and remarks on them.
 
-    Args:
-        spec: says what completes it.
-        case: as it was read.
-        frame: nozzle and axis.
-
-    Returns:
-        The copies, and remarks.
-
-    Raises:
-        SprayError: the case is a part, and the scene does not say so; or it is not the part that
-            the scene says.
+    A partial case is refused unless the scene states which part it is.
     """
     if spec.sector is not None and spec.symmetry is not None:
         raise SprayError("spray.sector and spray.symmetry are both given; allowed is one of them")
@@ -63,13 +50,7 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
 
 
 def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
-    """The parcels of all copies, in our frame; each copy has the masses of the case.
-
-    Args:
-        parcels: of the case, in its coordinates.
-        frame: nozzle and axis.
-        every: the copies.
-    """
+    """Parcels of all copies in the project's frame; each copy has the masses of the case."""
     places = []
     for copy in every:
         origin, rotation = copy.into(frame)
@@ -108,7 +89,7 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
 
 
 def _turn(axis: Floats, centre: Floats, angle: float) -> Copy:
-    """A turn about an axis through `centre` (Rodrigues)."""
+    """Rotation about an axis through `centre` (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
@@ -142,11 +123,7 @@ def _mirrored(
 
 
 def _refuse_part(case: CfdCase, frame: Frame) -> None:
-    """Says that the case is a part, by its patches or by its geometry.
-
-    Raises:
-        SprayError: it is; the message says what completes it.
-    """
+    """Refuses a partial case, recognised by its patches or its geometry; name what completes it."""
     kinds = {kind: [b for b in case.boundaries if b.kind == kind] for kind in _EVERY}
     if empty := kinds["empty"]:
         raise SprayError(
@@ -187,7 +164,7 @@ _EVERY = ("empty", "wedge", "cyclic", "cyclicAMI", "symmetry", "symmetryPlane")
 
 
 def _between(pair: Sequence[Boundary]) -> tuple[float, Floats]:
-    """Angle of the mesh between two plane patches in degrees, and the axis; 0 if parallel."""
+    """Angle in degrees of the mesh between two plane patches, and the axis; 0 if parallel."""
     planes = [each.normal for each in pair if each.normal.any()]
     if len(planes) < 2:
         return 0.0, np.zeros(3)
@@ -230,13 +207,9 @@ def azimuth_span(
 ) -> tuple[float, bool]:
     """Degrees about an axis that points fill, and whether planes through the axis bound them.
 
-    Args:
-        points: yields all points, (P, 3) of some at a time; is called three times.
-        centre_m, axis: (3,) each, the axis of length 1.
-
-    Returns:
-        360 less the widest gap between azimuths; true where both sides of the gap have points at
-        several distances from the axis, as a plane through the axis has.
+    `points` yields all points, (P, 3) of some at a time, and is called three times; centre_m and
+    the unit axis are (3,). The angle is 360 less the widest gap between azimuths. Planes bound the
+    gap if both of its sides have points at several distances from the axis.
     """
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - (first @ axis) * axis

@@ -1,4 +1,4 @@
-"""Whether a case fits into memory, told from counts before anything large is read."""
+"""Memory that a case needs, estimated from counts before anything large is read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ANYWAY = 200e6  # for some cells at a time, whatever the case
 
 @dataclass(frozen=True)
 class Size:
-    """What a case holds, and the bytes that its reader needs for mesh and fields at its peak."""
+    """Counts of a case, and the bytes that its reader needs for mesh and fields at its peak."""
 
     cells: int
     parcels: int
@@ -29,15 +29,7 @@ class Size:
 
 
 def check_room(source: Path, size: Size) -> None:
-    """Refuses a case that does not fit, before it is read.
-
-    Args:
-        source: named by the error.
-        size: of the case.
-
-    Raises:
-        SprayError: less memory is free than the import needs.
-    """
+    """Refuses a case that needs more memory than is free; `source` names it."""
     free = free_bytes()
     if free is None or size.need_bytes <= free:
         return

@@ -1,4 +1,10 @@
-"""Tables of cells and parcels as text, for codes whose own files are not read."""
+"""Tables of cells and parcels, for codes whose own files are not read.
+
+Text with a delimiter, Parquet, and Fluent's samples of particles (.dpm). In a .dpm file two lines
+in parentheses name the surface and the columns; each further line is a parcel:
+`((x y z ... flow-rate) injection-0:17)` (Fluent's User's Guide, "Sampling of Trajectories"; no file
+written by Fluent was at hand).
+"""
 
 from __future__ import annotations
 
@@ -37,16 +43,6 @@ def read_tables(
     """Reads the tables that a mapping file names, relative to it.
 
     A cell is a box about its centre: of edges `size`, or a cube of its `volume`.
-
-    Args:
-        path: the mapping file.
-        time_s: must be that of the mapping; None takes it.
-        fuel_field: name of the fuel's mass fraction.
-        cloud: None is that of the mapping, if any; `none` is gas alone.
-
-    Raises:
-        SprayError: the mapping or a table is missing or damaged, lacks a column, a cell has no
-            volume, or the table does not fit into memory.
     """
     mapping = read_column_map(path)
     if mapping.cells.file is None:
@@ -75,7 +71,7 @@ def read_tables(
 
 
 def _size(file: Path) -> Size:
-    """By the mean length of the first lines; ten columns of numbers, and again as boxes."""
+    """Estimate from the mean length of the first lines: ten columns of numbers, and boxes."""
     if file.suffix == ".parquet":
         rows = parquet_rows(file)
         return Size(rows, 0, 200.0 * rows)
@@ -89,7 +85,7 @@ def _size(file: Path) -> Size:
 
 
 def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
-    """Centres and edges of the cells, (N, 3) both."""
+    """Centres and edges of the cells, (N, 3) each."""
     if wanted.position is None or (wanted.size is None) == (wanted.volume is None):
         raise SprayError(
             f"{source.name}: cells need position, and either size or volume, in the mapping file"
@@ -109,15 +105,7 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
 
 
 def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
-    """The parcels of the table that a mapping file names; None: it names none.
-
-    Args:
-        path: of the mapping file, to which the table's is relative.
-        mapping: read from it.
-
-    Raises:
-        SprayError: as `load_table`; or a key is missing.
-    """
+    """Parcels of the table that the mapping file `path` names; None if it names none."""
     wanted = mapping.parcels
     if wanted is None:
         return None
@@ -130,11 +118,7 @@ def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
 
 
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
-    """The names in the header of a table, as `wanted` says where it is in `file`.
-
-    Raises:
-        SprayError: the file cannot be read, or names a column twice.
-    """
+    """Names in the header of a table; `wanted` gives the header's line and delimiter."""
     if file.suffix == ".parquet":
         return parquet_names(file)
     if file.suffix == ".dpm":
@@ -143,7 +127,7 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 
 
 def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str], str]:
-    """Names and delimiter; names in quotes may hold the delimiter."""
+    """Names and delimiter; a name in quotes may contain the delimiter."""
     try:
         with regular(file).open(encoding="utf-8-sig") as stream:
             lines = [stream.readline() for _ in range(wanted.header_line)]
@@ -163,13 +147,13 @@ def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str],
 
 
 def _told(header: str) -> str:
-    """The delimiter of a header: the first of semicolon, tab and comma outside quotes, or space."""
+    """Delimiter of a header: the first of semicolon, tab and comma outside quotes, or space."""
     plain = re.sub(r'"[^"]*"', "", header)
     return next((mark for mark in ";\t," if mark in plain), " " if " " in plain else ",")
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    """The cells of a line; quotes keep a delimiter inside them."""
+    """Cells of a line; a cell in quotes may contain the delimiter."""
     if '"' not in line:
         return line.split() if delimiter == " " else line.split(delimiter)
     rows = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
@@ -198,11 +182,7 @@ def _rows(file: Path, names: list[str], delimiter: str, wanted: Table) -> Iterat
 
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """The columns of the table `file` that the mapping `wanted` uses; the others are named only.
-
-    Raises:
-        SprayError: the file cannot be read, is cut off, or holds text where a number is expected.
-    """
+    """Reads the columns of a table that the mapping `wanted` uses; the others are only named."""
     if file.suffix in (".parquet", ".dpm"):
         return _of_program(file, wanted)
     names, delimiter = _header(file, wanted)
@@ -246,7 +226,7 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
 
 
 def _of_program(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """As `load_table`, of files that are no text with a delimiter."""
+    """Columns of a table that is no text with a delimiter."""
     names = table_names(file, wanted)
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names}
     use = [names[place] for place in _used(names, wanted)]
@@ -260,7 +240,7 @@ def _of_program(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
 
 
 def _used(names: list[str], wanted: CellColumns | ParcelColumns) -> list[int]:
-    """Places of the columns that the mapping uses, by their name with or without its unit."""
+    """Indices of the columns that the mapping uses, by name with or without the unit."""
     used = columns_of(wanted)
     return [n for n, name in enumerate(names) if name in used or without_unit(name) in used]
 
@@ -270,11 +250,7 @@ _ROW = re.compile(r"\(\(([^()]*)\)\s*([^()\s]*)\s*\)\s*$")
 
 
 def dpm_names(file: Path) -> list[str]:
-    """The names of the columns, and `DENSITY` where mass and diameter are among them.
-
-    Raises:
-        SprayError: the file cannot be read, or does not begin as such a file does.
-    """
+    """Names of the columns; with `DENSITY` if mass and diameter are among them."""
     return _named(file, text_of(file).splitlines())
 
 
@@ -293,12 +269,7 @@ def _named(file: Path, lines: list[str]) -> list[str]:
 
 
 def dpm_columns(file: Path) -> dict[str, Column]:
-    """All columns (N,) by name.
-
-    Raises:
-        SprayError: the file cannot be read, a row is no parcel or of another length, or it is cut
-            off.
-    """
+    """All columns (N,) by name."""
     text = text_of(file)
     names = _named(file, text.splitlines())
     written = [name for name in names if name != DENSITY]
@@ -355,11 +326,7 @@ def _opened(file: Path) -> Any:
 
 
 def parquet_names(file: Path) -> list[str]:
-    """The names of the columns.
-
-    Raises:
-        SprayError: pyarrow is not installed; the file is no Parquet table, or names a column twice.
-    """
+    """Names of the columns."""
     names = [str(name) for name in _opened(file).schema_arrow.names]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not names:
@@ -369,23 +336,12 @@ def parquet_names(file: Path) -> list[str]:
 
 
 def parquet_rows(file: Path) -> int:
-    """How many rows it has; raises as `parquet_names`."""
+    """Number of rows."""
     return int(_opened(file).metadata.num_rows)
 
 
 def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:
-    """Some columns as doubles (N,), rows without a value marked as undefined.
-
-    Args:
-        file: the table.
-        names: of the columns.
-
-    Returns:
-        The columns by name.
-
-    Raises:
-        SprayError: the file is damaged, or a column does not hold numbers.
-    """
+    """Columns `names` as doubles (N,); rows without a value are marked as undefined."""
     from pyarrow.lib import ArrowException
 
     opened = _opened(file)

@@ -1,4 +1,4 @@
-"""Which of a case's times is meant: a number that it has, the latest, or the nearest."""
+"""Choice among a case's times: a number that it has, the latest, or the nearest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TIME_TOLERANCE = 1e-6  # relative; OpenFOAM writes times with six digits, foamTo
 
 
 def wanted_time(wanted: CaseTime | None) -> tuple[float | None, bool]:
-    """The number asked for, None for the latest, and whether the nearest will do."""
+    """Splits a wanted time into its number (None: the latest) and whether the nearest will do."""
     if wanted is None or wanted == "latest":
         return None, False
     if isinstance(wanted, str):
@@ -20,19 +20,9 @@ def wanted_time(wanted: CaseTime | None) -> tuple[float | None, bool]:
 
 
 def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) -> float:
-    """The time asked for, or the latest.
+    """Returns the time asked for, else the latest; a number must match within `TIME_TOLERANCE`.
 
-    Args:
-        source: named by errors.
-        times: those that there are, in the case's own unit.
-        wanted: None or `latest` is the last; a number must be there; `nearest` takes the nearest.
-
-    Returns:
-        One of `times`.
-
-    Raises:
-        SprayError: there is none, or none within `TIME_TOLERANCE`; the message lists what there
-            is, and how to take the nearest.
+    The error lists the times that exist, and how to take the nearest.
     """
     known = sorted(set(times))
     if not known:
@@ -53,19 +43,10 @@ def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) ->
 def choose_times(
     source: str, times: Iterable[float], wanted: str | Sequence[CaseTime]
 ) -> tuple[float, ...]:
-    """Several of a case's times, rising, each once.
+    """Chooses several times, ascending, each once.
 
-    Args:
-        source: named by errors.
-        times: those that there are, in the case's own unit.
-        wanted: `all`; some by their numbers in order, as Python's slices (`::5`, `10:`, `-3:`); or
-            single ones, each as for `choose_time`.
-
-    Returns:
-        Some of `times`.
-
-    Raises:
-        SprayError: there is none, or none within `TIME_TOLERANCE` of a number; or a slice is none.
+    `wanted` is `all`; a slice of Python's over the sorted times (`::5`, `10:`, `-3:`); or single
+    times, each as `choose_time` takes it.
     """
     known = sorted(set(times))
     if isinstance(wanted, str):
@@ -93,7 +74,7 @@ def _slice(source: str, text: str) -> slice:
 
 
 def time_remarks(taken: float | None, wanted: CaseTime | None) -> tuple[str, ...]:
-    """What to say where a time was chosen for the user: how far `taken` is from `wanted`."""
+    """Remark on how far the nearest time, `taken`, is from the one asked for."""
     number, nearest = wanted_time(wanted)
     if not nearest or number is None or taken is None or taken == number:
         return ()

@@ -1,4 +1,4 @@
-"""CFD results as a spray: what each field means, what is plausible, the turn into our frame."""
+"""Conversion of a CFD case to a spray: plausibility of fields, rotation into cldit's frame."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is meas
 
 @dataclass(frozen=True)
 class _Gas:
-    """Temperature, mass fraction of the fuel, and molecules of it per m3, of each cell."""
+    """Temperature, mass fraction of the fuel, and its molecules per m3, of each cell."""
 
     temperature_K: AnyFloats
     mass_fraction: Floats
@@ -49,21 +49,21 @@ def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
 
     Gas: T, rho (or p, for an ideal gas of air and fuel), and the fuel's mass fraction, the field
     `spec.fuel_field`. Parcels: d (the diameter), nParticle (a real number), T, rho. The nozzle
-    becomes the origin and the axis of injection -z; where the scene does not give them they are
-    inferred, see `frame.find_frame`, and `remarks` say how. Cells without vapour are left out.
-    With `spec.spread_m` each parcel becomes several points, see `spread_parcels`.
+    becomes the origin and the axis of injection -z. Nozzle and axis are inferred where the scene
+    does not give them; `remarks` state their source. Cells without vapour are omitted.
+    With `spec.spread_m` each parcel becomes several points.
 
     Args:
         spec: the case.
-        watch: told how far the work is.
+        watch: receives the progress.
 
     Returns:
         Spray with `vapour` (None without any), `parcels` (None for a case without a cloud), and
         figures in `notes`.
 
     Raises:
-        SprayError: files or fields are missing, damaged, or hold what cannot be; the message names
-            the file and the field.
+        SprayError: files or fields are missing, damaged, or hold impossible values; the message
+            names the file and the field.
     """
     spray = _stored(spec) if find_format(spec) == "cldit" else _imported(spec, watch)
     if spec.spread_m is None or spray.parcels is None:
@@ -139,7 +139,7 @@ _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORE
 
 
 def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
-    """Those of `available` with the name of a hydrocarbon other than `fuel_field`, from C2 on."""
+    """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
     return sorted(
         name
         for name in available
@@ -158,7 +158,7 @@ def _check_size(case: CfdCase) -> None:
 
 
 def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
-    """The values as they are stored, once they are numbers inside low..high."""
+    """Returns the values as stored, once all are numbers within low..high."""
     values = column.values
     if values.ndim != 1:
         raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
@@ -223,10 +223,10 @@ def _vapour(
     every: Sequence[Copy],
     watch: Watch,
 ) -> tuple[Vapour, float]:
-    """The vapour, and how far it has come along the axis (NaN where there is none), metres.
+    """Vapour in cldit's frame, and its penetration along the axis in metres (NaN if none).
 
-    Cells that hold next to nothing are left out, those of a few thousand at a time; the cells of
-    all copies refer to the same gas.
+    Cells with a negligible share are omitted, some thousands at a time; the cells of all copies
+    refer to the same gas.
     """
     found: list[tuple[Labels, Boxes, Floats]] = []
     total, depth = 0.0, -np.inf
@@ -264,7 +264,7 @@ def _vapour(
 def _notes(
     case: CfdCase, gas: _Gas, parcels: Parcels | None, vapour: Vapour, frame: Frame
 ) -> dict[str, float]:
-    """The figures by which a user sees that the case came over right."""
+    """Figures that show whether the case was read as meant."""
     notes = {} if case.time_s is None else {"time_s": case.time_s}
     if case.wall_K is not None:
         notes["wall_temperature_K"] = case.wall_K
@@ -289,7 +289,7 @@ def _notes(
 
 
 def _ambient_K(gas: _Gas) -> float:
-    """Median temperature of the cells outside the jet; the hottest where it fills all of them."""
+    """Median temperature of the cells outside the jet; the hottest if it fills all of them."""
     outside = gas.mass_fraction <= _EDGE_OF_JET
     if not outside.any():
         return float(gas.temperature_K.max())

@@ -1,4 +1,4 @@
-"""Files that CFD users have and cldit does not read: what they are, and which export it reads."""
+"""Kinds of files that cldit does not read, and the export of each that it reads."""
 
 from __future__ import annotations
 
@@ -69,11 +69,7 @@ def _kind(path: Path) -> tuple[str, str] | None:
 
 
 def refuse_unknown(path: Path) -> None:
-    """Says what a file is that is not read, or what a folder without a case holds.
-
-    Raises:
-        SprayError: the ending is one of those known, or of none that is read.
-    """
+    """Raises an error that names the kind of a file, and which export is read."""
     found = _kind(path)
     if found is not None:
         what, way = found
@@ -82,11 +78,7 @@ def refuse_unknown(path: Path) -> None:
 
 
 def refuse_folder(path: Path) -> None:
-    """Says what a folder holds that none of the readers knows.
-
-    Raises:
-        SprayError: always; it names the first file of a kind that is known, or what is allowed.
-    """
+    """Raises an error that names the first file of a known kind in a folder, or its content."""
     files = sorted(each for each in path.iterdir() if each.is_file())
     for each in files:
         if (found := _kind(each)) is not None:

@@ -34,21 +34,7 @@ def read_ensight(
     names: ColumnMap,
     watch: Watch = silent,
 ) -> CfdCase:
-    """Reads one time of a case.
-
-    Args:
-        path: the .case file, or a folder with one.
-        time_s: the latest where None.
-        fuel_field: name of the fuel's mass fraction.
-        cloud: name of the cloud; None is the only one.
-        names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
-            U, age for the parcels.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: a file is missing or damaged, of a kind that is not read, the time is not
-            there, or the case does not fit into memory.
-    """
+    """Reads one time of a .case file, or of the only one in a folder."""
     case = read_case_file(case_path(path))
     items = {item.name: item for item in case.items if item.kind == "scalar per node"}
     items |= {item.name: item for item in case.items if item.kind == "scalar per element"}
@@ -93,11 +79,7 @@ def read_ensight(
 
 
 def case_path(path: Path) -> Path:
-    """The .case file itself, or the only one in a folder.
-
-    Raises:
-        SprayError: the folder has none or several.
-    """
+    """Path of the .case file: itself, or the only one in a folder."""
     if not path.is_dir():
         return path
     found = [*path.glob("*.case"), *path.glob("*.encas")]
@@ -120,7 +102,7 @@ def _only(case: CaseFile, kind: str) -> Item:
 
 
 def _file(case: CaseFile, item: Item, at: float | None) -> Path:
-    """The file of an item at a time; a mesh stays what it was."""
+    """File of an item at a time; a mesh is valid until the next one."""
     files = case.files(item)
     if files[0][0] is None or at is None:
         return files[-1][1]
@@ -136,7 +118,7 @@ def _file(case: CaseFile, item: Item, at: float | None) -> Path:
 
 
 def _size(geometry: Path, fields: list[Path]) -> Size:
-    """By the files' sizes: a number takes four bytes, or a line in ascii, held as an object."""
+    """Estimate from the files' sizes: a number takes four bytes, or a line in ascii."""
     try:
         with open_regular(geometry) as stream:
             binary = b"C Binary" in stream.read(84)
@@ -148,13 +130,10 @@ def _size(geometry: Path, fields: list[Path]) -> Size:
 
 
 def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
-    """Of each cloud its positions, and its fields by name.
+    """Positions of each cloud, and its fields by name.
 
-    The particles are one cloud, `measured`. foamToEnsight names a cloud by the folder of its
-    files, and its fields by the cloud's number and the field: `c0d` in `lagrangian/sprayCloud`.
-
-    Raises:
-        SprayError: two clouds have one name.
+    The particles are one cloud, `measured`. foamToEnsight names a cloud by the folder of its files,
+    and its fields by the cloud's number and the field: `c0d` in `lagrangian/sprayCloud`.
     """
     found: dict[str, tuple[Item, dict[str, Item]]] = {}
     fields = [item for item in case.items if item.kind in _MEASURED]

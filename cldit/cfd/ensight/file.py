@@ -1,7 +1,7 @@
-"""The files of an EnSight Gold case: the case file, and numbers in ascii or C binary.
+"""Files of an EnSight Gold case: the case file, and numbers in ascii or C binary.
 
-Format after the EnSight user manual, "EnSight Gold Casefile Format". Files that end early, or go on
-where they should end, are refused.
+Format after the EnSight user manual, "EnSight Gold Casefile Format". Files that end too early or
+too late are refused.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cldit.spray.result import Floats
 
 @dataclass(frozen=True)
 class TimeSet:
-    """Times and the numbers that stand for them in names of files."""
+    """Times, and their numbers in names of files."""
 
     times_s: tuple[float, ...]
     numbers: tuple[int, ...]
@@ -31,7 +31,7 @@ class TimeSet:
 
 @dataclass(frozen=True)
 class Item:
-    """A file of the case: its kind ("scalar per element"), name, pattern and time set (or None)."""
+    """File of the case: its kind ("scalar per element"), name, pattern and time set (or None)."""
 
     kind: str
     name: str
@@ -41,18 +41,14 @@ class Item:
 
 @dataclass
 class CaseFile:
-    """What a .case file says."""
+    """Content of a .case file."""
 
     path: Path
     items: list[Item] = field(default_factory=list)
     time_sets: dict[int, TimeSet] = field(default_factory=dict)
 
     def files(self, item: Item) -> list[tuple[float | None, Path]]:
-        """Times and files of an item; time None where it does not change.
-
-        Raises:
-            SprayError: the item's time set is missing.
-        """
+        """Times and files of an item; time None if it does not change."""
         if item.time_set is None or "*" not in item.pattern:
             return [(None, self.path.parent / item.pattern)]
         if item.time_set not in self.time_sets:
@@ -66,11 +62,7 @@ class CaseFile:
 
 
 def read_case_file(path: Path) -> CaseFile:
-    """Reads a .case file.
-
-    Raises:
-        SprayError: it cannot be read, is not of EnSight Gold, or keeps all times in one file.
-    """
+    """Reads a .case file."""
     lines = text_of(path).splitlines()
     try:
         return _parsed(path, lines)
@@ -119,7 +111,7 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
 
 
 def _numbers_file(path: Path, name: str) -> str:
-    """The text of a file that the TIME section of `path` names."""
+    """Text of a file that the TIME section of `path` names."""
     words = shlex.split(name)
     if len(words) != 1:
         raise SprayError(f"{path}: TIME: {name.strip()!r}: one file is allowed")
@@ -130,7 +122,7 @@ def _numbers_file(path: Path, name: str) -> str:
 
 
 def _item(path: Path, kind: str, text: str) -> Item:
-    """`[time set] [file set] [name] pattern [options]` with a name only for variables."""
+    """Item of a line, `[time set] [file set] [name] pattern [options]`; variables have a name."""
     words = shlex.split(text)
     numbers: list[int] = []
     while words and words[0].isdigit():
@@ -163,7 +155,7 @@ class Reader:
     """Words and numbers of one file, in order. Errors name the file."""
 
     def __init__(self, path: Path, *, binary: bool | None = None, order: str = "<") -> None:
-        """`binary` and byte `order` of a variable's file are those of the geometry's."""
+        """Opens a file; a variable's `binary` and byte `order` are those of the geometry."""
         try:
             self.body = regular(path).read_bytes()
         except OSError as error:
@@ -182,16 +174,16 @@ class Reader:
             self.at = 80
 
     def fail(self, what: str) -> SprayError:
-        """An error that names the file."""
+        """Error that names the file."""
         return SprayError(f"{self.path}: {what}")
 
     @property
     def done(self) -> bool:
-        """Whether the file is read to its end."""
+        """True at the end of the file."""
         return self.at >= len(self.body if self.binary else self.lines)
 
     def text(self) -> str:
-        """The next 80 characters, or the next line."""
+        """Next 80 characters, or the next line."""
         if self.binary:
             raw = self._bytes(80)
         else:
@@ -199,17 +191,14 @@ class Reader:
         return raw.split(b"\0")[0].decode("latin-1").strip()
 
     def integers(self, count: int, *, a_line: int = 1) -> Labels:
-        """Integers (N,), `count` of them; in ascii `a_line` of them in columns of ten."""
+        """Next `count` integers (N,); in ascii `a_line` of them a line, in columns of ten."""
         if self.binary:
             return self._raw("i", count).astype(np.int32)
         with np.errstate(invalid="ignore"):
             return narrowed(self._numbers(count, 10, a_line))
 
     def floats(self, count: int, *, a_line: int = 1) -> NDArray[np.float32]:
-        """Numbers (N,), `count` of them; in ascii `a_line` of them in columns of twelve.
-
-        No more than single precision is in either.
-        """
+        """Next `count` numbers (N,), single precision; in ascii `a_line` a line, in columns of 12."""
         # NaN and infinity are for who knows what the number means
         with np.errstate(invalid="ignore", over="ignore"):
             if self.binary:
@@ -223,7 +212,7 @@ class Reader:
         return np.frombuffer(self.body, f"{self.order}{kind}4", count, begin)
 
     def particles(self, count: int) -> Floats:
-        """Positions (N, 3) behind the labels of measured particles."""
+        """Positions (N, 3) that follow the labels of measured particles."""
         if self.binary:
             self._skip(4 * count)
             return self.floats(3 * count).reshape(count, 3).astype(np.float64)
@@ -234,7 +223,7 @@ class Reader:
         return np.array(values, dtype=np.float64).reshape(count, 3)
 
     def part_number(self) -> int:
-        """A part's number; one outside 1..65536 tells that the byte order is the other."""
+        """Number of a part; one outside 1..65536 shows that the byte order is the other one."""
         number = int(self.integers(1)[0])
         if self.binary and not 0 < number <= 65536:
             self.order = ">" if self.order == "<" else "<"
@@ -243,7 +232,7 @@ class Reader:
         return number
 
     def close(self) -> None:
-        """Lets the content go; what was read from it stays."""
+        """Frees the content; values read from it stay valid."""
         self.body, self.lines = b"", []
 
     def _skip(self, count: int) -> None:

@@ -1,4 +1,4 @@
-"""The geometry file of an EnSight Gold case: unstructured parts and blocks."""
+"""Geometry file of an EnSight Gold case: unstructured parts and blocks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _VTK = {"tetra4": 10, "pyramid5": 14, "penta6": 13, "hexa8": 12}
 
 @dataclass(frozen=True)
 class Geometry:
-    """What a geometry file holds.
+    """Content of a geometry file.
 
-    parts: with their elements in order; blocks: the meshes of solid cells, in order; mesh: all of
-    them; points: of all parts; hidden: cells left out, which are ghosts, and cells of blocks with a
+    parts: with their elements in order; blocks: meshes of solid cells, in order; mesh: all of them;
+    points: number in all parts; hidden: number of omitted cells: ghosts, and cells of blocks with a
     blanked corner.
     """
 
@@ -34,11 +34,7 @@ class Geometry:
 
 
 def read_geometry(file: Reader) -> Geometry:
-    """All parts.
-
-    Raises:
-        SprayError: the file is damaged, or holds what is not read.
-    """
+    """Reads all parts."""
     file.text()
     file.text()
     flags = [file.text().split()[-1] for _ in range(2)]
@@ -108,7 +104,7 @@ def read_geometry(file: Reader) -> Geometry:
 def _solid(
     file: Reader, points: AnyFloats, kind: str, many: int, found: tuple[Labels, ...]
 ) -> ElementMesh | Mesh:
-    """The mesh of `many` elements of one kind, as `_elements` gives them, but nodes from 0."""
+    """Mesh of `many` elements of one kind, as `_elements` gives them, but with nodes from 0."""
     source, nodes = str(file.path), found[0]
     if kind == "nfaced":
         sizes, faces = found[1:]
@@ -120,7 +116,7 @@ def _solid(
 
 
 def _elements(file: Reader, kind: str, many: int) -> tuple[Labels, ...] | None:
-    """Nodes of solid elements, from 1; for polyhedra with the faces' sizes, and faces a cell.
+    """Nodes of solid elements, from 1; for polyhedra also sizes of faces, and faces a cell.
 
     None for flat elements.
     """
@@ -150,7 +146,7 @@ def _ragged(file: Reader, sizes: Labels) -> Labels:
 def _structured(
     file: Reader, words: list[str], number: int
 ) -> tuple[AnyFloats, Labels, NDArray[np.bool_]]:
-    """Points (P, 3), corners of its cells (N, 8), and which cells are not blanked (N,)."""
+    """Points (P, 3), corners of the cells (N, 8), and a mask of those not blanked (N,)."""
     shape = [int(n) for n in file.integers(3, a_line=3)]
     allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}
     if extra := set(words) - allowed:

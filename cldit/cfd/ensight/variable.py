@@ -21,8 +21,8 @@ from cldit.spray.result import Floats
 class Elements:
     """Elements of one type in a row, `many` of them.
 
-    first: the cell of the mesh that the first is, None where they are no cells (flat, ghost). kept:
-    which of them are cells (the others are blanked), of the shape (many,); None for all.
+    first: cell of the mesh that the first element is; None if they are no cells (flat, ghost).
+    kept: mask of those that are not blanked, of the shape (many,); None for all.
     """
 
     kind: str
@@ -32,7 +32,7 @@ class Elements:
 
     @property
     def cells(self) -> int:
-        """How many of them are cells."""
+        """Number of cells among them."""
         if self.first is None:
             return 0
         return self.many if self.kept is None else int(np.count_nonzero(self.kept))
@@ -44,7 +44,7 @@ class Elements:
 
 @dataclass
 class Part:
-    """A part of the geometry: the places of its points among those of all parts; its elements."""
+    """Part of the geometry: the range of its points among those of all parts; its elements."""
 
     first_node: int
     nodes: int
@@ -56,24 +56,14 @@ Parts = dict[int, Part]
 
 @dataclass(frozen=True)
 class Block:
-    """Cells of one part and type; first_node: the place of their first point among all parts'."""
+    """Cells of one part and type; first_node: index of their first point among all parts'."""
 
     mesh: ElementMesh | Mesh
     first_node: int
 
 
 def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
-    """A field (cells,) in the order of the mesh; values that the file leaves out are undefined.
-
-    Args:
-        file: of the variable.
-        parts: of the geometry.
-        cells: how many the mesh has.
-        label: names the field in errors.
-
-    Raises:
-        SprayError: the file is damaged, or does not fit the geometry.
-    """
+    """Field (cells,) in the order of the mesh; values missing in the file are undefined."""
     values = np.zeros(cells, np.float32)
     missed, undefined = np.ones(cells, dtype=bool), np.zeros(cells, dtype=bool)
     file.text()
@@ -100,17 +90,7 @@ def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
 
 
 def per_node(file: Reader, parts: Parts, points: int, label: str) -> Column:
-    """A field (points,) at the points of the mesh; what the file leaves out is undefined.
-
-    Args:
-        file: of the variable.
-        parts: of the geometry.
-        points: how many the mesh has.
-        label: names the field in errors.
-
-    Raises:
-        SprayError: as `per_element`.
-    """
+    """Field (points,) at the points of the mesh; values missing in the file are undefined."""
     values, undefined = np.zeros(points), np.ones(points, dtype=bool)
     file.text()
     line = "" if file.done else file.text()
@@ -136,7 +116,7 @@ def _part(file: Reader, parts: Parts) -> Part:
 
 
 def _values(file: Reader, many: int, mode: str) -> tuple[AnyFloats, NDArray[np.bool_]]:
-    """Values (many,), and whether each is defined."""
+    """Values (many,), and a mask of those that are defined."""
     if mode == "undef":
         mark = file.floats(1)[0]
         found = file.floats(many)
@@ -155,12 +135,7 @@ def _values(file: Reader, many: int, mode: str) -> tuple[AnyFloats, NDArray[np.b
 
 
 def corner_mean(blocks: Sequence[Block], values: AnyFloats) -> Floats:
-    """(N,) means of values at the points of all parts over the distinct corners of each cell.
-
-    Args:
-        blocks: the cells, in their order.
-        values: (P,) at the points of all parts.
-    """
+    """Means (N,) of values (P,) at all parts' points over the distinct corners of each cell."""
     return np.concatenate([_mean(block.mesh, values[block.first_node :]) for block in blocks])
 
 

@@ -1,4 +1,4 @@
-"""HDF5 files as CFD codes write them: opened, and their arrays checked."""
+"""HDF5 files of CFD codes: opening them, and checking their arrays."""
 
 from __future__ import annotations
 
@@ -18,11 +18,7 @@ from cldit.spray.result import Floats
 
 @contextmanager
 def open_hdf(path: Path) -> Iterator[Any]:
-    """The HDF5 file.
-
-    Raises:
-        SprayError: h5py is not installed; the file is missing, damaged, or cut off.
-    """
+    """Opens an HDF5 file; errors while it is read become `SprayError`."""
     try:
         import h5py
     except ImportError as error:
@@ -39,35 +35,12 @@ def open_hdf(path: Path) -> Iterator[Any]:
 
 
 def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
-    """(N,) numbers of an array, as doubles.
-
-    Args:
-        path: named by errors.
-        group: of the file.
-        name: of the array in it.
-        count: its length, if it is known.
-
-    Raises:
-        SprayError: it is missing, no list of numbers, or of another length.
-    """
+    """Numbers (N,) of the array `name`, as doubles; `count`: its length, if known."""
     return stored(path, group, name, count).astype(np.float64)
 
 
 def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArray[Any]:
-    """As `array`, (N,), of the type that the file has.
-
-    Args:
-        path: named by errors.
-        group: of the file.
-        name: of the array in it.
-        count: its length, if it is known.
-
-    Returns:
-        The numbers.
-
-    Raises:
-        SprayError: it is missing, no list of numbers, or of another length.
-    """
+    """Numbers (N,) of the array `name`, in the file's type; `count`: its length, if known."""
     if name not in group:
         raise SprayError(f"{path}: {group.name}/{name} is missing")
     values = np.asarray(group[name][()])
@@ -79,33 +52,13 @@ def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArr
 
 
 def field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
-    """As `array`, (N,), as exact as it is stored.
-
-    Args:
-        path: named by errors.
-        group: of the file.
-        name: of the array in it.
-        count: its length.
-
-    Raises:
-        SprayError: it is missing, no list of numbers, or of another length.
-    """
+    """Numbers (N,) of the array `name`, in the file's precision."""
     values = stored(path, group, name, count)
     return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
 
 
 def labels(path: Path, group: Any, name: str, count: int | None = None) -> Labels:
-    """As `array`, (N,), of whole numbers, four bytes each where that is enough.
-
-    Args:
-        path: named by errors.
-        group: of the file.
-        name: of the array in it.
-        count: its length, if it is known.
-
-    Raises:
-        SprayError: it is missing, no list of whole numbers, or of another length.
-    """
+    """Whole numbers (N,) of the array `name`, four bytes each if that is enough."""
     values = stored(path, group, name, count)
     if values.dtype.kind == "f" and not np.all(values == np.rint(values)):
         raise SprayError(f"{path}: {group.name}/{name}: holds a label that is no whole number")

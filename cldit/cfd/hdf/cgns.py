@@ -1,8 +1,8 @@
 """CGNS in HDF5: zones, their cells, and fields in cells or at vertices.
 
 Layout after the CGNS standard (SIDS and its HDF5 mapping), read through h5py: vtk's reader of CGNS
-makes coordinates single precision, and ends the process on a damaged file. Parcels are not in it: a
-mapping file names their table (`parcels.file`).
+makes coordinates single precision, and ends the process on a damaged file. The format has no
+parcels: a mapping file names their table (`parcels.file`).
 """
 
 from __future__ import annotations
@@ -56,20 +56,7 @@ def read_cgns(
     names: ColumnMap,
     watch: Watch = silent,
 ) -> CfdCase:
-    """Reads a file of one time.
-
-    Args:
-        path: the file.
-        time_s: must be that of the file; None takes it.
-        fuel_field: name of the fuel's mass fraction.
-        cloud: must be left out, or `none`.
-        names: names of fields where they are not the standard's.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: the file is damaged, in ADF, in other units than SI, or has cells that are not
-            read; there is no such time or cloud; or it does not fit into memory.
-    """
+    """Reads a file of one time."""
     if cloud not in (None, NO_CLOUD):
         raise SprayError(
             f"{path}: no cloud {cloud!r} (spray.cloud): CGNS holds none; a mapping file names "
@@ -115,11 +102,7 @@ def read_cgns(
 
 
 def list_cgns(path: Path) -> tuple[list[float], list[str]]:
-    """Times [s] and fields of a file.
-
-    Raises:
-        SprayError: it is damaged, or in ADF.
-    """
+    """Lists times [s] and fields of a file."""
     with open_cgns(path) as root:
         at = _time(path, root, None)
         fields = {
@@ -159,7 +142,7 @@ def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
 
 
 def _size(path: Path, root: Any) -> Size:
-    """By the sizes of the zones, and the shapes of all arrays."""
+    """Estimate from the sizes of the zones and the shapes of all arrays."""
     stored: list[int] = []
     root.visititems(
         lambda _, each: (
@@ -219,7 +202,7 @@ def _arrays(path: Path, group: Any, count: int) -> Iterator[tuple[str, NDArray[A
 
 
 def _blocks(path: Path, name: str, sizes: NDArray[Any]) -> tuple[NDArray[np.uint8], Labels, Labels]:
-    """Type, corners and their ends of the cells of a structured zone."""
+    """Type, corners and offsets of the cells of a structured zone."""
     if sizes.shape != (3, 3) or sizes[0].min() < 2 or np.any(sizes[1] != sizes[0] - 1):
         raise SprayError(f"{path}: {name}: sizes {sizes.tolist()} are those of no block")
     corner = np.arange(int(np.prod(sizes[0]))).reshape(sizes[0][::-1])
@@ -231,7 +214,7 @@ def _blocks(path: Path, name: str, sizes: NDArray[Any]) -> tuple[NDArray[np.uint
 
 
 def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]:
-    """Type, corners and their ends of the cells of an unstructured zone, in their order."""
+    """Type, corners and offsets of the cells of an unstructured zone, in order."""
     found: list[tuple[int, NDArray[np.uint8], Labels, Labels]] = []
     for name, part in children(zone, "Elements_t"):
         kind = int(data_of(path, part).reshape(-1)[0])
@@ -277,11 +260,7 @@ _SI = {"Kilogram", "Meter", "Second", "Kelvin", "Radian", "Degree", "Null", "Use
 
 @contextmanager
 def open_cgns(path: Path) -> Iterator[Any]:
-    """The root of a file.
-
-    Raises:
-        SprayError: as `open_hdf`; or it is in ADF.
-    """
+    """Opens a file and checks that it is in HDF5."""
     with regular(path).open("rb") as stream:
         if stream.read(8) != b"\x89HDF\r\n\x1a\n":
             raise SprayError(
@@ -292,15 +271,7 @@ def open_cgns(path: Path) -> Iterator[Any]:
 
 
 def children(group: Any, label: str) -> list[tuple[str, Any]]:
-    """Nodes of a label.
-
-    Args:
-        group: in which they are.
-        label: of CGNS, as `Zone_t`.
-
-    Returns:
-        Names and groups, in the order of the names.
-    """
+    """Names and groups of the nodes with a `label` such as `Zone_t`, ordered by name."""
     return [(name, each) for name, each in sorted(group.items()) if _label(each) == label]
 
 
@@ -310,46 +281,19 @@ def _label(node: Any) -> str:
 
 
 def data_of(path: Path, node: Any) -> NDArray[Any]:
-    """What a node holds.
-
-    Args:
-        path: named by errors.
-        node: a group.
-
-    Returns:
-        The array (any shape) as it is stored: the last index of CGNS comes first.
-
-    Raises:
-        SprayError: it holds nothing.
-    """
+    """Array (any shape) of a node as it is stored: the last index of CGNS comes first."""
     if " data" not in node:
         raise SprayError(f"{path}: {node.name}: holds no data")
     return np.asarray(node[" data"][()])
 
 
 def text_of_node(path: Path, node: Any) -> str:
-    """What a node of characters says.
-
-    Args:
-        path: named by errors.
-        node: a group.
-
-    Raises:
-        SprayError: it holds nothing.
-    """
+    """Text of a node of characters."""
     return data_of(path, node).astype(np.uint8).tobytes().decode("latin-1").strip("\0 ")
 
 
 def check_units(path: Path, root: Any) -> None:
-    """Refuses a file that says that it is not in SI.
-
-    Args:
-        path: named by errors.
-        root: of the file.
-
-    Raises:
-        SprayError: a node names another unit, or data without a dimension.
-    """
+    """Refuses a file in other units than SI, or of data without a dimension."""
     found: list[Any] = []
     root.visititems(lambda _, each: found.append(each) if _label(each) else None)
     for node in found:

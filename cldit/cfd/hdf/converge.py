@@ -1,7 +1,7 @@
 """CONVERGE's post files in HDF5: polyhedral mesh, cell fields, parcels (by their radius).
 
-Layout as vtk's reader of such files has it (vtkCONVERGECFDReader); read through h5py instead, since
-that reader takes sibling files for other times and does not notice arrays of the wrong length.
+Layout after vtk's reader of such files (vtkCONVERGECFDReader), read through h5py: that reader takes
+sibling files for other times and does not notice arrays of the wrong length.
 """
 
 from __future__ import annotations
@@ -48,18 +48,7 @@ def read_converge(
     names: ColumnMap,
     watch: Watch = silent,
 ) -> CfdCase:
-    """Reads one time.
-
-    Args:
-        path: a post file, or a folder of them, of which the one at `time_s` or the last is taken.
-        names: names of fields where they are not those of `_GAS` and `_PARCEL`; the fuel's is
-            `fuel_field` or MASSFRAC_ and that.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: a file is damaged, an array is missing or of another length, the time or the
-            cloud is not there, or the case does not fit into memory.
-    """
+    """Reads one time of a post file, or of a folder of them."""
     files = _by_time(path)
     known = [time for time in files if time is not None]
     if len(known) == len(files):
@@ -107,7 +96,7 @@ def read_converge(
 
 
 def _by_time(path: Path) -> dict[float | None, list[Path]]:
-    """The files of each time."""
+    """Files of each time."""
     found: dict[float | None, list[Path]] = {}
     for file in post_files(path):
         found.setdefault(time_of(file), []).append(file)
@@ -117,7 +106,7 @@ def _by_time(path: Path) -> dict[float | None, list[Path]]:
 def _with_fuel(
     path: Path, streams: list[Any], given: CellColumns, fuel_field: str
 ) -> tuple[list[Any], tuple[str, ...]]:
-    """The streams that have the fuel, or all where none has; others are solid, and named."""
+    """Streams with the fuel, or all if none has it; the others are solids, named in a remark."""
     fuelled = [
         stream
         for stream in streams
@@ -131,7 +120,7 @@ def _with_fuel(
 
 
 def _size(streams: list[Any]) -> Size:
-    """By the shapes of the arrays. A corner is held as it is stored and as a label."""
+    """Estimate from the shapes of the arrays; a corner is held as it is stored and as a label."""
 
     def count(group: Any, name: str) -> int:
         return int(group[name].size) if name in group else 0
@@ -150,20 +139,14 @@ def _size(streams: list[Any]) -> Size:
 
 
 def gas_names(available: Container[str], given: CellColumns, fuel_field: str) -> CellColumns:
-    """The names of CONVERGE that there are, with what a mapping has `given` in their place.
-
-    Args:
-        available: fields of the cells.
-        given: of the mapping.
-        fuel_field: of the fuel's mass fraction, alone or behind MASSFRAC_.
-    """
+    """Names of CONVERGE that are available, overridden by those of a mapping."""
     default = {key: _first(available, names) for key, names in _GAS.items()}
     default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
     return merged(given, CellColumns(**default))
 
 
 def _chosen_among(path: Path, available: list[str], given: CellColumns) -> Iterator[str]:
-    """Where several fields have a name of one quantity, which of them was taken."""
+    """Remarks on which of several fields was taken for a quantity."""
     for key, known in _GAS.items():
         there = [name for name in known if name in available]
         if len(there) > 1 and key not in given.model_fields_set:
@@ -223,7 +206,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
 
 def parcel_names(columns: Container[str]) -> ParcelColumns:
-    """The names of CONVERGE that there are among the columns of parcels."""
+    """Names of CONVERGE that are among the columns of parcels."""
     default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
     for name in _VELOCITY:
         if all(f"{name}_{letter}" in columns for letter in "XYZ"):
@@ -235,15 +218,7 @@ def parcel_names(columns: Container[str]) -> ParcelColumns:
 def list_converge(
     path: Path, time_s: CaseTime | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of the file `path` at `time_s` or the last.
-
-    Args:
-        path: a file, or a folder of them.
-        time_s: None is the latest.
-
-    Returns:
-        Times [s], cell fields, and the fields of each cloud.
-    """
+    """Lists times [s], cell fields, and clouds with their fields, at `time_s` or the last time."""
     files = _by_time(path)
     known = [time for time in files if time is not None]
     at = choose_time(str(path), known, time_s) if known else None
@@ -258,11 +233,7 @@ def list_converge(
 
 
 def post_files(path: Path) -> list[Path]:
-    """The file, or all .h5 files of a folder.
-
-    Raises:
-        SprayError: the folder has none.
-    """
+    """File itself, or all .h5 files of a folder."""
     found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
     if not found:
         raise SprayError(f"{path}: holds no .h5 file")
@@ -270,22 +241,14 @@ def post_files(path: Path) -> list[Path]:
 
 
 def time_of(path: Path) -> float | None:
-    """OUTPUT_TIME of a file, s, if it states it."""
+    """Value of OUTPUT_TIME in s, if the file has it."""
     with open_hdf(path) as file:
         value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
     return float(value[0]) if len(value) else None
 
 
 def post_mesh(path: Path, stream: Any) -> Mesh:
-    """The mesh of a stream.
-
-    Args:
-        path: named by errors.
-        stream: its group in the file.
-
-    Raises:
-        SprayError: an array is missing, or does not fit the others.
-    """
+    """Mesh of a stream, which is a group of the file."""
     x = array(path, stream, "VERTEX_COORDINATES/X")
     y, z = (array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
     start = labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")

@@ -1,7 +1,7 @@
 """Fluent's case and data in HDF5 (.cas.h5, .dat.h5): polyhedral mesh and cell fields.
 
-Layout as vtk's reader of such files has it (vtkFLUENTCFFReader), read through h5py. Particles are
-not in these files: a mapping file names their table (`parcels.file`).
+Layout after vtk's reader of such files (vtkFLUENTCFFReader), read through h5py. These files have no
+particles: a mapping file names their table (`parcels.file`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MESH, _CELLS = "meshes/1", "results/1/phase-1/cells"
 
 
 def is_fluent(path: Path) -> bool:
-    """Whether a file is one of Fluent's pair, by its name."""
+    """True for the name of one of Fluent's pair of files."""
     return path.name.lower().endswith(ENDINGS)
 
 
@@ -50,20 +50,7 @@ def read_fluent(
     names: ColumnMap,
     watch: Watch = silent,
 ) -> CfdCase:
-    """Reads a case and the data beside it.
-
-    Args:
-        path: one of the pair NAME.cas.h5 and NAME.dat.h5.
-        time_s: must be left out: the files do not say theirs in a documented place.
-        fuel_field: name of the fuel's mass fraction.
-        cloud: must be left out, or `none`.
-        names: names of fields where they are not Fluent's.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: one of the pair is missing, damaged, or does not fit the other; there is no such
-            time or cloud; or the case does not fit into memory.
-    """
+    """Reads the pair NAME.cas.h5 and NAME.dat.h5, of which the scene names one."""
     if time_s not in (None, "latest"):
         raise SprayError(f"{path}: does not say its time; leave spray.time_s out")
     if cloud not in (None, NO_CLOUD):
@@ -104,22 +91,14 @@ def read_fluent(
 
 
 def list_fluent(path: Path) -> list[str]:
-    """The cell fields of a pair.
-
-    Raises:
-        SprayError: as `read_fluent`.
-    """
+    """Lists the cell fields of a pair."""
     _, data = pair(path)
     with open_hdf(data) as file:
         return _fields(_group(data, file, _CELLS))
 
 
 def pair(path: Path) -> tuple[Path, Path]:
-    """The case and the data of which `path` is one.
-
-    Raises:
-        SprayError: one of them is missing.
-    """
+    """Paths of case and data, of which `path` is one."""
     stem = re.sub(r"\.(cas|dat)\.h5$", "", path.name, flags=re.IGNORECASE)
     known = {each.name.lower(): each for each in path.parent.iterdir()}
     found = [known.get(f"{stem.lower()}{ending}") for ending in ENDINGS]
@@ -134,13 +113,7 @@ def pair(path: Path) -> tuple[Path, Path]:
 
 
 def fluent_names(known: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
-    """Fluent's names that there are, with what a mapping has `given` in their place.
-
-    Args:
-        known: the fields of the cells.
-        given: of the mapping.
-        fuel_field: of the fuel's mass fraction.
-    """
+    """Fluent's names that are `known`, overridden by those of a mapping."""
     default = {key: Scalar(column=name) for key, name in _NAMES.items() if name in known}
     if fuel_field in known:
         default["fuel"] = Scalar(column=fuel_field)
@@ -148,7 +121,7 @@ def fluent_names(known: list[str], given: CellColumns, fuel_field: str) -> CellC
 
 
 def _fields(cells: Any) -> list[str]:
-    """Fields are groups of sections; beside them lies a text with their names."""
+    """Names of fields, which are groups of sections; a text with their names lies beside them."""
     return sorted(name for name in cells if hasattr(cells[name], "keys"))
 
 
@@ -171,11 +144,7 @@ def _size(path: Path, mesh: Any, cells: int) -> Size:
 
 
 def _sections(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
-    """First and last index (from 1) of each section of ids, and what is in it.
-
-    Raises:
-        SprayError: sections overlap, leave a gap, or go beyond `count`.
-    """
+    """First and last index (from 1) of each section of ids, and its group."""
     found = []
     for name in sorted(each for each in group if each.isdigit()):
         part = group[name]
@@ -203,7 +172,7 @@ def _field(path: Path, group: Any, count: int) -> NDArray[Any]:
 
 
 def _mesh(path: Path, group: Any, cells: int) -> Mesh:
-    """Faces between cells c0 and c1, from 1; 0 is none. A section of c1 that is left out is 0."""
+    """Mesh of faces between cells c0 and c1, from 1; 0 is none, as is a missing section of c1."""
     faces, nodes = (_count(path, group, name) for name in ("faceCount", "nodeCount"))
     held = _group(path, group, "nodes/coords")
     points = []
@@ -239,10 +208,10 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
 
 
 def _outwards(mesh: Mesh) -> NDArray[Any]:
-    """The corners, turned where a face's normal does not point out of its owner.
+    """Corners, reversed for each face whose normal does not point out of its owner.
 
-    Told by geometry, face by face: out of the mean of the owner's faces, which lies in a cell that
-    is not dented.
+    Decided by geometry, face by face: away from the mean of the owner's face centres, which lies
+    inside a cell that is not dented.
     """
     count = np.diff(mesh.start)
     face = np.repeat(np.arange(len(count)), count)

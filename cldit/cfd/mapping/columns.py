@@ -24,7 +24,7 @@ from cldit.errors import SprayError
 
 
 def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
-    """The columns, and each component of a vector `U` (N, 3) as `U_X`, `U_Y`, `U_Z` (N,)."""
+    """Adds each component of a vector `U` (N, 3) as `U_X`, `U_Y`, `U_Z` (N,)."""
     parts = {
         f"{name}_{letter}": Column(column.label, part)
         for name, column in columns.items()
@@ -36,23 +36,14 @@ def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
 
 @dataclass(frozen=True)
 class Source:
-    """Columns of one table or data set by name, the number of its rows, and its name in errors."""
+    """Table or data set: columns by name, number of rows, and its name in errors."""
 
     name: str
     columns: Mapping[str, Column]
     rows: int
 
     def scalar(self, wanted: Scalar, kind: str, key: str) -> Column:
-        """A column (or constant) in SI, (N,).
-
-        Args:
-            wanted: column or constant, and unit.
-            kind: of the unit.
-            key: named by errors.
-
-        Raises:
-            SprayError: there is no such column, or no such unit for this kind.
-        """
+        """Column or constant in SI, (N,); `kind` is that of the unit, `key` is named by errors."""
         if wanted.value is not None:
             factor, offset = self._unit(wanted.unit, kind, key)
             value = wanted.value * factor + offset
@@ -74,16 +65,7 @@ class Source:
         return Column(found.label, values)
 
     def vector(self, wanted: Vector, kind: str, key: str) -> Column:
-        """Three columns in SI, (N, 3).
-
-        Args:
-            wanted: columns and unit.
-            kind: of the unit.
-            key: named by errors.
-
-        Raises:
-            SprayError: a column is missing, or they are of several units.
-        """
+        """Three columns in SI, (N, 3); arguments as for `scalar`."""
         named = [self._column(name, key) for name in wanted.columns]
         units = {self._stated(name, wanted.unit, kind, key) for name, _ in named}
         if len(units) > 1:
@@ -96,7 +78,7 @@ class Source:
         return Column(label, values * factor)
 
     def _column(self, name: str, key: str) -> tuple[str, Column]:
-        """The column of that name, or the only one of that name and a unit: `T` for `T [K]`."""
+        """Column of that name, or the only one of that name with a unit: `T` for `T [K]`."""
         if name in self.columns:
             return name, self.columns[name]
         found = [each for each in self.columns if without_unit(each) == name]
@@ -106,7 +88,7 @@ class Source:
         return found[0], self.columns[found[0]]
 
     def _stated(self, name: str, unit: str | None, kind: str, key: str) -> str | None:
-        """The unit that the mapping gives, or else that in the column's name."""
+        """Unit that the mapping gives, else that in the column's name."""
         stated = unit_in(name)
         if stated is None or (unit is not None and stated not in UNITS[kind]):
             return unit
@@ -130,16 +112,7 @@ class Source:
 
 
 def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[str, Column]:
-    """T, p, rho and the fuel's mass fraction, those that are mapped, in SI.
-
-    Args:
-        source: the table.
-        wanted: the mapping.
-        fuel_field: name of the fuel's mass fraction.
-
-    Returns:
-        Columns (N,) by OpenFOAM's names.
-    """
+    """Mapped ones of T, p, rho and the fuel's mass fraction, (N,) in SI, by OpenFOAM's names."""
     keys = (
         ("T", "temperature", "temperature"),
         ("p", "pressure", "pressure"),
@@ -154,12 +127,9 @@ def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[st
 
 
 def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
-    """The columns of `source` that are mapped by `wanted`, in SI, by OpenFOAM's names.
+    """Mapped columns of parcels in SI, by OpenFOAM's names.
 
-    d, T and rho come first, then nParticle, U, age and origin.
-
-    Raises:
-        SprayError: the number is to come from the mass, and a diameter or density is not above 0.
+    The number of droplets may come from the parcel's mass, which needs diameter and density.
     """
     fields: dict[str, Column] = {}
     if wanted.diameter is not None:
@@ -200,16 +170,7 @@ def mapped_cloud(
     names: ColumnMap,
     default: ParcelColumns,
 ) -> Cloud:
-    """The cloud of these columns by the mapping, or by the default names that there are.
-
-    Args:
-        name: of the cloud.
-        source: named by errors.
-        position_m: (N, 3).
-        columns: all that there are, by name.
-        names: the mapping.
-        default: used where the mapping gives nothing and the columns are there.
-    """
+    """Cloud of the `columns` by the mapping, else by those `default` names that are present."""
     parcels = merged(names.parcels, default)
     given = names.parcels.model_fields_set if names.parcels is not None else set()
     missing: dict[str, None] = {}

@@ -1,4 +1,4 @@
-"""A mapping file to edit: what of a case was found by its name, and what is missing."""
+"""Draft of a mapping file, `cldit import --write-mapping`: fields found by name, missing ones."""
 
 from __future__ import annotations
 
@@ -71,18 +71,10 @@ def mapping_text(
     folder: Path,
     tables: bool = False,
 ) -> str:
-    """The text of a mapping file that reads as `found`.
+    """Text of a mapping file that reads as `found`, with comments on missing and available names.
 
-    Args:
-        title: what the case is, for the first line.
-        found: names that were found.
-        fields: all names of the gas.
-        parcel_fields: all names of the parcels; None: there are no parcels.
-        folder: in which the file will lie; paths of tables are relative to it.
-        tables: whether positions and sizes belong to it.
-
-    Returns:
-        YAML, with comments on what is missing and which names there are.
+    `title`: first line; `parcel_fields` None: no parcels; `folder`: paths of tables are relative to
+    it; `tables`: include positions and sizes.
     """
     places = _PLACE_LINES if tables else {}
     lines = [
@@ -130,7 +122,7 @@ def _table(given: Table, folder: Path) -> Iterator[str]:
 
 
 def _missing(part: str, key: str, kind: str, note: str, known: list[str]) -> str:
-    """A line of what was not found, with the likeliest names."""
+    """Comment line for a missing quantity, with the likeliest names."""
     names = GAS_NAMES if part == "cells" else PARCEL_KEYS
     close = guessed(names.get(key, ()), known) or similar(key, known)
     unit = next(iter(UNITS[kind]))
@@ -142,7 +134,7 @@ def _missing(part: str, key: str, kind: str, note: str, known: list[str]) -> str
 
 
 def _plain(value: Any, kind: str) -> Any:
-    """A column with its unit, in the shortest form that reads as the same."""
+    """Column with its unit, in the shortest form that reads the same."""
     if isinstance(value, Scalar) and value.value is not None:
         return value.value if value.unit is None else {"value": value.value, "unit": value.unit}
     names = list(value.columns) if isinstance(value, Vector) else [str(value.column)]
@@ -166,20 +158,10 @@ TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
 
 
 def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
-    """Writes the names by which a case is read; `--mapping` with it reads the same.
+    """Writes the names by which a case is read to `out`; `--mapping` with it reads the same.
 
-    Of a table alone, a mapping file for tables is begun, with the names that are known.
-
-    Args:
-        spec: the case, or a table; a mapping that it names is taken over.
-        out: the file, which must not be there.
-
-    Returns:
-        Lines for the user: the file, and what is missing in it.
-
-    Raises:
-        SprayError: the case cannot be listed, is cldit's own file, or `out` is there.
-        DiskFull, FileError: the file cannot be written.
+    A mapping that the case names is taken over. For a table alone, a mapping file for tables is
+    drafted. Returns lines for the user: the file, and the missing names.
     """
     if out.exists():
         raise SprayError(f"{out}: is there already (--write-mapping); give another name")
@@ -225,7 +207,7 @@ def _found(
     parcels: Sequence[str] | None,
     fuel_field: str,
 ) -> ColumnMap:
-    """The format's own names that there are, with what a mapping gives in their place."""
+    """Format's own names that are present, overridden by those of a mapping."""
     if kind == "converge":
         cells = converge.gas_names(fields, given.cells, fuel_field)
     elif kind == "fluent":
@@ -250,7 +232,7 @@ def _found(
 
 
 def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:
-    """The mapping with its tables' files by their whole path."""
+    """Mapping with absolute paths of its tables."""
 
     def placed(part: Any) -> Any:
         if part is None or part.file is None:
@@ -262,7 +244,7 @@ def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:
 
 
 def _of_table(spec: CfdSpray, folder: Path) -> str:
-    """A mapping for tables, begun from the names of one."""
+    """Draft of a mapping for tables, from the names of one table."""
     file = spec.file.resolve()
     names = text_tables.table_names(file, CellColumns())
     own = normalised(spec.fuel_field)
@@ -344,20 +326,12 @@ VECTORS: dict[str, tuple[tuple[str, str, str], ...]] = {
 
 
 def normalised(name: str) -> str:
-    """A name by its letters and digits: `velocityi` of `Velocity[i] (m/s)`."""
+    """Letters and digits of a name without its unit: `velocityi` of `Velocity[i] (m/s)`."""
     return re.sub(r"[^a-z0-9]", "", without_unit(name).lower())
 
 
 def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Names that some program gives to a quantity.
-
-    Args:
-        known: normalised names of the quantity.
-        names: that there are.
-
-    Returns:
-        Those of `names`, the likeliest first.
-    """
+    """Those of `names` that some program gives to a quantity, the likeliest first."""
     by_name: dict[str, list[str]] = {}
     for each in names:
         by_name.setdefault(normalised(each), []).append(each)
@@ -365,15 +339,7 @@ def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
 
 
 def guessed_vector(key: str, names: Iterable[str]) -> tuple[str, str, str] | None:
-    """Three columns that some program gives to a vector.
-
-    Args:
-        key: of a mapping file.
-        names: that there are.
-
-    Returns:
-        The names of the columns; None: there are none.
-    """
+    """Three columns that some program gives to the vector `key`; None if there are none."""
     listed = list(names)
     for letters in VECTORS[key]:
         parts = [guessed((letter,), listed) for letter in letters]

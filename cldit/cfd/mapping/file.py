@@ -1,4 +1,4 @@
-"""Mapping files: which column of a CFD result is what, and in which unit."""
+"""Mapping files: quantity, column and unit of each field of a CFD result."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ _SPELLED = (
 
 
 def without_unit(name: str) -> str:
-    """A column's name without the unit at its end: `T` of `T [K]`."""
+    """Column's name without the unit at its end: `T` of `T [K]`."""
     return name if _COMPONENT.search(name) else _UNIT.sub("", name)
 
 
 def unit_in(name: str) -> str | None:
-    """The unit at the end of a column's name, as `UNITS` spells it; None where there is none."""
+    """Unit at the end of a column's name, as `UNITS` spells it; None if there is none."""
     match = None if _COMPONENT.search(name) else _UNIT.search(name)
     return None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
 
 
 class Scalar(Section):
-    """A column by name, or a constant `value`; `unit` is SI where left out.
+    """Column by name, or a constant `value`; `unit` defaults to SI.
 
-    undefined: what stands for values that the file marks as undefined, in the same unit.
+    undefined: replaces values that the file marks as undefined, in the same unit.
     """
 
     column: str | None = None
@@ -70,7 +70,7 @@ class Scalar(Section):
 
 
 class Vector(Section):
-    """Three columns by name; `unit` is SI where left out."""
+    """Three columns by name; `unit` defaults to SI."""
 
     columns: tuple[str, str, str]
     unit: str | None = None
@@ -95,10 +95,9 @@ V = Annotated[Vector | None, BeforeValidator(_short_vector)]
 
 
 class Table(Section):
-    """Where a table lies and how it is written; only for `format: tables`.
+    """Path and layout of a table; only for `format: tables`.
 
-    delimiter: told by the header where left out; a space is any white space. decimal: the mark in
-    numbers.
+    delimiter: by default taken from the header; a space is any white space. decimal: decimal mark.
     """
 
     file: Path | None = None
@@ -108,7 +107,7 @@ class Table(Section):
 
 
 class CellColumns(Table):
-    """The gas. `position` and `size` or `volume` only for tables."""
+    """Columns of the gas; `position` and `size` or `volume` only for tables."""
 
     position: V = None
     size: V = None
@@ -120,9 +119,9 @@ class CellColumns(Table):
 
 
 class ParcelColumns(Table):
-    """The droplets. `position` only for tables; `mass` is that of all droplets of the parcel.
+    """Columns of the parcels; `position` only for tables.
 
-    origin: where the parcel was born.
+    mass: of all droplets of the parcel. origin: birthplace of the parcel.
     """
 
     position: V = None
@@ -145,7 +144,7 @@ class ParcelColumns(Table):
 
 
 class ColumnMap(Section):
-    """A whole mapping file."""
+    """Whole mapping file."""
 
     time_s: float | None = None
     cells: CellColumns = CellColumns()
@@ -153,11 +152,7 @@ class ColumnMap(Section):
 
 
 def read_column_map(path: Path) -> ColumnMap:
-    """Reads a mapping file.
-
-    Raises:
-        SprayError: it is missing, not YAML, or has a key or value that is not allowed.
-    """
+    """Reads a mapping file."""
     try:
         return ColumnMap.model_validate(read_mapping(path))
     except ValidationError as error:
@@ -170,7 +165,7 @@ S = TypeVar("S", CellColumns, ParcelColumns)
 
 
 def merged(given: S | None, default: S) -> S:
-    """`default`, with what the mapping file has `given` in its place; a pair's other half goes."""
+    """Overrides `default` by the keys `given`; a given diameter drops the radius, and so on."""
     if given is None:
         return default
     chosen = {name: getattr(given, name) for name in given.model_fields_set}
@@ -204,14 +199,10 @@ def gas_names(
     fuel_field: str,
     default: Mapping[str, str] = FOAM_NAMES,
 ) -> CellColumns:
-    """The format's names of the cell fields, with what a mapping has `given` in their place.
+    """Names of the cell fields: those that a mapping has `given`, else the format's own.
 
-    Args:
-        given: of the mapping.
-        known: the fields that there are. A default that is not there is left out: it is missed
-            later, by who knows whether it is needed.
-        fuel_field: default of the fuel's mass fraction.
-        default: names of the other quantities.
+    `default` has the format's names of each quantity, the first that is among the `known` fields
+    is taken. A missing field is reported later, where it is needed.
     """
     names = {**default, "fuel": fuel_field}
     there = {key: Scalar(column=name) for key, name in names.items() if name in known}
@@ -219,10 +210,10 @@ def gas_names(
 
 
 def columns_of_value(value: object) -> set[str]:
-    """The names of the columns of one scalar or vector of a mapping."""
+    """Column names of one scalar or vector of a mapping."""
     return ({getattr(value, "column", None) or ""} | set(getattr(value, "columns", ()))) - {""}
 
 
 def columns_of(wanted: CellColumns | ParcelColumns) -> set[str]:
-    """The names of all columns that a part of a mapping uses."""
+    """Column names that a part of a mapping uses."""
     return {name for _, value in wanted for name in columns_of_value(value)}

@@ -1,4 +1,4 @@
-"""Meshes as the importer needs them: a box for each cell, worked out some cells at a time."""
+"""Meshes as the importer needs them: a box for each cell, computed some cells at a time."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ AT_ONCE = 50_000  # cells; some 600 bytes a cell are in work
 
 @dataclass(frozen=True)
 class Polyhedra:
-    """Cells by their faces, as `cell_geometry.measure` takes them.
+    """Cells by their faces, as `geometry.measure` takes them.
 
     points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`; cell c has the sides
-    `sides[first[c]:first[c + 1]]`, f where the normal of face f points out of the cell and -1 - f
-    where it points into it; `members` (N,) are the cells that are meant.
+    `sides[first[c]:first[c + 1]]`: f if the normal of face f points out of the cell, -1 - f if it
+    points into the cell; `members` (N,) are the selected cells.
     """
 
     points_m: AnyFloats
@@ -56,19 +56,19 @@ class Measures:
 
 @dataclass(frozen=True)
 class Boxes:
-    """lower_m and upper_m (N, 3) of boxes, and their volume_m3 (N,)."""
+    """Corners lower_m and upper_m (N, 3) of boxes, and their volume_m3 (N,)."""
 
     lower_m: Floats
     upper_m: Floats
     volume_m3: Floats
 
     def take(self, chosen: Labels) -> Boxes:
-        """Some of them (N,)."""
+        """Selects the boxes `chosen` (N,)."""
         return Boxes(self.lower_m[chosen], self.upper_m[chosen], self.volume_m3[chosen])
 
 
 class CellMesh(ABC):
-    """`cells` cells; `source` is the file or folder to name in errors."""
+    """Mesh of `cells` cells; `source` is the file or folder that errors name."""
 
     source: str
     cells: int
@@ -76,7 +76,7 @@ class CellMesh(ABC):
     @property
     @abstractmethod
     def extent_m(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the box that holds all points."""
+        """Lower and upper corner (3,) of the bounding box of all points."""
 
     @abstractmethod
     def points(self) -> Iterator[AnyFloats]:
@@ -84,7 +84,7 @@ class CellMesh(ABC):
 
     @abstractmethod
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """The faces of `cells` (N,), in parts: places in `cells`, and the polyhedra of these."""
+        """Faces of `cells` (N,), in parts: indices into `cells`, and the polyhedra of these."""
 
     def measure(
         self,
@@ -93,16 +93,7 @@ class CellMesh(ABC):
         origin_m: Floats | None = None,
         rotation: Floats | None = None,
     ) -> Measures:
-        """Volume, centroid and bounds.
-
-        Args:
-            cells: (N,) those that are measured; None is all.
-            origin_m: (3,) the figures are seen from there.
-            rotation: (3, 3) and turned by this matrix.
-
-        Raises:
-            SprayError: a cell has no volume, or its faces do not enclose it.
-        """
+        """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
         # brings a compiler, which who only lists a case does not need
         from cldit.cfd.mesh import geometry as cell_geometry
 
@@ -149,20 +140,11 @@ class CellMesh(ABC):
         rotation: Floats | None = None,
         watch: Watch = silent,
     ) -> Iterator[tuple[slice, Boxes]]:
-        """A box for each cell, for some cells at a time: which cells, and their boxes.
+        """Boxes of all cells, some cells at a time: their range, and their boxes.
 
         A box has the volume and centroid of its cell and the proportions of the cell's bounding
-        box; for a cell that is a box along the axes it is that box.
-
-        Args:
-            origin_m, rotation: as for `measure`, (3,) and (3, 3).
-            watch: told how far the work is.
-
-        Returns:
-            For each part in turn the range of its cells, and their boxes.
-
-        Raises:
-            SprayError: as for `measure`.
+        box; for a cell that is a box along the axes it is that box. Origin and rotation are as for
+        `measure`.
         """
         for chosen in slices(self.cells):
             watch("measuring cells", chosen.start, self.cells)
@@ -175,13 +157,13 @@ class CellMesh(ABC):
 
 
 class PointMesh(CellMesh):
-    """A mesh whose points (P, 3) are in memory."""
+    """Mesh whose points (P, 3) are in memory."""
 
     points_m: AnyFloats
 
     @cached_property
     def extent_m(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the box that holds all points."""
+        """Lower and upper corner (3,) of the bounding box of all points."""
         return checked_points(self.source, self.points_m)
 
     def points(self) -> Iterator[AnyFloats]:
@@ -197,25 +179,14 @@ def slices(count: int) -> Iterator[slice]:
 
 
 def narrowed(numbers: NDArray[Any]) -> Labels:
-    """Whole numbers of any shape as integers of their own, four bytes each where that is enough."""
+    """Copy of whole numbers of any shape as int32 if they fit, else int64."""
     low, high = numbers.min(initial=0), numbers.max(initial=0)
     small = -(2**31) <= low and high < 2**31
     return numbers.astype(np.int32 if small else np.int64)
 
 
 def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
-    """Lower and upper corner (3,) of all points.
-
-    Args:
-        source: named by errors.
-        points_m: (P, 3).
-
-    Returns:
-        The lower and the upper corner.
-
-    Raises:
-        SprayError: one is not finite, or farther than 1000 m; the message begins with `source`.
-    """
+    """Lower and upper corner (3,) of all points (P, 3), which must be within +-1000 m."""
     if not len(points_m):
         raise SprayError(f"{source}: the mesh has no point")
     lower, upper = points_m.min(axis=0), points_m.max(axis=0)
@@ -225,16 +196,7 @@ def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
 
 
 def check_labels(source: str, what: str, labels: Labels, *, low: int, end: int) -> None:
-    """Refuses labels outside low..end - 1.
-
-    Args:
-        source, what: named by the error: the file or folder, and of what the labels are.
-        labels: of any shape.
-        low, end: the first that is allowed, and the first that no longer is.
-
-    Raises:
-        SprayError: one of `labels` is outside.
-    """
+    """Refuses `labels` of any shape outside low..end - 1; errors name `source` and `what`."""
     if labels.size and (labels.min() < low or labels.max() >= end):
         raise SprayError(
             f"{source}: {what} labels {labels.min()} to {labels.max()} of the faces, "

@@ -1,4 +1,4 @@
-"""Meshes of elements given by their corners, tetrahedra to hexahedra, and of polyhedra."""
+"""Meshes of elements given by their corners, from tetrahedra to hexahedra, and of polyhedra."""
 
 from __future__ import annotations
 
@@ -49,13 +49,7 @@ VOXEL, POLYHEDRON = 11, 42
 
 
 def elements(points_m: AnyFloats, kind: int, nodes: Labels) -> Polyhedra:
-    """Elements of one kind as polyhedra.
-
-    Args:
-        points_m: (P, 3).
-        kind: one of `FACES`.
-        nodes: (N, corners) into points.
-    """
+    """Elements of one `kind` of `FACES` as polyhedra; points_m (P, 3), nodes (N, corners)."""
     faces = FACES[kind]
     around = np.array([corner for face in faces for corner in face])
     ends = np.cumsum([len(face) for face in faces])
@@ -76,8 +70,8 @@ def elements(points_m: AnyFloats, kind: int, nodes: Labels) -> Polyhedra:
 class PolyhedronFaces:
     """Faces of the polyhedra of a mesh, normals outwards.
 
-    Face f has the corners `corners[start[f]:start[f + 1]]`, cell c the faces
-    `faces[first[c]:first[c + 1]]`: none where c is no polyhedron.
+    Face f has the corners `corners[start[f]:start[f + 1]]` (one shape each, (N,)), cell c the faces
+    `faces[first[c]:first[c + 1]]`: none if c is no polyhedron.
     """
 
     corners: Labels
@@ -140,11 +134,11 @@ class ElementMesh(PointMesh):
 
     @property
     def cells(self) -> int:  # type: ignore[override]
-        """How many."""
+        """Number of cells."""
         return len(self.kinds)
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """The faces of `cells` (N,), one kind after the other."""
+        """Faces of `cells` (N,), one kind after the other."""
         kinds = self.kinds[cells]
         for kind in self._kinds(kinds):
             here = np.flatnonzero(kinds == kind)
@@ -177,23 +171,23 @@ class BoxMesh(CellMesh):
 
     @property
     def cells(self) -> int:  # type: ignore[override]
-        """How many."""
+        """Number of cells."""
         return len(self.lower_m)
 
     @cached_property
     def extent_m(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the box that holds all points."""
+        """Lower and upper corner (3,) of the bounding box of all points."""
         lower, _ = checked_points(self.source, self.lower_m)
         _, upper = checked_points(self.source, self.upper_m)
         return lower, upper
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """The faces of `cells` (N,), all in one part."""
+        """Faces of `cells` (N,), all in one part."""
         nodes = np.arange(8 * len(cells)).reshape(-1, 8)
         yield np.arange(len(cells)), elements(self._corners(cells), VOXEL, nodes)
 
     def points(self) -> Iterator[AnyFloats]:
-        """The corners of all boxes, (P, 3) of some at a time."""
+        """Corners of all boxes, (P, 3) of some at a time."""
         for some in slices(self.cells):
             yield self._corners(some)
 

@@ -27,7 +27,7 @@ class Mesh(PointMesh):
 
     points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`, ordered so that its
     normal points out of the cell `owner[f]` and into `neighbour[f]`, which is -1 on the boundary;
-    `cells` is the number of cells, `source` the file or folder to name in errors.
+    `cells` is their number, `source` the file or folder that errors name.
     """
 
     points_m: AnyFloats
@@ -59,7 +59,7 @@ class Mesh(PointMesh):
 
     @cached_property
     def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-        """Where each cell begins, and the sides of all cells, as `Polyhedra` has them."""
+        """First side of each cell, and the sides of all cells, as in `Polyhedra`."""
         from cldit.cfd.mesh import geometry as cell_geometry
 
         first = np.zeros(self.cells + 1, np.int64)
@@ -68,7 +68,7 @@ class Mesh(PointMesh):
         return first, sides
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """The faces of `cells` (N,), all in one part."""
+        """Faces of `cells` (N,), all in one part."""
         first, sides = self._sides
         yield (
             np.arange(len(cells)),
@@ -78,13 +78,13 @@ class Mesh(PointMesh):
 
 @dataclass(frozen=True)
 class JoinedMesh(CellMesh):
-    """One mesh of several, cells in order; faces between them stay double, which harms no sum."""
+    """Several meshes as one, cells in order; faces between them are double, which harms no sum."""
 
     parts: Sequence[CellMesh]
 
     @property
     def source(self) -> str:  # type: ignore[override]
-        """That of the first."""
+        """Source of the first mesh."""
         return self.parts[0].source
 
     @cached_property
@@ -93,12 +93,12 @@ class JoinedMesh(CellMesh):
 
     @property
     def cells(self) -> int:  # type: ignore[override]
-        """Those of all."""
+        """Number of cells of all meshes."""
         return int(self._ends[-1])
 
     @property
     def extent_m(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the box that holds all points."""
+        """Lower and upper corner (3,) of the bounding box of all points."""
         lower, upper = zip(*(part.extent_m for part in self.parts), strict=True)
         return np.min(lower, axis=0), np.max(upper, axis=0)
 
@@ -108,7 +108,7 @@ class JoinedMesh(CellMesh):
             yield from part.points()
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """The faces of `cells` (N,), those of one mesh after the other."""
+        """Faces of `cells` (N,), those of one mesh after the other."""
         mesh = np.searchsorted(self._ends, cells, side="right")
         for number in np.unique(mesh).tolist():
             here = np.flatnonzero(mesh == number)
@@ -118,5 +118,5 @@ class JoinedMesh(CellMesh):
 
 
 def join(meshes: Sequence[CellMesh]) -> CellMesh:
-    """One mesh of several, cells in order."""
+    """Joins several meshes to one, cells in order."""
     return meshes[0] if len(meshes) == 1 else JoinedMesh(meshes)

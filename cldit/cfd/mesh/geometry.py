@@ -1,4 +1,4 @@
-"""Volume, centroid and bounds of polyhedra, in compiled steps that keep nothing but the results.
+"""Volume, centroid and bounds of polyhedra, in compiled loops that keep only the results.
 
 A face is split into triangles about its mean corner, a cell into pyramids that meet in the mean of
 its face centres (as in OpenFOAM, primitiveMeshTools::makeCellCentresAndVols).
@@ -36,16 +36,10 @@ def measure(
     upper_m: Floats,
     fault: NDArray[np.int8],
 ) -> None:
-    """Measures some cells, seen from `origin_m` and turned by `rotation`.
+    """Measures the cells `members` (N,) of `Polyhedra`, seen from `origin_m` and rotated.
 
-    Args:
-        points_m: (P, 3). corners: of all faces, into points. start: (F + 1,) first of each face.
-        first: (C + 1,) first of each cell in `sides`: f is a face whose normal points out of the
-            cell, -1 - f one whose normal points into it.
-        members: (N,) the cells to measure.
-        origin_m: (3,), rotation: (3, 3); the figures are those of rotation @ (point - origin).
-        volume_m3: (N,), centroid_m, lower_m, upper_m: (N, 3), written. fault: (N,), written: 0,
-            or what is wrong with the cell, and then its figures mean nothing.
+    The other arrays are written: volume_m3 (N,), centroid_m, lower_m, upper_m (N, 3), and fault
+    (N,): 0, or the code of a fault, and then the results of the cell are undefined.
     """
     centre, area = np.empty((_MOST, 3)), np.empty((_MOST, 3))
     ring, triangles = np.empty((_MOST, 3)), np.empty((_MOST, 3))
@@ -146,12 +140,10 @@ def measure(
 def sides_of_cells(
     owner: AnyLabels, neighbour: AnyLabels, first: NDArray[np.int64], sides: NDArray[np.int32]
 ) -> None:
-    """Faces by cell: counts, then places, in the order of the faces.
+    """Sorts faces by cell, from owner and neighbour (F,); a neighbour of -1 is none.
 
-    Args:
-        owner, neighbour: (F,) cells on both sides; -1 is none.
-        first: (C + 1,) zeros; written: where each cell begins in `sides`.
-        sides: (number of sides,) written: f for the owner, -1 - f for the neighbour.
+    Written: first (C + 1,), zeros before: the first side of each cell; sides: f for the owner,
+    -1 - f for the neighbour.
     """
     for face in range(len(owner)):
         first[owner[face] + 1] += 1
@@ -172,14 +164,10 @@ def sides_of_cells(
 
 @compiled
 def walk_faces(numbers: AnyLabels, place: NDArray[np.int64]) -> int:
-    """Finds faces that are written one after the other, each as its size and its corners.
+    """Finds faces that are stored one after the other, each as its size and its corners.
 
-    Args:
-        numbers: of all faces.
-        place: (F + 1,) written: where each face's size stands, and where the last one ends.
-
-    Returns:
-        Where the last face ends: not `len(numbers)` where the numbers are no such list.
+    Written: place (F + 1,), the index of each face's size, and the end of the last face, which is
+    also returned: it is not `len(numbers)` if the numbers are no such list.
     """
     here = 0
     for face in range(len(place) - 1):

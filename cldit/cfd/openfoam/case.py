@@ -1,7 +1,7 @@
 """OpenFOAM cases: ascii, binary or gz, whole, decomposed or collated, with any cloud of parcels.
 
-Read with numpy rather than vtk's own readers: those return float32 and no parcels at all for
-clouds that hold only barycentric coordinates.
+Read with NumPy instead of vtk's readers, which return float32, and no parcels at all for clouds
+with barycentric coordinates only.
 """
 
 from __future__ import annotations
@@ -51,21 +51,7 @@ def read_openfoam(
 ) -> CfdCase:
     """Reads one time of a case.
 
-    A decomposed case is read processor by processor where its own folder does not have the time.
-
-    Args:
-        path: the case folder, or the `.foam` file in it.
-        time_s: the latest where None.
-        fuel_field: name of the fuel's mass fraction.
-        cloud: name of the cloud; the only one where None.
-        names: names of fields where they are not T, p, rho, `fuel_field`, and d, nParticle, T, rho,
-            U, age for the parcels.
-        region: the mesh region; the only one, or that with the fuel, where None.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: a file is missing or damaged, the time or the cloud is not there, the cloud
-            is empty, or the case does not fit into memory.
+    A decomposed case is read processor by processor if its own folder does not have the time.
     """
     step = find_step(path, time_s=time_s, fuel_field=fuel_field, region=region)
     folder = step.folder
@@ -119,20 +105,7 @@ def read_openfoam(
 def list_openfoam(
     path: Path, time_s: CaseTime | None, region: str | None = None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, cell fields, and clouds with their fields, of `time_s` or the last; nothing is read.
-
-    Args:
-        path: the case's folder, or a file in it.
-        time_s: None is the latest.
-        region: None is every region.
-
-    Returns:
-        Times [s], cell fields (as `region/field` where there are regions), and the fields of each
-        cloud.
-
-    Raises:
-        SprayError: there is no case, or no such time.
-    """
+    """Lists times [s], cell fields (`region/field` if there are regions), clouds with fields."""
     case = case_folder(path)
     roots = [case, *dict.fromkeys(root.path for root in split_roots(case))]
     known: dict[float, list[Path]] = {}
@@ -159,9 +132,9 @@ def _file_names(folder: Path) -> set[str]:
 
 
 def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | None:
-    """The mesh at a time: each file from the latest folder not after it that has the file.
+    """Mesh at a time: each file from the latest folder up to that time that has it.
 
-    None for a processor without cells. The files that are read are added to `files`.
+    None for a processor without cells. The paths of the files are added to `files`.
     """
     root, block = part.path, part.block
     before = sorted((time for time in time_folders(root) if time <= time_s), reverse=True)
@@ -196,7 +169,7 @@ def _cloud(
     names: ColumnMap,
     files: list[Path],
 ) -> Cloud:
-    """The cloud of all processors; those that the spray has not reached have no folder for it."""
+    """Cloud of all processors; those that the spray has not reached have no folder for it."""
     wanted = columns_of(merged(names.parcels, PARCEL_NAMES))
     parts = [
         read_cloud(place, mesh, root.block, wanted=wanted, files=files)
@@ -223,12 +196,7 @@ _PACKED = 4  # bytes of a file that one of its .gz stands for
 
 
 def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
-    """What the meshes of all processors take.
-
-    Args:
-        meshes: folder of each processor's mesh.
-        fields: cell fields that are read.
-    """
+    """Estimate for the meshes of all processors, and a number of cell fields."""
     total, largest, held = 0, 0.0, 0.0
     for folder in meshes:
         points, cells, faces = _counts(folder / "owner")
@@ -245,7 +213,7 @@ def _stored(path: Path) -> float:
 
 
 def _counts(owner: Path) -> tuple[int, int, int]:
-    """Points, cells and faces, by the note that OpenFOAM leaves in the file, or by its list."""
+    """Points, cells and faces, from OpenFOAM's note in the file, else from its list's length."""
     found = find_foam(owner)
     if found is None:
         return 0, 0, 0

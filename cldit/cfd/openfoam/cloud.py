@@ -1,4 +1,4 @@
-"""The clouds of an OpenFOAM case, with positions or with barycentric coordinates."""
+"""Clouds of an OpenFOAM case, with positions or with barycentric coordinates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cldit.spray.result import Floats
 
 
 def cloud_names(time_folder: Path) -> list[str]:
-    """Names of the folders under `lagrangian`."""
+    """Names of the folders in `lagrangian`."""
     folder = time_folder / "lagrangian"
     return (
         sorted(each.name for each in folder.iterdir() if each.is_dir()) if folder.is_dir() else []
@@ -32,23 +32,10 @@ def read_cloud(
     wanted: set[str],
     files: list[Path],
 ) -> tuple[Column, dict[str, Column]]:
-    """Positions and fields of one cloud.
+    """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
-    `positions` are read where they are there, else `coordinates`; both may hold either form.
-
-    Args:
-        folder: of the cloud.
-        mesh: of the same processor.
-        block: which processor's, of collated files.
-        wanted: names of the fields to read, where there are such; `U_X` means U.
-        files: those that are read are added to it.
-
-    Returns:
-        Positions (N, 3), and fields by name.
-
-    Raises:
-        SprayError: the folder holds neither, a file is damaged, or a parcel's tetrahedron does not
-            belong to the mesh.
+    Both may hold either form. `wanted`: names of fields, `U_X` means U; `files`: the paths of the
+    files read are added to it.
     """
     names = ("positions", "coordinates")
     found = next((folder / name for name in names if find_foam(folder / name)), None)
@@ -74,24 +61,13 @@ def read_cloud(
 
 
 def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
-    """Positions of parcels given by barycentric coordinates.
+    """Positions (N, 3) of parcels in barycentric coordinates.
 
-    X = b0 C + b1 P0 + b2 P1 + b3 P2: C the cell centre, P0 the base point of the face, P1 and P2
-    the two face points that follow it by `tet point`, in the order in which the face's normal
-    points out of the cell (OpenFOAM, tetIndices::faceTriIs). The base point is the first from
-    which no tetrahedron of the face is turned inside out, in the cells on both sides
-    (polyMeshTetDecomposition::findFaceBasePts).
-
-    Args:
-        file: named by errors.
-        rows: (N, 7) four coordinates, cell, face, tet point.
-        mesh: to which they belong.
-
-    Returns:
-        (N, 3).
-
-    Raises:
-        SprayError: a label is outside the mesh, or the face is not one of the cell's.
+    rows (N, 7): four coordinates, cell, face, tet point. X = b0 C + b1 P0 + b2 P1 + b3 P2: C the
+    cell centre, P0 the base point of the face, P1 and P2 the two face points that follow it by
+    `tet point`, in the order in which the face's normal points out of the cell (OpenFOAM,
+    tetIndices::faceTriIs). The base point is the first from which no tetrahedron of the face is
+    inverted, in the cells on both sides (polyMeshTetDecomposition::findFaceBasePts).
     """
     weights = rows[:, :4]
     cell, face, turn = whole(file, rows[:, 4:]).T
@@ -127,13 +103,13 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
 
 
 def _centroids(mesh: Mesh, cells: Labels) -> tuple[Floats, Labels]:
-    """Centroids of some cells, each once, and which of them is that of each of `cells`."""
+    """Centroids of some cells, each once, and the index of that of each of `cells`."""
     each, at = np.unique(cells, return_inverse=True)
     return mesh.measure(each).centroid_m, at
 
 
 def _base_points(mesh: Mesh, faces: Labels) -> Labels:
-    """Place of the base point among the corners of each of `faces`."""
+    """Index of the base point among the corners of each of `faces`."""
     begin, size = mesh.start[faces], mesh.start[faces + 1] - mesh.start[faces]
     neighbour = mesh.neighbour[faces]
     # where there is no neighbour the owner stands in, and is not looked at

@@ -1,8 +1,8 @@
 """Collated OpenFOAM cases: `processorsN` folders whose files hold one block for each processor.
 
-Format after OpenFOAM's decomposedBlockData: behind the file's own header a List<char> for each
-processor, its number of bytes, `(`, the bytes, `)`. The first block begins with the header of the
-content; the others have none and go by that one (early versions gave each its own).
+Format after OpenFOAM's decomposedBlockData: the file's header is followed by a List<char> for each
+processor: its number of bytes, `(`, the bytes, `)`. The first block begins with the header of the
+content; the others have none (early versions gave each its own).
 """
 
 from __future__ import annotations
@@ -23,22 +23,18 @@ _GAP = 10_000  # bytes in which the size of a block is found
 
 @dataclass(frozen=True)
 class Root:
-    """Where a case, or a processor's part of it, lies; block: number in its files, if collated."""
+    """Folder of a case, or of a processor's part of it; block: its number in collated files."""
 
     path: Path
     block: int | None = None
 
     def label(self, file: Path) -> str:
-        """The file's name, for messages."""
+        """Name of a file in messages."""
         return str(file) if self.block is None else f"{file} (block {self.block})"
 
 
 def split_roots(case: Path) -> list[Root]:
-    """Parts of a decomposed case, by processor; none if it is not decomposed.
-
-    Raises:
-        SprayError: folders for some of the processors are missing, or there are two sets.
-    """
+    """Parts of a decomposed case, by processor; empty if it is not decomposed."""
     single = sorted(case.glob("processor[0-9]*"), key=lambda each: int(each.name[9:]))
     found = [(each, match) for each in case.glob("processors[0-9]*") if (match := _matched(each))]
     if not found:
@@ -64,20 +60,7 @@ def _matched(folder: Path) -> re.Match[str] | None:
 
 
 def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, bytes]:
-    """Reads the first block and another of a collated file; those between are passed over.
-
-    Args:
-        stream: the file.
-        at: where its header ends.
-        path: named by errors.
-        block: number of the other.
-
-    Returns:
-        The content of both.
-
-    Raises:
-        SprayError: a block is cut off, or there are too few.
-    """
+    """Reads the first block and the block `block` of a collated file whose header ends `at`."""
     first = inside = b""
     for number in range(block + 1):
         stream.seek(at)

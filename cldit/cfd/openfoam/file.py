@@ -1,6 +1,6 @@
-"""One file of an OpenFOAM case, ascii or binary, plain or gz, alone or collated: its header.
+"""Files of an OpenFOAM case, ascii or binary, plain or gz, alone or collated: their headers.
 
-Format after the OpenFOAM user guide ("File format") and v1912's own output.
+Format after the OpenFOAM user guide ("File format") and output of v1912.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _HEAD = 10_000  # bytes in which the header ends
 
 @dataclass(frozen=True)
 class FoamFile:
-    """Content of a file behind its header; sizes in bytes, None where the header does not say."""
+    """Content of a file after its header; sizes in bytes, several if the header states none."""
 
     path: Path
     binary: bool
@@ -37,36 +37,24 @@ class FoamFile:
 
     @property
     def nothing(self) -> bool:
-        """A processor without anything of this kind: only collated files have such blocks."""
+        """True for an empty block; collated files have one for a processor without content."""
         return self.block is not None and not self.body.strip()
 
     def fail(self, what: str) -> SprayError:
-        """An error that names the file."""
+        """Error that names the file."""
         where = "" if self.block is None else f", block {self.block}"
         return SprayError(f"{self.path}{where}: {what}")
 
 
 def find_foam(path: Path) -> Path | None:
-    """The file, or its gz form, whichever there is.
-
-    Raises:
-        SprayError: there are both.
-    """
+    """Path of the file or of its .gz form, whichever exists; both are an error."""
     packed = path.with_name(path.name + ".gz")
     found = [each for each in (path, packed) if each.is_file()]
     return only_claimant(str(path), found) if found else None
 
 
 def read_foam(path: Path, block: int | None = None) -> FoamFile:
-    """Reads a file by its plain name; `.gz` beside it is taken where the plain file is missing.
-
-    Args:
-        path: plain name.
-        block: which processor's, of a collated file.
-
-    Raises:
-        SprayError: there is neither, it cannot be unpacked, or it has no OpenFOAM header.
-    """
+    """Reads a file by its plain name, or its `.gz` form; `block`: processor in a collated file."""
     found = find_foam(path)
     if found is None:
         raise SprayError(f"{path}: is missing (also as .gz)")
@@ -92,7 +80,7 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
 
 
 def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[bytes, bytes], bytes]:
-    """Entries of the header, and what follows it; of a collated file, those of a block."""
+    """Entries of the header, and the rest; of a collated file, those of a block."""
     entries, end = _head(stream.read(_HEAD), path)
     collated = entries.get(b"class", b"").strip() == COLLATED
     if collated != (block is not None):
@@ -118,7 +106,7 @@ def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[byte
 
 
 def _head(content: bytes, path: Path) -> tuple[dict[bytes, bytes], int]:
-    """Entries of the header, and the offset behind it."""
+    """Entries of the header, and the offset of its end."""
     head = _HEADER.search(content)
     if head is None:
         raise SprayError(f"{path}: is not an OpenFOAM file (no FoamFile header)")

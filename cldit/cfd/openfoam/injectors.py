@@ -1,4 +1,4 @@
-"""Where an OpenFOAM case injects: `position` and `direction` entries of its cloud dictionary."""
+"""Injectors of an OpenFOAM case: `position` and `direction` entries of its cloud dictionary."""
 
 from __future__ import annotations
 
@@ -20,14 +20,11 @@ _TOKEN = re.compile(r'"[^"]*"|[{}();]|[^\s{}();"]+')
 
 
 def read_injectors(path: Path) -> tuple[Injector, ...]:
-    """Every injector of the dictionary that states a fixed position and direction.
+    """Injectors of the dictionary that state a fixed position and direction.
 
-    Understood are `position (x y z); direction (x y z);`, also with the word `constant` before
-    the vector, and `positionAxis ( ((x y z) (x y z)) .. );`. Directives and macros are not
-    expanded: an injector that needs them is passed over.
-
-    Raises:
-        SprayError: the file cannot be read, or its brackets do not match.
+    Supported: `position (x y z); direction (x y z);`, also with the word `constant` before the
+    vector, and `positionAxis ( ((x y z) (x y z)) .. );`. Directives and macros are not expanded: an
+    injector that needs them is ignored.
     """
     text = _content(path).decode("latin-1")
     try:
@@ -46,16 +43,7 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
 def case_injectors(
     case: Path | None, cloud: str | None, region: str = ""
 ) -> tuple[tuple[Injector, ...], tuple[Path, ...]]:
-    """Injectors from the cloud's dictionary, or from the only one that has any.
-
-    Args:
-        case: folder of the case; None, or one without dictionaries, has no injectors.
-        cloud: its name; without one there is nothing to inject.
-        region: "" is the case's own mesh.
-
-    Returns:
-        The injectors, and the files in which they stand.
-    """
+    """Injectors from the cloud's dictionary, else from the only one with any; and its file."""
     if case is None or cloud is None:
         return (), ()
     folder = case / "constant" / region
@@ -82,18 +70,7 @@ def _content(path: Path) -> bytes:
 
 
 def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
-    """The dictionaries in a list, by name: `2 ( walls { type wall; } .. )`.
-
-    Args:
-        path: named by errors.
-        body: of the file behind its header.
-
-    Returns:
-        The entries of each that are one word.
-
-    Raises:
-        SprayError: its brackets do not match.
-    """
+    """Dictionaries in a list, by name: `2 ( walls { type wall; } .. )`; only entries of one word."""
     tokens = _TOKEN.findall(_SKIP.sub(" ", body.decode("latin-1")))
     try:
         begin = tokens.index("(") + 1
@@ -117,8 +94,7 @@ def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
 def dictionary(text: str) -> dict[str, object]:
     """Entries of a dictionary without its own braces, words in lists, inner ones as mappings.
 
-    Raises:
-        IndexError: brackets do not match.
+    An `IndexError` means that brackets do not match.
     """
     tokens = _TOKEN.findall(_SKIP.sub(" ", text))
     content, end = _entries(tokens, 0)
@@ -128,7 +104,7 @@ def dictionary(text: str) -> dict[str, object]:
 
 
 def _entries(tokens: list[str], at: int) -> tuple[dict[str, object], int]:
-    """Entries up to a closing brace or the end, and the offset of that."""
+    """Entries up to a closing brace or the end, and its offset."""
     content: dict[str, object] = {}
     while at < len(tokens) and tokens[at] != "}":
         key = tokens[at]
@@ -144,7 +120,7 @@ def _entries(tokens: list[str], at: int) -> tuple[dict[str, object], int]:
 
 
 def _values(tokens: list[str], at: int, stop: str) -> tuple[list[object], int]:
-    """Words and lists up to `stop`, and the offset behind it."""
+    """Words and lists up to `stop`, and the offset of the next token."""
     values: list[object] = []
     while tokens[at] != stop:
         token = tokens[at]
@@ -164,7 +140,7 @@ def _values(tokens: list[str], at: int, stop: str) -> tuple[list[object], int]:
 
 
 def _vector(value: object) -> tuple[float, float, float] | None:
-    """Three numbers, alone, in a list of one, or behind the word `constant`."""
+    """Three numbers, alone, in a list of one, or after the word `constant`."""
     if isinstance(value, list) and value and value[0] in ("constant", "uniform"):
         value = value[1:]
     if isinstance(value, list) and len(value) == 1:

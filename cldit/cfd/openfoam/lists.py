@@ -1,7 +1,7 @@
-"""The lists in a file of an OpenFOAM case: numbers, vectors, labels, faces and parcels.
+"""Lists in a file of an OpenFOAM case: numbers, vectors, labels, faces and parcels.
 
-Sizes of binary numbers come from the header's `arch` entry, and every list must end where its
-bracket does, so a wrong size cannot go unnoticed.
+Sizes of binary numbers come from the header's `arch` entry, and every list must end at its bracket,
+so that a wrong size is noticed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 
 def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
-    """Count, opening bracket, and offset behind it, of the list that begins at `at`."""
+    """Count, opening bracket, and the offset after it, of the list that begins at `at`."""
     match = _LIST.match(file.body, at)
     if match is None:
         raise file.fail("no list where one is expected; the file is truncated or of another kind")
@@ -36,7 +36,7 @@ def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
 def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
     """Numbers of the text from `begin` to `end`, some megabytes of it at a time.
 
-    Text that is no number ends them early; who knows their count notices.
+    Text that is no number ends them early; callers check the count.
     """
     ended = False
     while begin < end and not ended:
@@ -64,7 +64,7 @@ def _parsed(file: FoamFile, begin: int, end: int) -> Floats:
 def _raw(
     file: FoamFile, kind: str, sizes: tuple[int, ...], count: int, at: int
 ) -> tuple[NDArray[np.generic], int]:
-    """`count` binary numbers at `at` and the offset behind their closing bracket."""
+    """`count` binary numbers at `at`, and the offset after their closing bracket."""
     for size in sizes:
         end = at + count * size
         if file.body[end : end + 1] == b")":
@@ -77,7 +77,7 @@ def _raw(
 
 
 def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.generic], int]:
-    """A list of `width` numbers an entry, (N, width), and the offset behind it."""
+    """List of `width` numbers an entry, (N, width), and the offset after it."""
     count, bracket, begin = _open(file, at)
     if bracket == b"{":
         end = file.body.find(b"}", begin)
@@ -105,10 +105,7 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
 
 
 def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
-    """`values` in `file` as integers of the same shape; text such as 1.5 or 1e300 is refused.
-
-    Four bytes each where that is enough.
-    """
+    """Converts `values` to integers of the same shape, int32 if they fit; refuses 1.5 or 1e300."""
     numbers = np.asarray(values)
     if numbers.dtype.kind == "f":
         integers = numbers.astype(np.int64) if np.all(np.abs(numbers) < 2.0**53) else None
@@ -123,26 +120,26 @@ def _labels(file: FoamFile, parts: Iterable[Floats]) -> Labels:
 
 
 def scalars(file: FoamFile) -> Floats:
-    """A scalarField, (N,)."""
+    """Reads a scalarField, (N,)."""
     if file.nothing:
         return np.empty(0)
     return _list(file, "f", 1, 0)[0].reshape(-1).astype(np.float64)
 
 
 def vectors(file: FoamFile) -> Floats:
-    """A vectorField, (N, 3)."""
+    """Reads a vectorField, (N, 3)."""
     if file.nothing:
         return np.empty((0, 3))
     return _list(file, "f", 3, 0)[0].astype(np.float64)
 
 
 def labels(file: FoamFile) -> Labels:
-    """A labelList, (N,)."""
+    """Reads a labelList, (N,)."""
     return whole(file, _list(file, "i", 1, 0)[0].reshape(-1))
 
 
 def faces(file: FoamFile) -> tuple[Labels, Labels]:
-    """A faceList or faceCompactList: the corners of all faces, and where each begins, (F + 1,)."""
+    """Corners of all faces of a faceList or faceCompactList, and the start of each, (F + 1,)."""
     if file.binary:
         start, end = _list(file, "i", 1, 0)
         corners, _ = _list(file, "i", 1, end)
@@ -165,11 +162,7 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
 
 
 def internal_field(file: FoamFile, cells: int) -> AnyFloats:
-    """The internalField (N,) of a volScalarField in `file`, of a mesh of `cells`.
-
-    Raises:
-        SprayError: there is none, it is no scalar, or its length is not `cells`.
-    """
+    """Reads the internalField (N,) of a volScalarField, of a mesh of `cells`."""
     begin = file.body.find(b"internalField")
     if begin < 0:
         raise file.fail("has no internalField")
@@ -190,11 +183,11 @@ def internal_field(file: FoamFile, cells: int) -> AnyFloats:
 
 
 def particles(file: FoamFile) -> Floats:
-    """Where the parcels of a cloud are, one row a parcel.
+    """Positions of the parcels of a cloud, one row a parcel.
 
     (N, 4): x, y, z, cell; or (N, 7): four barycentric coordinates, cell, face and point of the
-    tetrahedron. Which of the two is told by the rows, not by the file's name: `positions` of
-    OpenFOAM.org 5 and later holds the second.
+    tetrahedron. The rows decide, not the file's name: `positions` of OpenFOAM.org 5 and later is of
+    the second kind.
     """
     if file.nothing:
         return np.empty((0, 4))

@@ -1,4 +1,4 @@
-"""Patches at which an OpenFOAM mesh is cut: wedges, planes of symmetry, cyclic and empty sides."""
+"""Patches of an OpenFOAM mesh: those at which it is cut, and the temperature of its walls."""
 
 from __future__ import annotations
 
@@ -23,18 +23,7 @@ CUTS = ("wedge", "symmetry", "symmetryPlane", "cyclic", "cyclicAMI", "empty")
 def cut_boundaries(
     meshes: Sequence[tuple[Root, Mesh]], region: str
 ) -> tuple[tuple[Boundary, ...], tuple[Path, ...]]:
-    """Patches of a type in `CUTS`, each once, and the files in which they stand.
-
-    Args:
-        meshes: of the case, or of each processor.
-        region: "" is the case's own mesh.
-
-    Returns:
-        The patches, and the files.
-
-    Raises:
-        SprayError: a boundary file is damaged, or a patch has faces that the mesh does not have.
-    """
+    """Patches of a type in `CUTS`, each once, and the files that list them."""
     found: dict[str, Boundary] = {}
     files: list[Path] = []
     for root, mesh in meshes:
@@ -63,7 +52,7 @@ def cut_boundaries(
 
 
 def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
-    """Unit normal (zeros where it is not plane) and a point of faces in a row."""
+    """Unit normal (zeros if it is not plane) and a point of consecutive faces."""
     begin = mesh.start[start : start + count + 1]
     corners = mesh.corners[begin[0] : begin[-1]]
     here = mesh.points_m[corners]
@@ -82,19 +71,9 @@ _END = 100_000  # bytes at the end of a file, behind the values of its cells
 
 
 def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
-    """Mean over the patches of type `wall` that are held at one fixed temperature each.
+    """Mean temperature of the walls that are held at one fixed temperature each; else None.
 
-    Args:
-        root: the case, or one of its processors.
-        region: "" is the case's own mesh.
-        folder: of the fields, below the root.
-
-    Returns:
-        None where no wall is held: zeroGradient takes the temperature of the gas. So also for
-        what is not told here: values that differ from face to face, files that are packed.
-
-    Raises:
-        SprayError: the list of patches is damaged.
+    None also where it is not known: values that differ from face to face, packed files.
     """
     path = root.path / "constant" / region / "polyMesh" / "boundary"
     file, field = find_foam(path), find_foam(root.path / folder / "T")
@@ -111,7 +90,7 @@ def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
 
 
 def _names(key: str, patch: str) -> bool:
-    """Whether an entry is for a patch; one in quotes is a regular expression."""
+    """True if an entry is for a patch; an entry in quotes is a regular expression."""
     if not key.startswith('"'):
         return key == patch
     try:

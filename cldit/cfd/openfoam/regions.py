@@ -1,4 +1,4 @@
-"""Where a case keeps its regions and times, and which of them are meant."""
+"""Regions and times of a case, and the choice among them."""
 
 from __future__ import annotations
 
@@ -35,16 +35,12 @@ class Step:
 
     @property
     def place(self) -> Path:
-        """The folder of the fields of the first root."""
+        """Folder of the fields of the first root."""
         return self.roots[0].path / self.folder
 
 
 def case_folder(path: Path) -> Path:
-    """The folder of a case, or of the `.foam` file in it.
-
-    Raises:
-        SprayError: there is none.
-    """
+    """Folder of a case, or of the `.foam` file in it."""
     case = path if path.is_dir() else path.parent
     if not case.is_dir():
         raise SprayError(f"{path}: no such case (spray.file)")
@@ -52,7 +48,7 @@ def case_folder(path: Path) -> Path:
 
 
 def is_openfoam(path: Path) -> bool:
-    """Whether the path is a case folder or the `.foam` file in one."""
+    """True for a case folder or the `.foam` file in one."""
     if path.suffix in (".foam", ".OpenFOAM"):
         return True
     return path.is_dir() and bool(regions(path))
@@ -81,18 +77,9 @@ def time_folders(root: Path) -> dict[float, list[Path]]:
 
 
 def find_step(path: Path, *, time_s: CaseTime | None, fuel_field: str, region: str | None) -> Step:
-    """The region and the time asked for, or the only region and the last time.
+    """Region and time asked for, else the only region (or that with the fuel) and the last time.
 
-    A decomposed case is read processor by processor where its own folder does not have the time.
-
-    Args:
-        path: the case folder, or the `.foam` file in it.
-        time_s: the latest where None.
-        fuel_field: field by which the region is told where there are several.
-        region: None is the only one that has the field.
-
-    Raises:
-        SprayError: there is no such case, region or time, or two folders claim to be the time.
+    A decomposed case is read processor by processor if its own folder does not have the time.
     """
     case = case_folder(path)
     known = regions(case)
@@ -122,7 +109,7 @@ def find_step(path: Path, *, time_s: CaseTime | None, fuel_field: str, region: s
 
 
 def _times(root: Path, region: str) -> dict[float, list[Path]]:
-    """Times with results: folders that hold a field beside those of the mesh."""
+    """Times with results: folders that have a field in addition to the mesh."""
     found = {
         time: [each for each in folders if _results(each / region)]
         for time, folders in time_folders(root).items()
@@ -131,7 +118,7 @@ def _times(root: Path, region: str) -> dict[float, list[Path]]:
 
 
 def _results(folder: Path) -> bool:
-    """A field or a cloud; the starting time of many cases has neither temperature nor fuel."""
+    """True if there is a field or a cloud; a starting time may lack temperature and fuel."""
     return folder.is_dir() and any(each.is_file() for each in folder.iterdir())
 
 
@@ -192,11 +179,7 @@ def clouds_of(case: Path) -> list[Path]:
 
 
 def parcels_elsewhere(folder: Path) -> list[Path]:
-    """Folders of parcels in a place that is not read: of OpenFOAM 13's Lagrangian library.
-
-    Args:
-        folder: of a time (and region).
-    """
+    """Folders of parcels of OpenFOAM 13's Lagrangian library, which are not read."""
     return [
         each
         for each in sorted(folder.glob("*/*")) + sorted(folder.glob("*/*/*"))
@@ -206,16 +189,7 @@ def parcels_elsewhere(folder: Path) -> list[Path]:
 
 
 def check_parcels(step: Step, cloud: str | None, found: bool) -> None:
-    """Refuses a case whose parcels lie where they are not read.
-
-    Args:
-        step: the time and its folders.
-        cloud: the one asked for, or none.
-        found: whether there is a cloud that is read.
-
-    Raises:
-        SprayError: there are such, and neither another cloud nor gas alone is asked for.
-    """
+    """Refuses a case whose parcels are in a layout that is not read, unless gas alone is wanted."""
     if found or cloud == NO_CLOUD:
         return
     for root in step.roots:
@@ -228,16 +202,7 @@ def check_parcels(step: Step, cloud: str | None, found: bool) -> None:
 
 
 def check_cloud(step: Step, cloud: str | None, found: bool) -> None:
-    """Refuses a time without parcels where other times of the region have some.
-
-    Args:
-        step: the time and its folders.
-        cloud: the one asked for, or none.
-        found: whether there is a cloud at this time.
-
-    Raises:
-        NotAtThisTime: there are such, and gas alone is not asked for.
-    """
+    """Refuses a time without parcels if other times of the region have some."""
     if found or cloud == NO_CLOUD:
         return
     homes = {each.parent.parent for each in clouds_of(step.case)}

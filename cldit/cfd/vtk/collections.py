@@ -1,4 +1,4 @@
-"""Files that only name others: .vtm, .pvtu, .pvtp and .pvd of ParaView, .series of foamToVTK."""
+"""Files that name other files: .vtm, .pvtu, .pvtp and .pvd of ParaView, .series of foamToVTK."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _STEP = re.compile(r"[_.-](\d+)$")
 
 @dataclass(frozen=True)
 class Entry:
-    """One data set: its name, the files of its pieces, and whether its place tells a cloud.
+    """One data set: its name, the files of its pieces, and whether its place marks a cloud.
 
-    cloud: None where only the content tells. named_by: the files that name the pieces. time_s: of
-    several that the file itself holds.
+    cloud: None if the content decides. named_by: files that name the pieces. time_s: one of several
+    times in the file itself.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Entry:
 
 
 def stem(path: Path) -> str:
-    """The name without the ending of its format: `case_20` of `case_20.vtm.series`."""
+    """Name without the ending of its format: `case_20` of `case_20.vtm.series`."""
     name = path.name.removesuffix(".series")
     return Path(name).stem if Path(name).suffix in (*DATA, *COLLECTIONS, ".pvd") else name
 
@@ -46,24 +46,12 @@ def step_of(path: Path) -> str:
 
 
 def without_step(name: str) -> str:
-    """The name of a series: `rain` of `rain_20`."""
+    """Name of a series: `rain` of `rain_20`."""
     return _STEP.sub("", name)
 
 
 def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
-    """The data sets that a file is, or names, in their order.
-
-    Args:
-        file: .vtu, .vtp, .vtk, or a collection of such.
-        seen: the collections in which it lies.
-
-    Returns:
-        An entry for each data set.
-
-    Raises:
-        SprayError: a collection is damaged, names itself, names a file that is not there, or one
-            of another kind.
-    """
+    """Data sets of a file or collection, in order; `seen`: the collections that contain it."""
     if file in seen:
         raise SprayError(f"{file}: names itself")
     named_by = (*seen, file)
@@ -91,11 +79,7 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
 
 
 def pvd_steps(file: Path) -> dict[float, list[Entry]]:
-    """The data sets of each time that a .pvd file names.
-
-    Raises:
-        SprayError: as `entries`; a time is no number, or one part of it has several files.
-    """
+    """Data sets of each time that a .pvd file names."""
     found: dict[float, list[Entry]] = {}
     places: dict[tuple[object, ...], list[Path]] = {}
     for element in _elements(file, "DataSet"):
@@ -115,7 +99,7 @@ def pvd_steps(file: Path) -> dict[float, list[Entry]]:
 
 @dataclass(frozen=True)
 class Listed:
-    """A file that a `.series` lists."""
+    """File that a `.series` lists."""
 
     series: Path
     step: str
@@ -124,24 +108,17 @@ class Listed:
 
     @property
     def of_cloud(self) -> bool:
-        """Whether it holds parcels, by its place."""
+        """True if the place of the list marks it as parcels."""
         return "lagrangian" in self.series.parts
 
     @property
     def text(self) -> str:
-        """Begin of an error."""
+        """Start of an error message."""
         return f"{self.series}: lists step {self.step} ({self.time_s:g} s)"
 
 
 def series(file: Path) -> list[Listed]:
-    """What one of the JSON files for ParaView lists.
-
-    Returns:
-        A file and its time for each entry.
-
-    Raises:
-        SprayError: it cannot be read, or is no list of files and times.
-    """
+    """Files and times that a JSON file for ParaView lists."""
     data = read_json(file, error=SprayError)
     try:
         names = [(Path(each["name"]), float(each["time"])) for each in data["files"]]

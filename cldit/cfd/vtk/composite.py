@@ -1,6 +1,6 @@
-"""Files that hold several data sets, or several times: .vtkhdf, by vtk's reader.
+"""Files of several data sets or several times: .vtkhdf, by vtk's reader.
 
-vtk reads them through HDF5. Whether they are whole, and how large, h5py tells before.
+vtk reads them through HDF5. h5py checks first that they are whole, and how large they are.
 """
 
 from __future__ import annotations
@@ -21,11 +21,7 @@ _WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 
 
 def composite_reader(file: Path) -> Any:
-    """vtk's reader of a file, which has looked into it.
-
-    Raises:
-        SprayError: vtk or h5py is not installed; the file is damaged, cut off, or no HDF5.
-    """
+    """Creates vtk's reader of a file, after a check of the file."""
     _check(regular(file))
     try:
         from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline  # noqa: F401
@@ -40,7 +36,7 @@ def composite_reader(file: Path) -> Any:
 
 
 def _check(file: Path) -> None:
-    """Reads every array once, so that a checksum which does not fit is found, and a file's end."""
+    """Reads every array once, which finds wrong checksums and truncation."""
     with open_hdf(file) as root:
         if "VTKHDF" not in root:
             raise SprayError(f"{file}: holds no group VTKHDF: it is no file of VTK's HDF format")
@@ -56,18 +52,14 @@ _AT_ONCE = 1 << 20
 
 
 def _arrays(root: Any) -> Iterator[Any]:
-    """All arrays; a link to one that is there is not followed again."""
+    """All arrays; links to an array already found are not followed."""
     found: list[Any] = []
     root.visititems(lambda _, each: found.append(each) if hasattr(each, "dtype") else None)
     yield from found
 
 
 def composite_size(file: Path) -> Size:
-    """What the data sets in a file take, by the shapes of its arrays.
-
-    Raises:
-        SprayError: it is damaged.
-    """
+    """Estimate for the data sets in a file from the shapes of its arrays."""
     with open_hdf(file) as root:
         arrays = list(_arrays(root))
         stored = sum(int(array.size) * array.dtype.itemsize for array in arrays)
@@ -83,11 +75,7 @@ def composite_size(file: Path) -> Size:
 
 
 def times_in(file: Path) -> tuple[float, ...]:
-    """The times that a file holds itself; none where it has one state alone.
-
-    Raises:
-        SprayError: h5py is not installed; the file is damaged, cut off, or no HDF5.
-    """
+    """Times in a file itself; none if it has a single state."""
     found: set[float] = set()
     with open_hdf(file) as root:
         groups: list[Any] = []
@@ -99,7 +87,7 @@ def times_in(file: Path) -> tuple[float, ...]:
 
 
 def leaves(data: Any) -> list[tuple[str, Any]]:
-    """The data sets of vtk's composite `data` by name."""
+    """Data sets of vtk's composite `data`, by name."""
     return list(_named(data, ""))
 
 

@@ -1,4 +1,4 @@
-"""vtk data sets as numpy arrays. vtk is imported only when a function is called."""
+"""vtk data sets as NumPy arrays. vtk is imported only when a function is called."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GHOSTS = "vtkGhostType"  # name of the array that marks cells and points
 
 
 def dimension(data: Any) -> int:
-    """Largest dimension of its cells, 0 for points alone; -1 of a data set without anything."""
+    """Largest dimension of its cells, 0 for points alone; -1 of an empty data set."""
     if not data.GetNumberOfCells():
         return 0 if data.GetNumberOfPoints() else -1
     if data.IsA("vtkPolyData"):
@@ -60,21 +60,18 @@ def corner_mean(grid: Any) -> Callable[[Any], Any]:
 
 
 def time_value(data: Any) -> float | None:
-    """The `TimeValue` that foamToVTK adds, if there is one."""
+    """Field `TimeValue` that foamToVTK adds, if there is one."""
     values = data.GetFieldData().GetArray("TimeValue")
     return None if values is None or not values.GetNumberOfValues() else values.GetValue(0)
 
 
 def cell_columns(file: Path, data: Any) -> dict[str, Column]:
-    """Numeric cell arrays of `data` by name, as vtk holds them; `file` is named by errors."""
+    """Numeric cell arrays of `data` by name, as vtk holds them."""
     return _columns(file, data.GetCellData(), "cell field")
 
 
 def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
-    """Positions (N, 3), and numeric point arrays of `data` by name, as doubles.
-
-    Errors name `file`.
-    """
+    """Positions (N, 3), and numeric point arrays of `data` by name, as doubles."""
     fields = _columns(file, data.GetPointData(), "point field")
     return (
         Column(f"{file}: points", _points(data).astype(np.float64)),
@@ -83,7 +80,7 @@ def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
 
 
 def as_numpy(array: Any) -> Any:
-    """A vtk array as numpy sees it, without a copy."""
+    """View of a vtk array in NumPy, without a copy."""
     from vtkmodules.util import numpy_support
 
     convert: Any = numpy_support.vtk_to_numpy
@@ -106,13 +103,7 @@ def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
 
 
 def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
-    """The mesh of an unstructured `grid` of linear cells and polyhedra, on vtk's own arrays.
-
-    Errors name `file`.
-
-    Raises:
-        SprayError: the grid has a cell of another type, or none.
-    """
+    """Mesh of an unstructured `grid` of linear cells and polyhedra, on vtk's own arrays."""
     count = grid.GetNumberOfCells()
     if count == 0:
         raise SprayError(f"{file}: the mesh has no cell")
@@ -151,28 +142,24 @@ _MARKED_POINT = 1 | 2
 
 @dataclass
 class Marked:
-    """How many cells and points were marked as copied or hidden, and left out."""
+    """Numbers of cells and points that were marked as copied or hidden, and omitted."""
 
     cells: int = 0
     points: int = 0
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """A sentence, where there were any."""
+        """Sentence on them, if there are any."""
         pairs = ((self.cells, "cells"), (self.points, "points"))
         counts = [f"{count} {what}" for count, what in pairs if count]
         return (f"Marked as ghost or hidden, left out: {' and '.join(counts)}.",) if counts else ()
 
 
 def unmarked(data: Any, marked: Marked) -> Any:
-    """The data set without cells and parcels that `vtkGhostType` marks; they are counted.
+    """Removes cells and parcels that `vtkGhostType` marks, and counts them in `marked`.
 
-    Points of a mesh are kept: cells name them. The points of a set without cells of three
+    Points of a mesh are kept, as cells refer to them. Points of a set without cells of three
     dimensions are parcels.
-
-    Args:
-        data: vtk's.
-        marked: counts them.
     """
     if dimension(data) > 0:
         ghosts = data.GetCellData().GetArray(GHOSTS)

@@ -38,20 +38,9 @@ def read_vtk(
 ) -> CfdCase:
     """Reads one time of VTK files.
 
-    Args:
-        path: a .vtu, .vtk, .pvtu, .vtm or .pvd file; a folder of such files; or what foamToVTK
-            wrote (`CASE/VTK`, or any file in it: then the step that the file belongs to).
-        time_s: the latest where None. Times come from .pvd and .series files, else from the
-            comment or the `TimeValue` in the file.
-        fuel_field: name of the fuel's mass fraction.
-        cloud: name of the cloud; the only one where None.
-        names: names of fields where they are not OpenFOAM's.
-        watch: told how far the work is.
-
-    Raises:
-        SprayError: vtk is not installed; a file is missing or damaged; the time or the cloud is
-            not there, or the cloud is empty; several files claim to be the same, or one does not
-            fit into memory.
+    The path is a file of `DATA`, a collection of such files, a folder of them, or output of
+    foamToVTK (`CASE/VTK`, or any file in it: then the step of that file). Times come from .pvd and
+    .series files, else from the comment or the `TimeValue` in the file.
     """
     layout = find_layout(_existing(path))
     loader = Loader(_gas_alone(names, fuel_field), watch)
@@ -109,18 +98,7 @@ def read_vtk(
 def list_vtk(
     path: Path, time_s: CaseTime | None
 ) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Times, fields, and clouds with their fields, of `time_s` or the last step.
-
-    Args:
-        path: as `read_vtk` takes it.
-        time_s: None is the latest.
-
-    Returns:
-        Times [s], fields of cells and points of the mesh, and the fields of each cloud.
-
-    Raises:
-        SprayError: there is no such file or time, or a file is damaged.
-    """
+    """Lists times [s], fields of the mesh, and clouds with their fields, at one time."""
     layout = find_layout(_existing(path))
     loader = Loader(nothing)
     step = find_step(path, layout, loader, time_s=time_s, cloud=NO_CLOUD)
@@ -140,7 +118,7 @@ def _existing(path: Path) -> Path:
 
 
 def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
-    """Chooses the fields of the gas: at points only where some are not given for cells."""
+    """Selects the fields of the gas: at points only if some are missing in the cells."""
 
     def choose(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
         wanted = columns_of(gas_names(names.cells, cells | points, fuel_field))
@@ -157,7 +135,7 @@ def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
 
 
 def _cloud(name: str, parts: Sequence[Loaded], names: ColumnMap) -> Cloud:
-    """The cloud of all its pieces; empty ones add nothing."""
+    """Cloud of all its pieces; empty ones add nothing."""
     read = [point_columns(part.file, part.data) for part in parts]
     filled = [part for part in read if len(part[0].values)] or read[:1]
     fields = set.intersection(*(set(columns) for _, columns in filled))

@@ -1,4 +1,8 @@
-"""How large what a vtk file holds is, told from its head."""
+"""XML of a VTK file, read before vtk reads it: its size, and the positions of its arrays.
+
+vtk trusts an `offset`: with a wrong one it reads another array, or ends the process for lack of
+memory. Layout after the VTK file formats, "Appended data section".
+"""
 
 from __future__ import annotations
 
@@ -19,9 +23,9 @@ _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
 
 def piece_counts(file: Path) -> tuple[int, int]:
-    """Points and cells of all pieces of a .vtu or .vtp file.
+    """Points and cells of all pieces of a VTK file in XML.
 
-    The file is read as far as its arrays; where they lie between the pieces, to its end.
+    The file is read up to its arrays; to its end if they lie between the pieces.
     """
     points = cells = 0
     rest = b""
@@ -42,10 +46,7 @@ def piece_counts(file: Path) -> tuple[int, int]:
 
 
 def vtk_size(file: Path, *, fields: int) -> Size:
-    """What the mesh or cloud in `file` takes with `fields` fields.
-
-    Cells are taken for hexahedra where that is not told.
-    """
+    """Estimate for the mesh or cloud in `file` with `fields` fields; cells count as hexahedra."""
     stored = file.stat().st_size
     if file.suffix == ".vtk":  # binary: nine integers a cell that become nine of twice the size
         return Size(stored // 70, 0, 2.0 * stored)
@@ -65,7 +66,7 @@ _AT_ONCE = 1 << 20
 
 @dataclass(frozen=True)
 class _Form:
-    """How arrays are written: bytes of a number in their heads, packed or not, base64 or not."""
+    """Storage of arrays: bytes of a number in their heads, packed or not, base64 or not."""
 
     size: int
     order: Literal["big", "little"]
@@ -73,16 +74,12 @@ class _Form:
     encoded: bool
 
     def stored(self, count: int) -> int:
-        """Bytes in the file for so many."""
+        """Bytes in the file for `count` bytes of content."""
         return -(-count // 3) * 4 if self.encoded else count
 
 
 def check_appended(file: Path) -> None:
-    """Refuses a .vtu or .vtp file two of whose arrays overlap, or one of which goes on too far.
-
-    Raises:
-        SprayError: there is such an array, or a place that is no number.
-    """
+    """Refuses a file in which two arrays overlap, or one ends after the file."""
     with file.open("rb") as stream:
         tags, found, begin = _xml(stream)
         if not found:
@@ -105,7 +102,7 @@ def check_appended(file: Path) -> None:
 
 
 def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:
-    """The tags that matter, the text in which the appended arrays begin, and where it ends."""
+    """Relevant tags, the text at which the appended arrays begin, and its end."""
     tags: list[bytes] = []
     rest, before = b"", 0
     while part := stream.read(_AT_ONCE):
@@ -127,7 +124,7 @@ def _damaged(file: Path, what: str) -> SprayError:
 
 
 def _places(file: Path, tags: list[bytes]) -> set[int]:
-    """The offsets that the XML names, each once: time steps may share one."""
+    """Offsets in the XML, each once: time steps may share one."""
     found = {each.group(1) for tag in tags if (each := _OFFSET.search(tag)) is not None}
     for text in found:
         if not text.strip().isdigit():

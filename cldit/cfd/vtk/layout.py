@@ -1,4 +1,4 @@
-"""Which VTK files a name stands for: foamToVTK's folders, ParaView's collections, files alone."""
+"""VTK files of a path: foamToVTK's folders, ParaView's collections, single files."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _CLOUDS = tuple(f"{place}.{kind}" for place in _PLACES for kind in ("vtp", "vtk"
 
 @dataclass(frozen=True)
 class Layout:
-    """Data sets by step; times by step, where a list states them.
+    """Data sets by step; times by step, if a list states them.
 
-    listed: what `.series` files list, there or not. own: the step to which a named file belongs.
-    read: files that were read to know this. left_out: files that nothing is taken of. beside: files
-    next to the one that is named, which it does not include and which may be its parcels.
+    listed: entries of `.series` files, whether the files exist or not. own: step of a named file.
+    read: files that were read for this. left_out: files of which nothing is used. beside: files
+    next to the named one that it does not include, and that may be its parcels.
     """
 
     steps: dict[str, list[Entry]]
@@ -44,16 +44,12 @@ class Layout:
 
 
 def is_vtk(folder: Path) -> bool:
-    """Whether a folder holds VTK files, or lies in what foamToVTK wrote."""
+    """True if a folder holds VTK files, or lies in output of foamToVTK."""
     return bool(_files(folder)) or _foam_folder(folder) is not None
 
 
 def find_layout(path: Path) -> Layout:
-    """What `path`, a file or folder, stands for. A file bounds what is looked at.
-
-    Raises:
-        SprayError: a collection is damaged or incomplete, or two files claim the same place.
-    """
+    """Layout of `path`, a file or folder. A file restricts the search to itself."""
     folder = _foam_folder(path)
     if folder is not None:
         return _foam(folder, path)
@@ -78,7 +74,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _foam_folder(path: Path) -> Path | None:
-    """The folder in which foamToVTK's layout begins, if the path lies in one."""
+    """Top folder of foamToVTK's layout, if the path lies in one."""
     here = path if path.is_dir() else path.parent
     for folder in (here, here.parent):
         if folder.name == "lagrangian":
@@ -93,7 +89,7 @@ def _foam_folder(path: Path) -> Path | None:
 
 
 def _foam(folder: Path, path: Path) -> Layout:
-    """Steps by number; boundary patches, which lie deeper or elsewhere, are not looked at."""
+    """Steps by number; boundary patches, which lie deeper or elsewhere, are ignored."""
     steps: dict[str, list[Entry]] = {}
     for pattern in ("*.vtu", "*.vtk", "*/internal.vtu"):
         for file in sorted(folder.glob(pattern)):
@@ -119,7 +115,7 @@ def _foam(folder: Path, path: Path) -> Layout:
 
 
 def _folder(folder: Path) -> Layout:
-    """A folder of files: every .pvd together, else all files that no collection names."""
+    """Folder of files: every .pvd together, else all files that no collection names."""
     files = _files(folder)
     for file in files:
         if file.suffix in COMPOSITE and times_in(file):

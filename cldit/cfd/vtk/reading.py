@@ -1,4 +1,4 @@
-"""vtk's readers: what of a file is read, what they say, how far they are, and Ctrl-C."""
+"""vtk's readers: selection of fields, error messages, progress, and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _BAD_NAME = re.compile(rb"Name=[\"']([^\"'\n]*<[^\"'\n]*)[\"']")
 
 @dataclass(frozen=True)
 class Loaded:
-    """A file's data set (of vtk's), and the names of all its fields, whether read or not.
+    """Data set (vtk's) of a file, and the names of all its fields, read or not.
 
-    name: of the data set, where the file holds several.
+    name: name of the data set, if the file holds several.
     """
 
     file: Path
@@ -46,19 +46,10 @@ def load_vtk(
     choose: Choose | None = None,
     watch: Watch = silent,
 ) -> Loaded:
-    """The data set in a .vtu, .vtp or binary legacy .vtk file.
+    """Reads the data set in a file of `DATA`, other than a composite; `kind`: its class in vtk.
 
-    Args:
-        file: its suffix tells what is expected in it.
-        kind: of the data set, a class of vtk's.
-        choose: which fields are read, where the format lets others be left out; None is all. Of
-            points alone, which are parcels, all are read.
-        watch: told how far vtk is.
-
-    Raises:
-        SprayError: vtk is not installed; the file is damaged, truncated, not of this kind, or does
-            not fit into memory.
-        KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
+    `choose` selects the fields that are read, if the format allows it; None is all. All fields of
+    points alone, which are parcels, are read. Ctrl-C stops vtk and raises KeyboardInterrupt.
     """
     reader = _reader(regular(file))
     if file.suffix == ".vtk":
@@ -93,22 +84,7 @@ def load_vtk(
 def load_composite(
     file: Path, *, choose: Choose | None = None, time_s: float | None, watch: Watch = silent
 ) -> list[Loaded]:
-    """The data sets in a file of `COMPOSITE`.
-
-    Args:
-        file: .vtkhdf.
-        choose: which fields are read; None is all. Of points alone all are read.
-        time_s: one of `times_in`; None where there is none.
-        watch: told how far vtk is.
-
-    Returns:
-        The data sets, in the file's order.
-
-    Raises:
-        SprayError: vtk or h5py is not installed; the file is damaged, truncated, or does not fit
-            into memory.
-        KeyboardInterrupt: Ctrl-C was pressed; vtk stops where it is.
-    """
+    """Reads the data sets in a file of `COMPOSITE`, in order, at one of `times_in` or None."""
     check_room(file, composite_size(file))
     reader = composite_reader(file)
     with _messages(file, reader):
@@ -141,12 +117,12 @@ def load_composite(
 
 
 def _unread(known: frozenset[str], data: Any) -> frozenset[str]:
-    """Cell fields that were not read: which data set has them is not told, a mesh may."""
+    """Cell fields that were not read; any mesh of the file may have them."""
     return known if dimension(data) == 3 else frozenset()
 
 
 def nothing(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
-    """Chooses what tells which cells and points count, and no field."""
+    """Selects the arrays that mark ghosts, and no field."""
     return cells & {GHOSTS}, points & {GHOSTS}
 
 
@@ -195,7 +171,7 @@ def _reader(file: Path) -> Any:
 
 @contextmanager
 def _messages(file: Path, reader: Any) -> Iterator[None]:
-    """vtk reports what is wrong with a file only as text in its output window: raised behind."""
+    """Raises vtk's messages as errors afterwards; vtk only prints them to its output window."""
     from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
 
     before, verbosity = vtkOutputWindow.GetInstance(), vtkLogger.GetCurrentVerbosityCutoff()
@@ -224,9 +200,9 @@ def _messages(file: Path, reader: Any) -> Iterator[None]:
 
 @contextmanager
 def _observed(file: Path, reader: Any, watch: Watch) -> Iterator[None]:
-    """Passes vtk's progress on, and Ctrl-C to vtk.
+    """Reports vtk's progress, and stops vtk at Ctrl-C.
 
-    vtk ends the process where an observer raises KeyboardInterrupt, so it is raised behind.
+    vtk ends the process if an observer raises KeyboardInterrupt, so it is raised afterwards.
     """
     pressed = threading.Event()
 
@@ -250,5 +226,5 @@ def _observed(file: Path, reader: Any, watch: Watch) -> Iterator[None]:
 
 
 def _head(file: Path) -> bytes:
-    """The file up to its appended numbers, where the names of its fields stand."""
+    """Content of the file up to its appended numbers; the names of its fields are in it."""
     return file.read_bytes().partition(b"<AppendedData")[0]

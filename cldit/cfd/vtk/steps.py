@@ -1,4 +1,4 @@
-"""The step of VTK files at a time: which data sets it has, and what each of them is."""
+"""Step of VTK files at a time: its data sets, sorted into meshes and clouds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TIME = re.compile(rb"\btime='([^']+)'")
 
 @dataclass(frozen=True)
 class Step:
-    """The data sets of one time, by what they are, without ghosts."""
+    """Data sets of one time, sorted by kind, without ghosts."""
 
     time_s: float | None
     meshes: list[Loaded]
@@ -39,17 +39,17 @@ class Loader:
     """Reads files; one that was read for its time, and is the only step, is not read again."""
 
     def __init__(self, choose: Choose, watch: Watch = silent) -> None:
-        """`choose`: the fields of a mesh that are read; `watch` is told how far the work is."""
+        """`choose`: selects the fields of a mesh; `watch`: receives the progress."""
         self._choose, self._watch = choose, watch
         self._kept: dict[Path, Loaded] = {}
 
     def load(self, file: Path, *, whole: bool = False) -> Loaded:
-        """The data set in a file; `whole` with all its fields."""
+        """Data set in a file; `whole` with all its fields."""
         kept = self._kept.pop(file, None)
         return kept or load_vtk(file, choose=None if whole else self._choose, watch=self._watch)
 
     def parts(self, entry: Entry) -> dict[Entry, list[Loaded]]:
-        """The data sets of an entry with their pieces: several where its file holds such."""
+        """Data sets of an entry with their pieces: several if its file holds several."""
         file = entry.pieces[0]
         if file.suffix not in COMPOSITE:
             whole = entry.cloud is True
@@ -64,7 +64,7 @@ class Loader:
         return found
 
     def time_in(self, file: Path, *, only: bool) -> float | None:
-        """The field `TimeValue` in a file; `only`: which is read in any case."""
+        """Field `TimeValue` in a file; `only`: the only step, which is read in any case."""
         if file.suffix in COMPOSITE:
             parts = load_composite(file, choose=nothing, time_s=None)
             return next((t for part in parts if (t := time_value(part.data)) is not None), None)
@@ -75,7 +75,7 @@ class Loader:
 
 
 def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
-    """The time of each step of `layout` that may hold a mesh, by its key; `loader` reads."""
+    """Time of each step of `layout` that may hold a mesh, by its key."""
     steps = {
         key: found
         for key, found in layout.steps.items()
@@ -92,19 +92,7 @@ def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
 def find_step(
     path: Path, layout: Layout, loader: Loader, *, time_s: CaseTime | None, cloud: str | None
 ) -> Step:
-    """The step at a time, its data sets read and sorted.
-
-    Args:
-        path: named by errors.
-        layout: what it stands for.
-        loader: reads the files.
-        time_s: the latest where None.
-        cloud: `none` where parcels are not wanted.
-
-    Raises:
-        NotAtThisTime: the step has no cloud, but others have.
-        SprayError: there is no mesh, no such time, or several files claim to be the same.
-    """
+    """Step at a time, its data sets read and sorted; `cloud` is `none` for gas alone."""
     times = step_times(layout, loader)
     if not times:
         raise SprayError(
@@ -151,7 +139,7 @@ def find_step(
 
 
 def _absent(layout: Layout, there: Container[str]) -> dict[float, Listed]:
-    """Listed files by time, of steps that are not `there`; none where one step is named."""
+    """Listed files by time, of steps that are not `there`; empty if the path names one step."""
     if layout.own is not None:
         return {}
     return {each.time_s: each for each in layout.listed if each.step not in there}
@@ -162,7 +150,7 @@ def _parcels_likely(entry: Entry) -> bool:
 
 
 def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader) -> Step:
-    """Meshes, clouds and the rest among the data sets of a step."""
+    """Sorts the data sets of a step into meshes, clouds and the rest."""
     meshes: dict[Entry, list[Loaded]] = {}
     clouds: dict[str, list[Loaded]] = {}
     claims: dict[str, list[Path]] = {}
@@ -211,11 +199,7 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
 
 
 def _all_different(parts: Sequence[Loaded]) -> None:
-    """Refuses pieces that hold the same points and cells: they would count twice.
-
-    Raises:
-        SprayError: there are such; both are listed.
-    """
+    """Refuses pieces with the same points and cells: they would count twice."""
     if len(parts) < 2:
         return
     seen: dict[bytes, Path] = {}
@@ -229,7 +213,7 @@ def _all_different(parts: Sequence[Loaded]) -> None:
 
 
 def _own_time(found: Sequence[Entry], loader: Loader, *, only: bool) -> float | None:
-    """The time that a file of a step states in its comment, or as the field `TimeValue`."""
+    """Time that a file of a step states in its comment, or as the field `TimeValue`."""
     for file in (entry.pieces[0] for entry in found if not entry.cloud):
         with regular(file).open("rb") as stream:
             comment = _TIME.search(stream.read(2000))
