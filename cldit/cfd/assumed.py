@@ -19,10 +19,10 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
     found = []
     if "rho" not in case.gas and "p" in case.gas:
         close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
-        hint = f" (if {close} is it, a mapping file says so)" if close else ""
+        hint = f" (if it is {close}, name it in a mapping file)" if close else ""
         found.append(
             f"{case.source}: no density 'rho' among the cell fields{hint}: that of an ideal gas of "
-            "air and fuel at p and T stands for it."
+            "air and fuel at p and T was used."
         )
     if "rho" in case.gas and "p" not in case.gas:
         found.append(
@@ -30,7 +30,7 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
             "that of an ideal gas."
         )
     if case.time_s is None:
-        found.append(f"{case.source}: does not say its time.")
+        found.append(f"{case.source}: does not state its time.")
     stated = molar_mass_kg_mol(spec.fuel_field)
     if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > _SLACK:
         given = "as given" if "fuel_molar_mass_kg_mol" in spec.model_fields_set else "n-heptane's"

@@ -14,7 +14,9 @@ from cldit.errors import EmptyCloud, SprayError
 from cldit.spray.result import Floats
 
 CLOUD_FIELDS = ("d", "nParticle", "T", "rho")
-NO_CLOUD = "none"  # as the name of a cloud: gas alone is wanted
+NO_CLOUD = "none"  # name of a cloud by which a user asks for gas alone
+Listing = tuple[list[float], list[str], dict[str, list[str]]]
+"""Times [s], cell fields, and clouds with their fields, of a case."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
         shown = ", ".join(map(str, known))
         raise SprayError(
             f"{known[0]}: {len(known)} claim to be {what}: {shown}; name one of them as the case, "
-            "or move the others away"
+            "or move the others"
         )
     return known[0]
 
@@ -106,7 +108,7 @@ def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str |
         return wanted
     if len(known) > 1:
         raise SprayError(
-            f"{source}: holds several clouds, {shown}; set spray.cloud to one of them, or to "
+            f"{source}: several clouds: {shown}; set spray.cloud to one of them, or to "
             f"{NO_CLOUD!r} for gas alone"
         )
     return known[0] if known else None
@@ -126,7 +128,7 @@ def complete_cloud(
     count = len(position_m.values)
     if count == 0:
         raise EmptyCloud(
-            f"{position_m.label}: cloud {name!r} holds no parcel; choose another time "
+            f"{position_m.label}: cloud {name!r} has no parcel; choose another time "
             f"(spray.time_s), or spray.cloud: {NO_CLOUD} for gas alone"
         )
     for field in CLOUD_FIELDS:
@@ -134,7 +136,7 @@ def complete_cloud(
             known = ", ".join(sorted(fields if available is None else available)) or "none"
             raise SprayError(
                 f"{source}: cloud {name!r} has no field {field!r}; it has: {known} (a mapping file "
-                "names fields that are called otherwise)"
+                "gives other names of fields)"
             )
     for column in fields.values():
         if len(column.values) != count:

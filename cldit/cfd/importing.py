@@ -27,7 +27,7 @@ _SHOWN = {
     "liquid_penetration_90_m": ("liquid penetration (90 % of mass)", "mm", 1e3),
     "liquid_penetration_95_m": ("liquid penetration (95 % of mass)", "mm", 1e3),
     "liquid_penetration_99_m": ("liquid penetration (99 % of mass)", "mm", 1e3),
-    "liquid_path_m": ("as OpenFOAM's log states it", "mm", 1e3),
+    "liquid_path_m": ("penetration in OpenFOAM's log", "mm", 1e3),
     "vapour_penetration_m": ("vapour penetration (0.1 % fuel)", "mm", 1e3),
     "vapour_mass_fraction_max": ("largest mass fraction of fuel", "", 1.0),
     "gas_temperature_min_K": ("gas, coldest cell", "K", 1.0),
@@ -36,7 +36,7 @@ _SHOWN = {
     "ambient_temperature_K": ("gas outside the jet, median", "K", 1.0),
     "gas_cells": ("cells", "", 1.0),
     "vapour_cells": ("cells with vapour", "", 1.0),
-    "parcels_left_out": ("parcels left out", "", 1.0),
+    "parcels_left_out": ("parcels omitted", "", 1.0),
     "copies": ("copies that make it whole", "", 1.0),
 }
 _COUNTS = ("parcels", "gas_cells", "vapour_cells", "parcels_left_out", "copies")

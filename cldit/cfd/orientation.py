@@ -190,7 +190,7 @@ def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
 
 def _cloud_or_fail(case: CfdCase) -> Cloud:
     if case.cloud is None:
-        raise _unknown(case, "there are no parcels")
+        raise _unknown(case, "it has no parcels")
     return case.cloud
 
 

@@ -12,7 +12,7 @@ from cldit.errors import SprayError
 from cldit.spray.result import Floats, Parcels
 
 Mask = NDArray[np.bool_]
-# a falling drop of water breaks up beyond some 5 mm; what is larger has another unit
+# a falling drop of water breaks up beyond some 5 mm; a larger value has another unit
 _LIMITS = {
     "d": (1e-9, 5e-3, "d is the diameter of a droplet in metres"),
     "nParticle": (0.0, 1e18, "nParticle is the number of droplets"),
@@ -72,11 +72,11 @@ def check_parcels(
     if lost > share * count or _mass_share(cloud, away, wrong) > share:
         what = f"{lost} of {count} parcels are impossible or outside"
         raise SprayError(
-            f"{wrong[0][1]} ({what}; up to {100 * share:g} % may be left out: "
+            f"{wrong[0][1]} ({what}; up to {100 * share:g} % may be omitted: "
             "spray.parcels_left_out)"
         )
     remarks = tuple(
-        f"Left out {int(mask.sum())} of {count} parcels: {text}." for mask, text in wrong
+        f"Omitted {int(mask.sum())} of {count} parcels: {text}." for mask, text in wrong
     )
     every = (position, *(cloud.fields[name] for name in _LIMITS))
     place, *others = (np.asarray(each.values[kept], np.float64) for each in every)

@@ -40,7 +40,7 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     A partial case is refused unless the scene states which part it is.
     """
     if spec.sector is not None and spec.symmetry is not None:
-        raise SprayError("spray.sector and spray.symmetry are both given; allowed is one of them")
+        raise SprayError("spray.sector and spray.symmetry are both given; allowed: one of them")
     if spec.sector is not None:
         return _turns(spec.sector, case, frame)
     if spec.symmetry is not None:
@@ -109,7 +109,7 @@ def _mirrored(
             raise SprayError(
                 f"{case.mesh.source}: lies on both sides of the plane {name} = "
                 f"{frame.nozzle_m['xyz'.index(name)]:g} m through the nozzle (spray.symmetry); "
-                "allowed are planes that bound the mesh"
+                "allowed: planes that bound the mesh"
             )
     every = []
     for signs in product((1.0, -1.0), repeat=len(set(normals))):
@@ -127,8 +127,8 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
     kinds = {kind: [b for b in case.boundaries if b.kind == kind] for kind in _EVERY}
     if empty := kinds["empty"]:
         raise SprayError(
-            f"{case.source}: the patch {empty[0].name!r} is empty: the case is flat, and holds no "
-            "spray in space; run it in three dimensions, or as a wedge"
+            f"{case.source}: the patch {empty[0].name!r} is empty: the case is flat, not a spray "
+            "in space; run it in three dimensions, or as a wedge"
         )
     for kind in ("wedge", "cyclic", "cyclicAMI"):
         pair = kinds[kind]
@@ -147,7 +147,7 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
         along = abs(float(frame.axis @ patch.normal)) < 1e-3
         if patch.normal.any() and through and along:
             raise SprayError(
-                f"{case.source}: the patch {patch.name!r} is {patch.kind} and holds the axis of "
+                f"{case.source}: the patch {patch.name!r} is {patch.kind} and contains the axis of "
                 f"the injection: the mesh is a part of the spray; {_plane_way(patch.normal)}"
             )
     span, planes = azimuth_span(case.mesh.points, frame.nozzle_m, frame.axis)

@@ -8,7 +8,7 @@ from pathlib import Path
 from cldit.errors import SprayError
 from cldit.io.free_memory import free_bytes
 
-# Measured with `cldit bench --only import`: bytes beside what the reader holds.
+# Measured with the benchmark `import`: bytes in addition to the reader's.
 _CELL = 160  # fuel, temperature, and a box where there is vapour, twice while they are put together
 _PARCEL = 180
 _ANYWAY = 200e6  # for some cells at a time, whatever the case
@@ -36,7 +36,7 @@ def check_room(source: Path, size: Size) -> None:
     parcels = f" and {size.parcels} parcels" if size.parcels else ""
     raise SprayError(
         f"{source}: about {size.cells} cells{parcels} need some {size.need_bytes / 1e9:.2g} GB of "
-        f"memory, {free / 1e9:.2g} GB are free. Close other programs; or export only the region "
+        f"memory; {free / 1e9:.2g} GB are free. Close other programs; or export only the region "
         "around the spray (a clip or threshold on the fuel in ParaView); or run `cldit import CASE "
-        "--out spray.npz` on a larger machine, and give spray.npz in place of the case"
+        "--out spray.npz` on a larger machine, and use spray.npz instead of the case"
     )

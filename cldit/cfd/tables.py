@@ -12,12 +12,14 @@ import csv
 import re
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, complete_cloud
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud
 from cldit.cfd.inputs import regular, text_of
 from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
 from cldit.cfd.mapping.file import (
@@ -31,43 +33,57 @@ from cldit.cfd.mapping.file import (
 )
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Floats
 
 
-def read_tables(
-    path: Path, *, time_s: CaseTime | None, fuel_field: str, cloud: str | None
-) -> CfdCase:
+def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads the tables that a mapping file names, relative to it.
 
     A cell is a box about its centre: of edges `size`, or a cube of its `volume`.
     """
+    path = spec.file
     mapping = read_column_map(path)
     if mapping.cells.file is None:
         raise SprayError(f"{path}: cells.file is missing; it names the table of the gas")
     file = path.parent / mapping.cells.file
     check_room(file, _size(file))
+    watch(f"reading {file.name}", 0, 1)
     source = load_table(file, mapping.cells)
     position, edges = _boxes(source, mapping.cells)
     if mapping.time_s is not None:
-        choose_time(str(path), [mapping.time_s], time_s)
-    elif time_s is not None:
-        raise SprayError(f"{path}: does not say its time (time_s); leave spray.time_s out")
-    if cloud not in (None, NO_CLOUD, "parcels"):
-        raise SprayError(f"{path}: no cloud {cloud!r} (spray.cloud); available: parcels")
-    named = None if mapping.parcels is None or cloud == NO_CLOUD else mapping.parcels.file
+        choose_time(str(path), [mapping.time_s], spec.time_s)
+    elif spec.time_s is not None:
+        raise SprayError(f"{path}: does not state its time (time_s); remove spray.time_s")
+    if spec.cloud not in (None, NO_CLOUD, "parcels"):
+        raise SprayError(f"{path}: no cloud {spec.cloud!r} (spray.cloud); available: parcels")
+    alone = mapping.parcels is None or spec.cloud == NO_CLOUD
+    named = None if mapping.parcels is None or alone else mapping.parcels.file
     parcels = [] if named is None else [path.parent / named]
     return CfdCase(
         source=str(file),
         time_s=mapping.time_s,
         mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
-        gas=gas_columns(source, mapping.cells, fuel_field),
+        gas=gas_columns(source, mapping.cells, spec.fuel_field),
         available=tuple(source.columns),
-        cloud=None if cloud == NO_CLOUD else table_cloud(path, mapping),
+        cloud=None if alone else table_cloud(path, mapping),
         files=(path, file, *parcels),
     )
+
+
+def list_tables(spec: CfdSpray) -> Listing:
+    """Lists time [s] and columns of the tables that a mapping file names."""
+    mapping = read_column_map(spec.file)
+    cells, parcels = (
+        [] if part is None or part.file is None else table_names(spec.file.parent / part.file, part)
+        for part in (mapping.cells, mapping.parcels)
+    )
+    times = [] if mapping.time_s is None else [mapping.time_s]
+    return times, cells, {} if mapping.parcels is None else {"parcels": parcels}
 
 
 def _size(file: Path) -> Size:
@@ -79,7 +95,7 @@ def _size(file: Path) -> Size:
         with open_regular(file) as stream:
             head = stream.read(1 << 16)
         rows = file.stat().st_size * head.count(b"\n") // max(len(head), 1)
-    except OSError:  # who reads the file says what is wrong with it
+    except OSError:  # the reader reports it
         rows = 0
     return Size(rows, 0, 200.0 * rows)
 
@@ -136,17 +152,17 @@ def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str],
     except (OSError, UnicodeDecodeError) as error:
         raise SprayError(f"{file}: cannot be read ({error})") from error
     header = lines[-1].strip("\r\n ").lstrip("#").lstrip()
-    delimiter = wanted.delimiter or _told(header)
+    delimiter = wanted.delimiter or _delimiter(header)
     parts = _split(header, delimiter)
     names = [part.strip().strip('"').strip() for part in parts]
     twice = sorted({name for name in names if name and names.count(name) > 1})
     if twice or not any(names):
         what = f"the column {twice[0]!r} twice" if twice else "no names of columns"
-        raise SprayError(f"{file}: line {wanted.header_line} holds {what}")
+        raise SprayError(f"{file}: line {wanted.header_line} has {what}")
     return names, delimiter
 
 
-def _told(header: str) -> str:
+def _delimiter(header: str) -> str:
     """Delimiter of a header: the first of semicolon, tab and comma outside quotes, or space."""
     plain = re.sub(r'"[^"]*"', "", header)
     return next((mark for mark in ";\t," if mark in plain), " " if " " in plain else ",")
@@ -160,27 +176,6 @@ def _split(line: str, delimiter: str) -> list[str]:
     return next(rows, [])
 
 
-def _rows(file: Path, names: list[str], delimiter: str, wanted: Table) -> Iterator[str]:
-    """The lines below the header that hold values, each with as many cells as the header.
-
-    Raises:
-        SprayError: one has another number of cells.
-    """
-    with file.open(encoding="utf-8-sig") as stream:
-        for number, raw in enumerate(stream, start=1):
-            line = raw.strip() if delimiter == " " else raw.strip("\r\n ")
-            if number <= wanted.header_line or not line or line.startswith("#"):
-                continue
-            cells = len(_split(line, delimiter))
-            if cells != len(names):
-                raise SprayError(
-                    f"{file}: line {number} has {cells} cells, the header {len(names)} (delimiter "
-                    f"{delimiter!r}); put quotes around text that holds the delimiter, and give "
-                    "`delimiter` and `decimal` in the mapping file where numbers have a comma"
-                )
-            yield line.replace(",", ".") if wanted.decimal == "," else line
-
-
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     """Reads the columns of a table that the mapping `wanted` uses; the others are only named."""
     if file.suffix in (".parquet", ".dpm"):
@@ -188,41 +183,77 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     names, delimiter = _header(file, wanted)
     if delimiter == wanted.decimal:
         raise SprayError(
-            f"{file}: {delimiter!r} is both the delimiter and the decimal mark; allowed is one of "
-            "; tab or space as the delimiter"
+            f"{file}: {delimiter!r} is both the delimiter and the decimal mark; allowed "
+            "delimiters: ; tab space"
         )
-    use = _used(names, wanted)
+    used = _used(names, wanted)
     with open_regular(file) as stream:
         stream.seek(0, 2)
         stream.seek(max(stream.tell() - 1, 0))
         if stream.read() not in (b"\n", b"\r"):
             raise SprayError(f"{file}: its last line has no end: the file is cut off")
-    if not use:
+    if not used:
         raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
+    rows = _numbers(file, names, delimiter, used, wanted)
+    if not len(rows):
+        raise SprayError(f"{file}: no row below its header")
+    columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
+    for place in used:
+        columns[names[place]] = replace(columns[names[place]], values=rows[str(place)])
+    return Source(str(file), columns, len(rows))
+
+
+def _numbers(
+    file: Path, names: list[str], delimiter: str, used: list[int], wanted: Table
+) -> NDArray[Any]:
+    """Rows (N,) with the `used` columns as numbers, the others as one character of text.
+
+    NumPy refuses rows of another length than the header; which line it is takes a second reading.
+    """
+    kinds = [(str(place), "f8" if place in used else "U1") for place in range(len(names))]
+    count = 0
+
+    def lines(check: bool) -> Iterator[str]:
+        nonlocal count
+        count = 0
+        blanks = None if delimiter == " " else "\r\n "
+        with file.open(encoding="utf-8-sig") as stream:
+            for number, raw in enumerate(stream, start=1):
+                line = raw.strip(blanks)
+                if number <= wanted.header_line or not line or line.startswith("#"):
+                    continue
+                if check and (cells := len(_split(line, delimiter))) != len(names):
+                    raise SprayError(
+                        f"{file}: line {number} has {cells} cells, the header {len(names)} "
+                        f"(delimiter {delimiter!r}); put quotes around text that contains the "
+                        "delimiter, and give `delimiter` and `decimal` in the mapping file if "
+                        "numbers have a comma"
+                    )
+                count += 1
+                yield line.replace(",", ".") if wanted.decimal == "," else line
+
+    def load(check: bool) -> NDArray[Any]:
+        mark = None if delimiter == " " else delimiter
+        return np.loadtxt(lines(check), kinds, delimiter=mark, ndmin=1, quotechar='"')
+
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that there is no row: said below
-            rows = np.loadtxt(
-                _rows(file, names, delimiter, wanted),
-                delimiter=None if delimiter == " " else delimiter,
-                usecols=use,
-                ndmin=2,
-                quotechar='"',
-            )
+            warnings.simplefilter("ignore", UserWarning)  # no row: the caller's error
+            try:
+                rows = load(check=False)
+            except ValueError:
+                rows = load(check=True)
     except (ValueError, OSError) as error:
         if isinstance(error, SprayError):
             raise
-        shown = ", ".join(names[place] for place in use)
+        shown = ", ".join(names[place] for place in used)
         raise SprayError(
             f"{file}: its columns {shown} are not all numbers ({error}); for a decimal comma give "
             "`decimal: ','` in the mapping file"
         ) from error
-    if not len(rows):
-        raise SprayError(f"{file}: holds no row below its header")
-    columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
-    for place, index in enumerate(use):
-        columns[names[index]] = Column(f"{file}: column {names[index]}", rows[:, place])
-    return Source(str(file), columns, len(rows))
+    if len(rows) != count:
+        raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
+    return rows
 
 
 def _of_program(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
@@ -235,7 +266,7 @@ def _of_program(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     read = parquet_columns(file, use) if file.suffix == ".parquet" else dpm_columns(file)
     rows = len(read[use[0]].values)
     if not rows:
-        raise SprayError(f"{file}: holds no row")
+        raise SprayError(f"{file}: no row in it")
     return Source(str(file), columns | {name: read[name] for name in use}, rows)
 
 
@@ -284,12 +315,12 @@ def dpm_columns(file: Path) -> dict[str, Column]:
             row = []
         if len(row) != len(written):
             raise SprayError(
-                f"{file}: line {number}: expected are {len(written)} numbers in double parentheses "
+                f"{file}: line {number}: expected: {len(written)} numbers in double parentheses, "
                 "and a name"
             )
         rows.append(row)
     if not rows or not text.endswith("\n"):
-        raise SprayError(f"{file}: " + ("holds no parcel" if not rows else "is cut off"))
+        raise SprayError(f"{file}: " + ("no parcel in it" if not rows else "is cut off"))
     table = np.array(rows)
     found = {
         name: Column(f"{file}: column {name}", table[:, place])
@@ -300,7 +331,7 @@ def dpm_columns(file: Path) -> dict[str, Column]:
         if not np.all(diameter > 0):
             bad = int(np.argmin(diameter > 0))
             raise SprayError(
-                f"{found['diameter'].label}: {diameter[bad]:g} (entry {bad}) is no size"
+                f"{found['diameter'].label}: {diameter[bad]:g} (entry {bad}) is not a size"
             )
         density = found["mass"].values / (np.pi / 6 * diameter**3)
         found[DENSITY] = Column(f"{file}: columns mass and diameter", density)
@@ -331,7 +362,7 @@ def parquet_names(file: Path) -> list[str]:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not names:
         what = f"the column {twice[0]!r} twice" if twice else "no columns"
-        raise SprayError(f"{file}: holds {what}")
+        raise SprayError(f"{file}: has {what}")
     return names
 
 
@@ -348,7 +379,7 @@ def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:
     for name in names:
         kind = opened.schema_arrow.field(name).type
         if str(kind) not in _NUMBERS:
-            raise SprayError(f"{file}: column {name} holds {kind}; expected are numbers")
+            raise SprayError(f"{file}: column {name} is of type {kind}; expected: numbers")
     try:
         table = opened.read(columns=list(names))
     except (ArrowException, OSError) as error:

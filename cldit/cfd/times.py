@@ -26,7 +26,7 @@ def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) ->
     """
     known = sorted(set(times))
     if not known:
-        raise SprayError(f"{source}: holds no time with results")
+        raise SprayError(f"{source}: no time with results")
     number, nearest = wanted_time(wanted)
     if number is None:
         return known[-1]
@@ -55,7 +55,7 @@ def choose_times(
     else:
         chosen = sorted({choose_time(source, known, each) for each in wanted})
     if not chosen:
-        raise SprayError(f"{source}: {wanted}: chooses none of its {len(known)} times")
+        raise SprayError(f"{source}: {wanted}: selects none of its {len(known)} times")
     return tuple(chosen)
 
 
@@ -67,7 +67,7 @@ def _slice(source: str, text: str) -> slice:
             raise ValueError
     except ValueError as error:
         raise SprayError(
-            f"{source}: times {text!r}: allowed is `all`, a list of times, or numbers in order as "
+            f"{source}: times {text!r}; allowed: `all`, a list of times, or a slice such as "
             "`::5` (every fifth), `10:` or `-3:`"
         ) from error
     return slice(*numbers)

@@ -26,11 +26,11 @@ from cldit.spray.spray_file import read_spray
 
 AVOGADRO_MOL = 6.02214076e23
 GAS_CONSTANT_J_MOL_K = 8.31446261815324
-AIR_KG_MOL = 0.02885  # dry air, where a case without rho does not say what its gas is
+AIR_KG_MOL = 0.02885  # dry air, for a case without rho, which does not state its gas
 
-_OVERSHOOT = 1e-3  # mass fractions leave 0..1 by so much in unbounded schemes; they are cut
-_NEGLIGIBLE = 1e-12  # share of the vapour that cells left out may hold together
-_LARGEST_M = 10.0  # a case larger than this has its coordinates in mm
+_OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; clipped
+_NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
+_LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
 
@@ -77,7 +77,7 @@ def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
 def _stored(spec: CfdSpray) -> Spray:
     for key in ("nozzle_m", "axis", "cloud", "mapping", "region", "sector", "symmetry"):
         if getattr(spec, key) is not None:
-            raise SprayError(f"{spec.file}: spray.{key} was settled when the case was imported")
+            raise SprayError(f"{spec.file}: spray.{key} was fixed when the case was imported")
     spray = read_spray(spec.file)
     if spec.time_s is not None:
         known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
@@ -113,7 +113,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         notes["vapour_penetration_m"] = jet_m
     some = vapour if len(vapour.temperature_K) else None
     if some is None and not notes.get("liquid_mass_kg"):
-        raise NoFuel(f"{case.source}: holds no fuel: no liquid, and no {spec.fuel_field} as vapour")
+        raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
@@ -152,8 +152,8 @@ def _check_size(case: CfdCase) -> None:
     extent = float((upper - lower).max())
     if extent > _LARGEST_M:
         raise SprayError(
-            f"{case.mesh.source}: the mesh is {extent:g} m wide, allowed is {_LARGEST_M:g} m; its "
-            "coordinates are to be in metres"
+            f"{case.mesh.source}: the mesh is {extent:g} m wide; allowed: up to {_LARGEST_M:g} m "
+            "(coordinates must be in metres)"
         )
 
 
@@ -189,7 +189,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         case.gas[spec.fuel_field],
         low=-_OVERSHOOT,
         high=1.0 + _OVERSHOOT,
-        hint="it is to be the mass fraction of the fuel's vapour (spray.fuel_field)",
+        hint="it must be the mass fraction of the fuel's vapour (spray.fuel_field)",
     ).astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
@@ -236,7 +236,7 @@ def _vapour(
         for chosen, box in case.mesh.boxes(origin_m=origin, rotation=rotation, watch=watch):
             molecules = gas.number_density_m3[chosen] * box.volume_m3
             total += float(molecules.sum())
-            # no more can be told yet than that it is less than this
+            # a lower bound of the final threshold: the total is not known yet
             kept = np.flatnonzero(molecules > share * total)
             found.append((kept + chosen.start, box.take(kept), molecules[kept]))
             jet = gas.mass_fraction[chosen] > _EDGE_OF_JET

@@ -9,8 +9,8 @@ from cldit.errors import SprayError
 _PARAVIEW = "open it in ParaView and save the gas as .vtu and the parcels as .vtp"
 _TABLES = "export cells and parcels as text tables and describe them by a mapping file (.yaml)"
 _BEGIN = (
-    "`cldit import FILE --write-mapping case.yaml` begins a mapping file (.yaml) that says what "
-    "its columns are; then give case.yaml as the case"
+    "`cldit import FILE --write-mapping case.yaml` drafts a mapping file (.yaml) for its "
+    "columns; then give case.yaml as the case"
 )
 _FLUENT = f"in Fluent, File > Export > EnSight Case Gold with the DPM particles; or {_TABLES}"
 _STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; or " + _TABLES
@@ -20,7 +20,7 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".dat": ("a data file of Fluent or Tecplot", _FLUENT),
     ".cas.gz": ("a packed case of Fluent", _FLUENT),
     ".dat.gz": ("a packed data file of Fluent", _FLUENT),
-    ".dpm": ("particles of Fluent, a table beside a case", _BEGIN),
+    ".dpm": ("particles of Fluent, a table in addition to a case", _BEGIN),
     ".his": ("a particle history of Fluent", _FLUENT),
     ".msh": ("a mesh of Fluent or Gmsh without results", "give the results, as EnSight or .vtu"),
     ".sim": ("a session of STAR-CCM+", _STAR),
@@ -28,9 +28,6 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".trk": ("particle tracks of STAR-CCM+", _STAR),
     ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
     ".hdf": ("HDF, maybe VTK's", "give VTK's own the ending .vtkhdf"),
-    ".vts": ("a structured grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
-    ".vtr": ("a rectilinear grid of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
-    ".vti": ("an image of VTK", f"{_PARAVIEW}, after the filter Append Datasets"),
     ".pvts": ("pieces of a structured grid of VTK", _PARAVIEW),
     ".pvsm": ("a state of ParaView without data", "save the data themselves as .vtu and .vtp"),
     ".xmf": ("XDMF", _PARAVIEW),
@@ -56,9 +53,9 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".zip": ("an archive", "unpack it and give the case inside"),
 }
 _READ = (
-    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .pvtu, .pvtp, .vtm, .pvd, "
-    ".vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE (.h5), Fluent (.cas.h5), "
-    "tables (a mapping file, .yaml), or cldit's own .npz"
+    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .vti, .vtr, .vts, .pvtu, "
+    ".pvtp, .vtm, .pvd, .vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE (.h5), "
+    "Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
 )
 
 
@@ -74,7 +71,7 @@ def refuse_unknown(path: Path) -> None:
     if found is not None:
         what, way = found
         raise SprayError(f"{path}: is {what}, which is not read; {way}")
-    raise SprayError(f"{path}: is of no kind that is read; allowed is {_READ}")
+    raise SprayError(f"{path}: is of no kind that is read; allowed: {_READ}")
 
 
 def refuse_folder(path: Path) -> None:
@@ -83,6 +80,6 @@ def refuse_folder(path: Path) -> None:
     for each in files:
         if (found := _kind(each)) is not None:
             what, way = found
-            raise SprayError(f"{path}: holds no case that is read; {each.name} is {what}: {way}")
+            raise SprayError(f"{path}: no case that is read; {each.name} is {what}: {way}")
     held = ", ".join(each.name for each in sorted(path.iterdir())[:8]) or "nothing"
-    raise SprayError(f"{path}: holds no case that is read, but: {held}; allowed is {_READ}")
+    raise SprayError(f"{path}: no case that is read, but: {held}; allowed: {_READ}")

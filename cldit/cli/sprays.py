@@ -94,7 +94,7 @@ def import_command(
             raise SceneError(
                 "--write-mapping: writes the names alone; give --list, --out and --fit without it"
             )
-        from cldit.cfd.mapping import draft as mapping_found
+        from cldit.cfd import mapping_draft as mapping_found
 
         for line in mapping_found.write_mapping(spec, write_mapping):
             OUT.print(escaped(line))

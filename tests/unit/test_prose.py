@@ -92,7 +92,7 @@ LEFT: dict[str, int] = {
     "api": 24,
     "bench": 131,
     "camera": 11,
-    "cfd": 164,
+    "cfd": 0,
     "cldit": 2,
     "cli": 71,
     "dit": 127,

@@ -8,40 +8,34 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, only_claimant
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
 from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import read_geometry
 from cldit.cfd.ensight.variable import corner_mean, per_element, per_node
 from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names
-from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.mesh_parts import with_point_fields
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
-from cldit.io.progress import Watch, silent
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 
 _NUMBERED = re.compile(r"c\d+(?=\D)")
 _MEASURED = ("scalar per measured node", "vector per measured node")
 
 
-def read_ensight(
-    path: Path,
-    *,
-    time_s: CaseTime | None,
-    fuel_field: str,
-    cloud: str | None,
-    names: ColumnMap,
-    watch: Watch = silent,
-) -> CfdCase:
+def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a .case file, or of the only one in a folder."""
-    case = read_case_file(case_path(path))
+    case = read_case_file(case_path(spec.file))
+    fuel_field = spec.fuel_field
     items = {item.name: item for item in case.items if item.kind == "scalar per node"}
     items |= {item.name: item for item in case.items if item.kind == "scalar per element"}
     cells = gas_names(names.cells, items, fuel_field)
-    at = choose_time(str(case.path), times(case), time_s) if times(case) else None
+    at = choose_time(str(case.path), times(case), spec.time_s) if times(case) else None
     fields = sorted(columns_of(cells) & set(items))
-    model = _file(case, _only(case, "model"), at)
+    model = _file(case, _model(case), at)
     check_room(model, _size(model, [_file(case, items[name], at) for name in fields]))
     watch("reading the mesh", 0, 1)
     geometry = Reader(model)
@@ -62,8 +56,8 @@ def read_ensight(
             del columns[name]
             points[name] = per_node(reader, solid.parts, solid.points, label)
     columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
-    cloud_read = _cloud(case, at, cloud, names, geometry, files)
-    remarks = [f"Ghost or blanked cells left out: {solid.hidden}."] if solid.hidden else []
+    cloud = _cloud(case, at, spec.cloud, names, geometry, files)
+    remarks = [f"Ghost or blanked cells omitted: {solid.hidden}."] if solid.hidden else []
     if moved:
         remarks.append(f"{case.path}: {', '.join(moved)} at nodes became means over cells.")
     return CfdCase(
@@ -72,10 +66,18 @@ def read_ensight(
         mesh=mesh,
         gas=gas_columns(Source(str(case.path), columns, mesh.cells), cells, fuel_field),
         available=tuple(sorted(columns)),
-        cloud=cloud_read,
+        cloud=cloud,
         files=tuple(files),
         remarks=tuple(remarks),
     )
+
+
+def list_ensight(spec: CfdSpray) -> Listing:
+    """Lists times [s], fields of cells and nodes, and clouds with their fields."""
+    case = read_case_file(case_path(spec.file))
+    kinds = ("scalar per element", "scalar per node")
+    fields = [item.name for item in case.items if item.kind in kinds]
+    return times(case), fields, {name: list(own) for name, (_, own) in clouds(case).items()}
 
 
 def case_path(path: Path) -> Path:
@@ -84,7 +86,7 @@ def case_path(path: Path) -> Path:
         return path
     found = [*path.glob("*.case"), *path.glob("*.encas")]
     if not found:
-        raise SprayError(f"{path}: holds no .case file")
+        raise SprayError(f"{path}: no .case file in it")
     return only_claimant("the EnSight case", found)
 
 
@@ -94,10 +96,10 @@ def times(case: CaseFile) -> list[float]:
     return sorted(found)
 
 
-def _only(case: CaseFile, kind: str) -> Item:
-    found = [item for item in case.items if item.kind == kind]
+def _model(case: CaseFile) -> Item:
+    found = [item for item in case.items if item.kind == "model"]
     if len(found) != 1:
-        raise SprayError(f"{case.path}: GEOMETRY: {len(found)} entries {kind!r}, expected one")
+        raise SprayError(f"{case.path}: GEOMETRY: {len(found)} entries 'model', expected one")
     return found[0]
 
 
@@ -124,7 +126,7 @@ def _size(geometry: Path, fields: list[Path]) -> Size:
             binary = b"C Binary" in stream.read(84)
         stored = geometry.stat().st_size
         largest = max((file.stat().st_size for file in fields), default=0)
-    except OSError:  # who reads the file says what is wrong with it
+    except OSError:  # the reader reports it
         return Size(0, 0, 0.0)
     return Size(largest // (4 if binary else 13), 0, (2.5 if binary else 7.0) * stored)
 
@@ -145,7 +147,7 @@ def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
         named = {_NUMBERED.sub("", item.name) if prefixed else item.name: item for item in own}
         name = folder.name if foam else "measured"
         if name in found:
-            raise SprayError(f"{case.path}: GEOMETRY: the cloud {name!r} stands twice")
+            raise SprayError(f"{case.path}: GEOMETRY: two clouds are named {name!r}")
         found[name] = (position, named)
     return found
 
@@ -175,7 +177,7 @@ def _cloud(
     count = int(file.integers(1)[0])
     position = Column(f"{file.path}: positions", file.particles(count))
     if not file.done:
-        raise file.fail(f"goes on behind its {count} parcels")
+        raise file.fail(f"continues after its {count} parcels")
     columns: dict[str, Column] = {}
     for name, item in fields.items():
         values = Reader(_file(case, item, at), binary=file.binary, order=file.order)
@@ -185,7 +187,7 @@ def _cloud(
         values.text()
         numbers = values.floats(width * count, a_line=6).reshape(count, width)
         if not values.done:
-            raise values.fail(f"goes on behind the values of {count} parcels")
+            raise values.fail(f"continues after the values of {count} parcels")
         for letter, part in zip("XYZ" if width == 3 else [""], numbers.T, strict=True):
             columns[name + (f"_{letter}" if letter else "")] = Column(label, part)
     return mapped_cloud(chosen, str(case.path), position, columns, names, PARCEL_NAMES)

@@ -99,7 +99,7 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
                 if key == "time set":
                     now = sets.setdefault(int(after.split()[0]), {})
                     continue
-                if key.endswith(" file"):  # the numbers stand in a file of their own
+                if key.endswith(" file"):  # the numbers are in a file of their own
                     key = key.removesuffix(" file")
                     after = _numbers_file(path, after)
             text = after if colon else line  # values may begin on the next line
@@ -114,7 +114,7 @@ def _numbers_file(path: Path, name: str) -> str:
     """Text of a file that the TIME section of `path` names."""
     words = shlex.split(name)
     if len(words) != 1:
-        raise SprayError(f"{path}: TIME: {name.strip()!r}: one file is allowed")
+        raise SprayError(f"{path}: TIME: {name.strip()!r}; allowed: one file")
     try:
         return read_text(path.parent / words[0])
     except FileError as error:
@@ -198,7 +198,7 @@ class Reader:
             return narrowed(self._numbers(count, 10, a_line))
 
     def floats(self, count: int, *, a_line: int = 1) -> NDArray[np.float32]:
-        """Next `count` numbers (N,), single precision; in ascii `a_line` a line, in columns of 12."""
+        """Next `count` numbers (N,), float32; in ascii `a_line` a line, in columns of 12."""
         # NaN and infinity are for who knows what the number means
         with np.errstate(invalid="ignore", over="ignore"):
             if self.binary:
@@ -262,7 +262,7 @@ class Reader:
             try:
                 return np.array([float(row) for row in rows])
             except ValueError as error:
-                raise self.fail(f"holds text that is no number ({error})") from error
+                raise self.fail(f"contains text that is no number ({error})") from error
         values = [value for row in rows for value in self._split(row, width)]
         if len(values) != count:
             raise self.fail(f"truncated or damaged: {len(values)} numbers where {count} should be")
@@ -275,4 +275,4 @@ class Reader:
         try:
             return [float(part) for part in (parts if len(row) % width == 0 else row.split())]
         except ValueError as error:
-            raise self.fail(f"holds text that is no number ({error})") from error
+            raise self.fail(f"contains text that is no number ({error})") from error

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cldit.cfd.ensight.file import Reader
 from cldit.cfd.ensight.variable import Block, Elements, Part, Parts
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
-from cldit.cfd.mesh.elements import CORNERS, ElementMesh
+from cldit.cfd.mesh.elements import CORNERS, ElementMesh, block_corners
 from cldit.cfd.mesh.faces import Mesh, join
 
 _FLAT = {"point": 1, "bar2": 2, "bar3": 3, "tria3": 3, "tria6": 6, "quad4": 4, "quad8": 8}
@@ -49,7 +49,7 @@ def read_geometry(file: Reader) -> Geometry:
     while line == "part":
         number = file.part_number()
         if number in parts:
-            raise file.fail(f"holds part {number} twice")
+            raise file.fail(f"has part {number} twice")
         file.text()
         kind = file.text()
         if kind.split()[:1] == ["block"]:
@@ -151,7 +151,7 @@ def _structured(
     allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}
     if extra := set(words) - allowed:
         raise file.fail(
-            f"part {number} is a block {min(extra)!r}; allowed are {', '.join(sorted(allowed))}"
+            f"part {number} is a block {min(extra)!r}; allowed: {', '.join(sorted(allowed))}"
         )
     if min(shape) < 2:
         raise file.fail(f"part {number} is a block of {shape} nodes, expected 2 or more each way")
@@ -167,9 +167,5 @@ def _structured(
     else:
         points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
     shown = file.integers(count) != 0 if "iblanked" in words else np.ones(count, dtype=bool)
-    corner = np.arange(count, dtype=np.int32).reshape(shape[::-1])
-    low, high = slice(None, -1), slice(1, None)
-    ring = [(low, low), (low, high), (high, high), (high, low)]
-    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
-    nodes = np.stack(layers, axis=-1).reshape(-1, 8)
+    nodes = block_corners(shape)
     return points, nodes, np.asarray(shown[nodes].all(axis=1))

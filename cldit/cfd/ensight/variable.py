@@ -38,7 +38,7 @@ class Elements:
         return self.many if self.kept is None else int(np.count_nonzero(self.kept))
 
     def of_cells(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Those of the values, of the shape (many,), that belong to cells."""
+        """Selects the values, of the shape (many,), that belong to cells."""
         return values if self.kept is None else values[self.kept]
 
 
@@ -74,7 +74,7 @@ def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
         for elements in part.elements:
             name, _, mode = line.partition(" ")
             if name != elements.kind:
-                continue  # a type may be left out; if it holds cells, they are missed below
+                continue  # a type may be missing; if it has cells, an error follows below
             found, defined = _values(file, elements.many, mode.strip())
             if elements.first is not None:
                 place = slice(elements.first, elements.first + elements.cells)
@@ -130,7 +130,7 @@ def _values(file: Reader, many: int, mode: str) -> tuple[AnyFloats, NDArray[np.b
         values[place], defined[place] = file.floats(count), True
         return values, defined
     if mode:
-        raise file.fail(f"values of kind {mode!r}; allowed are plain, `undef` and `partial` ones")
+        raise file.fail(f"values of kind {mode!r}; allowed: plain, `undef` and `partial`")
     return file.floats(many), np.ones(many, dtype=bool)
 
 

@@ -61,5 +61,5 @@ def labels(path: Path, group: Any, name: str, count: int | None = None) -> Label
     """Whole numbers (N,) of the array `name`, four bytes each if that is enough."""
     values = stored(path, group, name, count)
     if values.dtype.kind == "f" and not np.all(values == np.rint(values)):
-        raise SprayError(f"{path}: {group.name}/{name}: holds a label that is no whole number")
+        raise SprayError(f"{path}: {group.name}/{name}: a label is no whole number")
     return narrowed(values)

@@ -7,102 +7,73 @@ parcels: a mapping file names their table (`parcels.file`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Column, joined
+from cldit.cfd.case import NO_CLOUD, CfdCase, Column, Listing
 from cldit.cfd.hdf.arrays import open_hdf
 from cldit.cfd.inputs import regular
-from cldit.cfd.mapping.columns import Source, gas_columns
-from cldit.cfd.mapping.file import CGNS_NAMES, ColumnMap, gas_names
+from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.cells import Labels
-from cldit.cfd.mesh.elements import ElementMesh
-from cldit.cfd.mesh.faces import join
-from cldit.cfd.point_data import with_point_fields
+from cldit.cfd.mesh.elements import ElementMesh, block_corners
+from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
-from cldit.io.progress import Watch, silent
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 
-# ElementType_t: vtk's type, and the order of its corners; surfaces and lines are left out
-_WEDGE = (0, 2, 1, 3, 5, 4)  # whose first triangle points inwards in CGNS, outwards in vtk
+# SIDS (CGNS Standard Interface Data Structures), annex A
+CGNS_NAMES = {
+    "temperature": ("Temperature",),
+    "pressure": ("Pressure",),
+    "density": ("Density",),
+    "fuel": ("{}",),
+}
+# ElementType_t: vtk's type, and the order of its corners; surfaces and lines are omitted
+_WEDGE = (0, 2, 1, 3, 5, 4)  # its first triangle points inwards in CGNS, outwards in vtk
 _CELLS = {10: (10, range(4)), 12: (14, range(5)), 14: (13, _WEDGE), 17: (12, range(8))}
 _SURFACES = range(2, 10)
+_SI = {"Kilogram", "Meter", "Second", "Kelvin", "Radian", "Degree", "Null", "UserDefined", ""}
 _WAY = "open it in ParaView and save the gas as .vtu"
 
 
-@dataclass(frozen=True)
-class _Zone:
-    """Mesh of a zone; fields of its cells (N,) and vertices (P,) by name."""
-
-    name: str
-    mesh: ElementMesh
-    cells: Mapping[str, Column]
-    points: Mapping[str, Column]
-
-
-def read_cgns(
-    path: Path,
-    *,
-    time_s: CaseTime | None,
-    fuel_field: str,
-    cloud: str | None,
-    names: ColumnMap,
-    watch: Watch = silent,
-) -> CfdCase:
+def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads a file of one time."""
-    if cloud not in (None, NO_CLOUD):
+    path = spec.file
+    if spec.cloud not in (None, NO_CLOUD):
         raise SprayError(
-            f"{path}: no cloud {cloud!r} (spray.cloud): CGNS holds none; a mapping file names "
-            "their table (parcels.file)"
+            f"{path}: no cloud {spec.cloud!r} (spray.cloud): CGNS has none; a mapping file names "
+            "the parcels' table (parcels.file)"
         )
     with open_cgns(path) as root:
         check_units(path, root)
-        at = _time(path, root, time_s)
+        at = _time(path, root, spec.time_s)
         check_room(path, _size(path, root))
         watch("reading the zones", 0, 1)
         zones = [_zone(path, zone) for _, zone in _zones(path, root)]
-    remarks, parts, skipped = [], [], []
-    available: set[str] = set()
-    for zone in zones:
-        known = {**zone.cells, **zone.points}
-        available |= set(known)
-        wanted = gas_names(names.cells, known, fuel_field, CGNS_NAMES)
-        if wanted.fuel is None and len(zones) > 1:
-            skipped.append(zone.name)
-            continue
-        cells, moved = with_point_fields(zone.cells, zone.points, wanted, _mean(zone.mesh))
-        if moved:
-            remarks.append(f"{path}: {', '.join(moved)} at vertices became means over cells.")
-        source = Source(f"{path}: {zone.name}", cells, zone.mesh.cells)
-        parts.append((zone.mesh, gas_columns(source, wanted, fuel_field)))
-    if not parts:
-        raise SprayError(f"{path}: no zone has the field {fuel_field!r} (spray.fuel_field)")
-    if skipped:
-        remarks.append(f"Zones without {fuel_field} are left out: {', '.join(skipped)}.")
-    for _, gas in parts:
-        if odd := set(parts[0][1]) ^ set(gas):
-            raise SprayError(f"{path}: only some of its zones have the field {min(odd)!r}")
+    several = len(zones) > 1
+    found = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES, several=several)
     return CfdCase(
         source=str(path),
         time_s=at,
-        mesh=join([mesh for mesh, _ in parts]),
-        gas={name: joined([gas[name] for _, gas in parts]) for name in parts[0][1]},
-        available=tuple(sorted(available)),
+        mesh=found.mesh,
+        gas=found.gas,
+        available=found.available,
         cloud=None,
         files=(path,),
-        remarks=tuple(remarks),
+        remarks=found.remarks,
     )
 
 
-def list_cgns(path: Path) -> tuple[list[float], list[str]]:
+def list_cgns(spec: CfdSpray) -> Listing:
     """Lists times [s] and fields of a file."""
+    path = spec.file
     with open_cgns(path) as root:
         at = _time(path, root, None)
         fields = {
@@ -111,17 +82,17 @@ def list_cgns(path: Path) -> tuple[list[float], list[str]]:
             for _, solution in children(zone, "FlowSolution_t")
             for name, _ in children(solution, "DataArray_t")
         }
-    return ([] if at is None else [at]), sorted(fields)
+    return ([] if at is None else [at]), sorted(fields), {}
 
 
 def _zones(path: Path, root: Any) -> list[tuple[str, Any]]:
     found = []
     for name, base in children(root, "CGNSBase_t"):
         if data_of(path, base).tolist() != [3, 3]:
-            raise SprayError(f"{path}: {name}: is not of three dimensions")
+            raise SprayError(f"{path}: {name}: is not three-dimensional")
         found += children(base, "Zone_t")
     if not found:
-        raise SprayError(f"{path}: holds no zone")
+        raise SprayError(f"{path}: no zone in it")
     return found
 
 
@@ -135,9 +106,9 @@ def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
         for value in data_of(path, array).reshape(-1)
     ]
     if len(set(times)) > 1:
-        raise SprayError(f"{path}: holds {len(set(times))} times; export one: {_WAY}")
+        raise SprayError(f"{path}: {len(set(times))} times in it; export one: {_WAY}")
     if not times and wanted not in (None, "latest"):
-        raise SprayError(f"{path}: does not say its time; leave spray.time_s out")
+        raise SprayError(f"{path}: does not state its time; remove spray.time_s")
     return choose_time(str(path), times, wanted) if times else None
 
 
@@ -154,22 +125,21 @@ def _size(path: Path, root: Any) -> Size:
     return Size(cells, 0, 2.0 * sum(stored))
 
 
-def _zone(path: Path, zone: Any) -> _Zone:
+def _zone(path: Path, zone: Any) -> MeshPart:
     name = zone.name.rpartition("/")[2]
     sizes = data_of(path, zone)
     if sizes.ndim != 2 or sizes.shape[0] != 3 or sizes.dtype.kind not in "iu" or sizes.min() < 0:
         raise SprayError(f"{path}: {name}: sizes of shape {sizes.shape}, expected three rows")
     kinds = [text_of_node(path, each) for _, each in children(zone, "ZoneType_t")]
-    structured = kinds == ["Structured"]
     vertices, cells = (int(np.prod(row, dtype=np.int64)) for row in sizes[:2])
     grids = children(zone, "GridCoordinates_t")
     if not grids:
-        raise SprayError(f"{path}: {name}: holds no coordinates")
+        raise SprayError(f"{path}: {name}: no coordinates")
     arrays = dict(_arrays(path, grids[0][1], vertices))
     if missing := {"CoordinateX", "CoordinateY", "CoordinateZ"} - set(arrays):
-        raise SprayError(f"{path}: {name}: {min(missing)} is missing; Cartesian ones are read")
+        raise SprayError(f"{path}: {name}: {min(missing)} is missing; expected: X, Y, Z")
     points = np.stack([arrays[f"Coordinate{letter}"] for letter in "XYZ"], axis=1)
-    if structured:
+    if kinds == ["Structured"]:
         kind, nodes, ends = _blocks(path, name, sizes)
     else:
         kind, nodes, ends = _elements(path, zone)
@@ -184,9 +154,9 @@ def _zone(path: Path, zone: Any) -> _Zone:
             raise SprayError(f"{path}: {solution.name}: fields at {where[0]} are not read; {_WAY}")
         for key, values in _arrays(path, solution, (cells, vertices)[place]):
             if key in fields[place]:
-                raise SprayError(f"{path}: {name}: holds {key} twice, of several times; {_WAY}")
+                raise SprayError(f"{path}: {name}: {key} twice, of several times; {_WAY}")
             fields[place][key] = Column(f"{path}: {name}: field {key}", values)
-    return _Zone(name, mesh, *fields)
+    return MeshPart(f"{path}: {name}", lambda: mesh, *fields)
 
 
 def _arrays(path: Path, group: Any, count: int) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -204,12 +174,8 @@ def _arrays(path: Path, group: Any, count: int) -> Iterator[tuple[str, NDArray[A
 def _blocks(path: Path, name: str, sizes: NDArray[Any]) -> tuple[NDArray[np.uint8], Labels, Labels]:
     """Type, corners and offsets of the cells of a structured zone."""
     if sizes.shape != (3, 3) or sizes[0].min() < 2 or np.any(sizes[1] != sizes[0] - 1):
-        raise SprayError(f"{path}: {name}: sizes {sizes.tolist()} are those of no block")
-    corner = np.arange(int(np.prod(sizes[0]))).reshape(sizes[0][::-1])
-    low, high = slice(None, -1), slice(1, None)
-    ring = [(low, low), (low, high), (high, high), (high, low)]
-    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
-    nodes = np.stack(layers, axis=-1).reshape(-1, 8)
+        raise SprayError(f"{path}: {name}: sizes {sizes.tolist()} do not form a block")
+    nodes = block_corners(sizes[0])
     return np.full(len(nodes), 12, np.uint8), nodes.reshape(-1), np.arange(0, nodes.size + 1, 8)
 
 
@@ -220,12 +186,12 @@ def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]
         kind = int(data_of(path, part).reshape(-1)[0])
         if kind in _SURFACES:
             continue
-        known = {key: data_of(path, each).reshape(-1) for key, each in [
-            *children(part, "DataArray_t"), *children(part, "IndexRange_t")]}  # fmt: skip
+        nodes_of = [*children(part, "DataArray_t"), *children(part, "IndexRange_t")]
+        known = {key: data_of(path, each).reshape(-1) for key, each in nodes_of}
         if kind not in _CELLS or not {"ElementConnectivity", "ElementRange"} <= set(known):
             raise SprayError(
-                f"{path}: {name}: elements of type {kind}; read are tetrahedra, pyramids, wedges "
-                f"and hexahedra, each kind in a section of its own; {_WAY}"
+                f"{path}: {name}: elements of type {kind}; allowed: tetrahedra, pyramids, "
+                f"wedges and hexahedra, each kind in a section of its own; {_WAY}"
             )
         first, last = known["ElementRange"].tolist()
         vtk, order = _CELLS[kind]
@@ -247,24 +213,13 @@ def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]
     return kinds.astype(np.uint8), nodes, np.concatenate([[0], np.cumsum(counts)])
 
 
-def _mean(mesh: ElementMesh) -> Any:
-    def mean(values: Any) -> Any:
-        sums = np.add.reduceat(values[mesh.nodes], mesh.offsets[:-1], dtype=np.float64)
-        return sums / np.diff(mesh.offsets)
-
-    return mean
-
-
-_SI = {"Kilogram", "Meter", "Second", "Kelvin", "Radian", "Degree", "Null", "UserDefined", ""}
-
-
 @contextmanager
 def open_cgns(path: Path) -> Iterator[Any]:
     """Opens a file and checks that it is in HDF5."""
     with regular(path).open("rb") as stream:
         if stream.read(8) != b"\x89HDF\r\n\x1a\n":
             raise SprayError(
-                f"{path}: is CGNS in ADF, or damaged; CGNS in HDF5 is read: convert it with adf2hdf"
+                f"{path}: CGNS in ADF, or damaged; allowed: CGNS in HDF5 (convert it with adf2hdf)"
             )
     with open_hdf(path) as root:
         yield root
@@ -283,7 +238,7 @@ def _label(node: Any) -> str:
 def data_of(path: Path, node: Any) -> NDArray[Any]:
     """Array (any shape) of a node as it is stored: the last index of CGNS comes first."""
     if " data" not in node:
-        raise SprayError(f"{path}: {node.name}: holds no data")
+        raise SprayError(f"{path}: {node.name}: no data")
     return np.asarray(node[" data"][()])
 
 
@@ -301,10 +256,8 @@ def check_units(path: Path, root: Any) -> None:
             text = data_of(path, node).astype(np.uint8).tobytes().decode("latin-1")
             names = {text[place : place + 32].strip("\0 ") for place in range(0, len(text), 32)}
             if odd := names - _SI:
-                raise SprayError(f"{path}: {node.name}: is in {min(odd)}; expected is SI")
-        elif _label(node) == "DataClass_t" and text_of_node(path, node) not in (
-            "Dimensional",
-            "UserDefined",
-        ):
-            said = text_of_node(path, node)
-            raise SprayError(f"{path}: {node.name}: {said}; expected are dimensional data, in SI")
+                raise SprayError(f"{path}: {node.name}: is in {min(odd)}; expected: SI")
+        elif _label(node) == "DataClass_t":
+            kind = text_of_node(path, node)
+            if kind not in ("Dimensional", "UserDefined"):
+                raise SprayError(f"{path}: {node.name}: {kind}; expected: dimensional data in SI")

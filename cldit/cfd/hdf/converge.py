@@ -13,21 +13,31 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined, only_claimant
+from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, joined, only_claimant
 from cldit.cfd.hdf.arrays import array, field, labels, open_hdf
 from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
-from cldit.cfd.mapping.file import CellColumns, ColumnMap, ParcelColumns, Scalar, Vector, merged
+from cldit.cfd.mapping.file import (
+    GAS_KEYS,
+    CellColumns,
+    ColumnMap,
+    ParcelColumns,
+    Vector,
+    first_of,
+    gas_names,
+)
 from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.times import choose_time
 from cldit.errors import EmptyCloud, SprayError
-from cldit.io.progress import Watch, silent
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 
 _STREAM = re.compile(r"STREAM_\d+$")
-_GAS = {
+CONVERGE_NAMES = {
     "temperature": ("TEMPERATURE", "TEMP"),
     "pressure": ("PRESSURE", "PRES"),
     "density": ("DENSITY", "RHO"),
+    "fuel": ("{}", "MASSFRAC_{}"),
 }
 _PARCEL = {
     "radius": ("RADIUS", "PARCEL_RADIUS"),
@@ -39,43 +49,36 @@ _PARCEL = {
 _VELOCITY = ("VELOCITY", "UU", "PARCEL_VELOCITY")
 
 
-def read_converge(
-    path: Path,
-    *,
-    time_s: CaseTime | None,
-    fuel_field: str,
-    cloud: str | None,
-    names: ColumnMap,
-    watch: Watch = silent,
-) -> CfdCase:
+def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a post file, or of a folder of them."""
+    path, fuel_field = spec.file, spec.fuel_field
     files = _by_time(path)
     known = [time for time in files if time is not None]
     if len(known) == len(files):
-        at: float | None = choose_time(str(path), known, time_s)
-    elif len(files) == 1 and time_s in (None, "latest"):
+        at: float | None = choose_time(str(path), known, spec.time_s)
+    elif len(files) == 1 and spec.time_s in (None, "latest"):
         at = None
     else:
-        raise SprayError(f"{path}: a file without OUTPUT_TIME; give the path of one file")
+        raise SprayError(f"{path}: a file has no OUTPUT_TIME; give the path of one file")
     what = "the only one without OUTPUT_TIME" if at is None else f"time {at:g}"
     chosen = only_claimant(what, files[at])
     with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
             raise SprayError(
-                f"{chosen}: holds no STREAM_00: it is no post file of CONVERGE (of Fluent's pair "
-                "the names end in .cas.h5 and .dat.h5, of VTK's HDF in .vtkhdf)"
+                f"{chosen}: no STREAM_00, so no post file of CONVERGE (names of Fluent's files end "
+                "in .cas.h5 and .dat.h5, those of VTK's HDF in .vtkhdf)"
             )
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         check_room(chosen, _size(streams))
         watch("reading the mesh", 0, 1)
         meshes = [post_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
-        cells = gas_names(available, names.cells, fuel_field)
+        cells = gas_names(names.cells, available, fuel_field, CONVERGE_NAMES)
         gas: list[dict[str, Column]] = []
         for stream, mesh in zip(streams, meshes, strict=True):
             columns = {name: Column("", np.empty(0)) for name in available}
-            for key in ("temperature", "pressure", "density", "fuel"):
+            for key in GAS_KEYS:
                 name = getattr(getattr(cells, key), "column", None)
                 if name in columns:
                     watch(f"reading {name}", len(gas), len(streams))
@@ -89,7 +92,7 @@ def read_converge(
             mesh=join(meshes),
             gas={name: joined([part[name] for part in gas]) for name in gas[0]},
             available=tuple(available),
-            cloud=_cloud(chosen, streams, cloud, names),
+            cloud=_cloud(chosen, streams, spec.cloud, names),
             files=(chosen,),
             remarks=remarks,
         )
@@ -107,16 +110,17 @@ def _with_fuel(
     path: Path, streams: list[Any], given: CellColumns, fuel_field: str
 ) -> tuple[list[Any], tuple[str, ...]]:
     """Streams with the fuel, or all if none has it; the others are solids, named in a remark."""
-    fuelled = [
-        stream
-        for stream in streams
-        if (fuel := gas_names(list(stream.get("CELL_CENTER_DATA", ())), given, fuel_field).fuel)
-        and (fuel.column is None or fuel.column in stream["CELL_CENTER_DATA"])
-    ]
+
+    def has_fuel(stream: Any) -> bool:
+        known = list(stream.get("CELL_CENTER_DATA", ()))
+        fuel = gas_names(given, known, fuel_field, CONVERGE_NAMES).fuel
+        return fuel is not None and (fuel.column is None or fuel.column in known)
+
+    fuelled = [stream for stream in streams if has_fuel(stream)]
     if not fuelled or len(fuelled) == len(streams):
         return streams, ()
     others = ", ".join(stream.name.strip("/") for stream in streams if stream not in fuelled)
-    return fuelled, (f"{path}: streams without {fuel_field} are left out: {others}.",)
+    return fuelled, (f"{path}: streams without {fuel_field} were omitted: {others}.",)
 
 
 def _size(streams: list[Any]) -> Size:
@@ -138,24 +142,12 @@ def _size(streams: list[Any]) -> Size:
     return Size(cells, parcels, 12 * corners + 44 * faces + 48 * points + 40 * cells)
 
 
-def gas_names(available: Container[str], given: CellColumns, fuel_field: str) -> CellColumns:
-    """Names of CONVERGE that are available, overridden by those of a mapping."""
-    default = {key: _first(available, names) for key, names in _GAS.items()}
-    default["fuel"] = _first(available, (fuel_field, f"MASSFRAC_{fuel_field}"))
-    return merged(given, CellColumns(**default))
-
-
 def _chosen_among(path: Path, available: list[str], given: CellColumns) -> Iterator[str]:
     """Remarks on which of several fields was taken for a quantity."""
-    for key, known in _GAS.items():
+    for key, known in CONVERGE_NAMES.items():
         there = [name for name in known if name in available]
-        if len(there) > 1 and key not in given.model_fields_set:
-            yield f"{path}: {' and '.join(there)} are there: {there[0]} was taken for the {key}."
-
-
-def _first(available: Any, names: tuple[str, ...]) -> Scalar | None:
-    found = next((name for name in names if name in available), None)
-    return None if found is None else Scalar(column=found)
+        if key != "fuel" and len(there) > 1 and key not in given.model_fields_set:
+            yield f"{path}: of {' and '.join(there)}, {there[0]} was used as the {key}."
 
 
 def cloud_groups(stream: Any) -> dict[str, Any]:
@@ -178,7 +170,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     }
     present = {name for each in groups for name in each}
     if present and not filled and wanted is None:
-        raise EmptyCloud(f"{path}: {', '.join(sorted(present))} hold no parcel")
+        raise EmptyCloud(f"{path}: no parcel in {', '.join(sorted(present))}")
     chosen = choose_cloud(str(path), filled, wanted)
     if chosen is None:
         return None
@@ -207,7 +199,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
 def parcel_names(columns: Container[str]) -> ParcelColumns:
     """Names of CONVERGE that are among the columns of parcels."""
-    default: dict[str, Any] = {key: _first(columns, known) for key, known in _PARCEL.items()}
+    default: dict[str, Any] = {key: first_of(known, columns) for key, known in _PARCEL.items()}
     for name in _VELOCITY:
         if all(f"{name}_{letter}" in columns for letter in "XYZ"):
             default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
@@ -215,13 +207,12 @@ def parcel_names(columns: Container[str]) -> ParcelColumns:
     return ParcelColumns(**default)
 
 
-def list_converge(
-    path: Path, time_s: CaseTime | None
-) -> tuple[list[float], list[str], dict[str, list[str]]]:
-    """Lists times [s], cell fields, and clouds with their fields, at `time_s` or the last time."""
+def list_converge(spec: CfdSpray) -> Listing:
+    """Lists times [s], cell fields, and clouds with their fields, at the time asked for."""
+    path = spec.file
     files = _by_time(path)
     known = [time for time in files if time is not None]
-    at = choose_time(str(path), known, time_s) if known else None
+    at = choose_time(str(path), known, spec.time_s) if known else None
     fields: set[str] = set()
     clouds: dict[str, list[str]] = {}
     with open_hdf(only_claimant(f"time {at}", files[at])) as post:
@@ -236,7 +227,7 @@ def post_files(path: Path) -> list[Path]:
     """File itself, or all .h5 files of a folder."""
     found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
     if not found:
-        raise SprayError(f"{path}: holds no .h5 file")
+        raise SprayError(f"{path}: no .h5 file in it")
     return found
 
 

@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Column
+from cldit.cfd.case import NO_CLOUD, CfdCase, Column, Listing
 from cldit.cfd.hdf.arrays import field, labels, open_hdf, stored
 from cldit.cfd.mapping.columns import Source, gas_columns
-from cldit.cfd.mapping.file import CellColumns, ColumnMap, Scalar, columns_of, merged
+from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime
 from cldit.errors import SprayError
-from cldit.io.progress import Watch, silent
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 
 ENDINGS = (".cas.h5", ".dat.h5")
-# SV_P is over the operating pressure, which is no field: a mapping may say what it is.
-_NAMES = {"temperature": "SV_T", "density": "SV_DENSITY"}
+# SV_P is relative to the operating pressure, which is no field.
+FLUENT_NAMES = {"temperature": ("SV_T",), "density": ("SV_DENSITY",), "fuel": ("{}",)}
 _UNREAD = {
     "special/Overset_DCI": "an overset mesh",
     "meshes/1/cells/tree": "an adapted mesh with hanging nodes",
@@ -41,21 +41,14 @@ def is_fluent(path: Path) -> bool:
     return path.name.lower().endswith(ENDINGS)
 
 
-def read_fluent(
-    path: Path,
-    *,
-    time_s: CaseTime | None,
-    fuel_field: str,
-    cloud: str | None,
-    names: ColumnMap,
-    watch: Watch = silent,
-) -> CfdCase:
+def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads the pair NAME.cas.h5 and NAME.dat.h5, of which the scene names one."""
-    if time_s not in (None, "latest"):
-        raise SprayError(f"{path}: does not say its time; leave spray.time_s out")
-    if cloud not in (None, NO_CLOUD):
+    path, fuel_field = spec.file, spec.fuel_field
+    if spec.time_s not in (None, "latest"):
+        raise SprayError(f"{path}: does not state its time; remove spray.time_s")
+    if spec.cloud not in (None, NO_CLOUD):
         raise SprayError(
-            f"{path}: no cloud {cloud!r} (spray.cloud): particles are in a file of their own, "
+            f"{path}: no cloud {spec.cloud!r} (spray.cloud): particles are in a file of their own, "
             "which a mapping file names (parcels.file)"
         )
     case, data = pair(path)
@@ -70,10 +63,10 @@ def read_fluent(
         mesh = _mesh(case, mesh_group, cells)
     with open_hdf(data) as file:
         if others := sorted(set(_group(data, file, "results/1")) & _OTHER_PHASES):
-            raise SprayError(f"{data}: holds {', '.join(others)} beside phase-1; {_WAY}")
+            raise SprayError(f"{data}: {', '.join(others)} in addition to phase-1; {_WAY}")
         held = _group(data, file, _CELLS)
         known = _fields(held)
-        wanted = fluent_names(known, names.cells, fuel_field)
+        wanted = gas_names(names.cells, known, fuel_field, FLUENT_NAMES)
         columns = {name: Column("", np.empty(0)) for name in known}
         for name in sorted(columns_of(wanted) & set(known)):
             watch(f"reading {name}", 0, 1)
@@ -90,11 +83,11 @@ def read_fluent(
     )
 
 
-def list_fluent(path: Path) -> list[str]:
+def list_fluent(spec: CfdSpray) -> Listing:
     """Lists the cell fields of a pair."""
-    _, data = pair(path)
+    _, data = pair(spec.file)
     with open_hdf(data) as file:
-        return _fields(_group(data, file, _CELLS))
+        return [], _fields(_group(data, file, _CELLS)), {}
 
 
 def pair(path: Path) -> tuple[Path, Path]:
@@ -105,19 +98,11 @@ def pair(path: Path) -> tuple[Path, Path]:
     for ending, file in zip(ENDINGS, found, strict=True):
         if file is None:
             raise SprayError(
-                f"{path}: {stem}{ending} is not beside it; Fluent's case and data are read together"
+                f"{path}: {stem}{ending} is missing; Fluent's case and data are read together"
             )
     case, data = found
     assert case is not None and data is not None
     return case, data
-
-
-def fluent_names(known: list[str], given: CellColumns, fuel_field: str) -> CellColumns:
-    """Fluent's names that are `known`, overridden by those of a mapping."""
-    default = {key: Scalar(column=name) for key, name in _NAMES.items() if name in known}
-    if fuel_field in known:
-        default["fuel"] = Scalar(column=fuel_field)
-    return merged(given, CellColumns(**default))
 
 
 def _fields(cells: Any) -> list[str]:
@@ -127,7 +112,7 @@ def _fields(cells: Any) -> list[str]:
 
 def _group(path: Path, file: Any, name: str) -> Any:
     if name not in file:
-        raise SprayError(f"{path}: holds no {name}: it is no such file of Fluent, or of two phases")
+        raise SprayError(f"{path}: no {name} in it: not this kind of Fluent's files, or two phases")
     return file[name]
 
 
@@ -198,9 +183,7 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
             sides[number, low - 1 : high] = stored(path, held, key, high - low + 1)
     point = np.concatenate(points).astype(np.float64)
     if np.any(sides < 0) or np.any(sides > cells) or np.any(sides.sum(axis=0) == 0):
-        raise SprayError(
-            f"{path}: {group.name}/faces: a face lies between cells that are not there"
-        )
+        raise SprayError(f"{path}: {group.name}/faces: a face lies between cells that do not exist")
     owner = np.where(sides[0] > 0, sides[0], sides[1]) - 1
     neighbour = np.where((sides > 0).all(axis=0), sides[1], 0) - 1
     mesh = Mesh(point, corner, start, owner, neighbour, cells, str(path))

@@ -56,7 +56,7 @@ class Source:
                 short = key.partition(".")[2]
                 raise SprayError(
                     f"{found.label}: {int(found.undefined.sum())} of {len(values)} values are "
-                    f"marked as undefined ({key}); a mapping file may say what stands for them: "
+                    f"marked as undefined ({key}); a mapping file may replace them: "
                     f"{short}: {{column: {wanted.column}, undefined: 0}}"
                 )
             values = np.where(found.undefined, wanted.undefined, values)

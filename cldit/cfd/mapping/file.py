@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -139,7 +139,7 @@ class ParcelColumns(Table):
     def _once(self) -> ParcelColumns:
         for one, other in (("diameter", "radius"), ("number", "mass")):
             if getattr(self, one) is not None and getattr(self, other) is not None:
-                raise ValueError(f"{one} and {other} are both given; allowed is one of them")
+                raise ValueError(f"{one} and {other} are both given; allowed: one of them")
         return self
 
 
@@ -188,25 +188,30 @@ PARCEL_NAMES = ParcelColumns(
 )
 
 
-FOAM_NAMES = {"temperature": "T", "pressure": "p", "density": "rho"}
-# SIDS (CGNS Standard Interface Data Structures), annex A
-CGNS_NAMES = {"temperature": "Temperature", "pressure": "Pressure", "density": "Density"}
+# names of each quantity, the likeliest first; {} is spray.fuel_field
+FOAM_NAMES = {"temperature": ("T",), "pressure": ("p",), "density": ("rho",), "fuel": ("{}",)}
 
 
 def gas_names(
     given: CellColumns,
     known: Container[str],
     fuel_field: str,
-    default: Mapping[str, str] = FOAM_NAMES,
+    default: Mapping[str, tuple[str, ...]] = FOAM_NAMES,
 ) -> CellColumns:
     """Names of the cell fields: those that a mapping has `given`, else the format's own.
 
-    `default` has the format's names of each quantity, the first that is among the `known` fields
-    is taken. A missing field is reported later, where it is needed.
+    The first `default` name of a quantity that is among the `known` fields is taken. A missing
+    field is reported later, where it is needed.
     """
-    names = {**default, "fuel": fuel_field}
-    there = {key: Scalar(column=name) for key, name in names.items() if name in known}
-    return merged(given, CellColumns(**{key: there.get(key) for key in GAS_KEYS}))
+    named = {key: [name.format(fuel_field) for name in names] for key, names in default.items()}
+    found = {key: first_of(names, known) for key, names in named.items()}
+    return merged(given, CellColumns(**found))
+
+
+def first_of(names: Iterable[str], known: Container[str]) -> Scalar | None:
+    """Column of the first of the `names` that is `known`; None if none is."""
+    found = next((name for name in names if name in known), None)
+    return None if found is None else Scalar(column=found)
 
 
 def columns_of_value(value: object) -> set[str]:

@@ -46,7 +46,7 @@ class Polyhedra:
 
 @dataclass(frozen=True)
 class Measures:
-    """Of each cell: volume_m3 (N,), centroid_m and the bounding box lower_m, upper_m (N, 3)."""
+    """Volume volume_m3 (N,), centroid_m and bounds lower_m, upper_m (N, 3) of each cell."""
 
     volume_m3: Floats
     centroid_m: Floats
@@ -94,7 +94,7 @@ class CellMesh(ABC):
         rotation: Floats | None = None,
     ) -> Measures:
         """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
-        # brings a compiler, which who only lists a case does not need
+        # imports a compiler, which a list of a case does not need
         from cldit.cfd.mesh import geometry as cell_geometry
 
         wanted = np.arange(self.cells) if cells is None else cells
@@ -200,5 +200,5 @@ def check_labels(source: str, what: str, labels: Labels, *, low: int, end: int) 
     if labels.size and (labels.min() < low or labels.max() >= end):
         raise SprayError(
             f"{source}: {what} labels {labels.min()} to {labels.max()} of the faces, "
-            f"allowed is {low}..{end - 1}"
+            f"allowed: {low}..{end - 1}"
         )

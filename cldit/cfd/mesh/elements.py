@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from cldit.cfd.mesh.cells import (
     Polyhedra,
     check_labels,
     checked_points,
+    narrowed,
     slices,
 )
 from cldit.errors import SprayError
@@ -46,6 +47,15 @@ FACES: dict[int, tuple[tuple[int, ...], ...]] = {
 }
 CORNERS = {kind: 1 + max(map(max, faces)) for kind, faces in FACES.items()}
 VOXEL, POLYHEDRON = 11, 42
+
+
+def block_corners(shape: Sequence[int]) -> Labels:
+    """Corners (N, 8) of the hexahedra of a block of (nx, ny, nz) nodes, x fastest."""
+    corner = narrowed(np.arange(int(np.prod(shape)))).reshape(tuple(shape)[::-1])
+    low, high = slice(None, -1), slice(1, None)
+    ring = [(low, low), (low, high), (high, high), (high, low)]
+    layers = [layer[:, y, x] for layer in (corner[:-1], corner[1:]) for y, x in ring]
+    return np.stack(layers, axis=-1).reshape(-1, 8)
 
 
 def elements(points_m: AnyFloats, kind: int, nodes: Labels) -> Polyhedra:
@@ -136,6 +146,11 @@ class ElementMesh(PointMesh):
     def cells(self) -> int:  # type: ignore[override]
         """Number of cells."""
         return len(self.kinds)
+
+    def corner_mean(self, values: AnyFloats) -> Floats:
+        """Means (N,) of values (P,) at points over the corners of each cell."""
+        sums = np.add.reduceat(values[self.nodes], self.offsets[:-1], dtype=np.float64)
+        return np.asarray(sums / np.diff(self.offsets))
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """Faces of `cells` (N,), one kind after the other."""

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, choose_cloud, joined
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_components
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
@@ -27,40 +27,31 @@ from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
 from cldit.cfd.openfoam.patches import cut_boundaries, wall_temperature_K
 from cldit.cfd.openfoam.regions import (
     case_folder,
-    check_cloud,
-    check_parcels,
     find_step,
+    refuse_missing_parcels,
     regions,
     time_folders,
 )
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
-from cldit.io.progress import Watch, silent
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 
 
-def read_openfoam(
-    path: Path,
-    *,
-    time_s: CaseTime | None,
-    fuel_field: str,
-    cloud: str | None,
-    names: ColumnMap,
-    region: str | None = None,
-    watch: Watch = silent,
-) -> CfdCase:
+def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a case.
 
     A decomposed case is read processor by processor if its own folder does not have the time.
     """
-    step = find_step(path, time_s=time_s, fuel_field=fuel_field, region=region)
+    step = find_step(spec)
     folder = step.folder
     clouds = {name for root in step.roots for name in cloud_names(root.path / folder)}
-    check_parcels(step, cloud, bool(clouds))
-    check_cloud(step, cloud, bool(clouds))
-    chosen = choose_cloud(str(step.place), clouds, cloud)
+    if not clouds and spec.cloud != NO_CLOUD:
+        refuse_missing_parcels(step)
+    chosen = choose_cloud(str(step.place), clouds, spec.cloud)
     available = sorted({name for root in step.roots for name in _file_names(root.path / folder)})
-    wanted = gas_names(names.cells, available, fuel_field)
+    wanted = gas_names(names.cells, available, spec.fuel_field)
     fields = sorted(columns_of(wanted) & set(available))
     places = [root.path / "constant" / step.region / "polyMesh" for root in step.roots]
     check_room(step.case, foam_size(places, fields=len(fields)))
@@ -91,7 +82,7 @@ def read_openfoam(
         source=str(step.place),
         time_s=step.time,
         mesh=whole,
-        gas=gas_columns(Source(str(step.place), columns, whole.cells), wanted, fuel_field),
+        gas=gas_columns(Source(str(step.place), columns, whole.cells), wanted, spec.fuel_field),
         available=tuple(available),
         cloud=parcels,
         injectors=injectors,
@@ -102,11 +93,9 @@ def read_openfoam(
     )
 
 
-def list_openfoam(
-    path: Path, time_s: CaseTime | None, region: str | None = None
-) -> tuple[list[float], list[str], dict[str, list[str]]]:
+def list_openfoam(spec: CfdSpray) -> Listing:
     """Lists times [s], cell fields (`region/field` if there are regions), clouds with fields."""
-    case = case_folder(path)
+    case = case_folder(spec.file)
     roots = [case, *dict.fromkeys(root.path for root in split_roots(case))]
     known: dict[float, list[Path]] = {}
     for root in roots:
@@ -114,8 +103,8 @@ def list_openfoam(
             known.setdefault(time, []).extend(folders)
     fields: set[str] = set()
     clouds: dict[str, set[str]] = {}
-    for folder in known[choose_time(str(case), known, time_s)]:
-        for name in [region] if region is not None else regions(case):
+    for folder in known[choose_time(str(case), known, spec.time_s)]:
+        for name in [spec.region] if spec.region is not None else regions(case):
             here = folder / name
             if not here.is_dir():
                 continue
@@ -192,7 +181,7 @@ def _cloud(
 _HEAD = 10_000
 _NOTE = re.compile(rb"nPoints:\s*(\d+)\s+nCells:\s*(\d+)\s+nFaces:\s*(\d+)")
 _COUNT = re.compile(rb"^\s*(\d+)\s*\(", re.MULTILINE)
-_PACKED = 4  # bytes of a file that one of its .gz stands for
+_PACKED = 4  # bytes of a file for each byte of its .gz
 
 
 def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
@@ -221,12 +210,7 @@ def _counts(owner: Path) -> tuple[int, int, int]:
         plain = regular(found)
         with gzip.open(plain) if found != owner else plain.open("rb") as stream:
             head = stream.read(_HEAD)
-    except (
-        SprayError,
-        OSError,
-        EOFError,
-        zlib.error,
-    ):  # who reads the file says what is wrong with it
+    except (SprayError, OSError, EOFError, zlib.error):  # the reader reports it
         return 0, 0, 0
     note = _NOTE.search(head)
     if note is not None:

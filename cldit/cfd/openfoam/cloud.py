@@ -112,7 +112,7 @@ def _base_points(mesh: Mesh, faces: Labels) -> Labels:
     """Index of the base point among the corners of each of `faces`."""
     begin, size = mesh.start[faces], mesh.start[faces + 1] - mesh.start[faces]
     neighbour = mesh.neighbour[faces]
-    # where there is no neighbour the owner stands in, and is not looked at
+    # without a neighbour the owner is used, and ignored later
     sides = np.concatenate(
         [mesh.owner[faces], np.where(neighbour < 0, mesh.owner[faces], neighbour)]
     )

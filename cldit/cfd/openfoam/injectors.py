@@ -31,7 +31,7 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
         content = dictionary(text)
     except IndexError as error:
         raise SprayError(
-            f"{path}: its brackets do not match; set spray.nozzle_m and spray.axis instead"
+            f"{path}: brackets do not match; set spray.nozzle_m and spray.axis instead"
         ) from error
     models = content.get("subModels", content)
     return tuple(
@@ -41,10 +41,10 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
 
 
 def case_injectors(
-    case: Path | None, cloud: str | None, region: str = ""
+    case: Path, cloud: str | None, region: str = ""
 ) -> tuple[tuple[Injector, ...], tuple[Path, ...]]:
     """Injectors from the cloud's dictionary, else from the only one with any; and its file."""
-    if case is None or cloud is None:
+    if cloud is None:
         return (), ()
     folder = case / "constant" / region
     if region and not any(folder.glob("*[pP]roperties*")):
@@ -70,7 +70,7 @@ def _content(path: Path) -> bytes:
 
 
 def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
-    """Dictionaries in a list, by name: `2 ( walls { type wall; } .. )`; only entries of one word."""
+    """Dictionaries in a list by name, `2 ( walls { type wall; } .. )`: entries of one word."""
     tokens = _TOKEN.findall(_SKIP.sub(" ", body.decode("latin-1")))
     try:
         begin = tokens.index("(") + 1
@@ -79,7 +79,7 @@ def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
         if at != end - begin:
             raise IndexError
     except (IndexError, ValueError) as error:
-        raise SprayError(f"{path}: its brackets do not match") from error
+        raise SprayError(f"{path}: brackets do not match") from error
     return {
         name: {
             key: str(value[0])

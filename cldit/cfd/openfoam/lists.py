@@ -52,7 +52,7 @@ def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
             try:
                 yield np.fromstring(text, dtype=np.float64, sep=" ")
             except ValueError as error:
-                raise file.fail(f"holds text that is no number ({error})") from error
+                raise file.fail(f"contains text that is no number ({error})") from error
         ended = bool(said)
 
 
@@ -110,7 +110,7 @@ def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
     if numbers.dtype.kind == "f":
         integers = numbers.astype(np.int64) if np.all(np.abs(numbers) < 2.0**53) else None
         if integers is None or np.any(integers != numbers):
-            raise file.fail("holds a label that is no whole number")
+            raise file.fail("a label is no whole number")
         numbers = integers
     return narrowed(numbers)
 
@@ -167,7 +167,7 @@ def internal_field(file: FoamFile, cells: int) -> AnyFloats:
     if begin < 0:
         raise file.fail("has no internalField")
     entry = begin + len(b"internalField")
-    stop = file.body.find(b";", entry, entry + 200)  # behind it are the boundary's values
+    stop = file.body.find(b";", entry, entry + 200)  # the boundary's values follow
     nonuniform = _NONUNIFORM.search(file.body, entry, entry + 200 if stop < 0 else stop)
     if nonuniform is None:
         uniform = _UNIFORM.search(file.body, entry, entry + 200)
@@ -233,7 +233,7 @@ def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
                         "itemsize": 1 + size + gap,
                     }
                 )
-                # the last record has no gap behind it
+                # no gap follows the last record
                 span = file.body[first : first + count * record.itemsize - gap + 1]
                 span += b"\0" * (count * record.itemsize - len(span))
                 rows = np.frombuffer(span, record, count)

@@ -30,7 +30,7 @@ def cut_boundaries(
         path = root.path / "constant" / region / "polyMesh" / "boundary"
         file = find_foam(path)
         if file is None:
-            continue  # a mesh that moves keeps its list elsewhere; geometry tells then
+            continue  # a moving mesh keeps its list elsewhere; its geometry is used instead
         files.append(file)
         for name, patch in dictionary_blocks(file, read_foam(path, root.block).body).items():
             kind = patch.get("type", "")
@@ -67,7 +67,7 @@ def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
     return (total / length if plane else np.zeros(3)), middle
 
 
-_END = 100_000  # bytes at the end of a file, behind the values of its cells
+_END = 100_000  # bytes at the end of a file, after the values of its cells
 
 
 def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:

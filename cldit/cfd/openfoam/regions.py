@@ -10,11 +10,11 @@ from pathlib import Path
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import find_foam
-from cldit.cfd.times import CaseTime, choose_time
+from cldit.cfd.times import choose_time
 from cldit.errors import NotAtThisTime, SprayError
+from cldit.scene.spray import CfdSpray
 
 _TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")
-_MORE = ("", ", ...")
 _DEFAULT = "region0"  # OpenFOAM's own name of the mesh in constant/polyMesh
 
 
@@ -76,24 +76,24 @@ def time_folders(root: Path) -> dict[float, list[Path]]:
     return found
 
 
-def find_step(path: Path, *, time_s: CaseTime | None, fuel_field: str, region: str | None) -> Step:
+def find_step(spec: CfdSpray) -> Step:
     """Region and time asked for, else the only region (or that with the fuel) and the last time.
 
     A decomposed case is read processor by processor if its own folder does not have the time.
     """
-    case = case_folder(path)
+    case = case_folder(spec.file)
     known = regions(case)
     if not known:
         raise SprayError(
-            f"{case}: no mesh: neither constant/polyMesh nor constant/REGION/polyMesh, nor those "
-            "of processors"
+            f"{case}: no mesh: neither constant/polyMesh nor constant/REGION/polyMesh, also not "
+            "in processor folders"
         )
     processors = split_roots(case)
-    chosen, remarks = _region(case, known, processors, fuel_field, region)
+    chosen, remarks = _region(case, known, processors, spec)
     own = _times(case, chosen)
     split = _times(processors[0].path, chosen) if processors else {}
     try:
-        wanted = choose_time(str(case), [*own, *split], time_s)
+        wanted = choose_time(str(case), [*own, *split], spec.time_s)
     except SprayError as error:
         hint = f"; its VTK output can be read as {case / 'VTK'}" if (case / "VTK").is_dir() else ""
         raise SprayError(f"{error}{hint}") from error
@@ -101,7 +101,7 @@ def find_step(path: Path, *, time_s: CaseTime | None, fuel_field: str, region: s
         ours, theirs = own[wanted][0] / chosen, split[wanted][0] / chosen
         if _newest(theirs) > _newest(ours):
             only_claimant(f"time {wanted:g}, the processors' being newer", (ours, theirs))
-        remarks = (*remarks, f"Time {wanted:g} is read from {ours}, not from the processors.")
+        remarks = (*remarks, f"Time {wanted:g} was read from {ours}, not from the processors.")
     roots = (Root(case),) if wanted in own else tuple(processors)
     folders = own[wanted] if wanted in own else split[wanted]
     time = only_claimant(f"time {wanted:g}", folders).name
@@ -127,20 +127,18 @@ def _newest(folder: Path) -> float:
 
 
 def _region(
-    case: Path,
-    known: Sequence[str],
-    processors: Sequence[Root],
-    fuel_field: str,
-    wanted: str | None,
+    case: Path, known: Sequence[str], processors: Sequence[Root], spec: CfdSpray
 ) -> tuple[str, tuple[str, ...]]:
+    """Region asked for, else the only one, or the only one with the fuel; and a remark."""
+
     def names(which: Iterable[str]) -> str:
         return ", ".join(each or _DEFAULT for each in which)
 
-    if wanted is not None:
-        plain = "" if wanted == _DEFAULT else wanted
+    if spec.region is not None:
+        plain = "" if spec.region == _DEFAULT else spec.region
         if plain not in known:
             raise SprayError(
-                f"{case}: no region {wanted!r} (spray.region); available: {names(known)}"
+                f"{case}: no region {spec.region!r} (spray.region); available: {names(known)}"
             )
         return plain, ()
     if len(known) == 1:
@@ -150,7 +148,7 @@ def _region(
         each
         for each in known
         if any(
-            find_foam(folder / each / fuel_field)
+            find_foam(folder / each / spec.fuel_field)
             for root in roots
             for folders in time_folders(root).values()
             for folder in folders
@@ -158,11 +156,12 @@ def _region(
     ]
     if len(fuelled) != 1:
         raise SprayError(
-            f"{case}: {len(fuelled)} of its regions have the field {fuel_field!r}; set "
+            f"{case}: {len(fuelled)} of its regions have the field {spec.fuel_field!r}; set "
             f"spray.region to one of {names(known)}"
         )
     others = names(each for each in known if each != fuelled[0])
-    return fuelled[0], (f"Region {fuelled[0] or _DEFAULT} has {fuel_field}; not read: {others}.",)
+    chosen = fuelled[0] or _DEFAULT
+    return fuelled[0], (f"Region {chosen} has {spec.fuel_field}; not read: {others}.",)
 
 
 def clouds_of(case: Path) -> list[Path]:
@@ -178,33 +177,15 @@ def clouds_of(case: Path) -> list[Path]:
     ]
 
 
-def parcels_elsewhere(folder: Path) -> list[Path]:
-    """Folders of parcels of OpenFOAM 13's Lagrangian library, which are not read."""
-    return [
-        each
-        for each in sorted(folder.glob("*/*")) + sorted(folder.glob("*/*/*"))
-        if each.name.removesuffix(".gz") in ("positions", "coordinates", "position")
-        and each.relative_to(folder).parts[0] not in ("lagrangian", "polyMesh", "uniform")
-    ]
-
-
-def check_parcels(step: Step, cloud: str | None, found: bool) -> None:
-    """Refuses a case whose parcels are in a layout that is not read, unless gas alone is wanted."""
-    if found or cloud == NO_CLOUD:
-        return
+def refuse_missing_parcels(step: Step) -> None:
+    """Refuses a time without parcels if there are some elsewhere, or in a layout not read."""
     for root in step.roots:
-        if elsewhere := parcels_elsewhere(root.path / step.folder):
+        if elsewhere := _unread_parcels(root.path / step.folder):
             raise SprayError(
-                f"{elsewhere[0].parent}: parcels as the Lagrangian library of OpenFOAM 13 writes "
-                "them are not read; export them with foamToVTK and give its folder, or set "
+                f"{elsewhere[0].parent}: parcels of OpenFOAM 13's Lagrangian library are not "
+                "read; export them with foamToVTK and give its folder, or set "
                 f"spray.cloud: {NO_CLOUD} for gas alone"
             )
-
-
-def check_cloud(step: Step, cloud: str | None, found: bool) -> None:
-    """Refuses a time without parcels if other times of the region have some."""
-    if found or cloud == NO_CLOUD:
-        return
     homes = {each.parent.parent for each in clouds_of(step.case)}
     times = {
         home.parent.name if step.region else home.name
@@ -212,8 +193,18 @@ def check_cloud(step: Step, cloud: str | None, found: bool) -> None:
         if (home.name == step.region if step.region else _TIME.match(home.name))
     }
     if times:
-        shown = ", ".join(sorted(times, key=float)[:5])
+        shown = ", ".join(sorted(times, key=float)[:5]) + (", ..." if len(times) > 5 else "")
         raise NotAtThisTime(
-            f"{step.place}: no parcels at this time, but at others: {shown}{_MORE[len(times) > 5]} "
+            f"{step.place}: no parcels at this time, but at others: {shown} "
             f"(spray.cloud: {NO_CLOUD} for gas alone)"
         )
+
+
+def _unread_parcels(folder: Path) -> list[Path]:
+    """Files of parcels of OpenFOAM 13's Lagrangian library below the folder of a time."""
+    return [
+        each
+        for each in sorted(folder.glob("*/*")) + sorted(folder.glob("*/*/*"))
+        if each.name.removesuffix(".gz") in ("positions", "coordinates", "position")
+        and each.relative_to(folder).parts[0] not in ("lagrangian", "polyMesh", "uniform")
+    ]

@@ -13,7 +13,7 @@ from cldit.cfd.vtk.composite import COMPOSITE
 from cldit.errors import SprayError
 from cldit.io.plain_data import read_json
 
-DATA = (".vtu", ".vtp", ".vtk", *COMPOSITE)
+DATA = (".vtu", ".vtp", ".vtk", ".vti", ".vtr", ".vts", *COMPOSITE)
 COLLECTIONS = (".vtm", ".pvtu", ".pvtp")
 _STEP = re.compile(r"[_.-](\d+)$")
 
@@ -73,7 +73,7 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
         ]
     where = f"{seen[-1]}: names {file}, of a kind" if seen else f"{file}: is of a kind"
     raise SprayError(
-        f"{where} that is not read; allowed are {', '.join((*DATA, *COLLECTIONS))}: in ParaView, "
+        f"{where} that is not read; allowed: {', '.join((*DATA, *COLLECTIONS))}; in ParaView, "
         "File > Save Data as .vtu (gas) and .vtp (parcels)"
     )
 
@@ -130,7 +130,7 @@ def series(file: Path) -> list[Listed]:
 def _must_be(file: Path, named_by: tuple[Path, ...]) -> None:
     if not file.is_file():
         where = f"{named_by[-1]}: names {file}, which" if named_by else f"{file}:"
-        raise SprayError(f"{where} is not there; keep a collection and its files together")
+        raise SprayError(f"{where} is missing; keep a collection and its files together")
 
 
 def _elements(file: Path, tag: str) -> list[ElementTree.Element]:

@@ -39,7 +39,7 @@ def _check(file: Path) -> None:
     """Reads every array once, which finds wrong checksums and truncation."""
     with open_hdf(file) as root:
         if "VTKHDF" not in root:
-            raise SprayError(f"{file}: holds no group VTKHDF: it is no file of VTK's HDF format")
+            raise SprayError(f"{file}: no group VTKHDF in it: not VTK's HDF format")
         for array in _arrays(root):
             for start in range(0, max(array.size, 1), _AT_ONCE):
                 if not array.shape:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,17 +45,33 @@ def geometry_of(data: Any) -> tuple[Any, ...]:
     return points, as_numpy(data.GetCells().GetConnectivityArray())
 
 
-def corner_mean(grid: Any) -> Callable[[Any], Any]:
-    """A function of values at points (P,) that gives their means over each cell's corners (N,)."""
+def as_unstructured(data: Any) -> Any:
+    """Converts an image, a rectilinear or a structured grid; other data sets are unchanged.
 
-    def mean(values: Any) -> Any:
-        cells = grid.GetCells()
-        points = as_numpy(cells.GetConnectivityArray())
-        offsets = as_numpy(cells.GetOffsetsArray()).astype(np.int64)
-        sums = np.add.reduceat(values[points], offsets[:-1], dtype=np.float64)
-        return sums / np.diff(offsets)
+    A cell with a hidden corner is marked as hidden.
+    """
+    if not any(map(data.IsA, ("vtkImageData", "vtkRectilinearGrid", "vtkStructuredGrid"))):
+        return data
+    from vtkmodules.util import numpy_support
+    from vtkmodules.vtkCommonExecutionModel import vtkAlgorithm
+    from vtkmodules.vtkFiltersCore import vtkAppendFilter
 
-    return mean
+    append = vtkAppendFilter()
+    append.SetOutputPointsPrecision(vtkAlgorithm.DOUBLE_PRECISION)
+    append.AddInputData(data)
+    append.Update()
+    grid: Any = append.GetOutput()
+    hidden = grid.GetPointData().GetArray(GHOSTS)
+    if hidden is not None and grid.GetNumberOfCells():
+        corners = as_numpy(grid.GetCells().GetConnectivityArray())
+        bad = ((as_numpy(hidden) & 2) != 0)[corners.reshape(grid.GetNumberOfCells(), -1)]
+        marks = np.where(bad.any(axis=1), 32, 0).astype(np.uint8)
+        ghosts = grid.GetCellData().GetArray(GHOSTS)
+        make: Any = numpy_support.numpy_to_vtk
+        found = make(marks if ghosts is None else marks | as_numpy(ghosts), deep=True)
+        found.SetName(GHOSTS)
+        grid.GetCellData().AddArray(found)
+    return grid
 
 
 def time_value(data: Any) -> float | None:
@@ -152,7 +167,7 @@ class Marked:
         """Sentence on them, if there are any."""
         pairs = ((self.cells, "cells"), (self.points, "points"))
         counts = [f"{count} {what}" for count, what in pairs if count]
-        return (f"Marked as ghost or hidden, left out: {' and '.join(counts)}.",) if counts else ()
+        return (f"Marked as ghost or hidden, omitted: {' and '.join(counts)}.",) if counts else ()
 
 
 def unmarked(data: Any, marked: Marked) -> Any:

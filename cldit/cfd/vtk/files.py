@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, choose_cloud, joined
-from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
+from cldit.cfd.mapping.columns import mapped_cloud, with_components
 from cldit.cfd.mapping.file import (
     PARCEL_NAMES,
     ColumnMap,
@@ -16,92 +17,65 @@ from cldit.cfd.mapping.file import (
     gas_names,
     without_unit,
 )
-from cldit.cfd.mesh.faces import join
-from cldit.cfd.point_data import with_point_fields
-from cldit.cfd.times import CaseTime
-from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, corner_mean, point_columns, vtk_mesh
+from cldit.cfd.mesh_parts import MeshPart, join_gas
+from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, vtk_mesh
 from cldit.cfd.vtk.layout import find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing
 from cldit.cfd.vtk.steps import Loader, find_step, step_times
 from cldit.errors import SprayError
-from cldit.io.progress import Watch, silent
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
 
 
-def read_vtk(
-    path: Path,
-    *,
-    time_s: CaseTime | None,
-    fuel_field: str,
-    cloud: str | None,
-    names: ColumnMap,
-    watch: Watch = silent,
-) -> CfdCase:
+def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of VTK files.
 
     The path is a file of `DATA`, a collection of such files, a folder of them, or output of
     foamToVTK (`CASE/VTK`, or any file in it: then the step of that file). Times come from .pvd and
     .series files, else from the comment or the `TimeValue` in the file.
     """
+    path = spec.file
     layout = find_layout(_existing(path))
-    loader = Loader(_gas_alone(names, fuel_field), watch)
-    step = find_step(path, layout, loader, time_s=time_s, cloud=cloud)
-    chosen = choose_cloud(str(path), step.clouds, cloud)
-    if chosen is None and cloud != NO_CLOUD and layout.beside:
+    loader = Loader(_gas_alone(names, spec.fuel_field), watch)
+    step = find_step(path, layout, loader, time_s=spec.time_s, cloud=spec.cloud)
+    chosen = choose_cloud(str(path), step.clouds, spec.cloud)
+    if chosen is None and spec.cloud != NO_CLOUD and layout.beside:
         shown = ", ".join(map(str, layout.beside))
         raise SprayError(
-            f"{path}: holds no parcels, but there may be some beside it: {shown}; give the folder "
-            f"as the case to read both, or spray.cloud: {NO_CLOUD} for gas alone"
+            f"{path}: no parcels, but there may be some in {shown}; give the folder "
+            f"as the case to read both, or set spray.cloud: {NO_CLOUD} for gas alone"
         )
-    parts = []
-    remarks = list(step.remarks)
-    available: set[str] = set()
-    skipped = []
     filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
-    for loaded in filled or step.meshes[:1]:  # a processor may have no cell
-        file, grid = loaded.file, loaded.data
-        wanted = gas_names(names.cells, loaded.cell_names | loaded.point_names, fuel_field)
-        # those that were not read are named only
-        cells = {name: Column("", np.empty(0)) for name in sorted(loaded.cell_names)}
-        cells |= cell_columns(file, grid)
-        points = point_columns(file, grid)[1]
-        cells, moved = with_point_fields(cells, points, wanted, corner_mean(grid))
-        available |= set(cells)
-        if wanted.fuel is None and len(step.meshes) > 1:
-            skipped.append(file)
-            continue
-        if moved:
-            remarks.append(f"{file}: {', '.join(moved)} at points became means over cells.")
-        mesh = vtk_mesh(file, grid)
-        source = Source(str(file), cells, mesh.cells)
-        parts.append((mesh, gas_columns(source, wanted, fuel_field)))
-    if not parts:
-        raise SprayError(f"{path}: no mesh has the cell field {fuel_field!r} (spray.fuel_field)")
-    if skipped:
-        shown = ", ".join(map(str, skipped))
-        remarks.append(f"Meshes without {fuel_field} are left out: {shown}.")
-    first = parts[0][1]
-    for _, gas in parts:
-        if odd := set(first) ^ set(gas):
-            raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
+    parts = [_part(each) for each in filled or step.meshes[:1]]  # a processor may have no cell
+    several = len(step.meshes) > 1
+    gas = join_gas(path, parts, names.cells, spec.fuel_field, several=several)
     return CfdCase(
         source=str(step.meshes[0].file),
         time_s=step.time_s,
-        mesh=join([mesh for mesh, _ in parts]),
-        gas={name: joined([gas[name] for _, gas in parts]) for name in first},
-        available=tuple(sorted(available)),
+        mesh=gas.mesh,
+        gas=gas.gas,
+        available=gas.available,
         cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
         files=step.files,
-        remarks=tuple(remarks),
+        remarks=(*step.remarks, *gas.remarks),
     )
 
 
-def list_vtk(
-    path: Path, time_s: CaseTime | None
-) -> tuple[list[float], list[str], dict[str, list[str]]]:
+def _part(loaded: Loaded) -> MeshPart:
+    """Mesh and fields of a file; cell fields that were not read are only named."""
+    file, grid = loaded.file, loaded.data
+    cells = {name: Column("", np.empty(0)) for name in sorted(loaded.cell_names)}
+    cells |= cell_columns(file, grid)
+    points = point_columns(file, grid)[1]
+    points.pop(GHOSTS, None)
+    return MeshPart(str(file), partial(vtk_mesh, file, grid), cells, points)
+
+
+def list_vtk(spec: CfdSpray) -> Listing:
     """Lists times [s], fields of the mesh, and clouds with their fields, at one time."""
-    layout = find_layout(_existing(path))
+    layout = find_layout(_existing(spec.file))
     loader = Loader(nothing)
-    step = find_step(path, layout, loader, time_s=time_s, cloud=NO_CLOUD)
+    step = find_step(spec.file, layout, loader, time_s=spec.time_s, cloud=NO_CLOUD)
     known = [time for time in step_times(layout, loader).values() if time is not None]
     fields = frozenset[str]().union(*(e.cell_names | e.point_names for e in step.meshes))
     clouds = {

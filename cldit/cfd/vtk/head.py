@@ -10,6 +10,7 @@ import base64
 import binascii
 import re
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -18,6 +19,7 @@ from cldit.errors import SprayError
 
 _PIECE = re.compile(rb"<Piece\b[^>]*>")
 _COUNT = re.compile(rb'\bNumberOf(Points|Cells)\s*=\s*["\'](\d+)["\']')
+_EXTENT = re.compile(rb'\bExtent\s*=\s*["\']([-\d\s]+)["\']')  # of a grid by rows
 _AT_ONCE = 1 << 20
 _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
@@ -32,14 +34,19 @@ def piece_counts(file: Path) -> tuple[int, int]:
     with file.open("rb") as stream:
         while part := stream.read(_AT_ONCE):
             text = rest + part
-            ends = text.find(b"<AppendedData")
+            behind = text.find(b"<AppendedData")
             last = 0
-            for piece in _PIECE.finditer(text if ends < 0 else text[:ends]):
+            for piece in _PIECE.finditer(text if behind < 0 else text[:behind]):
                 found = {name: int(count) for name, count in _COUNT.findall(piece.group())}
                 points += found.get(b"Points", 0)
                 cells += found.get(b"Cells", 0)
+                if (extent := _EXTENT.search(piece.group())) is not None:
+                    ends = [int(text) for text in extent.group(1).split()]
+                    edges = [high - low for low, high in zip(ends[::2], ends[1::2], strict=False)]
+                    points += prod(edge + 1 for edge in edges)
+                    cells += prod(edges)
                 last = piece.end()
-            if ends >= 0:
+            if behind >= 0:
                 break
             rest = text[max(last, len(text) - 1000) :]
     return points, cells
@@ -95,10 +102,10 @@ def check_appended(file: Path) -> None:
         behind = 0
         for place in sorted(_places(file, tags)):
             if place < behind:
-                raise _damaged(file, f"an array at {place}, inside the one before it")
+                raise _damaged(file, f"an array at {place}, inside the previous one")
             behind = place + _length(stream, form, begin + place, end, file)
             if begin + behind > end:
-                raise _damaged(file, f"an array at {place} that goes on behind the file's end")
+                raise _damaged(file, f"an array at {place} that ends after the file")
 
 
 def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:

@@ -119,7 +119,7 @@ def _folder(folder: Path) -> Layout:
     files = _files(folder)
     for file in files:
         if file.suffix in COMPOSITE and times_in(file):
-            raise SprayError(f"{file}: holds several times itself; give this file as the case")
+            raise SprayError(f"{file}: has several times in it; give this file as the case")
     if lists := [each for each in files if each.suffix == ".pvd"]:
         layout = _pvd(lists)
         taken = {

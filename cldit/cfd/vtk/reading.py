@@ -14,7 +14,7 @@ from typing import Any
 from cldit.cfd.inputs import regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
-from cldit.cfd.vtk.datasets import GHOSTS, dimension
+from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, dimension
 from cldit.cfd.vtk.head import check_appended, vtk_size
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
@@ -73,9 +73,10 @@ def load_vtk(
                 points.EnableAllArrays()
                 reader.Update()
     data = reader.GetOutput()
+    data = None if data is None else as_unstructured(data)
     if data is None or not data.IsA(kind):
         found = "nothing" if data is None else data.GetClassName()
-        raise SprayError(f"{file}: holds {found}, expected {kind}")
+        raise SprayError(f"{file}: contains {found}, expected {kind}")
     if file.suffix == ".vtk":
         known = _array_names(data.GetCellData()), _array_names(data.GetPointData())
     return Loaded(file, data, *known)
@@ -103,7 +104,7 @@ def load_composite(
             reader.UpdateTimeStep(time_s)
     found = leaves(reader.GetOutputDataObject(0))
     if not found:
-        raise SprayError(f"{file}: holds no data set")
+        raise SprayError(f"{file}: no data set in it")
     return [
         Loaded(
             file,
@@ -147,7 +148,13 @@ def _reader(file: Path) -> Any:
     try:
         from vtkmodules.vtkCommonCore import vtkObject  # noqa: F401, what follows needs it
         from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLUnstructuredGridReader
+        from vtkmodules.vtkIOXML import (
+            vtkXMLImageDataReader,
+            vtkXMLPolyDataReader,
+            vtkXMLRectilinearGridReader,
+            vtkXMLStructuredGridReader,
+            vtkXMLUnstructuredGridReader,
+        )
     except ImportError as error:
         raise SprayError(
             f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
@@ -155,13 +162,16 @@ def _reader(file: Path) -> Any:
     readers: dict[str, Any] = {
         ".vtu": vtkXMLUnstructuredGridReader,
         ".vtp": vtkXMLPolyDataReader,
+        ".vti": vtkXMLImageDataReader,
+        ".vtr": vtkXMLRectilinearGridReader,
+        ".vts": vtkXMLStructuredGridReader,
         ".vtk": vtkGenericDataObjectReader,
     }
     if file.suffix == ".vtk":
         with file.open("rb") as stream:
             if re.search(rb"\n\s*ASCII\s*\n", stream.read(1000)):
                 raise SprayError(
-                    f"{file}: is legacy VTK in ascii, whose truncation vtk does not notice; "
+                    f"{file}: is legacy VTK in ascii, where vtk does not notice truncation; "
                     "write it in binary or as .vtu"
                 )
     reader = readers[file.suffix]()

@@ -122,7 +122,7 @@ def find_step(
         at, key = None, next(iter(times))
     else:
         raise SprayError(
-            f"{path}: some mesh files do not say their time; give the path of one, without "
+            f"{path}: some mesh files do not state their time; give the path of one, without "
             "spray.time_s"
         )
     found = layout.steps[key]
@@ -181,19 +181,19 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
     if not meshes:
         first = found[0].pieces[0]
         if first.suffix in COMPOSITE:
-            raise SprayError(f"{first}: holds no gas: no data set of cells with a volume")
+            raise SprayError(f"{first}: no gas: no data set of cells with a volume")
         data = load_vtk(first, "vtkUnstructuredGrid").data
-        vtk_mesh(first, data)  # says which cells it has instead
-        raise SprayError(f"{first}: holds parcels alone; name the gas, or the folder of both")
+        vtk_mesh(first, data)  # its error names the kind of cells
+        raise SprayError(f"{first}: only parcels in it; name the gas, or the folder of both")
     remarks = marked.remarks
     if surfaces:
         shown = ", ".join(map(str, surfaces))
-        remarks = (*remarks, f"Left out, neither gas nor parcels: {shown}.")
+        remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
     every = [piece for pieces in meshes.values() for piece in pieces]
     for piece in every:
         if not piece.data.IsA("vtkUnstructuredGrid"):
             raise SprayError(
-                f"{piece.file}: holds {piece.data.GetClassName()}, expected vtkUnstructuredGrid"
+                f"{piece.file}: contains {piece.data.GetClassName()}, expected vtkUnstructuredGrid"
             )
     return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
 

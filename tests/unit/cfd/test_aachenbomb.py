@@ -19,6 +19,7 @@ from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import read_foam
 from cldit.cfd.openfoam.lists import particles
 from cldit.cfd.to_spray import read_cfd
+from cldit.io.progress import silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Spray
 
@@ -97,9 +98,7 @@ def test_nozzle_is_found(cases: dict[str, Path]) -> None:
 
 def test_barycentric_coordinates_are_the_positions(cases: dict[str, Path]) -> None:
     """The run wrote both, with eight digits: 5e-9 of 0.1 m."""
-    case = read_openfoam(
-        cases["ascii"], time_s=None, fuel_field="C7H16", cloud=None, names=ColumnMap()
-    )
+    case = read_openfoam(CfdSpray(file=cases["ascii"]), ColumnMap(), silent)
     file = read_foam(cases["ascii"] / "0.001" / "lagrangian" / "sprayCloud" / "coordinates")
     assert case.cloud is not None
     assert isinstance(case.mesh, Mesh)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from cldit.cfd.formats import contents, read_case
-from cldit.cfd.mapping.draft import write_mapping
+from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -93,7 +94,7 @@ def test_partitions_and_ghosts(tmp_path: Path, foam: Foam) -> None:
     spray = read_cfd(CfdSpray(file=file, **PLACE))
     assert spray.notes["gas_cells"] == count
     assert spray.notes["vapour_mass_kg"] == pytest.approx(expected(sample)[0], rel=5e-6)
-    assert "left out: 2 cells" in " ".join(spray.remarks)
+    assert "omitted: 2 cells" in " ".join(spray.remarks)
 
 
 def test_times_of_a_file(tmp_path: Path, foam: Foam) -> None:
@@ -105,7 +106,7 @@ def test_times_of_a_file(tmp_path: Path, foam: Foam) -> None:
     assert contents(CfdSpray(file=file)).times_s == (0.0005, 0.001)
     with pytest.raises(SprayError, match=r"no time 0\.2 s"):
         masses(file, time_s=0.2)
-    with pytest.raises(SprayError, match="holds several times itself"):
+    with pytest.raises(SprayError, match="has several times in it"):
         masses(tmp_path)
 
 
@@ -186,10 +187,10 @@ def test_structured_zone_of_cgns(tmp_path: Path, foam: Foam) -> None:
     ("name", "label", "data", "match"),
     [
         ("Units", "DimensionalUnits_t", b"Kilogram".ljust(32) + b"Foot".ljust(32), "is in Foot"),
-        ("DataClass", "DataClass_t", b"NondimensionalParameter", "expected are dimensional data"),
+        ("DataClass", "DataClass_t", b"NondimensionalParameter", "expected: dimensional data"),
         ("Solution/Rind", "Rind_t", b"\0\1", "has ghost cells"),
-        ("More", "Elements_t", b"\x16\0", "elements of type 22; read are"),
-        ("Times", "BaseIterativeData_t", b"", "holds 2 times"),
+        ("More", "Elements_t", b"\x16\0", "elements of type 22; allowed:"),
+        ("Times", "BaseIterativeData_t", b"", "2 times in it"),
         ("Solution/GridLocation", "GridLocation_t", b"FaceCenter", "fields at FaceCenter"),
     ],
 )
@@ -215,7 +216,7 @@ def test_refusals_of_cgns(
 @pytest.mark.parametrize("name", ["a.cgns", "a.vtkhdf"])
 def test_no_such_file(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(b"ADF Database Version A02011" + bytes(100))
-    with pytest.raises(SprayError, match=r"is CGNS in ADF|cannot be read as HDF5"):
+    with pytest.raises(SprayError, match=r"CGNS in ADF|cannot be read as HDF5"):
         masses(tmp_path / name)
 
 
@@ -254,7 +255,7 @@ def test_parcels_that_a_converter_left_out(tmp_path: Path, foam: Foam) -> None:
     blocks = {"gas": block_grid(block, gas), "sprayCloud": cloud_block(sample)}
     file = write_hdf(case / "VTK/a.vtkhdf", blocks)
     said = " ".join(read_cfd(CfdSpray(file=file, **PLACE)).remarks)
-    assert "has also the parcels of rain, which are not read" in said
+    assert re.search(r"parcels of rain in .*case are not read", said)
     with pytest.raises(SprayError, match=r"cloud 'rain' has neither positions nor coordinates"):
         masses(case, cloud="rain")
 
@@ -277,7 +278,7 @@ def test_parquet_tables(tmp_path: Path, foam: Foam) -> None:
         masses(other)
     columns["T"] = ["hot"] * 17
     parquet.write_table(pyarrow.table(columns), file)
-    with pytest.raises(SprayError, match="column T holds string; expected are numbers"):
+    with pytest.raises(SprayError, match="column T is of type string; expected: numbers"):
         masses(other)
 
 

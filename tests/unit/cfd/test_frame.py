@@ -106,8 +106,8 @@ def test_ring_of_holes_makes_one_axis(tmp_path: Path, foam: Foam) -> None:
             DOWN + DOWN.replace("-1", "1").replace("a", "b", 1),
             "oppose each other.*set spray.nozzle_m and spray.axis",
         ),
-        ("a { position (0 0 0;", "sprayCloudProperties: its brackets do not match"),
-        ("a { position (0 0 0); } } }", "sprayCloudProperties: its brackets do not match"),
+        ("a { position (0 0 0;", "sprayCloudProperties: brackets do not match"),
+        ("a { position (0 0 0); } } }", "sprayCloudProperties: brackets do not match"),
     ],
 )
 def test_dictionary_of_no_use(tmp_path: Path, foam: Foam, models: str, message: str) -> None:
@@ -189,9 +189,9 @@ def test_tilted_axis_keeps_the_mass(tmp_path: Path, foam: Foam) -> None:
 def test_what_cannot_be_inferred(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path / "gas", block, gas=gas)
-    with pytest.raises(SprayError, match=r"there are no parcels.; set spray.nozzle_m and spray"):
+    with pytest.raises(SprayError, match=r"it has no parcels.; set spray.nozzle_m and spray"):
         read_cfd(CfdSpray(file=tmp_path / "gas"))
-    with pytest.raises(SprayError, match="there are no parcels"):
+    with pytest.raises(SprayError, match="it has no parcels"):
         read_cfd(CfdSpray(file=tmp_path / "gas", axis="-y"))
     still = {name: values for name, values in cloud.items() if name != "U"}
     foam.write(tmp_path / "still", block, gas=gas, cloud=still)

@@ -12,6 +12,7 @@ from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.openfoam.case import read_openfoam
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
+from cldit.io.progress import silent
 from cldit.scene import Scene
 from cldit.scene.delays import scene_at
 from cldit.scene.spray import CfdSpray
@@ -212,7 +213,7 @@ def test_same_as_vtk_reads(tmp_path: Path, foam: Foam, form: str) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(**FORMS[form]))
     (tmp_path / "case.foam").touch()
-    case = read_openfoam(tmp_path, time_s=None, fuel_field="C7H16", cloud=None, names=ColumnMap())
+    case = read_openfoam(CfdSpray(file=tmp_path), ColumnMap(), silent)
 
     reader = vtkPOpenFOAMReader()
     reader.SetFileName(str(tmp_path / "case.foam"))

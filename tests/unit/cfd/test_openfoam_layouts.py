@@ -133,7 +133,7 @@ def test_parcels_in_another_place(tmp_path: Path, foam: Foam) -> None:
         (case / "0.001" / new).parent.mkdir(exist_ok=True)
         (old / "sprayCloud").rename(case / "0.001" / new)
         shutil.rmtree(old, ignore_errors=True)
-        with pytest.raises(SprayError, match=r"OpenFOAM 13 .*foamToVTK .*spray\.cloud: none"):
+        with pytest.raises(SprayError, match=r"OpenFOAM 13's .*foamToVTK .*spray\.cloud: none"):
             notes(case)
         assert "parcels" not in notes(case, cloud="none")
         old.mkdir()
@@ -154,7 +154,7 @@ def test_impossible_parcels_are_counted(tmp_path: Path, foam: Foam) -> None:
     spray = read_cfd(CfdSpray(file=case, parcels_left_out=0.02, **SET))
     assert spray.notes["parcels"] == 201
     assert spray.notes["parcels_left_out"] == 3
-    said = [text for text in spray.remarks if text.startswith("Left out 1 of 204 parcels: ")]
+    said = [text for text in spray.remarks if text.startswith("Omitted 1 of 204 parcels: ")]
     assert len(said) == 3
     good = np.setdiff1d(np.arange(204), [3, 5, 7])
     mass = many["nParticle"] * many["rho"] * np.pi / 6 * many["d"] ** 3

@@ -153,7 +153,7 @@ def test_every_layout_gives_the_same(
         assert Path(file.path).is_relative_to(tmp_path / "vtk")
         assert hashlib.sha256(Path(file.path).read_bytes()).hexdigest() == file.sha256
     if layout is parallel:
-        assert "Marked as ghost or hidden, left out: 2 cells." in spray.remarks
+        assert "Marked as ghost or hidden, omitted: 2 cells." in spray.remarks
         assert len(spray.files) == 6
 
 
@@ -181,17 +181,17 @@ def test_a_named_file_bounds_the_search(tmp_path: Path, foam: Foam) -> None:
     with pytest.raises(SprayError, match=r"2 claim to be the mesh of the gas: .*air.*zone"):
         notes(tmp_path)
     parcels_file(tmp_path / "drops.vtp", foam)
-    with pytest.raises(SprayError, match=r"some beside it: .*drops\.vtp.*spray.cloud: none"):
+    with pytest.raises(SprayError, match=r"some in .*drops\.vtp.*spray.cloud: none"):
         notes(air)
     assert "parcels" not in notes(air, cloud="none")
-    with pytest.raises(SprayError, match=r"drops\.vtp: holds vtkPolyData, expected vtkUnstruct"):
+    with pytest.raises(SprayError, match=r"drops\.vtp: contains vtkPolyData, expected vtkUnstruct"):
         notes(tmp_path / "drops.vtp")
 
 
 def test_two_clouds_and_two_claims(tmp_path: Path, foam: Foam) -> None:
     pair(tmp_path, foam)
     parcels_file(tmp_path / "more.vtp", foam)
-    with pytest.raises(SprayError, match=r"several clouds, drops, more; set spray\.cloud"):
+    with pytest.raises(SprayError, match=r"several clouds: drops, more; set spray\.cloud"):
         notes(tmp_path)
     assert notes(tmp_path, cloud="more")["parcels"] == 17
     save(tmp_path / "more.vtu", vertices(foam.sample()[2]))
@@ -345,9 +345,9 @@ def test_mapping_of_names_and_units(tmp_path: Path, foam: Foam, expected: dict[s
     [
         ("<VTKFile><vtkMultiBlockDataSet>", "is damaged or truncated"),
         ("<VTKFile></VTKFile>", "names no file"),
-        ('<VTKFile><DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is not there"),
+        ('<VTKFile><DataSet file="none.vtu"/></VTKFile>', r"names .*none\.vtu, which is missing"),
         ('<VTKFile><DataSet file="all.vtm"/></VTKFile>', "names itself"),
-        ('<VTKFile><DataSet file="a.vts"/></VTKFile>', r"names .*a\.vts, of a kind that is not"),
+        ('<VTKFile><DataSet file="a.pvts"/></VTKFile>', r"names .*a\.pvts, of a kind that is not"),
     ],
 )
 def test_collections_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:

@@ -38,10 +38,10 @@ def test_times(wanted: str | list[float | str], expected: list[float]) -> None:
     ("wanted", "message"),
     [
         ([7e-4], r"case: no time 0\.0007 s .*available: 0, 0\.0005, 0\.001"),
-        ("9:", r"case: 9:: chooses none of its 5 times"),
-        ("every", r"allowed is `all`"),
-        ("::0", r"allowed is `all`"),
-        ("1:2:3:4", r"allowed is `all`"),
+        ("9:", r"case: 9:: selects none of its 5 times"),
+        ("every", r"allowed: `all`"),
+        ("::0", r"allowed: `all`"),
+        ("1:2:3:4", r"allowed: `all`"),
     ],
 )
 def test_times_that_are_refused(wanted: str | list[float | str], message: str) -> None:
@@ -103,13 +103,13 @@ def test_a_time_without_fuel_is_told_from_one_that_lacks_something(tmp_path: Pat
         read(0.0)
     with pytest.raises(NotAtThisTime, match="no cell field 'C7H16'"):
         read(0.0, cloud="none")
-    with pytest.raises(EmptyCloud, match="holds no parcel"):
+    with pytest.raises(EmptyCloud, match="has no parcel"):
         read(2e-4)
     read(2e-4, cloud="none")
     zero = write_times(tmp_path / "zero", {"0.0001": -1.0})
     field = zero / "0.0001" / "C7H16"
     field.write_text(field.read_text().split("internalField")[0] + "internalField uniform 0;\n")
-    with pytest.raises(NoFuel, match="holds no fuel"):
+    with pytest.raises(NoFuel, match="no fuel: no liquid"):
         read_cfd(CfdSpray(file=zero, cloud="none", nozzle_m=NOZZLE, axis="-y"))
 
 

@@ -221,7 +221,7 @@ def test_same_kind_only(tmp_path: Path) -> None:
     spray = read_cfd(CfdSpray(file=file, nozzle_m=(0, 0, 0), axis="-z"))
     assert spray.notes["vapour_mass_kg"] == pytest.approx(volume, rel=1e-7)
     assert "time_s" not in spray.notes
-    with pytest.raises(SprayError, match="do not say their time; give the path of one"):
+    with pytest.raises(SprayError, match="do not state their time; give the path of one"):
         read_cfd(CfdSpray(file=file, time_s=0.1, nozzle_m=(0, 0, 0), axis="-z"))
 
 
@@ -271,7 +271,7 @@ def test_missing_and_impossible(tmp_path: Path, foam: Foam) -> None:
     far = cloud["position"] * 1000
     refused(r"rain\.vtp: points: parcel 0 at .* outside the mesh", gas, cloud | {"position": far})
     none = {name: values[:0] for name, values in cloud.items()}
-    refused(r"rain\.vtp: points: cloud 'rain' holds no parcel", gas, none)
+    refused(r"rain\.vtp: points: cloud 'rain' has no parcel", gas, none)
 
 
 def test_files_of_another_kind(tmp_path: Path, foam: Foam) -> None:
@@ -282,7 +282,7 @@ def test_files_of_another_kind(tmp_path: Path, foam: Foam) -> None:
         read_cfd(CfdSpray(file=save(tmp_path / "1" / "flat.vtu", flat), **keys))
     with pytest.raises(SprayError, match=r"none\.vtu: the mesh has no cell"):
         read_cfd(CfdSpray(file=save(tmp_path / "2" / "none.vtu", grid_of([], [], {})), **keys))
-    with pytest.raises(SprayError, match=r"drops\.vtk: holds vtkPolyData, expected vtkUnstruct"):
+    with pytest.raises(SprayError, match=r"drops\.vtk: contains vtkPolyData, expected vtkUnstruct"):
         read_cfd(CfdSpray(file=save(tmp_path / "3" / "drops.vtk", cloud_data(cloud)), **keys))
     text = save(tmp_path / "4" / "a.vtk", block_grid(block, gas))
     text.write_bytes(text.read_bytes().replace(b"BINARY", b"ASCII", 1))

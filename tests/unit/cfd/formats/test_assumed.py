@@ -33,14 +33,14 @@ def test_misspelt_density(tmp_path: Path, foam: Foam, name: str) -> None:
     case = foam.write(tmp_path / "case", block, gas=gas | {name: density}, cloud=cloud)
     said = told(case)
     assert "no density 'rho' among the cell fields" in said
-    assert f"if '{name}' is it, a mapping file says so" in said
-    assert "that of an ideal gas of air and fuel at p and T stands for it" in said
+    assert f"if it is '{name}', name it in a mapping file" in said
+    assert "that of an ideal gas of air and fuel at p and T was used" in said
     options = ["--nozzle", "0.0005", "0.009", "0.0001", "--axis", "-y"]
     done = CliRunner().invoke(main, ["import", str(case), *options])
     assert "ideal gas" in done.output
     mapping = tmp_path / "names.yaml"
     mapping.write_text(f"cells: {{density: {name}}}")
-    assert "ideal gas" not in told(case, mapping=mapping)
+    assert "at p and T was used" not in told(case, mapping=mapping)
 
 
 def test_whole_case_says_nothing(tmp_path: Path, foam: Foam) -> None:
@@ -54,7 +54,7 @@ def test_density_alone_and_no_time(tmp_path: Path, foam: Foam) -> None:
     del gas["p"]
     said = told(save(tmp_path / "gas.vtu", block_grid(block, gas)), cloud="none")
     assert "no pressure among the cell fields" in said
-    assert "does not say its time" in said
+    assert "does not state its time" in said
 
 
 def test_another_fuel_with_the_molar_mass_of_heptane(tmp_path: Path, foam: Foam) -> None:
@@ -95,9 +95,7 @@ def test_two_names_of_one_quantity(tmp_path: Path, foam: Foam, writers: Writers)
         with h5py.File(path, "r+") as file:
             cells = file["STREAM_00/CELL_CENTER_DATA"]
             cells["TEMP"] = np.full_like(cells["TEMPERATURE"][()], 300)
-    assert "TEMPERATURE and TEMP are there: TEMPERATURE was taken for the temperature" in told(
-        folder
-    )
+    assert "of TEMPERATURE and TEMP, TEMPERATURE was used as the temperature" in told(folder)
 
 
 def test_weight_of_means_over_corners(tmp_path: Path, foam: Foam) -> None:

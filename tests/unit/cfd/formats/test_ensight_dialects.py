@@ -158,7 +158,7 @@ def test_blocks_and_blanked_cells(
     mass = np.sum((gas["rho"] * gas["C7H16"] * block.volume)[1:])
     assert found.notes["vapour_mass_kg"] == pytest.approx(mass, rel=5e-5)
     assert found.notes["gas_cells"] == 23
-    assert "Ghost or blanked cells left out: 1." in found.remarks
+    assert "Ghost or blanked cells omitted: 1." in found.remarks
 
 
 def test_values_at_nodes(tmp_path: Path, foam: Foam, writers: Writers, notes: Any) -> None:
@@ -207,7 +207,7 @@ def test_names_of_foam_to_ensight(tmp_path: Path, foam: Foam, writers: Writers, 
     measured = lines[0].replace("rain", "fog")
     text = path.read_text().replace(lines[0], f"{lines[0]}\n{measured}")
     path.write_text(text.replace(lines[-1], f"{lines[-1]}\n{more}"))
-    with pytest.raises(SprayError, match="several clouds, fog, rain"):
+    with pytest.raises(SprayError, match="several clouds: fog, rain"):
         notes(path)
     assert notes(path, cloud="rain") == expected
 

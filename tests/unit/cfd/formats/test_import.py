@@ -101,7 +101,7 @@ def test_own_file_that_is_damaged(tmp_path: Path, foam: Foam, writers: Writers) 
             noticed += 1
     assert noticed > len(places) / 2
     out.write_bytes(whole)
-    with pytest.raises(SprayError, match=r"spray\.axis was settled when the case was imported"):
+    with pytest.raises(SprayError, match=r"spray\.axis was fixed when the case was imported"):
         read_cfd(CfdSpray(file=out, axis="-y"))
     with pytest.raises(SprayError, match=r"no time 0\.5 s"):
         read_cfd(CfdSpray(file=out, time_s=0.5))

@@ -94,13 +94,13 @@ def test_what_does_not_fit_is_refused_before_it_is_read(
         imported(spec, None, watch=lambda *each: told.append(each))
     text = str(caught.value)
     assert text.startswith(str(tmp_path / "case"))
-    assert re.search("24 cells.* need some 0.2 GB of memory, 0.1 GB are free", text) or kind in (
+    assert re.search("24 cells.* need some 0.2 GB of memory; 0.1 GB are free", text) or kind in (
         "openfoam",  # counts faces, or bytes
         "tables",
         "ensight",
         "ensight-ascii",
     )
-    assert "GB of memory, 0.1 GB are free" in text
+    assert "GB of memory; 0.1 GB are free" in text
     assert "export only the region" in text
     assert told == []
 

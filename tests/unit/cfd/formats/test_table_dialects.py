@@ -116,6 +116,32 @@ def test_rows_that_do_not_fit(
         read_cfd(CfdSpray(file=path, **writers.place))
 
 
+def test_a_quote_that_is_not_closed(tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    """Two stray quotes in a column of text would make the rows between them one cell."""
+    path = writers.tables(tmp_path, foam.sample())
+    mapping = parcels(path, lambda text: text)
+    file = tmp_path / "drops.txt"
+    rows = [f"{row},x" for row in file.read_text().splitlines()]
+    rows[2], rows[5] = f'{rows[2][:-1]}"x', f'{rows[5][:-1]}"x'
+    file.write_text("\n".join([*rows, ""]))
+    path.write_text(yaml.safe_dump(mapping))
+    with pytest.raises(
+        SprayError, match=r"drops\.txt: 17 lines make 14 rows: a quote is not closed"
+    ):
+        read_cfd(CfdSpray(file=path, **writers.place))
+
+
+@pytest.mark.parametrize("mark", [",", "\t", " "])
+def test_blank_lines_and_comments(mark: str, tmp_path: Path, foam: Foam, writers: Writers) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    mapping = parcels(path, lambda text: text.replace("\n", "\n   \n  # a comment\n"))
+    file = tmp_path / "drops.txt"
+    file.write_text(file.read_text().replace(",", mark))
+    path.write_text(yaml.safe_dump(mapping))
+    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+
+
 def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     path = writers.tables(tmp_path, foam.sample())
     spray = read_cfd(CfdSpray(file=path, cloud="none", **writers.place))

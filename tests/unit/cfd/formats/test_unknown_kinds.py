@@ -15,8 +15,8 @@ KINDS = [
     ("cells.csv", r"is a table, .*mapping file \(\.yaml\)"),
     ("parcels.XLSX", "is a spreadsheet, .*save it as CSV"),
     ("case.tar.gz", "is an archive, .*unpack it"),
-    ("grid.vts", "is a structured grid of VTK, .*Append Datasets"),
-    ("notes.xyz", r"is of no kind that is read; allowed is an OpenFOAM case"),
+    ("grid.pvts", "is pieces of a structured grid of VTK, .*open it in ParaView"),
+    ("notes.xyz", r"is of no kind that is read; allowed: an OpenFOAM case"),
 ]
 
 
@@ -28,12 +28,12 @@ def test_files(tmp_path: Path, name: str, message: str) -> None:
     if "no kind" not in message:
         what = message.partition(",")[0].removeprefix("is ")
         if not name.endswith(".h5"):
-            with pytest.raises(SprayError, match=f"holds no case that is read; {name} is {what}"):
+            with pytest.raises(SprayError, match=f"no case that is read; {name} is {what}"):
                 read_cfd(CfdSpray(file=tmp_path))
 
 
 def test_an_empty_folder_and_an_openfoam_case_without_a_mesh(tmp_path: Path) -> None:
-    with pytest.raises(SprayError, match="holds no case that is read, but: nothing; allowed is"):
+    with pytest.raises(SprayError, match="no case that is read, but: nothing; allowed:"):
         read_cfd(CfdSpray(file=tmp_path))
     (tmp_path / "case.foam").touch()
     with pytest.raises(SprayError, match="no mesh: neither constant/polyMesh nor constant/REGION"):

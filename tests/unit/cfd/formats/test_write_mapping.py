@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from cldit.cfd.formats import read_case
-from cldit.cfd.mapping.draft import write_mapping
 from cldit.cfd.mapping.file import read_column_map
+from cldit.cfd.mapping_draft import write_mapping
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
@@ -43,7 +43,7 @@ def round_trip(case: Path, out: Path) -> str:
 def test_round_trip(tmp_path: Path, foam: Foam, writers: Writers, kind: str) -> None:
     write, _ = writers.every[kind]
     text = round_trip(write(tmp_path / "case", foam.sample()), tmp_path / "names.yaml")
-    assert "# there are: " in text
+    assert "# available: " in text
 
 
 def test_round_trip_of_openfoam_and_vtk(tmp_path: Path, foam: Foam) -> None:
@@ -74,10 +74,10 @@ def test_what_is_missing_is_proposed(tmp_path: Path, foam: Foam) -> None:
     out.write_text(text.replace("# temperature", "temperature").replace("# density", "density"))
     spray = read_cfd(CfdSpray(file=case, mapping=out, cloud="none", **PLACE))
     assert spray.notes["gas_temperature_max_K"] == pytest.approx(gas["T"].max())
-    assert "stands for it" not in " ".join(spray.remarks)
+    assert "at p and T was used" not in " ".join(spray.remarks)
     before = out.read_text()
     done = CliRunner().invoke(main, ["import", str(case), "--write-mapping", str(out)])
-    assert done.exit_code == 1 and "is there already" in done.output
+    assert done.exit_code == 1 and "exists already" in done.output
     assert out.read_text() == before
 
 
@@ -133,5 +133,5 @@ def test_components_in_brackets_are_no_unit(tmp_path: Path) -> None:
 
 def test_own_file_needs_none(tmp_path: Path) -> None:
     (tmp_path / "a.npz").write_bytes(b"PK")
-    with pytest.raises(SprayError, match="need no mapping"):
+    with pytest.raises(SprayError, match="needs no mapping"):
         write_mapping(CfdSpray(file=tmp_path / "a.npz"), tmp_path / "m.yaml")

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd import tables as text_tables
 from cldit.cfd.assumed import similar
 from cldit.cfd.case import NO_CLOUD, choose_cloud
 from cldit.cfd.formats import contents, find_format
-from cldit.cfd.hdf import converge, fluent
+from cldit.cfd.hdf.cgns import CGNS_NAMES
+from cldit.cfd.hdf.converge import CONVERGE_NAMES, parcel_names
+from cldit.cfd.hdf.fluent import FLUENT_NAMES
 from cldit.cfd.mapping.file import (
-    CGNS_NAMES,
     FOAM_NAMES,
     PARCEL_NAMES,
     UNITS,
@@ -31,16 +31,17 @@ from cldit.cfd.mapping.file import (
     unit_in,
     without_unit,
 )
+from cldit.cfd.tables import table_names
 from cldit.errors import SprayError
 from cldit.io.files import write_text
 from cldit.io.plain_data import yaml_line
 from cldit.scene.spray import CfdSpray
 
-# key: kind of its unit, whether a droplet needs it, and what else may be said
+# key: kind of its unit, and a note for the user
 _GAS_LINES = {
     "temperature": ("temperature", "needed"),
-    "pressure": ("pressure", "needed where there is no density"),
-    "density": ("density", "without it that of an ideal gas at p and T is taken"),
+    "pressure": ("pressure", "needed if there is no density"),
+    "density": ("density", "default: that of an ideal gas at p and T"),
     "fuel": ("fraction", "needed: mass fraction of the fuel's vapour"),
 }
 _PARCEL_LINES = {
@@ -49,9 +50,9 @@ _PARCEL_LINES = {
     "number": ("count", "needed, or the mass of all droplets of the parcel"),
     "mass": ("mass", ""),
     "temperature": ("temperature", "needed; a number is a constant"),
-    "density": ("density", "needed; a number is a constant, as 684"),
-    "velocity": ("velocity", "without it spray.axis is to be given"),
-    "age": ("time", "without it spray.nozzle_m is to be given"),
+    "density": ("density", "needed; a number is a constant, such as 684"),
+    "velocity": ("velocity", "without it spray.axis is needed"),
+    "age": ("time", "without it spray.nozzle_m is needed"),
     "origin": ("length", "only for the penetration of OpenFOAM's log"),
 }
 _PLACE_LINES = {
@@ -79,7 +80,7 @@ def mapping_text(
     places = _PLACE_LINES if tables else {}
     lines = [
         f"# {title}",
-        "# Take the # away from a line to use it, and correct names and units.",
+        "# Remove the # of a line to use it, and correct names and units.",
     ]
     if found.time_s is not None:
         lines.append(f"time_s: {found.time_s!r}")
@@ -109,7 +110,7 @@ def _section(
             body.append(_missing(name, key, kind, note, known))
     active = any(not line.lstrip().startswith("#") for line in body)
     yield f"{name}:" if active else f"# {name}:"
-    yield f"  # there are: {', '.join(sorted(known)) or 'none'}"
+    yield f"  # available: {', '.join(sorted(known)) or 'none'}"
     yield from body
 
 
@@ -164,7 +165,7 @@ def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
     drafted. Returns lines for the user: the file, and the missing names.
     """
     if out.exists():
-        raise SprayError(f"{out}: is there already (--write-mapping); give another name")
+        raise SprayError(f"{out}: exists already (--write-mapping); give another name")
     folder = out.resolve().parent
     if spec.format is None and spec.file.is_file() and spec.file.suffix.lower() in TABLES:
         text = _of_table(spec, folder)
@@ -178,7 +179,7 @@ def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
 def _of_case(spec: CfdSpray, folder: Path) -> str:
     kind = find_format(spec)
     if kind == "cldit":
-        raise SprayError(f"{spec.file}: is cldit's own file, whose names need no mapping")
+        raise SprayError(f"{spec.file}: cldit's own file needs no mapping")
     known = contents(spec)
     if kind == "tables":
         found, parcels = _absolute(read_column_map(spec.file), spec.file.resolve().parent), None
@@ -200,6 +201,13 @@ def _of_case(spec: CfdSpray, folder: Path) -> str:
     )
 
 
+_NAMES: dict[str, Mapping[str, tuple[str, ...]]] = {
+    "cgns": CGNS_NAMES,
+    "converge": CONVERGE_NAMES,
+    "fluent": FLUENT_NAMES,
+}
+
+
 def _found(
     kind: str,
     given: ColumnMap,
@@ -208,19 +216,12 @@ def _found(
     fuel_field: str,
 ) -> ColumnMap:
     """Format's own names that are present, overridden by those of a mapping."""
-    if kind == "converge":
-        cells = converge.gas_names(fields, given.cells, fuel_field)
-    elif kind == "fluent":
-        cells = fluent.fluent_names(list(fields), given.cells, fuel_field)
-    else:
-        # fields of a region are listed by its name and theirs
-        known = {each.rpartition("/")[2] for each in fields}
-        names = CGNS_NAMES if kind == "cgns" else FOAM_NAMES
-        cells = gas_names(given.cells, known, fuel_field, names)
+    known = {each.rpartition("/")[2] for each in fields}  # without the region
+    cells = gas_names(given.cells, known, fuel_field, _NAMES.get(kind, FOAM_NAMES))
     if parcels is None:
         return ColumnMap(cells=cells)
     if kind == "converge":
-        return ColumnMap(cells=cells, parcels=merged(given.parcels, converge.parcel_names(parcels)))
+        return ColumnMap(cells=cells, parcels=merged(given.parcels, parcel_names(parcels)))
     parts = {*parcels, *(f"{name}_{letter}" for name in parcels for letter in "XYZ")}
     absent = {
         key: None
@@ -246,7 +247,7 @@ def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:
 def _of_table(spec: CfdSpray, folder: Path) -> str:
     """Draft of a mapping for tables, from the names of one table."""
     file = spec.file.resolve()
-    names = text_tables.table_names(file, CellColumns())
+    names = table_names(file, CellColumns())
     own = normalised(spec.fuel_field)
     begins = ("", "y", "massfractionof", "massfrac")
     fuel = (*(f"{begin}{own}" for begin in begins), *GAS_NAMES["fuel"])
@@ -275,7 +276,7 @@ def _of_table(spec: CfdSpray, folder: Path) -> str:
         found = ColumnMap(cells=CellColumns(file=file, **cells))
         fields, drops = names, []
     return mapping_text(
-        f"Names of {file.name} for `cldit import` of this file; what is guessed is to be checked",
+        f"Names of {file.name} for `cldit import` of this file; check the guesses",
         found,
         fields=fields,
         parcel_fields=drops,
@@ -331,7 +332,7 @@ def normalised(name: str) -> str:
 
 
 def guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Those of `names` that some program gives to a quantity, the likeliest first."""
+    """Selects the `names` that some program gives to a quantity, the likeliest first."""
     by_name: dict[str, list[str]] = {}
     for each in names:
         by_name.setdefault(normalised(each), []).append(each)

@@ -1,0 +1,146 @@
+"""Gas of a case in several parts, such as zones or files; fields at points as cell means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cldit.cfd.case import Column, joined
+from cldit.cfd.mapping.columns import Source, gas_columns
+from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names
+from cldit.cfd.mesh.cells import AnyFloats, CellMesh
+from cldit.cfd.mesh.elements import ElementMesh
+from cldit.cfd.mesh.faces import join
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+
+@dataclass(frozen=True)
+class MeshPart:
+    """Mesh of a zone or file, with fields in cells (N,) and at points (P,) by name.
+
+    make_mesh: called only for a part that has the fuel.
+    """
+
+    name: str
+    make_mesh: Callable[[], ElementMesh]
+    cells: Mapping[str, Column]
+    points: Mapping[str, Column]
+
+
+@dataclass(frozen=True)
+class JoinedGas:
+    """Mesh and gas fields (N,) of all parts, names of all fields, remarks."""
+
+    mesh: CellMesh
+    gas: Mapping[str, Column]
+    available: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def join_gas(
+    path: Path,
+    parts: Sequence[MeshPart],
+    given: CellColumns,
+    fuel_field: str,
+    default: Mapping[str, tuple[str, ...]] = FOAM_NAMES,
+    *,
+    several: bool,
+) -> JoinedGas:
+    """Joins the parts of a case; of `several` parts those without the fuel are omitted."""
+    meshes: list[CellMesh] = []
+    fields: list[dict[str, Column]] = []
+    remarks, skipped = [], []
+    for part in parts:
+        wanted = gas_names(given, {**part.cells, **part.points}, fuel_field, default)
+        if wanted.fuel is None and several:
+            skipped.append(part.name)
+            continue
+        mesh = part.make_mesh()
+        cells, moved = with_point_fields(part.cells, part.points, wanted, mesh.corner_mean)
+        if moved:
+            remarks.append(f"{part.name}: {', '.join(moved)} at points became means over cells.")
+        meshes.append(mesh)
+        fields.append(gas_columns(Source(part.name, cells, mesh.cells), wanted, fuel_field))
+    if not meshes:
+        raise SprayError(f"{path}: no mesh has the field {fuel_field!r} (spray.fuel_field)")
+    if skipped:
+        remarks.append(f"Meshes without {fuel_field} were omitted: {', '.join(skipped)}.")
+    for each in fields:
+        if odd := set(fields[0]) ^ set(each):
+            raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
+    known = {name for part in parts for name in (*part.cells, *part.points)}
+    gas = {name: joined([each[name] for each in fields]) for name in fields[0]}
+    return JoinedGas(join(meshes), gas, tuple(sorted(known)), tuple(remarks))
+
+
+def with_point_fields(
+    cells: Mapping[str, Column],
+    points: Mapping[str, Column],
+    names: CellColumns,
+    mean: Callable[[AnyFloats], Floats],
+) -> tuple[dict[str, Column], tuple[str, ...]]:
+    """Adds to the cell fields (N,) those that exist only at points (P,), and lists their names.
+
+    Each corner of a cell represents an equal share of its volume. Density and pressure are means
+    over the corners; temperature and mass fraction are means weighted by the density at the
+    corners, or by p/T if there is none, which conserves the mass of gas and of fuel. `mean`
+    averages values (P,) over the corners of each cell.
+    """
+    wanted = {
+        key: value.column
+        for key in GAS_KEYS
+        if (value := getattr(names, key)) is not None and value.column is not None
+    }
+    moved = [key for key, name in wanted.items() if name not in cells and name in points]
+    if not moved:
+        return dict(cells), ()
+    for name in {wanted[key] for key in wanted if wanted[key] in points}:
+        undefined = points[name].undefined
+        if undefined is not None and mean(undefined.astype(np.float64)).any():
+            raise SprayError(f"{points[name].label}: some corners of cells have no value")
+    weight = _weight(points, wanted) if {"temperature", "fuel"} & set(moved) else None
+    found = dict(cells)
+    for key in moved:
+        column = points[wanted[key]]
+        values = column.values
+        if key in ("temperature", "fuel"):
+            if weight is None:
+                raise SprayError(
+                    f"{column.label}: is given at points, without density or pressure at points "
+                    "to weight it by; export cell data (in ParaView: without Cell Data to Point "
+                    "Data)"
+                )
+            values = mean(weight * values) / mean(weight)
+        else:
+            values = mean(values)
+        found[wanted[key]] = Column(f"{column.label} (mean over the corners of a cell)", values)
+    instead = " (weighted by p/T, as there is no density at points)"
+    by_density = wanted.get("density", "") in points
+    return found, tuple(
+        wanted[key] + (instead if key in ("temperature", "fuel") and not by_density else "")
+        for key in moved
+    )
+
+
+def _weight(points: Mapping[str, Column], wanted: Mapping[str, str]) -> Floats | None:
+    """Density at the points, or p/T, which is proportional to it."""
+
+    def at(key: str) -> Any:
+        column = points.get(wanted.get(key, ""))
+        if column is None or column.undefined is None:
+            return None if column is None else column.values
+        return np.where(column.undefined, 1.0, column.values)  # no corner of a cell: checked above
+
+    density, pressure, temperature = at("density"), at("pressure"), at("temperature")
+    if density is not None:
+        found = density
+    elif pressure is not None and temperature is not None:
+        found = pressure / temperature
+    else:
+        return None
+    return np.asarray(found) if np.all(found > 0) else None
