@@ -37,7 +37,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.fixture(scope="session")
 def device() -> Device:
-    return open_device()
+    """The one that CLDIT_TEST_DEVICE names, or the one that cldit chooses."""
+    return open_device(os.environ.get("CLDIT_TEST_DEVICE"))
 
 
 @pytest.fixture(scope="session")

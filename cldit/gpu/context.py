@@ -34,15 +34,13 @@ class Context:
 
     version: what the driver says, with the name of the processor that it builds for. programs: by
     source and options. Even one that the driver has on disk takes a twentieth of a second to load.
-    lock: held while a program is looked for and built. signatures: of kernels, by their program's
-    id and their name.
+    lock: held while a program is looked for and built.
     """
 
     def __init__(self, handle: Any, version: str) -> None:
         self.handle, self.version = handle, version
         self.opencl = cl.Context([handle])
         self.programs: dict[tuple[str, ...], Any] = {}
-        self.signatures: dict[tuple[int, str], Any] = {}
         self.lock = threading.RLock()
         self._own = threading.local()
 

@@ -16,7 +16,11 @@ import struct
 from pathlib import Path
 from typing import Any
 
+from cldit.io.caches import pocl_cache, probe
+from cldit.io.files import written
+
 _PLATFORM = "Portable Computing Language"
+_ROOM_BYTES = 1_000_000  # that compiling a program may need; the largest takes 200,000
 _LOOKED_AT = 2048  # bytes of PoCL's record of a device, in which the name is pointed to
 _POINTER = struct.Struct("@P")
 
@@ -33,6 +37,17 @@ _KNOWN: tuple[tuple[bytes, frozenset[str]], ...] = (
 
 # Names that it gives to processors that it does not know, if they have these.
 _MISTAKEN: dict[bytes, frozenset[str]] = {b"generic": frozenset(), b"znver3": _AVX512}
+
+
+def check_room(device: Any) -> None:
+    """Refuses a cache of PoCL without room: its compiler would end the process there.
+
+    Raises:
+        FileError: names the folder; as `written`.
+    """
+    if device.platform.name.strip() == _PLATFORM:
+        with written(pocl_cache(), needed_bytes=_ROOM_BYTES):
+            probe(pocl_cache(), _ROOM_BYTES)
 
 
 def like_processor(flags: frozenset[str]) -> bytes | None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,16 +13,13 @@ import numpy as np
 import pyopencl as cl
 
 from cldit.errors import KernelError
+from cldit.gpu.compilation import Compiled, compiled
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.malloc_trim import trim_heap
-from cldit.gpu.signature import ASKED_FOR, Signature
+from cldit.gpu.pocl import check_room
+from cldit.gpu.signature import Signature
 
 Define = int | float | str
-
-# Light that goes deep into a spray dies away into denormal numbers, with which CPUs are a hundred
-# times slower: scattering took a sixth of its time more in `gdi`.
-OPTIONS = ("-cl-std=CL1.2", "-cl-denorms-are-zero", ASKED_FOR)
 
 _OLD_POCL = (
     "\nThis PoCL is older than the processor. A later one (conda-forge has them) or another driver "
@@ -44,7 +40,7 @@ class Program:
     defines: Mapping[str, Define]
     build_s: float
     build_core_s: float
-    built: Any
+    built: Compiled
     _own: threading.local = field(default_factory=threading.local, repr=False, compare=False)
 
     def largest_group(self, kernel: str) -> int:
@@ -113,48 +109,19 @@ class Program:
         """This thread's kernel, as arguments that are set stay with it; and what it takes."""
         kernels: dict[str, tuple[Any, Signature]] = self._own.__dict__
         if name not in kernels:
-            names = self.built.kernel_names.split(";")
-            if name not in names:
-                known = ", ".join(names)
-                raise KernelError(f"kernels/{self.name}: no kernel {name}; it has {known}")
-            made, known_as = cl.Kernel(self.built, name), (id(self.built), name)
-            opened = self.device.opened  # which keeps the program, and so its id
-            signature = opened.signatures.get(known_as)
-            if signature is None:
+            arguments, known = self.built.arguments, self.built.signatures
+            if name not in arguments:
+                has = ", ".join(arguments)
+                raise KernelError(f"kernels/{self.name}: no kernel {name}; it has {has}")
+            handle = self.device.opened.handle
+            if name not in known:
+                check_room(handle)  # PoCL compiles once more at the first launch
+            made = cl.Kernel(self.built.program, name)
+            if name not in known:
                 real = np.float64 if "USE_FLOAT64" in self.defines else np.float32
-                signature = Signature.of(made, opened.handle, real)
-                opened.signatures[known_as] = signature
-            kernels[name] = made, signature
+                known[name] = Signature.of(made, arguments[name], handle, real)
+            kernels[name] = made, known[name]
         return kernels[name]
-
-
-# Python's filters of warnings are the whole process's: one thread at a time changes them.
-_FILTERS = threading.Lock()
-
-
-def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Any:
-    """pyopencl's program of a source, built once a device.
-
-    A compiler's log without errors is no warning: Intel's is never empty.
-
-    Args:
-        device: runs the program.
-        source: in OpenCL C.
-        options: of the compiler, beside `OPTIONS`.
-
-    Raises:
-        pyopencl.Error: it does not build.
-    """
-    opened, key = device.opened, (source, *options)
-    with opened.lock:
-        program = opened.programs.get(key)
-        if program is None:
-            with _FILTERS, warnings.catch_warnings():
-                warnings.simplefilter("ignore", cl.CompilerWarning)
-                program = cl.Program(opened.opencl, source).build(options=[*OPTIONS, *options])
-            opened.programs[key] = program
-            trim_heap()
-    return program
 
 
 def _literal(value: Define) -> str:

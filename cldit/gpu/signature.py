@@ -1,13 +1,9 @@
-"""What a kernel takes: names and types of its arguments, as the compiler read them.
-
-The compiler is asked (clGetKernelArgInfo, with -cl-kernel-arg-info), not the source, whose
-arguments depend on defines and macros.
-"""
+"""Names and types of a kernel's arguments, and the check of what a launch gives for them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +11,6 @@ import numpy as np
 import pyopencl as cl
 
 from cldit.errors import KernelError
-
-ASKED_FOR = "-cl-kernel-arg-info"  # option of the build, without which there is nothing to ask
 
 _SCALARS: dict[str, type[np.generic]] = {
     "char": np.int8,
@@ -45,26 +39,17 @@ class Argument:
     buffer: bool
 
     @classmethod
-    def of(cls, kernel: Any, number: int, real: type[np.generic]) -> Argument:
-        """One argument of a kernel.
-
-        Args:
-            kernel: pyopencl's.
-            number: of the argument.
-            real: what the type of that name is in this program.
+    def of(cls, kernel: str, name: str, kind: str, real: type[np.generic]) -> Argument:
+        """The argument of this name and type of a kernel; `real` is what that type is here.
 
         Raises:
-            KernelError: the argument's type is none that cldit can set.
+            KernelError: cldit cannot set an argument of the type.
         """
-        info = cl.kernel_arg_info
-        # PoCL's headers rename what is called as a function of OpenCL C is, arguments too.
-        name = kernel.get_arg_info(number, info.NAME).removeprefix("_cl_")
-        kind = kernel.get_arg_info(number, info.TYPE_NAME)
         match = _TYPE.fullmatch(kind.replace(" ", ""))
         dtype = None if match is None else {**_SCALARS, "real": real}.get(match[1])
         if match is None or dtype is None:
             raise KernelError(
-                f"kernel {kernel.function_name}: argument {name} is of type {kind}; allowed are "
+                f"kernel {kernel}: argument {name} is of type {kind}; allowed: "
                 f"{', '.join([*_SCALARS, 'real'])}, vectors of them, and pointers to them"
             )
         return cls(name, kind, dtype, int(match[2] or 1), bool(match[3]))
@@ -118,17 +103,19 @@ class Signature:
     largest_group: int
 
     @classmethod
-    def of(cls, kernel: Any, device: Any, real: type[np.generic]) -> Signature:
-        """The signature of a built kernel; raises as `Argument.of`.
-
-        Args:
-            kernel, device: pyopencl's.
-            real: see `Argument.of`.
-        """
-        limit = cl.kernel_work_group_info.WORK_GROUP_SIZE
+    def of(
+        cls,
+        kernel: Any,
+        arguments: Iterable[tuple[str, str]],
+        device: Any,
+        real: type[np.generic],
+    ) -> Signature:
+        """The signature of pyopencl's kernel on pyopencl's device, with arguments of these names
+        and types; raises as `Argument.of`."""
+        name, limit = kernel.function_name, cl.kernel_work_group_info.WORK_GROUP_SIZE
         return cls(
-            kernel.function_name,
-            tuple(Argument.of(kernel, number, real) for number in range(kernel.num_args)),
+            name,
+            tuple(Argument.of(name, *each, real) for each in arguments),
             int(kernel.get_work_group_info(limit, device)),
         )
 

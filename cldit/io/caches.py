@@ -19,13 +19,20 @@ import platformdirs
 
 from cldit.errors import FileError
 
-_PROBE = bytes(4096)  # a full disk has room for a name, not for content
+_PROBE_BYTES = 4096  # a full disk has room for a name, not for content
+_POCL_BYTES = 4_000_000  # of a scene's kernels, several times over
 
 
 def default_cache() -> Path:
     """Folder in which cldit keeps tables, sprays and runs."""
     use_caches()
     return _own()
+
+
+def pocl_cache() -> Path:
+    """Folder in which PoCL keeps compiled kernels."""
+    named = os.environ.get("POCL_CACHE_DIR")
+    return Path(named) if named else _own().parent / "pocl"
 
 
 @cache
@@ -47,23 +54,30 @@ def use_caches() -> None:
             own,
             place,
         )
-    root = _own().parent
-    named = {
-        "POCL_CACHE_DIR": root / "pocl",  # PoCL looks at XDG_CACHE_HOME and HOME, in this order
-        "MPLCONFIGDIR": Path(platformdirs.user_config_dir("matplotlib", appauthor=False)),
-        "NUMBA_CACHE_DIR": root / "numba",
-    }
-    for name, usual in named.items():
-        given = os.environ.get(name)
-        if given is not None and not _can_be_written(Path(given)):
-            logging.getLogger("cldit").warning("%s: %s cannot be written", name, given)
-            given = None
-        elif given is None and _own() == own and name != "MPLCONFIGDIR":
-            continue  # what the library does by itself is right
-        if given is None and not _can_be_written(usual):
-            os.environ[name] = str(_made(root / name.lower()))
-        elif given is None and name != "MPLCONFIGDIR":
-            os.environ[name] = str(usual)
+    moved, root = _own() != own, _own().parent
+    config = Path(platformdirs.user_config_dir("matplotlib", appauthor=False))
+    _choose("POCL_CACHE_DIR", root / "pocl", own, size=_POCL_BYTES)
+    _choose("MPLCONFIGDIR", config, own)
+    if moved or "NUMBA_CACHE_DIR" in os.environ:  # else numba writes beside the code
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(root / "numba"))
+        _choose("NUMBA_CACHE_DIR", root / "numba", own)
+
+
+def _choose(name: str, usual: Path, own: Path, *, size: int = _PROBE_BYTES) -> None:
+    """Sets a library's variable to a folder that can be written, where its own cannot be."""
+    given = os.environ.get(name)
+    refused = usual if given is None else Path(given)
+    if _can_be_written(refused, size):
+        return
+    near = (usual, _own().parent / name.lower())
+    place = next((folder for folder in near if _can_be_written(folder, size)), None)
+    if place is None:
+        place = _temporary(own, size) / name.lower()
+    os.environ[name] = str(place)
+    if given is not None or name == "POCL_CACHE_DIR":
+        logging.getLogger("cldit").warning(
+            "%s: %s cannot be written or is full, so this cache is in %s", name, refused, place
+        )
 
 
 def _own() -> Path:
@@ -74,24 +88,27 @@ def _own() -> Path:
     return Path(platformdirs.user_cache_dir("cldit", appauthor=False))
 
 
-def _can_be_written(folder: Path) -> bool:
+def probe(folder: Path, size: int) -> None:
+    """Writes `size` bytes into a folder, which is made if need be, and removes them.
+
+    Raises:
+        OSError: it cannot be written, or has no room for them.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder) as stream:
+        stream.write(bytes(size))
+        stream.flush()
+
+
+def _can_be_written(folder: Path, size: int = _PROBE_BYTES) -> bool:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as stream:
-            stream.write(_PROBE)
-            stream.flush()
+        probe(folder, size)
     except (OSError, ValueError):
         return False
     return True
 
 
-def _made(folder: Path) -> Path:
-    if not _can_be_written(folder):
-        raise FileError(f"{folder}: cannot be written; set XDG_CACHE_HOME to a folder for caches")
-    return folder
-
-
-def _temporary(own: Path) -> Path:
+def _temporary(own: Path, size: int = _PROBE_BYTES) -> Path:
     """One a user, kept for the next process; nobody else can have put anything into it."""
     try:
         place = Path(tempfile.gettempdir()) / f"cldit-cache-{getattr(os, 'getuid', int)()}"
@@ -101,7 +118,7 @@ def _temporary(own: Path) -> Path:
         mine = mine and status.st_uid == getattr(os, "getuid", lambda: status.st_uid)()
         if not mine and os.name != "nt":
             place = Path(tempfile.mkdtemp(prefix="cldit-cache-"))
-        reason = "" if _can_be_written(place) else f"{place} cannot be written"
+        reason = "" if _can_be_written(place, size) else f"{place} cannot be written or is full"
     except OSError as error:
         reason = error.strerror or str(error)
     if reason:

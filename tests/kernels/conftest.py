@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.compilation import compiled
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.program import compiled
 
 Floats = NDArray[np.floating]
 
@@ -51,7 +51,7 @@ def _apply(
         f"{defines}\n{assemble(header)}\n__kernel void apply(__global {number} *out{arguments})\n"
         f"{{ const int i = get_global_id(0); {loads} {setup} out[i] = {expression}; }}\n"
     )
-    program = compiled(device, source)
+    program = compiled(device, source).program
     count = len(inputs[0])
     out = zeros(device, "out", count, real)
     buffers: list[Any] = [upload(device, "in", array.astype(real)) for array in inputs]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import pytest
+from filelock import FileLock, Timeout
 
 from cldit.errors import KernelError
-from cldit.gpu import kernel_source
+from cldit.gpu import compilation, kernel_source
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
 from cldit.gpu.program import build
@@ -64,6 +68,26 @@ def test_what_was_built_is_built_once_a_device(device: Device) -> None:
     defines = {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1}
     first, again = build(device, "count.cl", defines), build(device, "count.cl", defines)
     other = build(device, "count.cl", {**defines, "HAS_VAPOUR": 1})
-    made = [program.built for program in (first, again, other)]
+    made = [program.built.program for program in (first, again, other)]
     assert made[0] is made[1] is not made[2]
     assert again.defines == defines
+
+
+def test_a_program_is_compiled_under_a_lock(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """One file for the programs of equal first letter; no other process takes it meanwhile."""
+    good = compilation._from_source
+
+    def watched(*arguments: Any) -> compilation.Compiled:
+        [lock] = tmp_path.rglob("*.lock")
+        with pytest.raises(Timeout), FileLock(lock, timeout=0):
+            pass
+        return good(*arguments)
+
+    monkeypatch.setattr(compilation, "_from_source", watched)
+    monkeypatch.setattr(compilation, "default_cache", lambda: tmp_path)
+    build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1, "LOCKED": 1})
+    [lock] = tmp_path.rglob("*.lock")
+    with FileLock(lock, timeout=0):
+        pass

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.compilation import compiled
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.program import compiled
 from cldit.transport.angular_moments import MOMENTS
 
 Floats = NDArray[np.float64]
@@ -187,7 +187,7 @@ def _traced(
     if "BLURRED_BOUNDARY" in flags:  # the background's excess behind the components
         light = np.concatenate([light, region.excess[..., None]], axis=2)
     source = f"{defines}\n{assemble('simd.h')}\n{assemble('path_segment.h')}\n{KERNEL}"
-    program = compiled(device, source)
+    program = compiled(device, source).program
     depth = region.records[:, 0] * np.where(region.records[:, 1] > 0, -1, 1)
     sums = zeros(device, "sums", count // vector * (COMPONENTS + 1), np.float32)
     ends = zeros(device, "ends", count * 5, np.float32)

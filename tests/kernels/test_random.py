@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.compilation import compiled
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
-from cldit.gpu.program import compiled
 from cldit.transport.sobol import BITS, DIMENSIONS, columns
 from tests.phase_tables import henyey_greenstein
 
@@ -59,7 +59,7 @@ def _run(
         f"__global {types[out.dtype.name]} *out{arguments})\n"
         f"{{ const int i = get_global_id(0); {body} }}\n"
     )
-    program = compiled(device, source, options or _OPTIONS)
+    program = compiled(device, source, options or _OPTIONS).program
     buffer = zeros(device, "out", out.size, out.dtype.type)
     buffers = [upload(device, "in", array) for array in inputs]
     cl.Kernel(program, "apply")(device.queue, (len(out),), None, buffer, *buffers)

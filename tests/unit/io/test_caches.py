@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -68,3 +69,28 @@ def test_a_cache_of_ones_own_is_not_shared_with_who_made_the_name_first(
 def test_a_folder_that_is_named_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert default_cache() == tmp_path / "cldit"
+
+
+def test_a_full_folder_of_compiled_kernels_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """PoCL would abort the process there; other caches have room enough and stay."""
+    from cldit.io import caches
+
+    home, temporary = tmp_path / "home", tmp_path / "temporary"
+    temporary.mkdir()
+
+    def full(folder: Path, size: int) -> None:
+        if folder.is_relative_to(home) and size > 1_000_000:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    for name in ("POCL_CACHE_DIR", "MPLCONFIGDIR", "NUMBA_CACHE_DIR"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    monkeypatch.setattr(caches, "probe", full)
+    caches.use_caches.__wrapped__()
+    assert caches.pocl_cache().is_relative_to(temporary)
+    assert default_cache() == home / "cldit" and "NUMBA_CACHE_DIR" not in os.environ
+    assert f"POCL_CACHE_DIR: {home / 'pocl'} cannot be written or is full" in caplog.text

@@ -1,0 +1,151 @@
+"""Compiling a source for a device: once in a process, and once in a folder of caches.
+
+PoCL and NVIDIA's driver keep what they have compiled. For the others a program's binary is kept
+here, and beside it the arguments of its kernels, because clGetKernelArgInfo answers only for
+programs that were made from source.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import json
+import threading
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pyopencl as cl
+from filelock import FileLock
+from pyopencl.characterize import has_src_build_cache
+
+from cldit.gpu.context import Context
+from cldit.gpu.device import Device
+from cldit.gpu.pocl import check_room
+from cldit.gpu.signature import Signature
+from cldit.io.caches import default_cache
+from cldit.io.files import make_folder, write_bytes
+
+# Denormal numbers make CPUs a hundred times slower, and light that goes deep into a spray becomes
+# one: without the second option, scattering in `gdi` takes a sixth longer.
+OPTIONS = ("-cl-std=CL1.2", "-cl-denorms-are-zero", "-cl-kernel-arg-info")
+
+Arguments = Mapping[str, Sequence[tuple[str, str]]]
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A compiled program of pyopencl, name and type of each kernel's arguments in order, and the
+    signatures of the kernels that were launched."""
+
+    program: Any
+    arguments: Arguments
+    signatures: dict[str, Signature] = field(default_factory=dict)
+
+
+# Python's filters of warnings are the whole process's: one thread at a time changes them.
+_FILTERS = threading.Lock()
+
+
+def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Compiled:
+    """The program of a source, compiled once for a device.
+
+    Args:
+        device: runs the program.
+        source: in OpenCL C.
+        options: of the compiler, beside `OPTIONS`.
+
+    Raises:
+        pyopencl.Error: it does not compile.
+        FileError: PoCL's cache has no room.
+    """
+    opened, key = device.opened, (source, *options)
+    with opened.lock:
+        found = opened.programs.get(key)
+        if found is None:
+            found = _compiled(opened, source, [*OPTIONS, *options])
+            opened.programs[key] = found
+            _trim_heap()
+    return found
+
+
+def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
+    """Processes that want the same program compile it one after the other: PoCL fails now and then
+    when two of them write it at once. Intel's log is never empty, so logs are no warnings."""
+    handle = opened.handle
+    platform = handle.platform
+    made_by = (platform.vendor, platform.name, platform.version, handle.name, handle.driver_version)
+    text = "\0".join((*made_by, *options, source))
+    key = hashlib.sha256(text.encode()).hexdigest()[:32]
+    folder = default_cache() / "programs"
+    with _alone(folder / f"{key[0]}.lock"), _FILTERS, warnings.catch_warnings():
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        if has_src_build_cache(handle):
+            check_room(handle)
+            return _from_source(opened, source, options)
+        path = folder / f"{key}.program"
+        found = _loaded(path, opened, options)
+        if found is None:
+            found = _from_source(opened, source, options)
+            with suppress(OSError):  # without room it is compiled again next time
+                _keep(path, found)
+        return found
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Lets one process in at a time; all of them where the folder takes no lock."""
+    with ExitStack() as held:
+        with suppress(OSError):
+            make_folder(path.parent)
+            held.enter_context(FileLock(path))
+        yield
+
+
+def _from_source(opened: Context, source: str, options: list[str]) -> Compiled:
+    build: Any = cl.Program(opened.opencl, source).build
+    program = build(options=options, cache_dir=False)
+    return Compiled(program, {each.function_name: _asked(each) for each in program.all_kernels()})
+
+
+def _asked(kernel: Any) -> list[tuple[str, str]]:
+    """Names and types of a kernel's arguments, as the compiler read them; the source does not show
+    them, because they depend on defines and macros."""
+    info, ask = cl.kernel_arg_info, kernel.get_arg_info
+    # PoCL's headers rename arguments that are called as a function of OpenCL C is.
+    return [
+        (ask(number, info.NAME).removeprefix("_cl_"), ask(number, info.TYPE_NAME))
+        for number in range(kernel.num_args)
+    ]
+
+
+def _keep(path: Path, made: Compiled) -> None:
+    [binary] = made.program.get_info(cl.program_info.BINARIES)
+    content = json.dumps(made.arguments).encode() + b"\n" + binary
+    write_bytes(path, f"{zlib.crc32(content):08x}\n".encode() + content, sync=False)
+
+
+def _loaded(path: Path, opened: Context, options: list[str]) -> Compiled | None:
+    """A program that was kept; None if there is none, it is damaged, or the driver refuses it."""
+    try:
+        check, _, content = path.read_bytes().partition(b"\n")
+        if check != f"{zlib.crc32(content):08x}".encode():
+            return None
+        arguments, _, binary = content.partition(b"\n")
+        program = cl.Program(opened.opencl, [opened.handle], [binary]).build(options=options)
+    except (OSError, cl.Error):
+        return None
+    return Compiled(program, json.loads(arguments))
+
+
+def _trim_heap() -> None:
+    """Returns freed memory to the system (glibc): a compiler leaves some hundred megabytes."""
+    try:
+        trim = ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # musl, macOS, Windows
+        return
+    trim(0)

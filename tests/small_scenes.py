@@ -1,0 +1,47 @@
+"""Weights of three small scenes, one for each method, on the device that CLDIT_TEST_DEVICE names.
+
+`python -m tests.small_scenes OUT.npz` stores them, for tests that compare OpenCL drivers.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cldit
+from cldit.gpu.device import Device, open_device
+
+SCENE: dict[str, Any] = {
+    "name": "small",
+    "spray": {"model": "cone", "spacing_m": 4e-3, "droplets": {"diameter_um": 9.0}},
+    "domain": {"centre_m": [0.0, 0.0, -0.05], "leaf_edge_m": 6e-3},
+    "camera": {"pixels": [16, 16]},
+    "background": {"radius_m": 0.08, "temperatures_K": [413.0, 533.0]},
+    "walls": {"temperature_K": 450.0},
+}
+TRANSPORT: dict[str, dict[str, Any]] = {
+    "source": {"method": "source", "phase": "mie", "accuracy_K": 4.0},
+    "path": {"method": "path", "phase": "isotropic", "accuracy_K": 8.0},
+    "branching": {"method": "branching", "phase": "isotropic", "order": 1},
+}
+
+
+def weights(device: Device) -> dict[str, NDArray[Any]]:
+    """Images (component, row, column) by method."""
+    out = {}
+    for method, transport in TRANSPORT.items():
+        scene = cldit.parse_scene({**SCENE, "transport": transport})
+        run = cldit.simulate(scene, device=device)
+        out[method] = np.stack(list(run.weights.images.values()))
+    return out
+
+
+if __name__ == "__main__":
+    with open_device(os.environ.get("CLDIT_TEST_DEVICE")) as opened:
+        arrays: dict[str, Any] = {**weights(opened), "platform": opened.info.platform}
+        np.savez(Path(sys.argv[1]), **arrays)

@@ -1,0 +1,116 @@
+"""Another OpenCL beside PoCL: Intel's runtime for CPUs, which pip installs (extra `dev`).
+
+Drivers differ in what they keep between runs, so scenes run on an empty cache and on a full one.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cldit.gpu.device import Device
+from tests.small_scenes import weights
+
+ROOT = Path(__file__).resolve().parents[2]
+KERNELS = ("random", "headers", "extinction", "image", "build", "interface_radiance")
+
+
+@pytest.fixture(scope="module")
+def intel(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Environment of a process that sees Intel's runtime and has caches of its own."""
+    try:
+        files = distribution("intel-opencl-rt").files or []
+    except PackageNotFoundError:
+        pytest.skip("intel-opencl-rt is not installed; pip has it for Linux on x86-64")
+    [library] = [Path(str(each.locate())).resolve() for each in files
+                 if each.name == "libintelocl.so"]  # fmt: skip
+    drivers = tmp_path_factory.mktemp("drivers")
+    (drivers / "intel.icd").write_text(f"{library}\n")
+    found = os.pathsep.join([str(library.parent), os.environ.get("LD_LIBRARY_PATH", "")])
+    return {
+        **os.environ,
+        "OCL_ICD_VENDORS": str(drivers),
+        "LD_LIBRARY_PATH": found.rstrip(os.pathsep),
+        "XDG_CACHE_HOME": str(tmp_path_factory.mktemp("cache")),
+        "CLDIT_TEST_DEVICE": "Intel(R) OpenCL",
+    }
+
+
+def run(environment: dict[str, str], *arguments: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+
+
+def traced(environment: dict[str, str], out: Path) -> dict[str, NDArray[Any]]:
+    run(environment, "tests.small_scenes", str(out))
+    with np.load(out) as stored:
+        found = dict(stored)
+    assert found.pop("platform") == "Intel(R) OpenCL"
+    return found
+
+
+def test_scenes_agree_with_pocl_on_a_cold_and_a_warm_cache(
+    intel: dict[str, str], device: Device, tmp_path: Path
+) -> None:
+    """The second run loads binaries, and gives the same bits.
+
+    Compilers may fuse a multiplication and an addition, and their exp is good to 3 ulp; a line of
+    sight crosses some 64 cells: 64 x 4 ulp of the largest weight. Chains of path tracing may part
+    at a rounding, in few pixels; the mean of the image hardly changes.
+    """
+    cold = traced(intel, tmp_path / "cold.npz")
+    programs = Path(intel["XDG_CACHE_HOME"]) / "cldit" / "programs"
+    kept = {path: path.stat().st_mtime_ns for path in programs.glob("*.program")}
+    assert len(kept) > 3
+    warm = traced(intel, tmp_path / "warm.npz")
+    assert {path: path.stat().st_mtime_ns for path in programs.glob("*.program")} == kept
+    for method, expected in weights(device).items():
+        np.testing.assert_array_equal(warm[method], cold[method])
+        largest = np.abs(expected).max(axis=(1, 2), keepdims=True)
+        assert np.all(largest > 0)
+        apart = np.abs(cold[method] - expected.astype(float)) / largest
+        assert np.mean(apart > 64 * 4 * np.finfo(np.float32).eps) < 0.02, method
+        mean, wanted = (each.mean(axis=(1, 2), dtype=float) for each in (cold[method], expected))
+        np.testing.assert_allclose(mean, wanted, rtol=1e-3, err_msg=method)
+
+
+@pytest.mark.parametrize(
+    "names", [KERNELS, pytest.param((), marks=pytest.mark.slow)], ids=["some", "all"]
+)
+def test_kernels_pass(intel: dict[str, str], names: tuple[str, ...]) -> None:
+    """On each fresh process; all of them in the second tier."""
+    files = [f"tests/kernels/test_{name}.py" for name in names] or ["tests/kernels"]
+    run(intel, "pytest", "-q", "-x", "-p", "no:xdist", "-p", "no:cacheprovider", *files)
+
+
+def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Path) -> None:
+    """A program's file that is cut, as by a power failure, costs time only."""
+    code = (
+        "from cldit.gpu.device import open_device; from cldit.gpu.program import build; "
+        "program = build(open_device('Intel(R) OpenCL'), 'roofline.cl', {'SIMD_WIDTH': 8}); "
+        "assert [name for name, _ in program.built.arguments['copy']] == ['out', 'in']"
+    )
+    environment = intel | {"XDG_CACHE_HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    [path] = (tmp_path / "cldit" / "programs").glob("*.program")
+    whole = path.read_bytes()
+    for damaged in (whole[:-1], b"00000000" + whole[8:]):
+        path.write_bytes(damaged)
+        subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+        assert len(path.read_bytes()) == len(whole)
+        assert path.read_bytes()[:8] != b"00000000"
