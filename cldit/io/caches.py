@@ -1,9 +1,7 @@
 """The one place for caches: cldit's own, and those of the libraries that it uses.
 
-Containers and clusters run programs as users without a home that can be written. PoCL then says
-that there is no platform, pyopencl ends with an AttributeError, numba refuses to compile. So the
-folders are tried before any of them is imported, and where they cannot be written all caches go
-into one temporary folder, and a line says so.
+Users of containers and clusters may have no home that can be written, and libraries fail there. So
+folders are tried before libraries are imported, and replaced by a temporary one, with a warning.
 """
 
 from __future__ import annotations
@@ -12,6 +10,7 @@ import logging
 import os
 import stat
 import tempfile
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -19,6 +18,7 @@ import platformdirs
 
 from cldit.errors import FileError
 
+_LOG = logging.getLogger("cldit")
 _PROBE_BYTES = 4096  # a full disk has room for a name, not for content
 _POCL_BYTES = 4_000_000  # of a scene's kernels, several times over
 
@@ -37,27 +37,20 @@ def pocl_cache() -> Path:
 
 @cache
 def use_caches() -> None:
-    """Gives every library a folder for its cache that can be written; once a process.
+    """Gives every library a folder for its cache that can be written; once in a process.
 
-    A folder that can be written, or that the user named, stays as it is.
-
-    Raises:
-        FileError: there is no such folder, not even a temporary one.
+    Folders that can be written stay as they are. Raises FileError if no folder can be.
     """
     own = _own()
     if not _can_be_written(own):
         place = _temporary(own)
         os.environ["XDG_CACHE_HOME"] = str(place)
-        logging.getLogger("cldit").warning(
-            "%s: caches cannot be kept here, so they are in %s; XDG_CACHE_HOME names another "
-            "folder",
-            own,
-            place,
-        )
+        message = "%s: caches cannot be kept here, so they are in %s; or set XDG_CACHE_HOME"
+        _LOG.warning(message, own, place)
     moved, root = _own() != own, _own().parent
-    config = Path(platformdirs.user_config_dir("matplotlib", appauthor=False))
     _choose("POCL_CACHE_DIR", root / "pocl", own, size=_POCL_BYTES)
-    _choose("MPLCONFIGDIR", config, own)
+    config = platformdirs.user_config_dir("matplotlib", appauthor=False)
+    _choose("MPLCONFIGDIR", Path(config), own)
     if moved or "NUMBA_CACHE_DIR" in os.environ:  # else numba writes beside the code
         os.environ.setdefault("NUMBA_CACHE_DIR", str(root / "numba"))
         _choose("NUMBA_CACHE_DIR", root / "numba", own)
@@ -70,30 +63,23 @@ def _choose(name: str, usual: Path, own: Path, *, size: int = _PROBE_BYTES) -> N
     if _can_be_written(refused, size):
         return
     near = (usual, _own().parent / name.lower())
-    place = next((folder for folder in near if _can_be_written(folder, size)), None)
-    if place is None:
-        place = _temporary(own, size) / name.lower()
+    found = next((folder for folder in near if _can_be_written(folder, size)), None)
+    place = found or _temporary(own, size) / name.lower()
     os.environ[name] = str(place)
     if given is not None or name == "POCL_CACHE_DIR":
-        logging.getLogger("cldit").warning(
-            "%s: %s cannot be written or is full, so this cache is in %s", name, refused, place
-        )
+        message = "%s: %s cannot be written or is full, so this cache is in %s"
+        _LOG.warning(message, name, refused, place)
 
 
 def _own() -> Path:
     """On all systems: a folder named in XDG_CACHE_HOME goes before the system's own."""
     named = os.environ.get("XDG_CACHE_HOME")
-    if named:
-        return Path(named) / "cldit"
-    return Path(platformdirs.user_cache_dir("cldit", appauthor=False))
+    usual = platformdirs.user_cache_dir("cldit", appauthor=False)
+    return Path(named) / "cldit" if named else Path(usual)
 
 
 def probe(folder: Path, size: int) -> None:
-    """Writes `size` bytes into a folder, which is made if need be, and removes them.
-
-    Raises:
-        OSError: it cannot be written, or has no room for them.
-    """
+    """Writes `size` bytes into a folder and removes them; raises OSError without room for them."""
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=folder) as stream:
         stream.write(bytes(size))
@@ -101,11 +87,10 @@ def probe(folder: Path, size: int) -> None:
 
 
 def _can_be_written(folder: Path, size: int = _PROBE_BYTES) -> bool:
-    try:
+    with suppress(OSError, ValueError):
         probe(folder, size)
-    except (OSError, ValueError):
-        return False
-    return True
+        return True
+    return False
 
 
 def _temporary(own: Path, size: int = _PROBE_BYTES) -> Path:
@@ -118,12 +103,10 @@ def _temporary(own: Path, size: int = _PROBE_BYTES) -> Path:
         mine = mine and status.st_uid == getattr(os, "getuid", lambda: status.st_uid)()
         if not mine and os.name != "nt":
             place = Path(tempfile.mkdtemp(prefix="cldit-cache-"))
-        reason = "" if _can_be_written(place, size) else f"{place} cannot be written or is full"
+        probe(place, size)
     except OSError as error:
-        reason = error.strerror or str(error)
-    if reason:
         raise FileError(
-            f"{own}: caches cannot be kept here, nor in a temporary folder ({reason}); make room, "
-            "or set XDG_CACHE_HOME to a folder for caches"
-        )
+            f"{own}: caches cannot be kept here, nor in a temporary folder "
+            f"({error.strerror or error}); make room, or set XDG_CACHE_HOME to a folder for caches"
+        ) from error
     return place
