@@ -1,5 +1,5 @@
-/* Cells that the lines of sight cross, and how many of these are not empty, for `cldit bench`: the
-   traversal of image.cl without the radiance. */
+/* Cells that the lines of sight cross, and how many of these are not empty: the traversal of
+   image.cl without the radiance. */
 
 #include "boundary.h"
 #include "ray.h"

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
 from cldit.acquisition.plan import Plan
-from cldit.bench.evaluation_bias import Recorded, Shot
 from cldit.camera.calibration import Calibration
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.scene.vessel import Window
+from tests.verify.evaluation_bias import Recorded, Shot
 
 Floats = NDArray[np.float64]
 

@@ -1,17 +1,6 @@
-"""What this computer can do: error against run time, growth, memory, the kernels' roofline."""
+"""Error of T_app against run time, of whole runs and of single traces, on this machine."""
 
-# In the order of the page.
-PARTS = (
-    "budget", "error", "growth", "memory", "leave-out", "roofline", "solver", "rays", "ablation",
-    "import",
-    "mitsuba",
-)  # fmt: skip
-
-ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)
-"""What `source` is asked for where nothing else is said."""
-
-ASKED_K = (4.0, 2.0, 1.0, 0.5)
-"""Errors of the picture that `budget` asks for where nothing else is said."""
-
-BUDGET_SCENES = ("gdi", "gdi-flow", "droplets-only", "even-grid", "random-grid")
-"""Scenes of which `budget` has true pictures."""
+PARTS = ("budget", "error")
+ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)  # default accuracies of `source` in `error`
+ASKED_K = (4.0, 2.0, 1.0, 0.5)  # default tolerances of `budget`
+BUDGET_SCENES = ("gdi", "gdi-flow", "droplets-only", "even-grid", "random-grid")  # with a reference

@@ -1,4 +1,4 @@
-"""Scenes of the budget's benchmark, and the pictures that count as true."""
+"""Scenes of `budget` and their reference images."""
 
 from __future__ import annotations
 
@@ -9,24 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.bench.case import BenchError
 from cldit.scene import Scene, load_scene, parse_scene
 
 Floats = NDArray[np.float64]
 
 FOLDER = Path(__file__).parent / "references"
-_RAYS = {1000: 1}  # else 16: pixels larger than the paper's hide much of the spray within them
-_STEP_K = 0.01  # of stored temperatures, in 16 bits
+_RAYS = {1000: 1}  # else 16: much of the spray is smaller than a large pixel
+STEP_K = 0.01  # of stored temperatures, in 16 bits
 
 
 def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
-    """A scene whose keys are left to the plan.
-
-    Args:
-        name: one of `BUDGET_SCENES`.
-        pixels: along an edge.
-        folder: of files that the scene needs.
-    """
+    """Scene of `BUDGET_SCENES` with free resolution, `pixels` along an edge; files in `folder`."""
     data: dict[str, Any] = {
         "camera": {"pixels": [pixels, pixels], "rays_per_pixel": _RAYS.get(pixels, 16)}
     }
@@ -42,8 +35,8 @@ def budget_scene(name: str, *, pixels: int, folder: Path) -> Scene:
 
 
 def _grid(name: str, folder: Path) -> dict[str, Any]:
-    """24^3 voxels that absorb and scatter, before a hot disc: all alike, or each with its own
-    depth, of 0.02 to 0.5, and albedo."""
+    """24^3 absorbing and scattering voxels in front of a hot disc, uniform or with random depth, of
+    0.02 to 0.5, and albedo."""
     edge, voxels = 0.12, 24
     shape = (voxels,) * 3
     extinction, albedo = np.full(shape, 15.0), np.full(shape, 2 / 3)
@@ -74,46 +67,19 @@ def _grid(name: str, folder: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Reference:
-    """A converged picture.
-
-    temperature_K: (H, W), NaN where there is none. error_K: RMS of its own, estimated.
-    """
+    """Converged image. temperature_K: (H, W), NaN where T_app is undefined. error_K: its own
+    estimated RMS error."""
 
     temperature_K: Floats
     error_K: float
 
-    def save(self, name: str, folder: Path = FOLDER) -> Path:
-        """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits, and returns its path.
-
-        Args:
-            name: of the scene.
-            folder: is made where it is missing.
-
-        Raises:
-            BenchError: a temperature is too high for 16 bits.
-        """
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{name}-{len(self.temperature_K)}.npz"
-        known = np.isfinite(self.temperature_K)
-        steps = np.where(known, np.round(np.nan_to_num(self.temperature_K) / _STEP_K), 0)
-        if steps.max() > np.iinfo(np.uint16).max:
-            raise BenchError(f"{name}: {steps.max() * _STEP_K:.4g} K; at most 655 K are stored")
-        np.savez_compressed(path, steps=steps.astype(np.uint16), error_K=self.error_K)
-        return path
-
     @classmethod
     def load(cls, name: str, *, pixels: int, folder: Path = FOLDER) -> Reference | None:
-        """Reads one; None where there is none of so many pixels.
-
-        Args:
-            name: of the scene.
-            pixels: along an edge.
-            folder: that `save` wrote to.
-        """
+        """Reference of a scene with `pixels` along an edge; None if `folder` has none."""
         path = folder / f"{name}-{pixels}.npz"
         if not path.is_file():
             return None
         with np.load(path) as data:
             steps = data["steps"]
-            temperature_K = np.where(steps > 0, steps * _STEP_K, np.nan)
+            temperature_K = np.where(steps > 0, steps * STEP_K, np.nan)
             return cls(temperature_K, float(data["error_K"]))

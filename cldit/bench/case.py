@@ -1,4 +1,4 @@
-"""A scene made ready to be traced at many settings, and what a trace of it costs."""
+"""Scene prepared to be traced with many settings, and the cost of each trace."""
 
 from __future__ import annotations
 
@@ -30,20 +30,22 @@ Say = Callable[[str], None]
 
 
 class BenchError(ClditError):
-    """A measurement that cannot be made."""
+    """Measurement that cannot be made."""
 
 
 @dataclass(frozen=True)
 class Cost:
-    """core_s: CPU seconds of this process over all cores; on a GPU, where the process only waits,
-    wall seconds. Compilation is in neither."""
+    """Cost of a trace without compilation.
+
+    core_s: CPU seconds of this process, all cores; wall seconds on a GPU.
+    """
 
     core_s: float
     wall_s: float
 
 
 def clocked(device: Device, work: Callable[[], Any]) -> tuple[Any, Cost]:
-    """What `work` returns, and what it costs on `device`."""
+    """Result of `work` and its cost on `device`."""
     wall, cpu = time.perf_counter(), time.process_time()
     result = work()
     device.queue.finish()
@@ -53,58 +55,38 @@ def clocked(device: Device, work: Callable[[], Any]) -> tuple[Any, Cost]:
 
 
 def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
-    """The scene with keys of some sections replaced, checked again."""
+    """Scene with keys of some sections replaced, validated again."""
     data = scene.model_dump(mode="json")
     for section, keys in sections.items():
         data[section].update(keys)
     return parse_scene(data, source="bench")
 
 
-def halved(scene: Scene) -> Scene:
-    """The scene at half its resolution in space and picture."""
-    return changed(
-        scene,
-        domain={"leaf_edge_m": 2 * scene.domain.leaf_m},
-        camera={"pixels": [max(pixels // 2, 1) for pixels in scene.camera.pixels]},
-    )
-
-
 def one_pixel(scene: Scene) -> Scene:
-    """The scene with the one pixel in the corner: what a trace costs without a picture."""
-    size = [edge / n for edge, n in zip(scene.camera.field_m, scene.camera.pixels, strict=True)]
+    """Scene with only the pixel in the corner, to time a trace without its image."""
+    camera = scene.camera
+    width, height = (edge / n for edge, n in zip(camera.field_m, camera.pixels, strict=True))
     x, y, z = scene.target_m
-    return scene.model_copy(
-        update={
-            "camera": scene.camera.model_copy(
-                update={
-                    "pixels": (1, 1),
-                    "field_m": tuple(size),
-                    "target_m": (
-                        x - scene.camera.field_m[0] / 2 + size[0] / 2,
-                        y,
-                        z + scene.camera.field_m[1] / 2 - size[1] / 2,
-                    ),
-                }
-            )
-        }
-    )
+    corner = (x - camera.field_m[0] / 2 + width / 2, y, z + camera.field_m[1] / 2 - height / 2)
+    one = {"pixels": (1, 1), "field_m": (width, height), "target_m": corner}
+    return scene.model_copy(update={"camera": camera.model_copy(update=one)})
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Every n-th pixel of a picture, in the middle of its block: `every` across and down, odd.
+    """Every n-th pixel of an image, in the middle of its block: `every` across and down, odd.
 
-    The line of sight of each is that of the pixel in the whole picture.
+    Lines of sight are those of the same pixels in the whole image.
     """
 
     every: tuple[int, int]
 
     def __post_init__(self) -> None:
         if min(self.every) < 1 or not all(n % 2 for n in self.every):
-            raise BenchError(f"every: {self.every} pixels; allowed are odd numbers from 1")
+            raise BenchError(f"every: {self.every} pixels; allowed: odd numbers from 1")
 
     def _along(self, pixels: int, every: int) -> tuple[int, int]:
-        """How many pixels, and the first."""
+        """Number of pixels, and index of the first."""
         count = pixels // every
         count -= (pixels - count) % 2  # both even or both odd: else they lie between pixels
         if count < 1:
@@ -112,7 +94,7 @@ class Lattice:
         return count, (every - 1) // 2 + (pixels - count * every) // 2
 
     def of(self, scene: Scene) -> Scene:
-        """The scene with these pixels only."""
+        """Scene with these pixels only."""
         pixels, field = scene.camera.pixels, scene.camera.field_m
         counts = [self._along(n, k)[0] for n, k in zip(pixels, self.every, strict=True)]
         kept = [
@@ -122,7 +104,7 @@ class Lattice:
         return changed(scene, camera={"pixels": counts, "field_m": kept})
 
     def numbers(self, scene: Scene) -> tuple[list[int], list[int]]:
-        """Columns and rows of the whole picture that these pixels lie in."""
+        """Columns and rows of these pixels in the whole image."""
         found = []
         for n, every in zip(scene.camera.pixels, self.every, strict=True):
             count, first = self._along(n, every)
@@ -130,20 +112,20 @@ class Lattice:
         return found[0], found[1]
 
     def pick(self, scene: Scene, weights: Weights) -> Weights:
-        """These pixels of a picture of `scene` out of the whole picture's `weights`."""
+        """Weights of these pixels, from the `weights` of the whole image of `scene`."""
         columns, rows = self.numbers(scene)
         where = np.ix_(rows, columns)
         return weights.map(lambda image: image[where])
 
     def share(self, scene: Scene) -> float:
-        """Part of the whole picture's pixels."""
+        """Fraction of the pixels of the whole image."""
         columns, rows = self.of(scene).camera.pixels
         return columns * rows / float(np.prod(scene.camera.pixels))
 
 
 @dataclass(frozen=True)
 class Case:
-    """A scene's medium at one wavelength: the only one, or the middle node of several."""
+    """Medium of a scene at one wavelength: the only one, or the middle node of several."""
 
     scene: Scene
     device: Device
@@ -151,22 +133,22 @@ class Case:
 
     @classmethod
     def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
-        """Makes the medium of `scene`, to be traced on `device`; tables are kept in `cache`."""
+        """Medium of `scene` on `device`; tables are kept in `cache`."""
         return cls(scene, device, make_medium(scene, device, Stages(None), cache))
 
     @property
     def tree(self) -> Octree:
-        """The octree of the middle wavelength."""
+        """Octree of the middle wavelength."""
         return self.medium.trees[len(self.medium.trees) // 2]
 
     @property
     def phase(self) -> ScatteringTable | None:
-        """The droplets' mean phase function at that wavelength, where the scene asks for it."""
+        """Mean phase function of the droplets at that wavelength, if the scene uses it."""
         phases = self.medium.properties.phases
         return phases[len(phases) // 2]
 
     def seen(self, scene: Scene) -> Case:
-        """The same medium by another camera, or traced otherwise."""
+        """Same medium with another camera or other transport keys."""
         return replace(self, scene=scene)
 
     def settings(self, **transport: Any) -> Settings:
@@ -174,8 +156,7 @@ class Case:
         return settings_for(changed(self.scene, transport=transport), self.phase)
 
     def run(self, settings: Settings) -> tuple[Trace, Cost]:
-        """The trace and its cost. What is built for the first time on this machine should be run
-        before, for drivers compile at the first launch."""
+        """Trace and its cost. Run new settings once before, as drivers compile at first launch."""
         result, cost = clocked(
             self.device, lambda: trace(self.tree, self.scene, self.device, settings)
         )

@@ -1,37 +1,49 @@
-"""Error against run time of every method, on one scene and machine, in one run."""
+"""Error against run time of the methods of the transport, on one scene."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.bench import ACCURACIES_K
-from cldit.bench.case import BenchError, Case, Cost, Lattice, Say, one_pixel
+from cldit.bench.case import BenchError, Case, Cost, Lattice, Say, changed, one_pixel
+from cldit.bench.report import Part, Table, number
+from cldit.gpu.device import Device
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
+from cldit.scene import Scene
+from cldit.show.figures.sheet import figure_of
 from cldit.transport.trace import Settings
 
 Floats = NDArray[np.float64]
 
-SAMPLES = (128, 256, 512)  # of `path`, a pixel
-PLAIN_K = 0.3  # of `source` with one source in thick cells too
+SAMPLES = (128, 256, 512)  # of `path`, per pixel
+PLAIN_K = 0.3  # accuracy of `source` without final gather
 REFERENCE_SAMPLES = 512  # of both halves together
 _REFERENCE_SEEDS = (7001, 7002)
+_STYLES = {
+    "source": ("o", "tab:blue"),
+    "source, no gather": ("D", "tab:cyan"),
+    "path": ("s", "tab:orange"),
+}
+_HEAD = ("pixels traced", "core-s", "wall s", "core-s, whole image", "T_app RMS, K", "largest, K",
+    "estimated, K")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A converged `path` picture in two independent halves.
+    """Converged `path` image in two independent halves.
 
-    temperature_K: (H, W) T_app of either half. visible: (H, W) pixels that are compared. noise_K:
+    temperature_K: (H, W) T_app of each half. visible: (H, W) pixels that are compared. noise_K:
     RMS over pixels of the standard error of their mean.
     """
 
-    halves: tuple[Weights, Weights]
     temperature_K: tuple[Floats, Floats]
     visible: NDArray[np.bool_]
     noise_K: float
@@ -39,16 +51,10 @@ class Truth:
 
     @classmethod
     def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
-        """Makes the reference by path tracing, whatever the scene's method is.
-
-        Args:
-            case: to be traced.
-            samples: a pixel, in both halves together.
-            phase: phase function.
-            order: of scattering; None is all orders.
+        """Reference by path tracing; `samples` per pixel in both halves together.
 
         Raises:
-            BenchError: nothing in the picture can be compared.
+            BenchError: no pixel can be compared.
         """
         half = path_settings(case, samples // 2, phase=phase, order=order)
         first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)
@@ -59,150 +65,95 @@ class Truth:
         )
         if not visible.any():
             raise BenchError(
-                f"scene {case.scene.name}: no pixel before the background has an emissivity above "
-                f"{VISIBLE_EMISSIVITY:g}; there is nothing to compare"
+                f"scene {case.scene.name}: no pixel in front of the background has an emissivity "
+                f"above {VISIBLE_EMISSIVITY:g}; there is nothing to compare"
             )
         noise = float(np.sqrt(np.mean((temperature_K[0] - temperature_K[1])[visible] ** 2))) / 2
-        return cls((first, second), temperature_K, visible, noise, samples)
+        return cls(temperature_K, visible, noise, samples)
 
-    def rms(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
-        """RMS over the visible pixels of `image` (H, W) minus the truth, without the truth's noise.
+    def rms(self, temperature_K: Floats) -> float:
+        """RMS error of T_app (H, W) over the visible pixels, without the noise of the truth.
 
-        `pair` are two independent halves (H, W) of the truth: the mean of (x - a)(x - b) holds
-        nothing of their noise.
+        The halves a and b are independent, so their noise cancels in the mean of (x - a)(x - b).
         """
-        return self._root((image - pair[0]) * (image - pair[1]))
-
-    def common(self, one: Floats, other: Floats) -> float:
-        """RMS of what two independent images (H, W), `one` and `other`, have wrong alike."""
         a, b = self.temperature_K
-        return self._root(((one - a) * (other - b) + (one - b) * (other - a)) / 2)
+        products = ((temperature_K - a) * (temperature_K - b))[self.visible]
+        return float(np.sqrt(max(float(np.nanmean(products)), 0.0)))
 
-    def _root(self, products: Floats) -> float:
-        """Root of the mean over the visible pixels, which noise may have below 0."""
-        return float(np.sqrt(max(float(np.nanmean(products[self.visible])), 0.0)))
-
-    def most(self, image: Floats, pair: tuple[Floats, Floats]) -> float:
-        """Largest difference of `image` (H, W) from the mean of `pair`, its noise included."""
-        return float(np.nanmax(np.abs(image - (pair[0] + pair[1]) / 2)[self.visible]))
+    def largest(self, temperature_K: Floats) -> float:
+        """Largest difference of T_app (H, W) from the truth, noise included."""
+        a, b = self.temperature_K
+        return float(np.nanmax(np.abs(temperature_K - (a + b) / 2)[self.visible]))
 
 
 @dataclass(frozen=True)
 class Row:
-    """One method at one setting.
+    """One method with one setting.
 
-    traced: share of the picture's pixels that were traced. picture_core_s: for all of them, linear
-    in the pixels but for what does not depend on them. rms_*, max_*: against the truth, of all
-    orders. of_order_K: RMS against `path` of the same order; left_K: what is left of that however
-    often the run is repeated, where that was found.
-    stated_K: the error that the trace itself estimates, where it does.
+    traced: fraction of the pixels that were traced. picture_core_s: for all of them, linear in the
+    pixels but for the part that does not depend on them. stated_K: error that the trace itself
+    estimates, if it does.
     """
 
     method: str
     label: str
     phase: str
-    order: int | None
     traced: float
     core_s: float
     wall_s: float
     picture_core_s: float
     rms_K: float
     max_K: float
-    rms_background: float
-    max_background: float
-    rms_wall: float
-    max_wall: float
     stated_K: float | None = None
-    of_order_K: float | None = None
-    left_K: float | None = None
 
 
 def path_settings(
     case: Case, samples: int, *, phase: Any, order: int | None = None, seed: int = 11
 ) -> Settings:
-    """Settings of path tracing with a fixed number of samples, whatever the error.
-
-    Args:
-        case: to be traced.
-        samples: a pixel.
-        phase: phase function.
-        order: of scattering; None is all orders.
-        seed: of the paths.
-    """
+    """Settings of path tracing with a fixed number of samples, whatever the error."""
     settings = case.settings(
         method="path", phase=phase, order=order, max_samples=max(samples, 128), seed=seed
     )
     return replace(settings, accuracy_K=0.0)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """The whole picture, and the part of it that is compared, with its truth."""
+def _row(
+    method: str,
+    label: str,
+    weights: Weights,
+    cost: Cost,
+    stated: Weights | None,
+    *,
+    part: Case,
+    truth: Truth,
+    phase: str,
+    traced: float = 1.0,
+    fixed_core_s: float = 0.0,
+) -> Row:
+    """Comparison of one trace with the truth.
 
-    case: Case
-    lattice: Lattice
-    truth: Truth
-    phase: str
-
-    @property
-    def part(self) -> Case:
-        """The case with the lattice's pixels alone."""
-        return self.case.seen(self.lattice.of(self.case.scene))
-
-    def row(
-        self,
-        method: str,
-        label: str,
-        weights: Weights,
-        cost: Cost,
-        *,
-        fixed_core_s: float | None = None,
-        order: int | None = None,
-        stated: Weights | None = None,
-    ) -> Row:
-        """Compares one trace with the truth.
-
-        Args:
-            method, label: names in tables.
-            weights: of the part.
-            cost: of the trace.
-            fixed_core_s: what a trace costs without a picture, where the part alone was traced;
-                None where the whole picture was.
-            order: of scattering; None is all orders.
-            stated: the trace's own error, of the part.
-        """
-        truth, traced, picture_core_s = self.truth, 1.0, cost.core_s
-        if fixed_core_s is not None:
-            traced = self.lattice.share(self.case.scene)
-            picture_core_s = fixed_core_s + max(cost.core_s - fixed_core_s, 0.0) / traced
-        temperature_K = self.part.temperature_K(weights)
-        one, other = truth.halves
-        background = one.background.astype(float), other.background.astype(float)
-        wall = one.wall.astype(float), other.wall.astype(float)
-        error_K = None
-        if stated is not None:
-            shifted = Weights.of(
-                {name: v + stated.images[name] for name, v in weights.images.items()}
-            )
-            change = (self.part.temperature_K(shifted) - temperature_K)[truth.visible]
-            error_K = float(np.sqrt(np.nanmean(change**2)))
-        return Row(
-            method=method,
-            label=label,
-            phase=self.phase,
-            order=order,
-            traced=traced,
-            core_s=cost.core_s,
-            wall_s=cost.wall_s,
-            picture_core_s=picture_core_s,
-            rms_K=truth.rms(temperature_K, truth.temperature_K),
-            max_K=truth.most(temperature_K, truth.temperature_K),
-            rms_background=truth.rms(weights.background.astype(float), background),
-            max_background=truth.most(weights.background.astype(float), background),
-            rms_wall=truth.rms(weights.wall.astype(float), wall),
-            max_wall=truth.most(weights.wall.astype(float), wall),
-            stated_K=error_K,
-        )
+    `weights` and their estimated error `stated` are of the compared pixels, the scene of `part`. If
+    only these were traced, `traced` is their fraction and `fixed_core_s` the cost of a trace
+    without an image.
+    """
+    temperature_K = part.temperature_K(weights)
+    error_K = None
+    if stated is not None:
+        shifted = {name: image + stated.images[name] for name, image in weights.images.items()}
+        change = (part.temperature_K(Weights.of(shifted)) - temperature_K)[truth.visible]
+        error_K = float(np.sqrt(np.nanmean(change**2)))
+    return Row(
+        method=method,
+        label=label,
+        phase=phase,
+        traced=traced,
+        core_s=cost.core_s,
+        wall_s=cost.wall_s,
+        picture_core_s=fixed_core_s + max(cost.core_s - fixed_core_s, 0.0) / traced,
+        rms_K=truth.rms(temperature_K),
+        max_K=truth.largest(temperature_K),
+        stated_K=error_K,
+    )
 
 
 def bench_error(
@@ -215,65 +166,134 @@ def bench_error(
     samples: Sequence[int] = SAMPLES,
     reference_samples: int = REFERENCE_SAMPLES,
 ) -> tuple[list[Row], Truth]:
-    """`source` to several accuracies, and `path` with several numbers of samples.
+    """Rows of `source` with several accuracies and of `path` with several numbers of samples.
 
-    `source` makes the whole picture; it is compared on the lattice's pixels. `path` traces those
-    alone.
-
-    Args:
-        case: to be traced.
-        phase: phase function.
-        lattice: pixels to compare.
-        say: takes lines of progress.
-        accuracies_K: asked of `source`.
-        samples: of `path`, a pixel.
-        reference_samples: of the reference, a pixel.
-
-    Returns:
-        The rows, and the reference.
+    `source` makes the whole image, of which the pixels of the lattice are compared; `path` and the
+    reference trace those pixels alone.
     """
-    part = case.seen(lattice.of(case.scene))
+    part, share = case.seen(lattice.of(case.scene)), lattice.share(case.scene)
     empty = case.seen(one_pixel(case.scene))
-    say(f"{phase}: reference, {reference_samples} samples in {lattice.share(case.scene):.3g} of it")
+    say(f"{phase}: reference, {reference_samples} samples in {share:.3g} of the pixels")
     truth = Truth.of(part, samples=reference_samples, phase=phase)
-    say(f"{phase}: reference is good to {truth.noise_K:.3f} K")
-    bench = Compared(case, lattice, truth, phase)
+    say(f"{phase}: error of the reference {truth.noise_K:.3f} K")
     rows: list[Row] = []
 
-    def add(row: Row) -> None:
-        rows.append(row)
+    def add(method: str, label: str, weights: Weights, cost: Cost, **more: Any) -> None:
+        rows.append(_row(method, label, weights, cost, part=part, truth=truth, phase=phase, **more))
+        row = rows[-1]
         say(f"{phase}: {row.label}: {row.picture_core_s:.4g} core-s, {row.rms_K:.3f} K RMS")
 
     case.run(case.settings(phase=phase, accuracy_K=100.0))  # builds
-    solved = [(f"source, {k:g} K", {"accuracy_K": k}) for k in accuracies_K]
-    solved += [(f"source, no gather, {PLAIN_K:g} K", {"accuracy_K": PLAIN_K, "gather": False})]
-    for label, transport in solved:
+    solved = [("source", f"source, {k:g} K", {"accuracy_K": k}) for k in accuracies_K]
+    plain = {"accuracy_K": PLAIN_K, "gather": False}
+    solved.append(("source, no gather", f"source, no gather, {PLAIN_K:g} K", plain))
+    for method, label, transport in solved:
         result, cost = case.run(case.settings(phase=phase, audit=False, **transport))
-        difference = result.weights_difference
-        add(
-            bench.row(
-                "source" if "gather" not in transport else "source, no gather",
-                label,
-                lattice.pick(case.scene, result.weights),
-                cost,
-                stated=None if difference is None else lattice.pick(case.scene, difference),
-            )
-        )
-    methods = [
-        ("path", f"path, {count} samples", path_settings(case, count, phase=phase))
-        for count in samples
-    ]
-    for method, label, settings in methods:
+        error = result.weights_difference
+        stated = None if error is None else lattice.pick(case.scene, error)
+        weights = lattice.pick(case.scene, result.weights)
+        add(method, label, weights, cost, stated=stated)
+    for count in samples:
+        settings = path_settings(case, count, phase=phase)
         fixed = empty.run(settings)[1].core_s
         result, cost = part.run(settings)
-        add(
-            bench.row(
-                method,
-                label,
-                result.weights,
-                cost,
-                fixed_core_s=fixed,
-                stated=result.weights_difference,
-            )
-        )
+        more = {"stated": result.weights_difference, "traced": share, "fixed_core_s": fixed}
+        add("path", f"path, {count} samples", result.weights, cost, **more)
     return rows, truth
+
+
+def error(
+    scene: Scene,
+    device: Device,
+    *,
+    cache: Path,
+    lattice: Lattice,
+    say: Say,
+    save: Callable[[Part], None],
+    accuracies_K: Sequence[float] = ACCURACIES_K,
+    reference_samples: int = REFERENCE_SAMPLES,
+) -> Part:
+    """Measures isotropic scattering and, if droplets have diameters, Mie's phase function.
+
+    `save` takes the unfinished part after each phase function.
+    """
+    mie = ["mie"] if scene.spray.model not in ("none", "grid") else []
+    fixed = {"method": "source", "order": None, "accuracy_K": 0.1}
+    prepared = changed(scene, transport={"phase": mie[0] if mie else "isotropic", **fixed})
+    case = Case.of(prepared, device, cache=cache)
+    rows, truths = [], {}
+    for phase in ["isotropic", *mie]:
+        more, truths[phase] = bench_error(
+            case, phase=phase, lattice=lattice, say=say,
+            accuracies_K=accuracies_K, reference_samples=reference_samples,
+        )  # fmt: skip
+        rows += more
+        save(error_part(scene, rows, truths))
+    return error_part(scene, rows, truths)
+
+
+def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> Part:
+    """Tables and figure of every phase function in `truths`."""
+    tables, text = [], []
+    for phase, truth in truths.items():
+        lines = [_line(row) for row in rows if row.phase == phase]
+        tables.append(Table.of((f"{phase}: method", *_HEAD), lines))
+        text.append(
+            f"{phase}: the reference is `path` with {truth.samples} samples per pixel in two "
+            f"independent halves. Its error of {truth.noise_K:.3f} K RMS cancels in the RMS, but "
+            f"not in the largest difference. {int(truth.visible.sum())} pixels in front of the "
+            "background with an emissivity above 0.05 are compared."
+        )
+    text.append(
+        "If some of the pixels were traced, the core seconds of the whole image are extrapolated: "
+        "the cost of an image of one empty pixel, plus the rest over the fraction of the pixels."
+    )
+    return Part(
+        name="error",
+        title=f"Error against run time: {scene.name}",
+        tables=tuple(tables),
+        data={
+            "rows": [asdict(row) for row in rows],
+            "noise_K": {phase: truth.noise_K for phase, truth in truths.items()},
+        },
+        text=tuple(text),
+        figure=_figure(scene, rows),
+        alternative="RMS error of the apparent temperature against core seconds",
+    )
+
+
+def _line(row: Row) -> list[str]:
+    return [
+        row.label,
+        f"{100 * row.traced:.3g} %",
+        number(row.core_s),
+        number(row.wall_s),
+        number(row.picture_core_s) + ("" if row.traced == 1 else " (extrapolated)"),
+        f"{row.rms_K:.3f}",
+        f"{row.max_K:.2f}",
+        "-" if row.stated_K is None else f"{row.stated_K:.3f}",
+    ]
+
+
+def _figure(scene: Scene, rows: Sequence[Row]) -> Figure:
+    phases = list(dict.fromkeys(row.phase for row in rows))
+    figure = figure_of(1.0 + 4.4 * len(phases), 4.6)
+    axes: Any = figure.subplots(1, len(phases), sharey=True, squeeze=False)[0]
+    columns, height = scene.camera.pixels
+    for axis, phase in zip(axes, phases, strict=True):
+        for method, (marker, colour) in _STYLES.items():
+            line = [row for row in rows if row.method == method and row.phase == phase]
+            seconds = [row.picture_core_s for row in line]
+            errors_K = [max(row.rms_K, 1e-3) for row in line]  # the axis is logarithmic
+            axis.loglog(seconds, errors_K, f"{marker}-", color=colour, label=method)
+            for row, *at in zip(line, seconds, errors_K, strict=True):
+                label = row.label.rpartition(", ")[2]
+                axis.annotate(label, at, (4, 4), textcoords="offset points", fontsize=7)
+        axis.set_title(f"{phase} scattering" if phase == "isotropic" else phase, fontsize=10)
+        axis.set_xlabel(f"core seconds for {columns} x {height} pixels")
+        axis.grid(True, which="both", alpha=0.25)
+        axis.legend(fontsize=7.5)
+        axis.margins(x=0.25, y=0.1)
+    axes[0].set_ylabel("RMS error of the apparent temperature / K")
+    figure.suptitle(f"{scene.name}: error against run time", fontsize=11)
+    return figure

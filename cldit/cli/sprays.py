@@ -142,23 +142,10 @@ def import_command(
 @click.option("--duration", "duration_s", type=float, help="s; until it vanishes if left out.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
 @click.option("--out", type=click.Path(path_type=Path), help="Draw them into this PNG.")
-@click.option(
-    "--verification",
-    type=click.Path(path_type=Path),
-    help="Write the comparison with published data into this Markdown file, and stop.",
-)
 @plain_errors
-def droplet(
-    diameter_um: float, as_csv: bool, out: Path | None, verification: Path | None, **given: Any
-) -> None:
+def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
     cache = default_cache()
-    if verification is not None:
-        from cldit.bench.droplet.verification import page  # a benchmark
-
-        write_text(verification, page(cache))
-        OUT.print(f"{verification}")
-        return
     life = follow(diameter_m=diameter_um * 1e-6, cache=cache, **given)
     if as_csv:
         tell(life.csv(), end="")

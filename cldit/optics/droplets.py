@@ -10,7 +10,7 @@ have few diameters (`FEW`; a monodisperse spray), each of them is solved for exa
 have many, entries are means over 1 % of the diameter (a triangle of +-1 %), which change the mean
 of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those means, Q_abs of
 itself at any k (resonances narrower than the samples: `mie.efficiencies`).
-`cldit optics` prints what is found for a scene, `cldit bench optics` for k from 0 to 10.
+`cldit optics` prints what is found for a scene, `python -m tests.bench optics` for k from 0 to 10.
 """
 
 from __future__ import annotations

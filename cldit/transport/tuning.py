@@ -1,15 +1,15 @@
-"""The numbers that steer a trace: what each trades, and the command that shows it."""
+"""Numbers that steer a trace: the trade-off of each, and the measurement that shows it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Any
 
-ABLATION = "cldit bench --only ablation"
+ABLATION = "python -m tests.bench ablation"
 ERROR = "cldit bench --only error"
-MEMORY = "cldit bench --only memory"
-SOLVER = "cldit bench --only solver"
-STABILITY = "cldit bench stability"
+MEMORY = "python -m tests.bench memory"
+SOLVER = "docs/benchmarks/solver.md"
+STABILITY = "python -m tests.bench stability"
 
 
 def _number(value: Any, trades: str, shown_by: str) -> Any:
@@ -20,8 +20,8 @@ def _number(value: Any, trades: str, shown_by: str) -> Any:
 class Tuning:
     """Frozen, as all data of a trace; `Settings.tuning` holds one.
 
-    A field's metadata has `trades`, what more and less of it cost, and `shown_by`, the command that
-    shows it. Optical depths are those of a cell's edge.
+    A field's metadata has `trades`, what more and less of it cost, and `shown_by`, the command or
+    page that shows it. Optical depths are those of a cell's edge.
     """
 
     # Accuracy asked for -> ordinates and tolerance (settings_for).

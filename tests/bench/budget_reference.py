@@ -1,15 +1,12 @@
-"""Makes the converged pictures that `cldit bench --only budget` compares with.
+"""Converged reference images of `cldit bench --only budget`; minutes to hours a scene.
 
-Run by hand, minutes to hours a scene:
+    python -m tests.bench budget_reference --scene gdi --scene droplets-only --pixels 100
 
-    python tests/bench/budget_reference.py --scene gdi --scene droplets-only --pixels 100
-
-All that the plan chooses is much finer here: cells, the cone's lattice and classes, ordinates,
-wavelengths. A computed spray is the mean over many seeds, on the scene's own cells of gas: the
-error by their size, which a run does not know either, stays out. A second picture with cells and
-lattice twice as coarse says how far the reference itself is off; the effect of many classes of
-size is taken from there. Of a computed spray, pictures by either half of the seeds say how much of
-it is chance.
+All that a run chooses is much finer here: cells, lattice and size classes of the cone, ordinates,
+wavelengths. A computed spray is the mean over many seeds, on the gas grid of the scene, whose error
+is excluded. A second image with cells and lattice twice as coarse gives the error of the reference;
+the effect of many size classes is added from there. The difference between the images of two halves
+of the seeds gives the noise of a computed spray.
 """
 
 from __future__ import annotations
@@ -23,8 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from cldit.bench import BUDGET_SCENES
-from cldit.bench.budget_scenes import Reference, budget_scene
-from cldit.bench.case import changed
+from cldit.bench.budget_scenes import FOLDER, STEP_K, Reference, budget_scene
+from cldit.bench.case import BenchError, changed
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import Kernel
@@ -95,6 +92,22 @@ def mean_spray(scene: Scene, given: argparse.Namespace, seeds: Sequence[int]) ->
     return replace(sprays[0], parcels=spread, vapour=vapour)
 
 
+def save(reference: Reference, name: str, folder: Path = FOLDER) -> Path:
+    """Writes NAME-PIXELS.npz, of 0.01 K in 16 bits, and returns its path.
+
+    Raises:
+        BenchError: a temperature is too high for 16 bits.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}-{len(reference.temperature_K)}.npz"
+    known = np.isfinite(reference.temperature_K)
+    steps = np.where(known, np.round(np.nan_to_num(reference.temperature_K) / STEP_K), 0)
+    if steps.max() > np.iinfo(np.uint16).max:
+        raise BenchError(f"{name}: {steps.max() * STEP_K:.4g} K; at most 655 K are stored")
+    np.savez_compressed(path, steps=steps.astype(np.uint16), error_K=reference.error_K)
+    return path
+
+
 def picture(scene: Scene, spray: Spray | None, device: Device) -> np.ndarray:
     """T_app (H, W), NaN where it does not count."""
     maps = simulate(scene, device=device, spray=spray, progress=print).maps
@@ -144,7 +157,7 @@ def main() -> None:
             if computed:
                 chance_K = by_chance_K(finest(scene, given, coarser=2), given, device)
                 print(f"{name}: {chance_K:.2g} K RMS by chance, of {given.seeds} seeds")
-            path = Reference(fine, float(np.hypot(step_K, chance_K))).save(name)
+            path = save(Reference(fine, float(np.hypot(step_K, chance_K))), name)
             print(f"{path}: written")
 
 

@@ -2,8 +2,8 @@
 
 Run by hand:
 
-    python tests/bench/same_cells.py gdi --field 0.12 --z -0.05
-    python tests/bench/same_cells.py droplets-only --field 0.05 --z -0.02 --constant [--sharp]
+    python -m tests.bench same_cells gdi --field 0.12 --z -0.05
+    python -m tests.bench same_cells droplets-only --field 0.05 --z -0.02 --constant [--sharp]
 
 The reference's noise is taken out of the RMS, and stated beside the mean.
 """
@@ -74,7 +74,7 @@ def main() -> None:
         result, cost = case.run(replace(settings, seed=1 + seed))
         kelvin = case.temperature_K(result.weights)
         mean = float(np.mean((kelvin - (one + other) / 2)[truth.visible]))
-        rms = truth.rms(kelvin, truth.temperature_K)
+        rms = truth.rms(kelvin)
         print(f"{1 + seed:5d} {mean:+8.3f} {rms:8.3f} {cost.core_s:7.2f}", flush=True)
 
 

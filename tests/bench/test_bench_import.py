@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cldit.bench.imports.measure import CASES, Large, imports
+from tests.bench.imports import CASES, Large, imports
 
 pytest.importorskip("vtkmodules")
 

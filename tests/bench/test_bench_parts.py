@@ -1,18 +1,21 @@
-"""Growth, memory and leaving out, measured on a scene so small that only the bookkeeping counts."""
+"""Growth, memory and roofline, measured on scenes so small that only the bookkeeping counts."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import cldit
 from cldit.bench.case import Case, changed
-from cldit.bench.growth import Growth, Point, growth
-from cldit.bench.leave_out import leave_out
-from cldit.bench.memory import memory
 from cldit.gpu.device import Device
 from cldit.scene import Scene
+from cldit.transport.cells import Needs
+from tests.bench.growth import Growth, Point, growth
+from tests.bench.kernels import Kernels
+from tests.bench.memory import memory
+from tests.bench.roofline import roofline
 
 
 @pytest.fixture(scope="module")
@@ -21,6 +24,15 @@ def tiny() -> Scene:
     return changed(
         scene, camera={"pixels": [16, 16]}, domain={"leaf_edge_m": 4e-3}, spray={"time_s": 0.3e-3}
     )
+
+
+@pytest.fixture(scope="module")
+def case(device: Device, tables: Path) -> Case:
+    """Droplets alone at low resolution."""
+    scene = cldit.load_scene("droplets-only")
+    camera = {"pixels": [50, 40], "field_m": [0.1, 0.08]}
+    scene = changed(scene, camera=camera, domain={"leaf_edge_m": 3e-3})
+    return Case.of(scene, device, cache=tables)
 
 
 def _quiet(_: str) -> None:
@@ -34,14 +46,24 @@ def test_exponents_are_those_of_power_laws() -> None:
     assert one.last == pytest.approx(1.5)
 
 
-def test_leaving_out(tiny: Scene, device: Device, tables: Path) -> None:
-    """Every part that the scene could do without is there, timed both ways."""
-    part = leave_out(Case.of(tiny, device, cache=tables), say=_quiet, directions=1)
-    names = {saving["part"] for saving in part.data["savings"]}
-    wanted = {"droplets", "vapour", "scattering", "phase function", "background disc"}
-    assert names == wanted | {"spectral loop", "empty space cell by cell"}
-    for saving in part.data["savings"]:
-        assert saving["without_s"] > 0 and saving["with_s"] > 0
+def test_what_is_compiled_in_by_force_changes_nothing(case: Case) -> None:
+    """Vapour in droplets alone; and cell by cell through empty space counts more steps."""
+    full = Kernels(case, compiled_in=Needs(vapour=True, droplets=False, scattering=False))
+    assert "vapour" in full.cells.needs.components
+    assert "vapour" not in Kernels(case).cells.needs.components
+    few, _ = Kernels(case).steps()
+    many, _ = Kernels(case, defines={"EVERY_CELL": 1}).steps()
+    assert many[0].sum() > few[0].sum()
+    assert np.abs(many[1] - few[1]).max() <= 2  # a ray along an edge may graze a cell
+
+
+def test_floor_is_below_what_kernels_take(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A copy within the cache is quicker than memory: the floor lies lower still."""
+    monkeypatch.setattr("tests.bench.roofline._COPY_BYTES", 8 * 2**20)
+    monkeypatch.setattr("tests.bench.roofline._ROUNDS", 64)  # a hundredth of a second is enough
+    part = roofline(case, directions=2)
+    for line in part.data["lines"]:
+        assert 0 < line["roofline_s"] < line["core_s"]
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 Run by hand, some minutes a scene; CASE is an OpenFOAM case of OpenFOAM's tutorial aachenBomb:
 
-    python tests/bench/wavelengths.py --scene gdi --scene droplets-only --aachenbomb CASE
+    python -m tests.bench wavelengths --scene gdi --scene droplets-only --aachenbomb CASE
 
 All is traced twice, with directions of another seed. What both differences of T_app share is the
 wavelengths' doing: the mean product of both is the square of their error, free of noise.

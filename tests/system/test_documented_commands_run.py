@@ -32,7 +32,7 @@ pytestmark = pytest.mark.slow
 
 # Run with small scenes: each takes from some minutes to an hour with gdi as it is.
 SMALL = (
-    r"cldit bench(?! rig| evaluate| droplet| spray)",
+    r"cldit bench",
     r"cldit scattering",
     r"cldit study \w+ --grid",
 )
@@ -42,7 +42,6 @@ NOT = {
     "cldit study all": "an hour; the same with --quick is run",
     "cldit check-driver line_blackbody": "the reader's own rig; tests/drivers runs it",
     "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
-    "cldit bench spray": "half an hour; tests/unit/flow runs its parts",
 }
 
 

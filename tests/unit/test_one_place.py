@@ -21,7 +21,7 @@ PLACES: dict[str, set[str]] = {
     "stdout": {"terminal.py", "program.py"},
     # made to be read by its own program only, or plain data that never was a file
     "json": {"plain_data.py", "tables.py", "images.py", "spray_file.py", "preflight.py"}
-    | {"memory.py", "compilation.py"},
+    | {"compilation.py"},
     "write": {"files.py"},
     # the journal's own appends, syncs, and a measurement of syncs
     # and members of an archive that files.py writes

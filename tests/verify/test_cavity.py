@@ -1,12 +1,8 @@
-"""A cavity at one temperature is a flat image, whatever is in it.
+"""A cavity at one temperature is a flat image; see `cavity.py`.
 
-Rationale: with medium, walls and background at temperature T every line of sight sees B(T) (second
-law). The weights of background and wall and the emission, divided by B(T), then sum to one in every
-pixel; every error of the solver, of the last sweep or of the image shows in that sum.
 Expected: 1 to 3e-5, some hundred roundings of single precision, where light scatters few times (up
 to an optical depth of 100 a cell; vapour absorbs 0.3 of the droplets' extinction besides). To 1e-3
 up to 1e6 and an albedo of 1: the solver is asked for 3e-4 of each of three parts of the light.
-Nothing is normalised.
 """
 
 from __future__ import annotations
@@ -17,55 +13,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.optics.planck import band_radiance
-from cldit.optics.response import scene_filter
 from cldit.run import Run
-
-T = 450.0
-EDGE = 0.2
+from tests.verify.cavity import EDGE_M as EDGE
+from tests.verify.cavity import T_K as T
+from tests.verify.cavity import cavity as whole_cavity
+from tests.verify.cavity import departure
 
 
 def closure(run: Run) -> float:
     """Largest departure of the sum of weights from 1."""
-    radiance = float(band_radiance(T, filter_um=scene_filter(run.scene)))
-    w = run.weights
-    total = w.background.astype(float) + w.wall + (w.vapour.astype(float) + w.liquid) / radiance
-    return float(np.max(np.abs(total - 1)))
+    return float(np.max(np.abs(departure(run))))
 
 
 def cavity(
     run_block: Callable[..., Run],
     *,
-    depth: float,
-    albedo: float,
-    vapour: float,
-    cells: int = 16,
     model: str = "pinhole",
     pixels: tuple[int, int] = (21, 17),
     transport: Mapping[str, Any] | None = None,
-    **scene: Any,
+    **more: Any,
 ) -> Run:
-    """A cube full of droplets (and vapour), `depth` per cell's edge.
-
-    Few samples in thick cells: each of them closes, or none does.
-    """
-    scene["transport"] = {"max_samples": 128, **(transport or {})}
-    per_m = depth / (EDGE / cells)
-    scene = {"background": {"temperatures_K": [T, T + 20]}, **scene}
-    return run_block(
-        {
-            "vapour_absorption_per_m": vapour * per_m,
-            "droplet_absorption_per_m": (1 - albedo) * per_m,
-            "droplet_scattering_per_m": albedo * per_m,
-            "vapour_temperature_K": T,
-            "droplet_temperature_K": T,
-        },
-        size_m=(EDGE, EDGE, EDGE),
-        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
-        camera={"model": model, "pixels": list(pixels), "field_m": [0.19, 0.19]},
-        walls={"temperature_K": T},
-        **scene,
-    )
+    """Few samples in thick cells: each of them closes, or none does."""
+    camera = {"model": model, "pixels": list(pixels)}
+    few = {"max_samples": 128, **(transport or {})}
+    return whole_cavity(run_block, camera=camera, transport=few, **more)
 
 
 @pytest.mark.parametrize("albedo", [0.0, 0.5, 0.999])

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cldit.bench.evaluation_bias import CAMERA, TRUTH_K, record
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError
+from tests.verify.evaluation_bias import CAMERA, TRUTH_K, record
 from tests.verify.test_evaluation_bias import EMISSIVITY, _split
 
 

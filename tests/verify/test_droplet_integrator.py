@@ -11,7 +11,6 @@ import pytest
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
-from cldit.bench.droplet.convergence import CASES, error_of, integrated, reference
 from cldit.errors import SprayError
 from cldit.spray.cone.mixing import heptane_state
 from cldit.spray.droplet.evaporation import (
@@ -26,6 +25,7 @@ from cldit.spray.droplet.evaporation import (
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.droplet.gasfilm import Here, Tables
 from cldit.spray.droplet.integrator import Advance, Droplets, Surroundings, advance
+from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
 
 
 @cache

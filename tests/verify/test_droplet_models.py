@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from cldit.bench.droplet import published
-from cldit.bench.droplet.verification import (
-    microgravity_K_mm2_s,
-    nomura_K_mm2_s,
-    page,
-    suspended_mm2,
-    wet_bulb,
-)
 from cldit.spray.droplet import evaporation
 from cldit.spray.droplet.evaporation import MODELS, Drop, film
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.gasfilm import Here, film_state, tables
+from tests.bench.droplets import page
+from tests.verify import droplet_published as published
+from tests.verify.droplet_verification import (
+    microgravity_K_mm2_s,
+    nomura_K_mm2_s,
+    suspended_mm2,
+    wet_bulb,
+)
 
 FUEL = fuel_table("n-heptane", cache=None)
 GAS = gas_table("nitrogen", cache=None)

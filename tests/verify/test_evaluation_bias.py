@@ -18,7 +18,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from cldit.bench.evaluation_bias import (
+from cldit.camera.curve import Curve, fit_curve
+from cldit.dit.maps import Maps, Reason
+from cldit.dit.recorded import evaluate_shots
+from cldit.errors import EvaluationError
+from cldit.optics.planck import band_radiance
+from cldit.radiance.boundary import Boundary, Surroundings
+from tests.verify.evaluation_bias import (
     BACKGROUNDS_K,
     BARE,
     CAMERA,
@@ -28,12 +34,6 @@ from cldit.bench.evaluation_bias import (
     TRUTH_K,
     record,
 )
-from cldit.camera.curve import Curve, fit_curve
-from cldit.dit.maps import Maps, Reason
-from cldit.dit.recorded import evaluate_shots
-from cldit.errors import EvaluationError
-from cldit.optics.planck import band_radiance
-from cldit.radiance.boundary import Boundary, Surroundings
 
 EMISSIVITY = np.array(EMISSIVITIES)
 

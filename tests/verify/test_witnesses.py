@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.bench.evaluation_bias import Shot
 from cldit.dit.recorded import Evaluation, evaluate_shots
 from cldit.errors import EvaluationError
 from tests.laboratory import BACKGROUNDS_K, Drifts, Laboratory, laboratory
+from tests.verify.evaluation_bias import Shot
 
 SMALL = (24, 40)
 

@@ -1,1 +1,1 @@
-"""Converged pictures that the budget is compared with; tests/bench/budget_reference.py."""
+"""Reference images of `budget`; `python -m tests.bench budget_reference` makes them."""

@@ -18,11 +18,11 @@ from cldit.acquisition.frames import FrameReader, open_stack
 from cldit.acquisition.measured import is_measured, open_measured
 from cldit.acquisition.pictures.source import parse_source
 from cldit.api.folder_evaluation import evaluate_folder
-from cldit.bench.evaluation import bench_evaluation
 from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import EvaluationError, SceneError
 from cldit.optics.planck import band_radiance
+from tests.bench.evaluation import bench_evaluation
 
 FILTER = (3.3, 3.5)
 BACKGROUNDS = (413.0, 453.0, 493.0)

@@ -179,7 +179,7 @@ def test_no_color() -> None:
         ("cldit sc", {"scenes", "scattering"}),
         ("cldit run gdi-", {"gdi-cold", "gdi-flow"}),
         ("cldit diff --re", {"--resample"}),
-        ("cldit bench ri", {"rig"}),
+        ("cldit bench --only b", {"budget"}),
     ],
 )
 def test_completion(line: str, expected: set[str]) -> None:

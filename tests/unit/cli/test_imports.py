@@ -25,7 +25,6 @@ SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
         (["--version"], set()),
         (["export", "--help"], set()),
         (["acquire", "--help"], set()),
-        (["bench", "rig", "--help"], set()),
         (["optics", "--help"], SLOW - {"vtk"}),
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "may",

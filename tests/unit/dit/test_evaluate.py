@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.bench.evaluation_bias import BACKGROUNDS_K, FILTER_UM
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import EvaluationError
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
+from tests.verify.evaluation_bias import BACKGROUNDS_K, FILTER_UM
 
 
 def _weights(background: NDArray[Any]) -> Weights:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.bench.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM, Recorded, Shot
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.recorded import evaluate_acquisition, evaluate_shots
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.optics.planck import band_radiance
+from tests.verify.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM, Recorded, Shot
 
 
 def _radiance(kelvin: float) -> float:

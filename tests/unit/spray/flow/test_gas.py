@@ -7,10 +7,10 @@ import functools
 import numpy as np
 import pytest
 
-from cldit.bench.spray.free_jet import free_jet
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.gas import MIXING_LENGTH, Box, GasFlow
 from cldit.spray.flow.mixture import GasMixture, gas_mixture
+from tests.unit.spray.flow.free_jet import free_jet
 
 PRESSURE_Pa, TEMPERATURE_K = 0.6e6, 570.0
 

@@ -7,7 +7,6 @@ import functools
 import numpy as np
 import pytest
 
-from cldit.bench.spray.references import at, jet, saturation
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.coupling import Cloud
 from cldit.spray.flow.gas import Box, GasFlow
@@ -20,6 +19,7 @@ from cldit.spray.flow.measures import (
 )
 from cldit.spray.flow.mixture import gas_mixture
 from cldit.spray.flow.projection import SPOT, PIXEL_m, projected_reach_m
+from tests.unit.spray.flow.references import at, jet, saturation
 
 
 @functools.cache

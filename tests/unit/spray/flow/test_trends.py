@@ -8,7 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cldit.bench.spray.references import (
+from cldit.scene.spray import FlowBox
+from cldit.spray.flow.measures import History
+from tests.unit.spray.flow.references import (
     CONDITIONS,
     SPRAY_G,
     Found,
@@ -17,8 +19,6 @@ from cldit.bench.spray.references import (
     find,
     mean_liquid_K,
 )
-from cldit.scene.spray import FlowBox
-from cldit.spray.flow.measures import History
 
 COARSE = FlowBox(spacing_m=2e-3)
 

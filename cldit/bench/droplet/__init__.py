@@ -1,1 +1,0 @@
-"""Droplet models against published droplets, and their convergence."""

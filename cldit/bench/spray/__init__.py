@@ -1,1 +1,0 @@
-"""The computed spray against independent results."""

@@ -1,0 +1,58 @@
+"""Measurements of this checkout: `python -m tests.bench` lists them, `... NAME` runs one."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from importlib import import_module
+from pathlib import Path
+
+MEASUREMENTS = (
+    "ablation",
+    "budget_reference",
+    "drawn_pixels",
+    "droplets",
+    "evaluation",
+    "flow_seeds",
+    "growth",
+    "imported_errors",
+    "imports",
+    "live_timing",
+    "memory",
+    "mitsuba",
+    "mutations",
+    "optics",
+    "pixel_sampling",
+    "proof",
+    "rig",
+    "rim_pixels",
+    "roofline",
+    "same_cells",
+    "slabs",
+    "sprays",
+    "stability",
+    "wavelengths",
+)
+
+
+def described(name: str) -> str:
+    """First line of the docstring of a measurement, which is not imported."""
+    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    return (ast.get_docstring(ast.parse(source)) or "").partition("\n")[0]
+
+
+def main() -> None:
+    """Runs the measurement that the command line names."""
+    if len(sys.argv) < 2 or sys.argv[1] in ("-h", "--help"):
+        for name in MEASUREMENTS:
+            print(f"{name:18}{described(name)}")
+        return
+    name = sys.argv[1]
+    if name not in MEASUREMENTS:
+        sys.exit(f"no measurement {name}; allowed: {', '.join(MEASUREMENTS)}")
+    sys.argv[:2] = [f"python -m tests.bench {name}"]
+    import_module(f"tests.bench.{name}").main()
+
+
+if __name__ == "__main__":
+    main()

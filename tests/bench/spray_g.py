@@ -1,0 +1,101 @@
+"""The conditions of the Engine Combustion Network's Spray G: a section of the verification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
+from cldit.scene.spray import EIGHT_PLUMES, FlowBox
+from cldit.spray.droplet.fluids import fuel_table, gas_table
+from tests.bench.spray_history import Bench, table
+from tests.unit.spray.flow.references import SPRAY_G, Found, saturation
+
+Floats = NDArray[np.float64]
+
+_TIMES = (0.2, 0.4, 0.6, 0.8)  # ms
+_AXIS_TIMES = (0.6, 0.8, 0.9, 1.0, 1.1)
+
+
+def _changes(box: FlowBox) -> dict[str, dict[str, Any]]:
+    wide = box.model_copy(update={"width_m": 80e-3})  # an even number of cells of 1 mm
+    return {
+        "abramzon-sirignano": {},
+        "the same, 80 mm wide": {"box": wide},
+        "the same, another seed": {"seed": 2},
+        "the same, cones of 22°": {"plumes": EIGHT_PLUMES},
+        "the same, 11 µm": {"droplets": NukiyamaTanasawa(m_um=1.5 * 11 / 9)},
+        "the same, all of 9 µm": {"droplets": Monodisperse(diameter_um=9.0)},
+        "dukowicz-log": {"evaporation": "dukowicz-log"},
+        "dukowicz": {"evaporation": "dukowicz"},
+    }
+
+
+def spray_g(bench: Bench) -> list[str]:
+    """Section of the page: this injector, and what its liquid depends on."""
+    spec = SPRAY_G.model_copy(update={"box": bench.box()})
+    changes = _changes(spec.box)
+    found = [
+        bench.run(f"Spray G, {label}", spec.model_copy(update=change))
+        for label, change in changes.items()
+    ]
+    fuel = fuel_table("iso-octane", cache=bench.cache)
+    gas = gas_table("nitrogen", cache=bench.cache)
+    t_sat, _ = saturation(fuel, gas, fuel_K=363.0, gas_K=573.0, pressure_Pa=0.6e6)
+    theirs = 1e3 * found[0].jet.tip_m(1e-3)
+
+    def when(each: Found, column: str, times: Sequence[float]) -> Floats:
+        history = each.history
+        reach: Floats = getattr(history, column)
+        return np.asarray(np.interp(np.multiply(1e-3, times), history.time_s, reach))
+
+    def liquid(each: Found, column: str) -> str:
+        reach = ", ".join(f"{1e3 * value:.0f}" for value in when(each, column, _TIMES))
+        return f"{reach}; {1e3 * getattr(each.history, column).max():.1f} mm"
+
+    def axis(each: Found) -> str:
+        return ", ".join(f"{value:+.0f}" for value in when(each, "axis_m_s", _AXIS_TIMES))
+
+    kinds: list[tuple[str, Callable[[Found], str], str]] = [
+        (
+            "liquid, axial, to 2e-3 mm³/mm²: 0.2, 0.4, 0.6, 0.8 ms; largest",
+            lambda each: liquid(each, "liquid_m"),
+            "largest 30 ± 5",
+        ),
+        ("the same to 0.2e-3 mm³/mm²", lambda each: liquid(each, "thin_liquid_m"), ""),
+        (
+            "vapour, along the plumes, 1.0 ms",
+            lambda each: f"{1e3 * when(each, 'vapour_m', [1.0])[0]:.1f} mm",
+            f"{theirs:.1f} (Naber-Siebers, one plume alone with cones of 30°)",
+        ),
+        (
+            "D32 of what passed z = 15 mm",
+            lambda each: f"{1e6 * each.spray.notes['sauter_mean_diameter_at_15_mm_m']:.1f} µm",
+            "10 to 12",
+        ),
+        (
+            "gas on the axis at 15 mm, away from the injector, 0.6, 0.8, 0.9, 1.0, 1.1 ms",
+            lambda each: f"{axis(each)} m/s",
+            "+1.4 at 1.0 ms, towards it before",
+        ),
+        (
+            "coldest gas",
+            lambda each: f"{each.history.coldest_K.min():.0f} K",
+            f"{t_sat:.0f} K (saturation)",
+        ),
+    ]
+    rows = [[label, *(text(each) for each in found), wanted] for label, text, wanted in kinds]
+    return [
+        "## Conditions of the ECN's Spray G",
+        "",
+        "Iso-octane of 363 K, 20 MPa, 10 mg in 0.78 ms into nitrogen of 573 K and 0.6 MPa; plumes",
+        "at 33° with cones of 30°, as Colmenares, Ameen and Patel describe this injector (J. Eng.",
+        "Gas Turbines Power 145, 061009), 9 µm, up to 1.2 ms. A scene has the first of the",
+        "evaporation models, and cones of 22°, unless it says otherwise.",
+        "",
+        *table(["", *changes, "expected"], rows),
+        "",
+    ]

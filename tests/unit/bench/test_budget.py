@@ -1,0 +1,133 @@
+"""The budget's benchmark: references are kept, errors are those of the pixels that count."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.bench import BUDGET_SCENES
+from cldit.bench import budget as module
+from cldit.bench.budget import BudgetRow, budget, budget_part, true_error_K
+from cldit.bench.budget_scenes import Reference, budget_scene
+from cldit.bench.case import BenchError
+from cldit.bench.report import Part
+from cldit.cli.bench import Options
+from cldit.radiance.apparent_temperature import has_temperature
+from tests.bench.budget_reference import save
+
+
+def test_a_reference_is_kept(tmp_path: Path) -> None:
+    temperature_K = np.array([[300.123, np.nan], [450.0, 512.346]])
+    save(Reference(temperature_K, 0.2), "some", tmp_path)
+    again = Reference.load("some", pixels=2, folder=tmp_path)
+    assert again is not None and again.error_K == 0.2
+    np.testing.assert_allclose(again.temperature_K, temperature_K, atol=0.005001)
+    assert Reference.load("some", pixels=3, folder=tmp_path) is None
+    with pytest.raises(BenchError, match="at most 655 K"):
+        save(Reference(np.full((2, 2), 700.0), 0.2), "hot", tmp_path)
+
+
+def test_true_error_is_of_pixels_that_count() -> None:
+    temperature_K = np.array([[303.0, 500.0], [404.0, np.nan]], np.float32)
+    emissivity = np.array([[0.5, 0.01], [0.5, 0.5]], np.float32)
+    maps = SimpleNamespace(
+        apparent_temperature_K=temperature_K,
+        has_temperature=has_temperature(emissivity, temperature_K),
+    )
+    run: Any = SimpleNamespace(maps=maps, scene=SimpleNamespace(name="some"))
+    reference = Reference(np.array([[300.0, 300.0], [400.0, 400.0]]), 0.0)
+    assert true_error_K(run, reference) == pytest.approx((12.5) ** 0.5)
+    with pytest.raises(BenchError, match="no pixel has a T_app"):
+        true_error_K(run, Reference(np.full((2, 2), np.nan), 0.0))
+
+
+def test_scenes_leave_their_keys_to_the_plan(tmp_path: Path) -> None:
+    for name in BUDGET_SCENES:
+        scene = budget_scene(name, pixels=20, folder=tmp_path)
+        assert scene.domain.leaf_edge_m is None and scene.transport.audit
+        assert scene.camera.pixels == (20, 20) and scene.camera.rays_per_pixel == 16
+
+
+def test_page_of_rows() -> None:
+    """Unknown error sources are named, and a sum with one is a lower bound."""
+    causes = {"trace": 0.3, "gas grid": None}
+    rows = [
+        BudgetRow("gdi", 1.0, 0.9, False, 0.8, 20.0, 11.0, {"trace": 0.3}),
+        BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, causes),
+    ]
+    part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, missing=["even-grid"])
+    first, second = part.tables
+    assert first.rows[0][2:] == ("0.9", "0.8", "1.1", "20")
+    assert first.rows[1][2] == "at least 2"
+    assert second.rows[0][2:] == ("0.3", "-") and second.rows[1][2:] == ("0.3", "unknown")
+    assert part.figure is not None and "even-grid" in part.text[-1]
+
+
+def test_page_of_seeds() -> None:
+    """Ranges over the seeds; error sources of the first seed."""
+    rows = [
+        BudgetRow("gdi", 1.0, 0.9, False, 0.6, 20.0, 11.0, {"trace": 0.3}),
+        BudgetRow("gdi", 1.0, 0.8, False, 0.8, 21.0, 12.0, {"trace": 0.2}, seed=2),
+        BudgetRow("gdi-flow", 1.0, None, True, 2.5, 60.0, 40.0, {"trace": None}),
+        BudgetRow("gdi-flow", 1.0, 2.0, True, 2.5, 60.0, 40.0, {"trace": 0.2}, seed=2),
+    ]
+    part = budget_part(rows, pixels=20, references_K={"gdi": 0.1}, missing=[])
+    seeds, first = part.tables
+    assert [row[0] for row in first.rows] == ["gdi", "gdi-flow"]
+    assert seeds.rows[0] == ("gdi", "1", "0.8 to 0.9", "0.6 to 0.8", "1 to 1.5", "20 to 21")
+    assert seeds.rows[1][2:5] == ("unknown", "2.5", "unknown")
+    assert "2 seeds" in part.text[0]
+
+
+def test_command_of_some_scenes_names_them() -> None:
+    """What is printed over the page makes the same rows again."""
+    options: dict[str, Any] = {
+        "scene": "gdi",
+        "parts": ("budget",),
+        "every": 5,
+        "samples": 512,
+        "accuracies_K": (1.0,),
+        "pixels": 100,
+        "asked_K": (4.0,),
+        "seeds": 5,
+        "out": Path("docs"),
+        "device": None,
+    }
+    asked = Options(**options, budget_scenes=("gdi", "droplets-only"))
+    command = asked.command("budget")
+    assert command.endswith(" --asked 4K --budget-scene gdi --budget-scene droplets-only")
+    assert "--budget-scene" not in Options(**options, budget_scenes=BUDGET_SCENES).command("budget")
+
+
+def test_what_was_measured_is_kept_after_each_accuracy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The third accuracy fails; the page of the first two is there."""
+    kept: list[Part] = []
+    said: list[str] = []
+
+    def measured(*_: Any, asked_K: float, seed: int, **__: Any) -> BudgetRow:
+        if asked_K == 0.5:
+            raise BenchError("the disk is full")
+        return BudgetRow("even-grid", asked_K, 0.9, False, 0.6, 20.0, 10.0, {}, seed=seed)
+
+    monkeypatch.setattr(module, "simulate", lambda *_, **__: None)
+    monkeypatch.setattr(module, "measure", measured)
+    device: Any = None
+    with pytest.raises(BenchError):
+        budget(
+            device,
+            cache=tmp_path,
+            say=said.append,
+            save=kept.append,
+            scenes=["even-grid"],
+            asked_K=[2.0, 1.0, 0.5],
+            seeds=2,
+        )
+    assert [len(part.tables[0].rows) for part in kept] == [1, 2]
+    assert [row[1] for row in kept[-1].tables[0].rows] == ["2", "1"]
+    assert said[-1] == "even-grid, 1 K asked, seed 2: 0.9 K stated, 0.6 K true, 20 core-s"

@@ -1,0 +1,49 @@
+"""Scenes of blocks with given coefficients, made as users make them: an .npz and a mapping."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import cldit
+from cldit.gpu.device import Device
+from cldit.run import Run
+from cldit.spray.result import Spray
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Device that traces, folder of the grid files, and folder of cached tables."""
+
+    device: Device
+    folder: Path
+    cache: Path
+
+    def run(
+        self, arrays: dict[str, Any], *, size_m: tuple[float, float, float], **scene: Any
+    ) -> Run:
+        """Simulates a scene whose spray is one grid file.
+
+        Args:
+            arrays: scalars (one voxel) or (nx, ny, nz) arrays by their names in the file.
+            size_m: of the whole block, centred at the origin.
+            scene: sections of the scene.
+        """
+        full = {name: np.array(value, float, ndmin=3) for name, value in arrays.items()}
+        shape = max((array.shape for array in full.values()), key=np.prod)
+        file = self.folder / f"block{sum(1 for _ in self.folder.glob('*.npz')) + 1}.npz"
+        contents: dict[str, Any] = {
+            "origin_m": -np.asarray(size_m) / 2,
+            "spacing_m": np.asarray(size_m) / shape,
+            **{name: np.broadcast_to(array, shape) for name, array in full.items()},
+        }
+        np.savez(file, **contents)
+        return self.simulated({"spray": {"model": "grid", "file": str(file)}, **scene})
+
+    def simulated(self, data: dict[str, Any], spray: Spray | None = None) -> Run:
+        """Simulates a scene; `spray` is used as if it had been imported."""
+        scene = cldit.parse_scene({"name": "block", **data})
+        return cldit.simulate(scene, device=self.device, cache=self.cache, spray=spray)
