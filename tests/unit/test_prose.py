@@ -90,7 +90,7 @@ LEFT: dict[str, int] = {
     "accuracy": 181,
     "acquisition": 0,
     "api": 24,
-    "bench": 131,
+    "bench": 0,
     "camera": 11,
     "cfd": 0,
     "cldit": 2,
