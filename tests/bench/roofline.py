@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cldit.bench.case import Case, Cost
 from cldit.bench.report import Part, Table, number
 from cldit.gpu.buffers import zeros
-from cldit.gpu.program import compiled
+from cldit.gpu.compilation import compiled
 from tests.bench.kernels import Kernels, quickest
 from tests.bench.page import write_measured
 
@@ -57,7 +57,7 @@ class Machine:
         device = case.device
         vector = 8 if device.is_cpu else 1
         source = Path(__file__).with_suffix(".cl").read_text(encoding="utf-8")
-        program = compiled(device, source, [f"-DSIMD_WIDTH={vector}"])
+        program = compiled(device, source, [f"-DSIMD_WIDTH={vector}"]).program
         count = min(_COPY_BYTES, device.info.largest_buffer_bytes // 2) // _REAL_BYTES
         count -= count % (64 * vector)
         target, origin = (zeros(device, "copy", count, np.float32) for _ in range(2))
