@@ -23,7 +23,7 @@ from cldit.rig.load import open_rig
 @click.argument("plan", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
 @click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
-@click.option("--live", is_flag=True, help="Show how it goes: here, in a window, as a page.")
+@click.option("--live", is_flag=True, help="Show progress and images here and on a page.")
 @plain_errors
 def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> None:
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
@@ -36,7 +36,7 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
             asked.close()  # not made safe: that would move the black body
         return
     if live:
-        from cldit.cli.live import LiveView  # needs matplotlib
+        from cldit.cli.live import LiveView  # loads matplotlib
 
         with open_rig(rig) as opened, LiveView(folder=out) as view:
             record = acquire(opened, sequence, out, progress=view.watch, preview=view.show)

@@ -1,4 +1,4 @@
-"""The paper's ray tracing (Section "Ray Tracing"), the method `branching`, for comparison."""
+"""Ray tracing of the paper (Section "Ray Tracing"): the method `branching`, for comparison."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.result import Settings, Trace, weights_of
 from cldit.transport.view import View, check_boundary, upload_tree
 
-HIGHEST_ORDER = 3  # each order costs some hundred times the one before
+HIGHEST_ORDER = 3  # each order costs about a hundred times the one before
 
 
 def trace_branching(
@@ -28,26 +28,20 @@ def trace_branching(
     settings: Settings,
     report: Callable[[str], None] | None,
 ) -> Trace:
-    """Weights by the paper's method; light below the cut-off is dropped, as there.
+    """Weights by the paper's method, which drops light below the cut-off.
 
-    Args:
-        cells, scene: the medium, and its camera and boundary.
-        device: traces; its others share the rows of the image.
-        settings: of the trace.
-        report: takes lines of progress.
-
-    Raises:
-        TransportError: no order is given, or one above 3; the phase function is not isotropic.
+    All of the device's partitions share the rows of the image. Raises TransportError if the order
+    is above 3 or not given, or if the phase function is not isotropic.
     """
     if settings.order is None or settings.order > HIGHEST_ORDER:
         given = "all" if settings.order is None else settings.order
         raise TransportError(
-            f"transport.order: {given} with method branching; allowed is 0..{HIGHEST_ORDER}, for "
-            "each order costs some hundred times the one before; or take method source or path"
+            f"transport.order: {given} with method branching; allowed: 0..{HIGHEST_ORDER}, since "
+            "each order costs about a hundred times the one before; or use method source or path"
         )
     if settings.phase is not None:
         raise TransportError(
-            "transport.phase: method branching scatters isotropically, as the paper does; allowed: "
+            "transport.phase: method branching scatters isotropically, as in the paper; allowed: "
             "isotropic"
         )
     view = View.of(scene, cells)
@@ -97,7 +91,7 @@ def trace_branching(
     if report is not None:
         report(f"{count} rays started by scattering")
     planes = image.astype(np.float64)
-    # Light below the cut-off is dropped, on the line of sight and on later rays.
+    # Light below the cut-off is lost on the line of sight and on later rays.
     closure = EnergyBalance.of(
         planes[: cells.needs.boundaries],
         planes[-1],

@@ -1,9 +1,9 @@
 """Final sweeps: the source function of every scattering cell to the camera (stage 3).
 
-The final sweeps of `trace_source` find the mean radiance of each cell, weighted by the phase
+The final sweeps of `trace_source` compute the mean radiance of each cell, weighted by the phase
 function for scattering to the camera. They also store the radiance on the interfaces of the thick
-region, in which path segments of the final gather end. The ordinates are in two halves; the
-difference of both estimates tells how far they are from more ordinates.
+region, where path segments of the final gather end. The ordinates form two halves; the difference
+of the two estimates measures the quadrature error.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ Reals = NDArray[np.floating]  # of the device's precision
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Sources of the scattering cells to the camera, in units as `OpticalCells.emitted`.
+    """Sources of the scattering cells to the camera, in the unit of `OpticalCells.emitted`.
 
-    halves: two estimates (C, N), each by half of the final ordinates.
+    halves: two estimates (C, N), each from half of the final ordinates.
     gradient: (3, C, N) spatial gradient along x, y, z, per cell; None: sources are constant.
     defect: (N,) error of the sweeps in a cavity of radiance 1.
-    cell_sources: sources and radiance for the final gather; None where no cell is thick.
+    cell_sources: sources and radiance for the final gather; None if no cell is thick.
     """
 
     halves: tuple[Reals, Reals]
@@ -51,10 +51,7 @@ class CameraSource:
 
 
 def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSource:
-    """The source of order 0 in `medium`, of type `real` (paper, "Ray Tracing").
-
-    All scattered light comes from the wall.
-    """
+    """Source of order 0 in `medium` (paper, "Ray Tracing"): all scattered light is the wall's."""
     source = medium.thermal_source()
     source[1] += medium.albedo
     camera = source.astype(real)
@@ -70,10 +67,10 @@ def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSourc
 
 
 def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
-    """Sweeps the final ordinates of `problem` from `final`, and scatters radiance to the camera."""
+    """Sweeps the final ordinates of `problem` and scatters the radiance to the camera."""
     settings, medium, sweeper = problem.settings, problem.medium, final.sweeper
     region, program = problem.region, problem.final_program
-    rng = np.random.default_rng([settings.seed, 1])  # alike whatever the order, to compare orders
+    rng = np.random.default_rng([settings.seed, 1])  # the same for all orders, to compare them
     sets = problem.camera_ordinates(sweeper, rng)
     interfaces = None
     if region is not None:
@@ -117,7 +114,7 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
 
 
 def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | None:
-    """The camera's weights of ordinates; None: those of the quadrature alone."""
+    """Weights of ordinates for scattering to the camera; None: quadrature weights alone."""
     settings, view = problem.settings, problem.view
     if "CAMERA_SWEEP" not in problem.final_program.defines:
         return None

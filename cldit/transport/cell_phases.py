@@ -1,4 +1,4 @@
-"""How each cell scatters, where droplets have several phase functions by class of size."""
+"""Phase function of each cell, where classes of droplet size have one each."""
 
 from __future__ import annotations
 
@@ -13,17 +13,9 @@ Floats = NDArray[np.float64]
 
 
 def class_shares(cells: OpticalCells, phase: ScatteringTable | None) -> NDArray[np.uint8] | None:
-    """Shares (K - 1, P) of classes of droplet size, see `Octree.shares`.
+    """Shares (K - 1, P) of classes of droplet size, see `Octree.shares`; None: one class.
 
-    Args:
-        cells: the medium.
-        phase: how droplets scatter.
-
-    Returns:
-        The shares; None where one phase function holds for all cells.
-
-    Raises:
-        TransportError: the phase function has other classes than the octree.
+    Raises TransportError if the phase function and the octree differ in their number of classes.
     """
     if phase is None or phase.classes is None:
         return None
@@ -31,21 +23,14 @@ def class_shares(cells: OpticalCells, phase: ScatteringTable | None) -> NDArray[
     if shares is None or len(shares) != classes - 1:
         found = 1 if shares is None else len(shares) + 1
         raise TransportError(
-            f"phase function of {classes} classes of droplet size, and an octree with {found}; "
-            "allowed is as many"
+            f"the phase function has {classes} classes of droplet size and the octree {found}; "
+            "allowed: equal numbers"
         )
     return shares
 
 
 def class_weights(cells: OpticalCells, phase: ScatteringTable) -> Floats | None:
-    """Share (K, P) of what each class scatters of all that droplets scatter in a cell.
-
-    Args:
-        cells, phase: as in `class_shares`.
-
-    Returns:
-        The shares; None where one phase function holds for all cells.
-    """
+    """Share (K, P) of each class in the droplets' scattering of a cell; None: one class."""
     shares = class_shares(cells, phase)
     if shares is None:
         return None
@@ -54,14 +39,9 @@ def class_weights(cells: OpticalCells, phase: ScatteringTable) -> Floats | None:
 
 
 def phase_moments(cells: OpticalCells, phase: ScatteringTable, count: int) -> Floats:
-    """Legendre moments of the phase function in each scattering cell.
+    """First `count` Legendre moments (M, N) of the phase function in each scattering cell.
 
-    Args:
-        cells, phase: as in `class_shares`.
-        count: M, the number of moments; moment 0 is 1 and moment 1 is g.
-
-    Returns:
-        (M, N); (M, 1) where one phase function holds for all cells.
+    Moment 0 is 1 and moment 1 is g. The shape is (M, 1) if all cells have one phase function.
     """
     moments = np.stack([table.moments(count) for table in phase.tables], axis=1)
     weights = class_weights(cells, phase)

@@ -1,6 +1,6 @@
 """Records of the non-empty cells as kernels/image.cl reads them (stage 4 of `trace_source`).
 
-All that a line of sight needs of a cell lies side by side: a cell costs one access to memory, not
+All values that a line of sight needs of a cell are contiguous: a cell costs one memory access, not
 one for each component and image.
 """
 
@@ -21,10 +21,10 @@ _TOGETHER = 2**18  # cells
 
 @dataclass(frozen=True)
 class CellRecords:
-    """The non-empty cells, those that scatter first.
+    """The non-empty cells; those that scatter come first.
 
-    at: (F,) their addresses. number: (P,) int32 row of each stored cell, -1 where it is empty.
-    linear: whether coefficients are linear in cells.
+    at: (F,) addresses. number: (P,) int32 row of each stored cell, -1 if it is empty.
+    linear: true if coefficients are linear in cells.
     """
 
     cells: OpticalCells
@@ -34,7 +34,7 @@ class CellRecords:
 
     @classmethod
     def of(cls, cells: OpticalCells, *, linear: bool = False) -> CellRecords:
-        """Of all stored cells of optical depth above 0; `linear` as in `CellRecords`."""
+        """Records of all stored cells of optical depth above 0; `linear` as in the class."""
         others = cells.depth > 0
         others[cells.address] = False
         at = np.concatenate([cells.address, np.flatnonzero(others)])
@@ -48,16 +48,16 @@ class CellRecords:
         gradient: NDArray[np.floating] | None,
         thick: NDArray[np.int64] | None,
     ) -> tuple[list[NDArray[np.floating] | None], NDArray[np.floating]]:
-        """Sources in the cells' middles, and their gradients, where coefficients are linear.
+        """Sources in the middles of cells and their gradients, where coefficients are linear.
 
         Args:
-            listed, thick: as in `records`; all sources are None or none is.
-            gradient: (3, C, N) of the radiance's part of the sources; None: it is constant.
+            listed, thick: as in `records`; either all sources are None or none is.
+            gradient: (3, C, N) of the scattered part of the sources; None: it is constant.
 
         Returns:
-            Sources (C, N) for `records`; and (F, 3 S) gradients of the S components that begin in
-            cells. Thick cells have the emission's, and the albedo's in place of the first
-            boundary's: it moves light between the emission and the gather.
+            Sources (C, N) for `records`, and (F, 3 S) gradients of the S components that cells
+            emit. In thick cells the emission has its own gradient, and the first boundary's place
+            has the albedo's, which shifts light between the emission and the gather.
         """
         cells, needs, linear = self.cells, self.cells.needs, self.cells.linear
         first = 0 if needs.scattering else needs.boundaries
@@ -101,16 +101,16 @@ class CellRecords:
         thick: NDArray[np.int64] | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
-        """(F, R) records of the cells, in the type `real`.
+        """Records (F, R) of the cells, in the type `real`.
 
-        A record has the optical depth of the cell's edge; its relative gradient where it is linear;
+        A record contains the optical depth of the cell's edge; its relative gradient if linear;
         with `thick`, the albedo of thick cells, else 0; and for each image the source of all
-        components and the emission at radiance 1. Where nothing scatters it has emitters alone; the
-        emission at radiance 1 is then 1.
+        components and the emission at radiance 1. If nothing scatters, it contains emitters only,
+        and the emission at radiance 1 is 1.
 
         Args:
             listed, defect: as in `FormalSolution.images`.
-            thick: (T,) which scattering cells the final gather refines; None: there is no gather.
+            thick: (T,) the scattering cells that the final gather refines; None: no gather.
             real: the device's precision.
         """
         cells, needs = self.cells, self.cells.needs
@@ -141,7 +141,7 @@ class CellRecords:
             outside = source[: needs.boundaries].sum(axis=0, dtype=np.float64)
             value[:, -1] = 1.0 - outside + made
             if thick is not None:
-                # The gather adds what is scattered.
+                # The gather adds the scattered light.
                 value[thick, :-1] = 0.0
                 value[thick, -1] = (middles.coalbedo + made)[thick]
                 value[thick, needs.boundaries : -1] = thermal[row[thick]]

@@ -1,6 +1,6 @@
 """The octree's coefficients as the kernels read them: optical depths, sources, albedos.
 
-Every method and all stages of `trace_source` take their medium from here.
+All methods and all stages of `trace_source` take their medium from here.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from cldit.scene.schema import Scene
 from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
-_FAINTEST = 1e-3  # of the hottest black body: unit of thermal sources where all of them are weaker
+_FAINTEST = 1e-3  # of the hottest black body: smallest unit of thermal sources
 
 
 @dataclass(frozen=True)
 class Needs:
-    """Physics that a scene needs; kernels are compiled without the rest."""
+    """Physics that a scene needs; kernels are compiled for it alone."""
 
     vapour: bool
     droplets: bool
@@ -33,17 +33,17 @@ class Needs:
 
     @property
     def boundaries(self) -> int:
-        """Components that enter from outside; those that begin in the medium follow them."""
+        """Number of components that enter from outside; those that the medium emits follow."""
         return 2 + len(self.patches)
 
     @property
     def emitters(self) -> tuple[str, ...]:
-        """Names of the components that begin in the medium."""
+        """Names of the components that the medium emits."""
         present = {"vapour": self.vapour, "liquid": self.droplets}
         return tuple(name for name, there in present.items() if there)
 
     def with_(self, other: Needs) -> Needs:
-        """The union of both."""
+        """Union with other needs."""
         return Needs(
             vapour=self.vapour or other.vapour,
             droplets=self.droplets or other.droplets,
@@ -70,7 +70,7 @@ class Needs:
 
 @dataclass(frozen=True)
 class Box:
-    """The part of the cube that is swept: cells low..low + shape, both (x, y, z)."""
+    """Box of finest cells that is swept: low..low + shape, both (x, y, z)."""
 
     low: tuple[int, int, int]
     shape: tuple[int, int, int]
@@ -87,12 +87,12 @@ class OpticalCells:
 
     depth: (P,) optical depth of a finest cell's edge.
     emitted: (P,) thermal part of the source function for each of `needs.emitters`, over `scale`.
-    scale: unit of `emitted`, photons s-1 m-2 sr-1: the largest thermal source, but at least a
-        thousandth of the hottest phase's black-body radiance. Many scatterings of little emission
-        add up to that, and single precision resolves no more.
+    scale: unit of `emitted`, photons s-1 m-2 sr-1: the largest thermal source, and at least a
+        thousandth of the hottest phase's black-body radiance. Weak emission adds up to that over
+        many scatterings, and single precision resolves no more.
     address: (N,) the scattering cells.
-    albedo, coalbedo: (N,) scattered and absorbed share of the extinction. Both are stored: where
-        1 - albedo is small, it would be rounded away.
+    albedo, coalbedo: (N,) scattered and absorbed share of the extinction. Both are stored, because
+        a small 1 - albedo would be lost to rounding.
     """
 
     tree: Octree
@@ -116,7 +116,6 @@ class OpticalCells:
         """Coefficients of a tree, in double precision.
 
         Args:
-            tree: the medium.
             patches: names of the enclosure's patches.
             scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the
                 transport correction.
@@ -168,13 +167,13 @@ class OpticalCells:
         return LinearCoefficients.of(self.tree, albedo, emitted)
 
     def linear_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
-        """Gradients (P, 2 + E, 3) as kernels/extinction.h reads them, in the type `real`."""
+        """Gradients (P, 2 + E, 3) for kernels/extinction.h, in the type `real`."""
         linear = self.linear
         planes = [linear.extinction, linear.albedo, *linear.emission]
         return np.stack(planes, axis=1).astype(real, copy=False)
 
     def middles(self) -> OpticalCells:
-        """Albedo and emission in the cells' middles in place of their means; see `linear`."""
+        """Cells with albedo and emission of their middles in place of the means, see `linear`."""
         linear = self.linear
         emitted = dict(self.emitted)
         for name, gradient in zip(self.needs.emitters, linear.emission, strict=True):
@@ -185,7 +184,7 @@ class OpticalCells:
         )
 
     def in_units_of(self, other: OpticalCells) -> OpticalCells:
-        """The same cells, with thermal sources in the other's unit."""
+        """Same cells, with thermal sources in the other's unit."""
         ratio = self.scale / other.scale
         emitted = {name: values * ratio for name, values in self.emitted.items()}
         return replace(self, scale=other.scale, emitted=emitted)
@@ -203,13 +202,13 @@ class OpticalCells:
         return np.stack(planes) if planes else np.zeros((0, len(self.depth[at])), real)
 
     def bounds(self) -> Box:
-        """The smallest box around all that is not empty space; its lower corner is a brick's."""
+        """Smallest box around all non-empty space; its lower corner is a brick's."""
         return self._around(self.tree.filled)
 
     def box(self) -> Box:
-        """The smallest box around all divided bricks: what is swept. Its lower corner is a brick's.
+        """Swept box: the smallest around all divided bricks. Its lower corner is a brick's.
 
-        Undivided leaves outside it are thinner than the octree's bound; only the image has them.
+        Undivided leaves outside it are thinner than the octree's bound; only the image uses them.
         """
         return self._around(self.tree.directory >= 0)
 
@@ -217,31 +216,31 @@ class OpticalCells:
         if not bricks.any():
             return Box(low=(0, 0, 0), shape=(1, 1, 1))
         low, shape = [], []
-        for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # what is left is x, y, z
+        for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # the remaining axis: x, y, z
             along = np.flatnonzero(bricks.any(axis=others))
             low.append(int(along[0]) * BRICK)
             first, last = int(along[0]), int(along[-1])
             # Cut at neither side or at both: a box that is mirrored about its content stays so.
-            begins = self._held(bricks, first, axis)[0] == 0
-            end = self._held(bricks, last, axis)[-1] + 1 if begins else BRICK
+            begins = self._occupied(bricks, first, axis)[0] == 0
+            end = self._occupied(bricks, last, axis)[-1] + 1 if begins else BRICK
             high = min(last * BRICK + int(end), self.tree.frame.cells)
             shape.append(high - low[-1])
         return Box(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
 
-    def _held(self, bricks: NDArray[np.bool_], number: int, axis: int) -> NDArray[np.int64]:
-        """Cells along x, y or z that hold something in layer `number` of some `bricks`; or all.
+    def _occupied(self, bricks: NDArray[np.bool_], number: int, axis: int) -> NDArray[np.int64]:
+        """Cells along x, y or z that are not empty in layer `number` of `bricks`; all if none is.
 
-        A grid whose edge is no multiple of a brick's ends where its cells end, so that a background
-        or a patch may lie right behind it.
+        A grid whose edge is no multiple of a brick's ends with its cells, so that a background or a
+        patch may be directly behind it.
         """
         layer = (slice(None),) * (2 - axis) + (number,)
         slots = self.tree.directory[layer][bricks[layer]]
         stored = self.depth[: self.tree.slots * _BRICK_CELLS].reshape(-1, BRICK, BRICK, BRICK)
-        held = np.zeros(0, np.int64)
+        occupied = np.zeros(0, np.int64)
         if not np.any(slots < 0):
             others = tuple({1, 2, 3} - {3 - axis})
-            held = np.flatnonzero((stored[slots] > 0).any(axis=(0, *others)))
-        return held if len(held) else np.arange(BRICK)
+            occupied = np.flatnonzero((stored[slots] > 0).any(axis=(0, *others)))
+        return occupied if len(occupied) else np.arange(BRICK)
 
     def positions(self, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Finest cell (N, 3; x, y, z) of stored addresses."""
@@ -260,7 +259,7 @@ class OpticalCells:
         return np.where(slot >= 0, slot * _BRICK_CELLS + (z * BRICK + y) * BRICK + x, -1)
 
     def dense(self, box: Box, values: NDArray[Any]) -> NDArray[Any]:
-        """`values` (P,) of stored cells as a dense `box` [z, y, x]; coarse leaves in it are 0."""
+        """Values (P,) of stored cells as a dense array [z, y, x] of `box`; 0 in coarse leaves."""
         z, y, x = np.nonzero(self.tree.directory >= 0)
         slot = self.tree.directory[z, y, x]
         bx, by, bz = (low // BRICK for low in box.low)
@@ -273,13 +272,13 @@ class OpticalCells:
         return padded[:nz, :ny, :nx]
 
     def place(self, box: Box, address: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Places (N,) of the stored cells `address` (N,) in the flat [z, y, x] order of `box`."""
+        """Places (N,) of stored cells, by address (N,), in the flat [z, y, x] order of `box`."""
         x, y, z = (self.positions(address) - np.asarray(box.low)).T
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 
 
 def _hottest(fields: dict[str, NDArray[np.float32]], phase: str) -> float:
-    """Largest black-body radiance of a phase: what it emits over what it absorbs (Kirchhoff)."""
+    """Largest black-body radiance of a phase: emission over absorption (Kirchhoff)."""
     emission = fields[f"{phase}_emission"].astype(np.float64)
     absorption = fields[f"{phase}_absorption"]
     radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)

@@ -1,15 +1,15 @@
 """Energy balance: the boundary's weights and an isothermal emission of 1 sum to 1 in every pixel.
 
 In a medium and an enclosure at one temperature every line of sight has the same radiance (second
-law). So the kernels carry one more plane: what the medium adds at the enclosure's temperature.
-Nothing is scaled to make the sum 1; a trace whose sum is off is refused.
+law). So the kernels compute one more plane: the light from within at the enclosure's temperature.
+Nothing is scaled to make the sum 1; a trace with a wrong sum is refused.
 
-With method `source` the plane holds the errors of the solution (end of `trace_source`):
+With method `source` the sum shows the errors of the solution (end of `trace_source`):
 
-- rounding of the image, and what the cut-off leaves out;
-- the measured defect of the sweeps: in a medium and an enclosure of radiance 1 they must find a
+- rounding of the image, and the light beyond the cut-off;
+- the measured defect of the sweeps: in a medium and an enclosure of radiance 1 they must give a
   mean radiance of 1 in every cell (`Sweeper.defect`, with few ordinates);
-- the residual with which the solver ended.
+- the final residual of the solver.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class EnergyBalance:
 
     largest: signed departure of the worst pixel. mean: over the pixels that see the medium.
     pixel: row and column of the worst.
-    bound: allowed for `value`, "largest", or "mean" where every pixel has noise of its own.
+    bound: largest allowed `value`: "largest", or "mean" if pixels have independent noise.
     """
 
     largest: float
@@ -49,18 +49,15 @@ class EnergyBalance:
         bound: float,
         noise: float = 0.0,
     ) -> EnergyBalance:
-        """The balance of an image.
+        """Balance of an image; raises TransportError if the sum is further than `bound` from 1.
 
         Args:
             outside: (B, H, W) weights of the boundary.
-            within: (H, W) what the medium adds at radiance 1.
+            within: (H, W) light from the medium at radiance 1.
             bound: allowed departure.
             noise: 0, or the sums scatter from pixel to pixel without bias. Then `bound` is for the
-                mean, plus five of its standard errors. Fewer than ten pixels cannot tell these;
-                `noise` is then the least bound.
-
-        Raises:
-            TransportError: the sum is not finite, or further than the bound from 1.
+                mean, plus five of its standard errors. These cannot be estimated from fewer than
+                ten pixels; `noise` is then the smallest bound.
         """
         left = outside.sum(axis=0, dtype=np.float64) + within - 1.0
         known = np.isfinite(left)
@@ -77,10 +74,10 @@ class EnergyBalance:
         bad = mean if noise else balance.largest
         if not np.isfinite(balance.largest) or not abs(bad) <= bound:
             raise TransportError(
-                f"light is made or lost: weights and isothermal emission sum to 1 {bad:+.3g} "
-                f"({value}), allowed is {bound:.2g}; worst is the pixel in row {row}, column "
-                f"{column} with {balance.largest:+.3g}. This trace cannot be trusted; try "
-                "transport.precision: float64, and if that does not help another device"
+                f"energy is not conserved: weights and isothermal emission sum to 1 {bad:+.3g} "
+                f"({value}); allowed: {bound:.2g}; the worst pixel, in row {row}, column {column}, "
+                f"has {balance.largest:+.3g}. Do not use this trace; set transport.precision: "
+                "float64, or try another device"
             )
         return balance
 

@@ -24,8 +24,8 @@ from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
 Reals = NDArray[np.floating]  # of the device's precision
-# From pixels (N,), rays across each, their weights so far (C, N), and the number of other pixels
-# that have a T_app: what to add to each image, (images, C + 1, N).
+# Maps pixels (N,), rays across each, their weights so far (C, N), and the number of other pixels
+# that have a T_app to the terms to add to each image, (images, C + 1, N).
 Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
 
 RAYS_ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}  # by `camera.rays_per_pixel`
@@ -33,8 +33,8 @@ _GROUP = 64
 
 
 @dataclass(frozen=True)
-class _Part:
-    """One device, and the rows of the image that it makes."""
+class _DeviceRows:
+    """A device and the rows of the image that it computes."""
 
     device: Device
     program: Program
@@ -44,13 +44,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class FormalSolution:
-    """Makes images of a medium with given sources.
+    """Computes images of a medium with given sources.
 
-    accuracy_K: largest error to leave in T_app of pixels, with adaptive rays.
+    accuracy_K: largest allowed error of T_app of a pixel, with adaptive rays.
     real: the device's precision.
-    parts: one a device; every device holds all of the medium.
+    parts: one for each device; every device has the whole medium.
     at_once: images that share one traversal.
-    thick: (T,) which scattering cells are left to the final gather; None: there is no gather.
+    thick: (T,) the scattering cells left to the final gather; None: no gather.
     """
 
     cells: OpticalCells
@@ -59,7 +59,7 @@ class FormalSolution:
     accuracy_K: float
     real: type[np.floating]
     cell_records: CellRecords
-    parts: tuple[_Part, ...]
+    parts: tuple[_DeviceRows, ...]
     at_once: int
     thick: NDArray[np.int64] | None
 
@@ -77,14 +77,10 @@ class FormalSolution:
         at_once: int = 1,
         linear: bool = False,
     ) -> FormalSolution:
-        """Builds the programs and uploads the octree; raises as `trace`.
+        """Builds the programs and uploads the octree.
 
-        Args:
-            cells, view, scene, accuracy_K, at_once: see `FormalSolution`.
-            device: makes the images; its others share the rows.
-            defines: of the kernels.
-            thick: (T,) see `FormalSolution`.
-            linear: whether sources have spatial gradients.
+        Arguments as in the class; `defines` are the kernels', and with `linear` sources have
+        spatial gradients.
         """
         defines = {**defines, "IMAGES": at_once}
         if thick is not None:
@@ -94,7 +90,7 @@ class FormalSolution:
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
         cell_records = CellRecords.of(cells, linear="LINEAR_COEFFICIENTS" in defines)
         parts = [
-            _Part(
+            _DeviceRows(
                 device=one,
                 program=build(one, "image.cl", defines),
                 rows=rows,
@@ -117,20 +113,20 @@ class FormalSolution:
         gradient: NDArray[np.floating] | None = None,
         pixels: NDArray[np.int64] | None = None,
     ) -> tuple[list[Reals], list[Reals], int]:
-        """Images of sources, of one ray a pixel as well where there are several.
+        """Images of sources.
 
         Args:
-            listed: `at_once` sources (C, N) of the scattering cells; None where nothing scatters.
+            listed: `at_once` sources (C, N) of the scattering cells; None if nothing scatters.
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
-            gather: adds what thick cells scatter; needed with `thick`.
-            gradient: (3, C, N) spatial gradient of all of the sources; needed with `linear`.
-            pixels: (M,) flat numbers of those that make the images, in one row, where rays are not
-                adaptive: which pixels are steep is seen in a whole image. None: all.
+            gather: adds the light scattered by thick cells; needed with `thick`.
+            gradient: (3, C, N) spatial gradient of all sources; needed with `linear`.
+            pixels: (M,) flat numbers of the pixels to trace, as images of one row; not with
+                adaptive rays, which need the whole image to find steep pixels. None: all.
 
         Returns:
             Weights (C + 1, H, W) of each image, the part from within the medium last (see
-            energy_balance.py); the same by one ray through the middle of every pixel, none where
-            they are that; and the number of pixels of several rays.
+            energy_balance.py); with several rays a pixel, the same by one ray through the middle
+            of every pixel; and the number of pixels of several rays.
         """
         columns, rows = self.view.pixels
         rays = self.scene.camera.rays_per_pixel
@@ -163,15 +159,9 @@ class FormalSolution:
         *,
         gradient: NDArray[np.floating] | None = None,
     ) -> Reals:
-        """Means of several rays through some pixels.
+        """Mean weights (images, C + 1, N) of `across`^2 rays through each of the `pixels` (N,).
 
-        Args:
-            pixels: (N,) flat numbers, one at least.
-            across: across^2 rays go through each.
-            listed, defect, gather, gradient: as of `images`.
-
-        Returns:
-            Weights (images, C + 1, N).
+        The other arguments are those of `images`.
         """
         return self._several(self._records(listed, defect, gradient), pixels, across, gather)
 
@@ -192,7 +182,7 @@ class FormalSolution:
         defect: Floats,
         gradient: NDArray[np.floating] | None,
     ) -> list[dict[str, Any]]:
-        """On each device: kernel arguments of the cells' sources."""
+        """Kernel arguments of the cells' sources, for each device."""
         table = None
         if self.cell_records.linear:
             listed, table = self.cell_records.linear_sources(listed, gradient, self.thick)
@@ -211,7 +201,7 @@ class FormalSolution:
         return records
 
     def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
-        """Images (images, C + 1, N) of the kernel's planes (P, N), and pixels left to gather."""
+        """Splits the kernel's planes (P, N) into images (images, C + 1, N) and pixels to gather."""
         parts = len(self.cells.needs.components) + 1
         left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
         return planes[: self.at_once * parts].reshape(self.at_once, parts, -1), left
@@ -224,7 +214,7 @@ class FormalSolution:
         across: int,
         gather: Gathered | None,
     ) -> None:
-        """Adds the gather of pixels that are left to their images."""
+        """Adds the final gather of the pixels `left` to their images."""
         if gather is None or not len(left):
             return
         seen = images[:, :-1, left].mean(axis=0)
@@ -234,12 +224,12 @@ class FormalSolution:
 
     @property
     def _planes(self) -> int:
-        """Number of the kernel's planes: of all images, and of what is left to gather."""
+        """Number of the kernel's planes: those of all images, and the mark of pixels to gather."""
         parts = len(self.cells.needs.components) + 1
         return self.at_once * parts + (0 if self.thick is None else 1)
 
     def _whole(self, records: list[dict[str, Any]]) -> Reals:
-        """One ray through the middle of every pixel: planes (P, H W), each device its rows."""
+        """Planes (P, H W) of one ray through the middle of every pixel, each device its rows."""
         columns, rows = self.view.pixels
         outs = []
         for part, some in zip(self.parts, records, strict=True):
@@ -268,7 +258,7 @@ class FormalSolution:
     def _listed(
         self, records: list[dict[str, Any]], pixels: NDArray[np.int64], across: int
     ) -> Reals:
-        """Means, planes (P, N), of across^2 rays through each of the listed pixels."""
+        """Planes (P, N): means of across^2 rays through each of the listed pixels."""
         outs = []
         divided = shares(self.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):

@@ -41,12 +41,12 @@ _CELLS = BRICK**3
 
 @dataclass(frozen=True)
 class LinearCoefficients:
-    """Gradients along x, y, z per finest cell, (P, 3), of stored cells and coarse leaves.
+    """Gradients (P, 3) along x, y, z, per finest cell, of stored cells and coarse leaves.
 
-    extinction: over its mean.
-    albedo: of the scattered share of the extinction.
-    emission: (E, P, 3) of the emission over extinction of each emitter, in its unit.
-    edge: (P,) of the cell or leaf, in finest cells.
+    extinction: relative to its mean.
+    albedo: gradient of the scattered share of the extinction.
+    emission: (E, P, 3) gradient of each emitter's emission over extinction.
+    edge: (P,) edge of the cell or leaf, in finest cells.
     """
 
     extinction: Reals
@@ -56,13 +56,7 @@ class LinearCoefficients:
 
     @classmethod
     def of(cls, tree: Octree, albedo: Reals, emitted: Mapping[str, Reals]) -> LinearCoefficients:
-        """From the coefficients of a tree.
-
-        Args:
-            tree: the medium.
-            albedo: (P,) of all stored cells and coarse leaves.
-            emitted: (P,) emission over extinction of `vapour` and `liquid`, where they are there.
-        """
+        """Gradients of a tree with the albedo (P,) and emission over extinction (P,) by emitter."""
         fields = tree.fields
         whole = np.sum([fields[name] for name in _EXTINCTION], axis=0)
         safe = np.where(whole > 0, whole, np.float32(1))[:, None]
@@ -81,8 +75,8 @@ class LinearCoefficients:
         for first in range(0, len(whole), _TOGETHER):
             some = slice(first, first + _TOGETHER)
             part = change[:, :, some] * edge[some]
-            # No more is scattered than is taken, nor anything below 0. All gradients of a cell
-            # shrink alike, so that in an isothermal cavity they still sum to 0.
+            # The albedo stays within 0..1. All gradients of a cell shrink by one factor, so that
+            # they still sum to 0 in an isothermal cavity.
             reach = np.abs(part[:, 0]).sum(axis=0) * np.float32(MOST / 2)
             room = (1 - mean[0, some]) / np.maximum(reach, np.float32(1e-20))
             part *= np.clip(room, 0, 1)
@@ -91,38 +85,29 @@ class LinearCoefficients:
         return cls(extinction, change[:, 0].T, change[:, 1:].transpose(1, 2, 0), edge)
 
     def excess(self, gradient: Reals) -> Reals:
-        """Mean, weighted by extinction, less the value in the middle, (P,), of gradients (P, 3)."""
+        """Extinction-weighted mean less the middle value (P,), of gradients (P, 3)."""
         product = np.einsum("pi,pi->p", self.extinction, gradient)
         return np.asarray(product * self.edge**2 * np.float32(_MEAN))
 
 
 def limited(middle: Reals, below: Reals, above: Reals, *, down: Reals, up: Reals) -> Reals:
-    """Limited slope along one axis.
+    """Limited slope along one axis, per edge of the cell.
 
     Args:
-        middle, below, above: of a cell and its two neighbours, of one shape.
-        down, up: distances to the neighbours' middles in the cell's edges, which broadcast.
-
-    Returns:
-        Change per edge of the cell.
+        middle, below, above: values of a cell and its two neighbours, of one shape.
+        down, up: distances to the neighbours' middles in edges of the cell.
     """
     first, second = (middle - below) / down, (above - middle) / up
     central = (first * up + second * down) / (down + up)
-    # Half an edge from the middle lies the side, where no neighbour's value is passed.
+    # The face is half an edge from the middle; no neighbour's value is exceeded there.
     most = 2.0 * np.minimum(np.abs(middle - below), np.abs(above - middle))
     return np.where((first > 0) == (second > 0), np.clip(central, -most, most), 0.0)
 
 
 def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
-    """Relative gradient of a coefficient in all stored cells and coarse leaves.
+    """Relative gradient (P, 3) along x, y, z, per finest cell, of a coefficient (P,) >= 0.
 
-    Args:
-        tree: where they lie.
-        depth: (P,) the coefficient, 0 or more.
-
-    Returns:
-        (P, 3) along x, y, z, per finest cell; 0 in empty cells, and in coarse leaves that fill the
-        cube.
+    It is 0 in empty cells and in coarse leaves that fill the cube.
     """
     out = np.zeros((len(depth), 3), np.float32)
     if not depth.any():
@@ -135,7 +120,7 @@ def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
 
 
 def _positive(depth: Reals, slopes: Reals) -> Reals:
-    """Slopes (3, N) over the mean (N,), shortened where a corner would be below LEAST of it."""
+    """Slopes (3, N) over the mean (N,), shortened so that corners are at least LEAST of it."""
     safe = np.where(depth > 0, depth, 1.0)
     relative = np.where(depth > 0, slopes / safe, 0.0)
     reach = np.abs(relative).sum(axis=0) / 2

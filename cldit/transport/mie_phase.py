@@ -1,4 +1,4 @@
-"""Phase functions of a spray's droplets by Mie's theory, in bins of size."""
+"""Phase functions of a spray's droplets by Mie theory, in bins of droplet size."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from cldit.transport.phase import BINS, PhaseError, ScatteringTable, cosine_boun
 Floats = NDArray[np.float64]
 
 _SIZES = 64  # bins of the droplets' size parameter, evenly spaced in its logarithm
-_LEFT_OUT = 1e-6  # share of a bin that is not solved: all together are less than 1e-4
+_NEGLIGIBLE = 1e-6  # share of a bin that is not solved; the sum over bins is below 1e-4
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(2)
 
 
 @dataclass(frozen=True)
 class SizeBins:
-    """What droplets scatter, and where to, by S bins of size.
+    """Scattering by droplets in S bins of size.
 
     edges_m: (S + 1,) diameters.
     share: (S,) of all scattering.
-    within: (M, S) light that a bin's droplets scatter into each bin of the cosine, in any unit; 0
-        where a bin scatters next to nothing.
+    within: (M, S) light that the droplets of a bin scatter into each bin of the cosine, in any
+        unit; 0 for bins of negligible scattering.
     """
 
     edges_m: Floats
@@ -35,7 +35,7 @@ class SizeBins:
     def of(
         cls, diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
     ) -> SizeBins:
-        """Mie's phase functions at the mean size parameter of each bin.
+        """Mie phase functions at the mean size parameter of each bin.
 
         Args:
             diameter_m: (N,) diameters.
@@ -61,7 +61,7 @@ class SizeBins:
         angle = np.linspace(0.0, np.pi, BINS + 1)
         half = np.diff(angle)[:, None] / 2
         nodes = (angle[:-1, None] + half) + half * _NODES
-        some = share > _LEFT_OUT
+        some = share > _NEGLIGIBLE
         series = mie.coefficients(n=n, k=k, x=mie.check(n=n, k=k, x=np.exp(middle[some])))
         intensity = mie.intensity(*series, np.cos(nodes.reshape(-1)))
         intensity = intensity.reshape(*nodes.shape, -1) * np.sin(nodes)[..., None]
@@ -72,8 +72,8 @@ class SizeBins:
 
     @property
     def solved(self) -> NDArray[np.bool_]:
-        """(S,) bins that have a phase function."""
-        return np.asarray(self.share > _LEFT_OUT)
+        """Mask (S,) of the bins that have a phase function."""
+        return np.asarray(self.share > _NEGLIGIBLE)
 
     def number(self, diameter_m: Floats) -> NDArray[np.intp]:
         """Bin (N,) of each diameter (N,)."""
@@ -82,7 +82,7 @@ class SizeBins:
         )
 
     def mean(self, first: int = 0, end: int | None = None) -> ScatteringTable:
-        """Mean phase function of the bins from `first` to before `end`, by what they scatter."""
+        """Mean phase function of the bins first..end - 1, weighted by their scattering."""
         within, share = (part[..., first:end] for part in (self.within, self.share))
         some = self.solved[first:end]
         within, share = np.ascontiguousarray(within[:, some]), share[some]
@@ -94,13 +94,5 @@ class SizeBins:
 def mie_table(
     diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
 ) -> ScatteringTable:
-    """Mean Mie phase function of droplets, weighted by scattering cross sections.
-
-    Args:
-        diameter_m, scattering_m2: (N,), as in `SizeBins.of`.
-        wavelength_um, n, k: likewise.
-
-    Raises:
-        PhaseError: nothing scatters.
-    """
+    """Mean Mie phase function of droplets; arguments as in `SizeBins.of`."""
     return SizeBins.of(diameter_m, scattering_m2, wavelength_um=wavelength_um, n=n, k=k).mean()

@@ -1,4 +1,4 @@
-"""Settings and result of a trace, whatever the method."""
+"""Settings and result of a trace, for all methods."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ Method = Literal["source", "path", "branching"]
 
 @dataclass(frozen=True)
 class Settings:
-    """How a trace is carried out; `settings_for` derives it from the wanted accuracy.
+    """Numerical settings of a trace; `settings_for` derives them from the wanted accuracy.
 
     directions: ordinates of the defect correction; GMRES has fewer (`Tuning.solver_share`).
     final_directions: ordinates of both halves of the final sweeps.
-    tolerance: RMS error allowed in the source (weights are 0..1).
-    order: most scatterings, beyond which the wall is seen; None: all.
+    tolerance: largest RMS error of the source (weights are 0..1).
+    order: largest number of scatterings, beyond which the wall is seen; None: all.
     cutoff: transmission at which rays end.
-    accuracy_K: wanted RMS error of T_app; `path` and the final gather stop there.
-    max_samples: of a pixel, at most, by `path` and the final gather.
-    phase: phase function; None is isotropic.
+    accuracy_K: wanted RMS error of T_app, at which `path` and the final gather stop.
+    max_samples: largest number of samples of a pixel, by `path` and the final gather.
+    phase: phase function; None: isotropic.
     gather: sources have spatial gradients, and the final gather refines thick cells. Without it
         sources are constant in cells, as in the paper.
-    audit: a few pixels of `source` are traced by `path`, where `source` simplifies anything.
-    linear_coefficients: the extinction is linear in cells for all rays but the sweeps'.
+    audit: a few pixels of `source` are also traced by `path`.
+    linear_coefficients: the extinction is linear in cells for all rays but those of the sweeps.
     thick_depth: optical depth of a cell's edge from which the final gather refines it.
-    path_depth: optical depth from which its paths go on in a cell.
-    subpixels: more rays go through some pixels, to tell what those of the picture miss.
+    path_depth: optical depth from which its paths continue in a cell.
+    subpixels: some pixels are traced by more rays, to measure the error within pixels.
     """
 
     directions: int
@@ -76,24 +76,24 @@ class Settings:
 
     @property
     def within_cells(self) -> bool:
-        """Whether sources vary within cells; at order 0 no radiance in cells is known."""
+        """True if sources vary within cells; at order 0 no radiance in cells is known."""
         return self.gather and self.order != 0
 
     @property
     def linear_sources(self) -> bool:
-        """Whether sources of the final sweeps are linear in cells.
+        """True if sources of the final sweeps are linear in cells.
 
-        Orders 1 and 2 gain nothing by it: most of their light comes from the boundary.
+        Orders 1 and 2 do not gain by it: most of their light comes from the boundary.
         """
         return self.within_cells and (self.order is None or self.order > 2)
 
 
 @dataclass(frozen=True)
 class Audit:
-    """What `path` finds of the error of an image, in a sample of its pixels.
+    """Error of an image in a sample of its pixels, by path tracing.
 
     sample: the pixels.
-    errors: weights (1, N) of the image minus those of `path`, twice, with independent noise.
+    errors: weights (1, N) of the image less those of `path`, twice, with independent noise.
     """
 
     sample: PixelSample
@@ -102,13 +102,13 @@ class Audit:
 
 @dataclass(frozen=True)
 class Subpixels:
-    """Some pixels of an image by many more rays each than the image has.
+    """Some pixels of an image, by many more rays each than the image has.
 
     sample: the pixels.
-    across: across^2 rays went through each.
+    across: across^2 rays go through each.
     weights: (1, N) means of these rays; difference: as `Trace.weights_difference`.
-    references: what the image's rays and these see of the boundary without the medium, each (1, N);
-        None: the background alone, in all pixels.
+    references: weights (1, N) without the medium, by the image's rays and by these; None: all of
+        these rays end on the background.
     """
 
     sample: PixelSample
@@ -122,23 +122,22 @@ class Subpixels:
 class Trace:
     """Result of a trace.
 
-    weights_difference: half the difference of two images, of either half of the final ordinates or
-        of the samples; its RMS estimates the standard error of the weights. None where nothing
-        scatters, and for `branching`, which does not know its error.
+    weights_difference: half the difference of two images, from the two halves of the final
+        ordinates or of the samples; its RMS estimates the standard error of the weights. None if
+        nothing scatters, and for `branching`, which does not estimate its error.
     standard_error: of every pixel, from the scatter of its samples (`path` only).
     solution: of source iteration; None for other methods.
     seconds: wall time of each part.
     precision: of the device, float32 or float64.
     counts: sizes for the record: cells, sweeps, samples.
-    middle: weights of one ray through the middle of each pixel, where `weights` are of several.
-    audit: error of `source` by a few pixels of `path`; None where nothing scatters, where the
-        method is another, or where `unaudited` gives a reason.
-    scatters: whether anything in the medium does.
-    short: why the final gather stopped before the wanted accuracy, if it did.
-    pixel_sample: the pixels of which the images are one row, where `path` traced only some.
-    closure: energy balance; None where no pixel was traced.
-    subpixels: what more rays see of some pixels, where `Settings.subpixels` asks for it and a pixel
-        has a T_app.
+    middle: weights of one ray through the middle of each pixel, if `weights` are of several.
+    audit: error of `source` in a few pixels, by `path`; None if nothing scatters, for other
+        methods, or if `unaudited` gives a reason.
+    scatters: true if anything in the medium scatters.
+    short: reason why the final gather stopped before the wanted accuracy; empty if it did not.
+    pixel_sample: the pixels in the image's one row, if `path` traced only some.
+    closure: energy balance; None if no pixel was traced.
+    subpixels: some pixels by more rays, if `Settings.subpixels` is set and a pixel has a T_app.
     """
 
     weights: Weights

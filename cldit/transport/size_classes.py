@@ -1,14 +1,14 @@
 """Classes of droplet size, as few as a spray needs, each with a mean phase function.
 
-One mean phase function for all cells is exact where every place has the same mixture of sizes. How
-far the places of a spray are from that decides the number of classes: parcels that are neighbours
-make a group, and the phase function of each group is compared with what the classes and their
-shares there give. The distance of two phase functions is
+One mean phase function for all cells is exact if the mixture of sizes is the same everywhere. The
+deviation from that determines the number of classes: neighbouring parcels form a group, and the
+phase function of each group is compared with that of the classes and their shares in the group.
+The distance of two phase functions is
 
     sqrt(2 integral (F - G)^2 d cosine)
 
-with F and G the shares that go into larger cosines. It is never below the difference of both
-asymmetries, which is the integral of F - G.
+where F and G are the shares scattered into larger cosines. It is at least the difference of the
+two asymmetries, which is the integral of F - G.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from cldit.transport.phase import ScatteringTable, SizeClasses, cosine_bounds
 Floats = NDArray[np.float64]
 
 MOST_CLASSES = 8
-# RMS distance of the groups' phase functions that is let be. Two sprays of droplets of 18 and 2 um
-# in different places had 0.17 and 0.24, and one phase function for all cells erred by 1.9 and 3.1 K
-# RMS of T_app, before walls at 300 K and a background at 400 K: so 0.01 is some 0.1 K.
+# Tolerated RMS distance of the groups' phase functions. For two sprays with droplets of 18 and 2 um
+# in different places it was 0.17 and 0.24, and the RMS error of T_app with one phase function for
+# all cells was 1.9 and 3.1 K (walls at 300 K, background at 400 K): 0.01 is about 0.1 K.
 TOLERATED = 0.01
-_GROUP, _MOST_GROUPS = 32, 4096  # parcels of a group at least, and groups
-_EVERY = 16  # bin of the phase function whose bound is compared
+_GROUP, _MOST_GROUPS = 32, 4096  # fewest parcels of a group, and largest number of groups
+_EVERY = 16  # bins of the phase function between the compared bounds
 
 
 @dataclass(frozen=True)
 class _Groups:
-    """What groups of neighbouring parcels scatter.
+    """Scattering by groups of neighbouring parcels.
 
     share: (B, S) of a group's scattering by bins of size. square: (B, S) sums of the squares of the
-    parcels' shares; 0 where parcels are no sample. weight: (B,) of all scattering.
+    parcels' shares; 0 if parcels are not a sample. weight: (B,) share of all scattering.
     """
 
     share: Floats
@@ -69,7 +69,7 @@ class _Groups:
         square = np.zeros_like(share)
         if sampled:
             parcels = np.bincount(group, minlength=count)
-            # Of the sample's variance, n / (n - 1) is that of the parcels it is drawn from.
+            # Bessel's correction of a sample's variance, n / (n - 1).
             bessel = (parcels / np.maximum(parcels - 1, 1))[group]
             square[:] = np.bincount(at, bessel * part**2, size).reshape(count, bins)
         return cls(share, square, total / total.sum())
@@ -77,7 +77,7 @@ class _Groups:
     def distance(self, apart: Floats) -> float:
         """RMS length of the groups' means of vectors (S, A), which sum to 0 over the spray.
 
-        Of a sample the mean square that chance alone gives is taken off.
+        For a sample, the mean square that chance alone would give is subtracted.
         """
         means = self.share @ apart
         lengths = np.sum(means**2, axis=1)
@@ -87,7 +87,7 @@ class _Groups:
 
 
 def _morton(position: Floats) -> NDArray[np.int32]:
-    """Numbers (N,) along Morton's curve of places (N, 3): neighbours mostly follow each other."""
+    """Numbers (N,) of places (N, 3) along the Morton curve; neighbours mostly are consecutive."""
     every = np.arange(1024, dtype=np.int32)
     spread = np.zeros_like(every)  # a number's bits, three apart
     for bit in range(10):
@@ -111,14 +111,15 @@ def in_size_classes(
     sampled: bool,
     tolerated: float = TOLERATED,
 ) -> ScatteringTable:
-    """`mean` with the fewest classes that tell the places of a spray apart, or with none.
+    """Phase function with the fewest classes that describe the places of a spray, or with none.
 
     Args:
         mean: phase function of all droplets.
-        bins: the same by size.
+        bins: phase functions by size.
         position_m, diameter_m, scattering_m2: (N, 3), (N,) and (N,) of the parcels.
-        sampled: whether these are a sample of the droplets, so that chance sets groups apart too.
-        tolerated: RMS distance of phase functions to which no class is added.
+        sampled: true if the parcels are a sample of the droplets, so that groups also differ by
+            chance.
+        tolerated: RMS distance of phase functions at which no class is added.
     """
     groups = _Groups.of(
         position_m,
@@ -145,7 +146,7 @@ def in_size_classes(
             middle = np.average(reached[first:end], axis=0, weights=share[first:end])
             apart[solved[first:end]] = reached[first:end] - middle
         left = groups.distance(apart)
-        if left >= least:  # classes are chosen by what all droplets scatter, and not by groups
+        if left >= least:  # possible, since classes are chosen by all droplets, not by groups
             continue
         least = left
         if count > 1:
@@ -159,7 +160,7 @@ def in_size_classes(
 
 
 def _costs(reached: Floats, share: Floats) -> Floats:
-    """Scatter (S, S + 1) of the vectors (S, A) from `first` to before `end` about their mean."""
+    """Scatter about their mean of the vectors (S, A) first..end - 1, as [first, end]."""
     sums = np.vstack([np.zeros(reached.shape[1]), np.cumsum(share[:, None] * reached, axis=0)])
     weight = np.append(0.0, np.cumsum(share))
     square = np.append(0.0, np.cumsum(share * np.sum(reached**2, axis=1)))
@@ -173,7 +174,7 @@ def _costs(reached: Floats, share: Floats) -> Floats:
 
 
 def _partition(costs: Floats, classes: int) -> list[int]:
-    """First members of so many neighbouring classes of the least sum of `costs`, exactly."""
+    """First members of contiguous classes with the smallest sum of `costs`, exactly."""
     count = len(costs)
     best = np.full((classes + 1, count + 1), np.inf)
     best[0, 0] = 0.0

@@ -1,4 +1,4 @@
-"""Sobol points for path tracing and the final gather, as kernels/random.h reads them.
+"""Sobol points for path tracing and the final gather, in the format of kernels/random.h.
 
 Direction numbers: Joe and Kuo, SIAM J. Sci. Comput. 30, 2008.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-BITS = 10  # of a point's index: both are also written in kernels/random.h
+BITS = 10  # of a point's index; kernels/random.h has both numbers too
 DIMENSIONS = 8
 
 # Primitive polynomial (degree s, coefficients a), and the first s direction integers.
@@ -26,7 +26,7 @@ _POLYNOMIALS = (
 def columns(bits: int = BITS) -> NDArray[np.uint32]:
     """Direction numbers (DIMENSIONS, bits); point i is the exclusive or of those of i's bits.
 
-    The first dimension is van der Corput's sequence.
+    The first dimension is the van der Corput sequence.
     """
     out = np.zeros((DIMENSIONS, bits), np.uint32)
     out[0] = [1 << (31 - bit) for bit in range(bits)]
@@ -43,7 +43,7 @@ def columns(bits: int = BITS) -> NDArray[np.uint32]:
 
 
 def points(first: int, count: int) -> NDArray[np.uint32]:
-    """Words, of shape (count, DIMENSIONS), of points `first` to `first` + count - 1 < 2^32."""
+    """Words (count, DIMENSIONS) of the points first..first + count - 1, below 2^32."""
     number = np.arange(first, first + count, dtype=np.uint32)[:, None]
     out = np.zeros((count, DIMENSIONS), np.uint32)
     for bit, column in enumerate(columns(max(int(first + count - 1).bit_length(), 1)).T):

@@ -1,6 +1,6 @@
 """Source iteration, the method `source`: discrete ordinates, formal solution, final gather.
 
-`trace_source` is the algorithm. Its five stages, with their equations in docs/theory.md:
+`trace_source` is the algorithm. It has five stages, with equations in docs/theory.md:
 
 1. Iteration to a residual (discrete_ordinates/iteration.py): the source of every scattering cell,
    S = a Lambda S + E, by GMRES along few ordinates and a defect correction along more.
@@ -9,9 +9,10 @@
 3. Final sweeps (camera_source.py): the source of every cell to the camera, by many ordinates in two
    halves; and the radiance on the interfaces of the thick region.
 4. Image (image.py): the formal solution along one ray a pixel, with the sources of either half.
-5. Final gather (final_gather/gather.py): what thick cells scatter, by short paths from each pixel.
+5. Final gather (final_gather/gather.py): the light that thick cells scatter, by short paths from
+   each pixel.
 
-Half the difference of the two halves' images is the error estimate of the quadrature.
+Half the difference of the images of the two halves estimates the quadrature error.
 """
 
 from __future__ import annotations
@@ -53,17 +54,12 @@ def trace_source(
 ) -> Trace:
     """Weights by source iteration.
 
-    Args:
-        cells, scene, view: the medium, and its camera and boundary.
-        device: traces; its others share the image and its final gather.
-        settings: of a precision other than `auto`.
-        report: takes lines of progress.
-        pixels: (N,) flat numbers, of which the images are one row; None: all.
+    `settings` have a precision other than `auto`. The device's other parts share the image and the
+    final gather. Of the `pixels` (N,), flat numbers, images are one row; None: all pixels.
 
     Raises:
         NotConvergedError: the source does not reach the tolerance.
         TransportError: the medium reaches behind the background, or energy is not conserved.
-        DeviceError, KernelError: the device cannot do it.
     """
     start = time.perf_counter()
     seconds: dict[str, float] = {}
@@ -81,7 +77,7 @@ def trace_source(
             camera = final_sweeps(problem, final)  # 3
             del solved, final  # with the device memory of their sweepers
         builds = sum(program.build_s for program in camera.programs)
-        # Devices build side by side: the sum may be more than what passed.
+        # Devices build in parallel: the sum may exceed the elapsed time.
         seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
     image = formal_solution(cells, region, scene, view, device, settings)
     if region is not None and camera is not None and camera.cell_sources is not None:
@@ -91,7 +87,7 @@ def trace_source(
     defect = np.zeros(0) if camera is None else camera.defect
     gradient = None if camera is None else camera.gradient
     start = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # of a broken image, which the balance finds
+    with np.errstate(over="ignore", invalid="ignore"):  # the energy balance refuses a broken image
         # 4, and 5 by `gather`
         halves, middle, refined = image.images(
             sources, defect, gather, gradient=gradient, pixels=pixels
@@ -111,9 +107,8 @@ def trace_source(
         programs += gather.programs
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
-        seconds["image"] = max(
-            seconds["image"] - gather.seconds, 0.0
-        )  # devices gather side by side
+        # Devices gather in parallel.
+        seconds["image"] = max(seconds["image"] - gather.seconds, 0.0)
     seconds["compile"] = sum(program.build_s for program in programs)
     short = "" if gather is None else gather.short
     subpixels = None
@@ -143,7 +138,7 @@ def trace_source(
 
 
 def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
-    """The region of `cells` that the final gather refines by `settings`; None: there is none."""
+    """Region of `cells` that the final gather refines; None if it refines none."""
     if not (settings.within_cells and cells.needs.scattering):
         return None
     phase = settings.phase
@@ -164,13 +159,9 @@ def formal_solution(
     device: Device,
     settings: Settings,
 ) -> FormalSolution:
-    """The formal solution for an image of either half of the ordinates.
+    """Formal solution for one image of each half of the ordinates.
 
-    Args:
-        cells, scene, view: the medium, and its camera and boundary.
-        device: traces; its others share the image.
-        region: thick region, left to the final gather; None: there is no gather.
-        settings: cut-off, accuracy, and whether sources are linear.
+    The final gather adds the light of the thick `region`; None: there is no gather.
     """
     scatters = cells.needs.scattering
     return FormalSolution.of(
@@ -193,21 +184,11 @@ def source_function(
     settings: Settings,
     boundary: Mapping[str, float],
 ) -> Floats:
-    """The source function of stored cells and coarse leaves.
+    """Source function (P,) of stored cells and coarse leaves to the camera, by stages 1 to 3.
 
-    Args:
-        tree, scene: the medium, and its camera and boundary.
-        device: solves.
-        settings: of a precision other than `auto`.
-        boundary: radiance that leaves `background`, `wall` and each patch, photons s-1 m-2 sr-1.
-
-    Returns:
-        (P,) in the tree's addresses, photons s-1 m-2 sr-1.
-
-    Raises:
-        NotConvergedError: the source does not reach the tolerance.
-        TransportError: the medium reaches behind the background.
-        DeviceError, KernelError: the device cannot do it.
+    S = albedo x mean radiance + emission / extinction, with the radiance weighted by the phase
+    function for scattering to the camera, in photons s-1 m-2 sr-1. `boundary` has the radiance that
+    leaves `background`, `wall` and each patch, in the same unit. Raises as `trace_source`.
     """
     cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
     source = np.zeros(len(cells.depth))

@@ -1,16 +1,16 @@
-"""What the rays of a picture miss of its pixels: a few of them are traced by many more rays.
+"""Sampling error within pixels, measured by tracing a few pixels with many more rays.
 
-A pixel's light is the mean over its area. How far the picture's rays are from it is measured in a
-sample of pixels, on the same sources; nothing is extrapolated. What a pixel hides is about as
-much as it differs from its neighbours. So pixels are drawn with probabilities in proportion to the
-square of that, by which the variance of the errors' sum of squares is least; a share of the chance
-is equal for all, since structures smaller than a pixel show in none. No ray of the sample decides
-what is drawn, so there is no bias.
+The light of a pixel is the mean over its area. The error of the image's rays is measured in a
+sample of pixels, with the same sources; nothing is extrapolated. The variation within a pixel is
+about as large as its difference from the neighbours. So pixels are drawn with probabilities in
+proportion to the square of that difference, which minimises the variance of the errors' sum of
+squares. A part of the probability is uniform, since structures smaller than a pixel show in none.
+No ray of the sample influences the draw, so there is no bias.
 
-A pixel at the background's rim sees a share f of it, and the wall beside it. DIT takes what it
-shows beyond its reference over f: I(T_app) = (I - (1 - f) I_wall) / f of a medium that shines with
-I. A ray through the middle has f = 1, and other rays another f: what that makes of T_app is known
-without a trace of these, and drawn by as well.
+A pixel at the rim of the background sees a share f of it, and the wall beside it. DIT divides the
+excess over its reference by f: I(T_app) = (I - (1 - f) I_wall) / f for a medium of radiance I. A
+ray through the middle has f = 1, other rays another f: the resulting change of T_app is known
+without tracing them, and also enters the probabilities.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-# Times as many rays across: they err by a 16th of what the picture's do where light is smooth, and
-# by an 8th at edges, whose square adds a 64th.
+# Ratio of rays across a pixel: the error is a 16th of the image's where light is smooth, and an 8th
+# at edges, whose square adds a 64th.
 _MORE = 4
 
 
@@ -46,17 +46,13 @@ def sampled_subpixels(
     view: View,
     settings: Settings,
 ) -> Subpixels | None:
-    """Draws pixels of an image and traces them by more rays.
+    """Draws pixels of an image and traces them by more rays; None if no pixel has a T_app.
 
     Args:
         image: (C + 1, H, W) weights, the part from within the medium last.
-        several: of pixels (N,) and rays across each, weights (1 or 2, C + 1, N) by either half of
-            the ordinates.
-        cells, scene, view: of the trace.
-        settings: of the trace.
-
-    Returns:
-        The sample; None where no pixel has a T_app.
+        several: maps pixels (N,) and rays across each to weights (1 or 2, C + 1, N) by each half
+            of the ordinates.
+        cells, scene, view, settings: of the trace.
     """
     parts, rows, columns = image.shape
     flat = image.reshape(parts, -1)
@@ -73,10 +69,9 @@ def sampled_subpixels(
     if len(at):
         seen_by = [view.boundary_shares(at, each) for each in (few, across)]
         as_seen = [_evaluated(flat[:-1, at], seen_by[0], each) for each in seen_by]
-        there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # a part of the wall is no emissivity
-        there &= (
-            np.minimum(*(each[0] for each in seen_by)) > VISIBLE_DISC
-        )  # DIT fits just so much to either side
+        there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # the wall's share is no emissivity
+        # DIT fits pixels of at least this share.
+        there &= np.minimum(*(each[0] for each in seen_by)) > VISIBLE_DISC
         here_K, more_K = (temperature.temperature_K(one[:, there]) for one in as_seen)
         rim[at[there]] = more_K - here_K
     sample = drawn(
@@ -94,15 +89,14 @@ def sampled_subpixels(
 
 
 def _evaluated(mean: NDArray[np.floating], seen: Floats, shares: Floats) -> Floats:
-    """Weights (C, N) as DIT has them, of pixels that see a share of the background, not all of it.
+    """Weights (C, N) as DIT evaluates them, of pixels that see only a share of the background.
 
-    Args:
-        mean: (C, N) of rays of which the shares `seen` (B, N) end on each part of the boundary.
-        shares: (B, N) of the rays that are wanted; the medium before all of them is the same.
+    `mean` (C, N) are the weights of rays of which the shares `seen` (B, N) end on each part of the
+    boundary; `shares` (B, N) are those of the wanted rays, through the same medium.
     """
     through = mean[0] / np.maximum(seen[0], VISIBLE_DISC)
     out = np.array(mean, np.float64)
-    # What is let through of all else than the background; and all of that, which is no spray's.
+    # Transmitted light of the other parts, less their light without the spray.
     out[1 : len(shares)] += (shares[1:] - seen[1:]) * through - shares[1:]
     out /= np.maximum(shares[0], VISIBLE_DISC)
     out[0] = through
@@ -119,29 +113,25 @@ def _boundary(shares: Floats, cells: OpticalCells) -> Weights:
 def drawn(
     temperature_K: Floats, rim_K: Floats | float = 0.0, *, tuning: Tuning, seed: int
 ) -> PixelSample:
-    """A sample of the pixels that have a temperature, most of them where contrast is.
+    """Sample of the pixels that have a temperature, most of them at high contrast.
 
     Args:
-        temperature_K: (H, W), NaN where there is none; not all of them.
-        rim_K: (H W,) what is known beside: how far pixels at the background's rim are off.
-        tuning: how many, and the share of the chance that is equal for all.
+        temperature_K: (H, W), NaN where there is none, but not everywhere.
+        rim_K: (H W,) known error of pixels at the rim of the background.
+        tuning: number of pixels, and the uniform share of the probability.
         seed: of the random start.
     """
     square = contrast_K(temperature_K).reshape(-1) ** 2 + np.square(rim_K)
     known = np.isfinite(square)
-    even = tuning.audit_even * float(square[known].mean()) or 1.0  # where nothing differs
+    even = tuning.audit_even * float(square[known].mean()) or 1.0  # of a uniform image
     importance = np.where(known, square + even, 0.0)
     return PixelSample.of(importance, most=tuning.subpixels, seed=seed)
 
 
 def contrast_K(temperature_K: Floats) -> Floats:
-    """How far each pixel is from its neighbours, RMS over those across and down that are known.
+    """RMS difference (H, W) of each pixel of `temperature_K` (H, W) from its four neighbours.
 
-    Args:
-        temperature_K: (H, W), NaN where there is none.
-
-    Returns:
-        (H, W), 0 where no neighbour is known, NaN where the pixel is not.
+    Neighbours of NaN do not count; the result is 0 if none counts, and NaN where the pixel is NaN.
     """
     square, count = np.zeros(temperature_K.shape), np.zeros(temperature_K.shape)
     for axis in (0, 1):

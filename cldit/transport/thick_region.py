@@ -1,8 +1,8 @@
-"""The thick region: thick cells, and the cells around them that path segments go through.
+"""Thick region: thick cells, and the cells around them that path segments cross.
 
-The final gather (stage 5 of `trace_source`) refines it. A thick cell's neighbours, or those beyond
-a gap between two, cast shadows that are smaller than a cell. So path segments go through the cells
-around thick ones, and end at the interfaces of this region.
+The final gather (stage 5 of `trace_source`) refines it. The neighbours of a thick cell, or cells
+beyond a gap, cast shadows that are smaller than a cell. So path segments cross the cells around
+thick ones, and end at the interfaces of this region.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ _HEAD = 4  # numbers of a record before its planes, which are in fours, as in ce
 
 @dataclass(frozen=True)
 class ThickRegion:
-    """The thick cells of the swept box, and the region of these and of those around them.
+    """Thick cells of the swept box, and the region of these and of the cells around them.
 
-    listed: (T,) which of the scattering cells are thick.
+    listed: (T,) numbers of the thick cells among the scattering ones.
     at: (R, 3) the region's cells in the box.
-    address: (R,) the same among stored cells; -1: not stored.
-    low: (3,) lower corner in the box of the part around the region.
+    address: (R,) addresses of these among stored cells; -1: not stored.
+    low: (3,) lower corner, in the box, of the part around the region.
     places: (z, y, x) number of the region's cell at each place of that part; -1: none.
     beside: (R, 6) neighbours of each cell, as in kernels/path_segment.h.
     interfaces: number of interfaces, whose radiance the final sweeps store.
-    diffusive: whether light diffuses in thick cells, so that the sweeps' sources are not relied on.
+    diffusive: true if light diffuses in thick cells, where the sweeps' sources are inaccurate.
     """
 
     listed: NDArray[np.int64]
@@ -54,16 +54,13 @@ class ThickRegion:
         tuning: Tuning,
         asymmetry: float | NDArray[np.float64] = 0.0,
     ) -> ThickRegion | None:
-        """The thick scattering cells and the cells around them.
+        """Thick scattering cells and the cells around them; None if no cell is thick.
 
         Args:
             cells, box: the medium, and its swept box.
             deeper_than: optical depth of a cell's edge above which it is thick.
-            tuning: `margin` cells around thick ones; which of them are `diffusive`.
+            tuning: `margin` cells around thick ones; limits of `diffusive` cells.
             asymmetry: mean cosine of scattering, of all cells or (N,).
-
-        Returns:
-            The region; None where no cell is thick.
         """
         listed = np.flatnonzero(cells.depth[cells.address] > deeper_than)
         if not len(listed):
@@ -104,7 +101,7 @@ class ThickRegion:
     def faces(self) -> NDArray[np.int32]:
         """Numbers (R, 6) of interfaces: faces to cells of the box outside the region; -1: others.
 
-        Two faces that no direction crosses outwards together may share a number: segments end in
+        Two faces that no direction crosses outwards may share a number, because segments end in
         the radiance of an ordinate of their own octant.
         """
         return np.where(self.beside <= _INTERFACE, _INTERFACE - self.beside, NONE)
@@ -120,20 +117,20 @@ class ThickRegion:
         path_depth: float | None,
         tuning: Tuning,
     ) -> NDArray[np.floating]:
-        """(R, ...) records of the region's cells, as in kernels/cell_record.h.
+        """Records (R, ...) of the region's cells, as in kernels/cell_record.h.
 
-        A record has the optical depth; albedo and emission where paths go on; the source of the
-        final sweeps and its gradient, of which cells where paths go on have the scattered part over
+        A record contains the optical depth, the source of the final sweeps, and its gradient. Where
+        paths continue it also has albedo and emission, and the source is the scattered part over
         the albedo. Cells that are not stored are empty.
 
         Args:
-            seen, cells: the medium as it is, and as the final sweeps have it.
+            seen, cells: the original medium, and that of the final sweeps.
             source: (M C, N) source of the scattering cells.
             gradient: (3, C, K) of the source in `linear_cells`, or None.
-            linear_cells: (K,) which of the scattering cells have a gradient.
-            path_depth: optical depth from which paths go on in a cell; None: in no cell, at a fixed
-                order, since each segment of a path is an order more.
-            tuning: `path_albedo` and `path_twice`, further reasons to go on.
+            linear_cells: (K,) numbers of the scattering cells that have a gradient.
+            path_depth: optical depth from which paths continue in a cell; None: in no cell, at a
+                fixed order, since each segment of a path is one more order.
+            tuning: `path_albedo` and `path_twice`, further criteria.
         """
         stored = self.address >= 0
         address = self.address[stored]
@@ -143,13 +140,13 @@ class ThickRegion:
         scatters = number >= 0
         depth, albedo = seen.depth[address], seen.albedo[number]
         if path_depth is None:
-            goes_on = np.zeros(len(depth), np.bool_)
+            continues = np.zeros(len(depth), np.bool_)
         else:
-            # Albedo: errors of a linear source with few moments add up over many scatterings.
+            # Errors of a linear source with few moments accumulate over many scatterings.
             # albedo^2 depth is about the light that is scattered twice in the cell.
-            goes_on = (depth > path_depth) | (albedo > tuning.path_albedo)
-            goes_on |= albedo**2 * depth > tuning.path_twice * path_depth
-            goes_on &= scatters
+            continues = (depth > path_depth) | (albedo > tuning.path_albedo)
+            continues |= albedo**2 * depth > tuning.path_twice * path_depth
+            continues &= scatters
         real = source.dtype.type
         own_source = np.zeros((len(source), len(address)), real)
         first, emission = cells.needs.boundaries, cells.thermal_planes(real, address)
@@ -162,16 +159,16 @@ class ThickRegion:
             among = np.where(scatters, among[number], NONE)
             own_gradient = gradient.reshape(-1, len(linear_cells))[:, among]
             own_gradient = own_gradient * (among >= 0).astype(real)
-        own_source[first : first + len(emission), goes_on] -= emission[:, goes_on]
-        scattered = np.where(goes_on, cells.albedo[number], 1.0).astype(real)
+        own_source[first : first + len(emission), continues] -= emission[:, continues]
+        scattered = np.where(continues, cells.albedo[number], 1.0).astype(real)
         emitted = np.zeros((len(cells.needs.components), len(address)), real)
-        emitted[first : first + len(emission)] = goes_on * seen.thermal_planes(real, address)
+        emitted[first : first + len(emission)] = continues * seen.thermal_planes(real, address)
         planes = [emitted, *(own_source / scattered).reshape(-1, len(emitted), len(address))]
         planes.extend((own_gradient / scattered).reshape(-1, len(emitted), len(address)))
         fours = -(-len(emitted) // 4) * 4
         out = np.zeros((len(self.at), _HEAD + fours * len(planes)), real)
-        out[stored, 0] = np.where(goes_on, seen.depth[address], cells.depth[address])
-        out[stored, 1] = np.where(goes_on, seen.albedo[number], 0.0)
+        out[stored, 0] = np.where(continues, seen.depth[address], cells.depth[address])
+        out[stored, 1] = np.where(continues, seen.albedo[number], 0.0)
         for place, plane in enumerate(planes):
             begin = _HEAD + place * fours
             out[stored, begin : begin + len(plane)] = plane.T

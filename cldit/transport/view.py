@@ -1,4 +1,4 @@
-"""The scene's geometry for every kernel with an octree traversal: camera, boundary, octree."""
+"""Geometry of the scene for all kernels that traverse the octree: camera, boundary, octree."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from cldit.transport.cells import OpticalCells
 
 Floats = NDArray[np.float64]
 _TILE = 8
-_AT_ONCE = 2**14  # pixels whose lines of sight are followed together
+_AT_ONCE = 2**14  # lines of sight that are followed together, to bound memory
 
 
 @dataclass(frozen=True)
@@ -69,14 +69,9 @@ class View:
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Work-items of a kernel with one for each pixel.
+        """Global size and work-group size (columns, rows) of a kernel with an item for each pixel.
 
-        Args:
-            program, kernel: the program, and the kernel's name in it.
-            rows: of the image; None: all.
-
-        Returns:
-            Global size and work-group, both along columns and rows.
+        The image has `rows` rows; None: all.
         """
         columns, all_rows = self.pixels
         edge = _TILE
@@ -86,12 +81,12 @@ class View:
 
     @cached_property
     def before_background(self) -> NDArray[np.bool_]:
-        """Pixels (H, W) whose line of sight ends on the background, without the medium."""
+        """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
         return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
 
     def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """`before_background` (N,) for flat numbers of pixels (N,)."""
+        """Mask (N,) of pixels in front of the background, by flat number (N,)."""
         return np.asarray(self.boundary_shares(pixels, 1)[0] > 0)
 
     def has_temperature(
@@ -103,14 +98,9 @@ class View:
         return out
 
     def boundary_shares(self, pixels: NDArray[np.int64], across: int) -> Floats:
-        """What pixels see of each part of the boundary, without the medium.
+        """Shares (B, N) of background, wall and patches in pixels (N,), without the medium.
 
-        Args:
-            pixels: (N,) flat numbers.
-            across: across^2 lines of sight go through each, one in the middle of each equal part.
-
-        Returns:
-            (B, N) shares of the lines, which sum to 1: background, wall, patches.
+        across^2 lines of sight go through each pixel, in the middles of equal parts.
         """
         columns, rows = self.pixels
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
@@ -120,10 +110,10 @@ class View:
         out = np.zeros((2 + len(self.patches), len(pixels)))
         at_once = max(_AT_ONCE // across**2, 1)
         inside = (np.arange(across) + 0.5) / across
-        for first in range(0, len(pixels), at_once):  # for memory
+        for first in range(0, len(pixels), at_once):
             some = slice(first, first + at_once)
             row, column = np.divmod(pixels[some], columns)
-            # Where lines of sight cross the target plane.
+            # Intersections with the target plane.
             lines = np.zeros((len(row), across, across, 3))
             lines[..., 0] = (column[:, None, None] + inside - 0.5 * columns) * self.pitch[0]
             down = row[:, None, None] + inside[:, None]
@@ -146,16 +136,7 @@ class View:
     def geometry(
         self, device: Device, cells: OpticalCells, real: type[np.floating]
     ) -> dict[str, Any]:
-        """Kernel arguments of the octree's size and of `lines_of_sight`.
-
-        Args:
-            device: holds the patches.
-            cells: the medium.
-            real: type of real numbers on the device.
-
-        Returns:
-            The arguments by name.
-        """
+        """Kernel arguments of the octree's size and of `lines_of_sight`."""
         bounds = cells.bounds()
         return {
             "coarse": cells.tree.slots * BRICK**3,
@@ -167,7 +148,7 @@ class View:
         }
 
     def lines_of_sight(self, device: Device, real: type[np.floating]) -> dict[str, Any]:
-        """Kernel arguments of camera, disc and patches on `device`, in the type `real`."""
+        """Kernel arguments of camera, disc and patches, in the type `real`."""
         out = {
             "columns": self.pixels[0],
             "rows": self.pixels[1],
@@ -183,7 +164,7 @@ class View:
 
 
 def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
-    """Kernel arguments on `device` of the directory of the octree of `cells`."""
+    """Kernel arguments of the octree's directory."""
     tree = cells.tree
     spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
     return {
@@ -195,17 +176,7 @@ def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
 def upload_tree(
     device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
 ) -> dict[str, Any]:
-    """Kernel arguments of the octree with its optical depths.
-
-    Args:
-        device: holds them.
-        cells: the medium.
-        real: type of real numbers on the device.
-        linear: with gradients of the coefficients, for LINEAR_COEFFICIENTS.
-
-    Returns:
-        The arguments by name.
-    """
+    """Kernel arguments of the octree and its optical depths; `linear`: with their gradients."""
     out = {
         **upload_directory(device, cells),
         "depth": upload(device, "optical depth", cells.depth.astype(real)),
@@ -217,24 +188,18 @@ def upload_tree(
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
-    """Checks that no ray leaves the medium beyond the disc or a patch.
+    """Raises TransportError if the disc or a patch is inside the medium.
 
-    The medium may end anywhere in its last cells. A disc in these is seen as well, for a line's
-    way is followed back to it; a patch is not.
-
-    Args:
-        scene, cells, view: the boundary and the medium, and both in one unit.
-
-    Raises:
-        TransportError: names what lies inside the medium.
+    The medium may end anywhere in its last cells. A disc within these is allowed, since rays are
+    followed back to it; a patch is not.
     """
     frame, box = cells.tree.frame, cells.box()
     low, high = np.asarray(box.low, float), np.add(box.low, box.shape).astype(float)
     if scene.background.shape == "disc" and view.disc[1] < high[1] - 1.0:
         reach = frame.lower_m[1] + high[1] * frame.cell_m
         raise TransportError(
-            f"background.centre_m: y = {scene.background_centre_m[1]:g} m lies inside the spray, "
-            f"which reaches to y = {reach:.4g} m; allowed is a disc behind it"
+            f"background.centre_m: y = {scene.background_centre_m[1]:g} m is inside the spray, "
+            f"which reaches to y = {reach:.4g} m; allowed: a disc behind it"
         )
     for patch, rows in zip(scene.patches, view.patches, strict=True):
         normal, offset = rows[0, :3], rows[0, 3]
@@ -242,5 +207,5 @@ def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
         if depth > 1e-6:
             raise TransportError(
                 f"patches.{patch.name}: its plane cuts {depth * frame.cell_m:.4g} m into the box "
-                "around the spray; allowed is a patch with all of the spray before its front"
+                "around the spray; allowed: a patch with the whole spray in front of it"
             )

@@ -112,7 +112,7 @@ LEFT: dict[str, int] = {
     "spray": 56,
     "study": 64,
     "testing": 36,
-    "transport": 45,
+    "transport": 6,
 }
 
 

@@ -99,7 +99,7 @@ def test_rays_are_as_many_as_the_paper_says(run_block: Callable[..., Run]) -> No
 
 @pytest.mark.parametrize("order", [None, 4])
 def test_high_orders_are_refused(run_block: Callable[..., Run], order: int | None) -> None:
-    with pytest.raises(TransportError, match=r"transport\.order: .* allowed is 0\.\.3"):
+    with pytest.raises(TransportError, match=r"transport\.order: .* allowed: 0\.\.3"):
         block(run_block, pixels=4, order=order, method="branching")
 
 

@@ -153,7 +153,7 @@ def test_spoiled_kernels_are_found(
         return text
 
     monkeypatch.setattr(kernel_source, "read_source", spoiled)
-    with pytest.raises(TransportError, match=r"light is made or lost: .* allowed is .* row \d+"):
+    with pytest.raises(TransportError, match=r"energy is not conserved: .* allowed: .* row \d+"):
         block(run_block, **{"accuracy_K": 1.0, **transport})
 
 
@@ -164,7 +164,7 @@ def test_bounds() -> None:
     within[1, 2] += 0.01
     assert EnergyBalance.of(outside, within, bound=0.011).pixel == (1, 2)
     with pytest.raises(
-        TransportError, match=r"\+0\.01 \(largest\), allowed is 0\.009.*row 1, column 2"
+        TransportError, match=r"\+0\.01 \(largest\); allowed: 0\.009.*row 1, column 2"
     ):
         EnergyBalance.of(outside, within, bound=0.009)
     # As noise of one pixel in twelve it is no evidence; of all of them it is.
@@ -186,5 +186,5 @@ def test_few_noisy_pixels_do_not_tell_their_noise() -> None:
     """One pixel that is off by 2e-4 may be noise; one that is off by 3 % is not."""
     half = np.full((1, 1), 0.5)
     assert EnergyBalance.of(half[None] - 2e-4, half, bound=1e-4, noise=0.02).bound == 0.02
-    with pytest.raises(TransportError, match="light is made or lost"):
+    with pytest.raises(TransportError, match="energy is not conserved"):
         EnergyBalance.of(half[None] - 0.03, half, bound=1e-4, noise=0.02)

@@ -1,15 +1,15 @@
-"""The boundary as the forward peak of the phase function blurs it (stage 3 of `trace_source`).
+"""Boundary blurred by the forward peak of the phase function (stage 3 of `trace_source`).
 
-In the final sweeps the share f of what is scattered counts as not scattered (delta-M, see
-moment_source.py): light of the boundary goes on along its ray. But the forward peak has a width.
-With the phase function's Legendre moments p_l, and f = p_3, what is left beside the three moments
-of the source is f G, where G has the moments 1 for l up to 3, and p_l / f beyond. So light of the
-boundary B that is attenuated by exp(-t), and with delta-M by exp(-t*), is taken as
+In the final sweeps the share f of scattered light counts as unscattered (delta-M, see
+moment_source.py): light of the boundary continues along its ray. But the forward peak has a width.
+With the Legendre moments p_l of the phase function and f = p_3, the remainder beside the three
+moments of the source is f G, where G has the moments 1 for l up to 3, and p_l / f beyond. So light
+of the boundary B, which is attenuated by exp(-t), and by exp(-t*) with delta-M, is taken as
 
     B exp(-t) + (G B) (exp(-t*) - exp(-t)):
 
-what is not scattered, and what is scattered ahead once or more, blurred by the peak. It is
-scattered at some place on its ray; G B is taken for the mean one.
+the unscattered light, and the light scattered forward once or more, blurred by the peak. It is
+scattered somewhere on its ray; G B is evaluated at the mean place.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from cldit.transport.view import View
 Floats = NDArray[np.float64]
 
 SIDE = 8  # places along a side of a map
-_ANGLES, _TURNS = 24, 8  # of the peak: bins of the sine of half the angle, and turns about the ray
-_KEPT = 4  # moments that are those of light which goes straight on
-# Two places of an even chord, in any order: the one nearer to its end lies a third from there in
-# the mean, a sixth beyond the middle.
+_ANGLES, _TURNS = 24, 8  # of the peak: bins of the sine of half the angle, and azimuths
+_KEPT = 4  # moments equal to those of unscattered light
+# Of two random places on a chord, the one nearer to the end is a third of the chord from it in the
+# mean: a sixth beyond the middle.
 _BEYOND = 1 / 6
 
 
@@ -42,8 +42,8 @@ _BEYOND = 1 / 6
 class ForwardPeak:
     """Quadrature of the forward peak G, see above.
 
-    cosine, weight: (K,) cosines to the ray and weights, which sum to 1. Some may be below 0, for
-        G is what is left of a phase function beside a sum of three moments.
+    cosine, weight: (K,) cosines to the ray, and weights, which sum to 1. Some may be negative,
+        since G is the remainder of a phase function beside a sum of three moments.
     """
 
     cosine: Floats
@@ -51,7 +51,7 @@ class ForwardPeak:
 
     @classmethod
     def of(cls, phase: ScatteringTable) -> ForwardPeak | None:
-        """The peak of a phase function; None: it has none, for its third moment is not above 0."""
+        """Peak of a phase function; None if its third moment is not above 0."""
         moments = phase.moments(_KEPT)
         forward = float(moments[-1])
         if forward <= 0:
@@ -75,7 +75,7 @@ class ForwardPeak:
 
 
 def _across(ray: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors (3,) at right angles to `ray` (3,) and to each other."""
+    """Two unit vectors (3,) perpendicular to `ray` (3,) and to each other."""
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(ray)))], ray)
     first /= np.linalg.norm(first)
     return first, np.cross(ray, first)
@@ -85,7 +85,7 @@ def _across(ray: Floats) -> tuple[Floats, Floats]:
 class BlurredBoundary:
     """Maps of the blurred boundary over the rays of each ordinate, on the device.
 
-    maps: [ordinate][component but the wall][row][column].
+    maps: [ordinate][component except the wall][row][column].
     frames: [ordinate][2] rows x, y, z and offset, which give a ray's column and row.
     """
 
@@ -103,14 +103,7 @@ class BlurredBoundary:
         *,
         real: type[np.floating],
     ) -> BlurredBoundary:
-        """Computes and uploads the maps.
-
-        Args:
-            device, box, real: as the sweeper has them.
-            view: the boundary.
-            directions: the ordinates.
-            peak: of the phase function.
-        """
+        """Computes and uploads the maps, see `blurred_maps`."""
         maps, frames = blurred_maps(view, box, directions, peak)
         return cls(
             upload(device, "blurred boundary", maps.astype(real)),
@@ -119,21 +112,17 @@ class BlurredBoundary:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Kernel arguments of the sweep for BLURRED_BOUNDARY, beside the optical depth."""
+        """Kernel arguments of the sweep for BLURRED_BOUNDARY, except the optical depth."""
         return {"blurred_maps": self.maps, "blurred_frames": self.frames}
 
 
 def blurred_maps(
     view: View, box: Box, directions: Ordinates, peak: ForwardPeak
 ) -> tuple[Floats, Floats]:
-    """Maps of the blurred boundary over the rays of each ordinate, and their frames.
+    """Maps (N, B - 1, SIDE, SIDE) of the blurred boundary over the rays of each ordinate.
 
-    Args:
-        view, box, directions, peak: as in `BlurredBoundary.of`.
-
-    Returns:
-        Maps (N, B - 1, SIDE, SIDE) of all components but the wall, and frames (N, 2, 4) as in
-        `BlurredBoundary`.
+    They have all components except the wall. The second result are the frames (N, 2, 4) as in
+    `BlurredBoundary`.
     """
     size = np.asarray(box.shape, float)
     centre, radius = view.disc[:3] - box.low, float(view.disc[3]) ** 0.5
@@ -163,7 +152,7 @@ def blurred_maps(
             patches=patches,
         ).reshape(SIDE, SIDE, -1)
         if enclosure:
-            seen[seen == 1] = 0  # the background is wherever no patch is
+            seen[seen == 1] = 0  # the background is everywhere except on patches
         for number, component in enumerate((0, *range(2, 2 + len(patches)))):
             map_[number] = (seen == component) @ weight
         steps = (SIDE - 1) / 2 / reach

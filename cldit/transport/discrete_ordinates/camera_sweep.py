@@ -1,4 +1,4 @@
-"""The camera's weights in the final discrete ordinates sweeps (stage 3 of `trace_source`)."""
+"""Weights for scattering to the camera in the final sweeps (stage 3 of `trace_source`)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_
 
 @dataclass(frozen=True)
 class CameraSweep:
-    """A sweep program that weights ordinates by the scattering to the camera.
+    """Sweep program that weights ordinates by the scattering to the camera.
 
-    phase: the phase function in equal steps of the sine of half the angle.
-    place: (3,) of the camera, in cells of the cube.
+    phase: phase function in equal steps of the sine of half the angle.
+    place: (3,) position of the camera, in cells of the cube.
     shares: sums of weights in every cell, in packets of either order of axes.
-    seen: with VIEW_TRANSMISSION, optical depths for the camera and 1 over their mean transmissions;
-        with BLURRED_BOUNDARY, optical depths; with PHASE_CLASSES, shares of the classes of droplet
-        size.
+    seen: with VIEW_TRANSMISSION, optical depths to the camera and inverse mean transmissions; with
+        BLURRED_BOUNDARY, optical depths; with PHASE_CLASSES, shares of the droplet size classes.
     """
 
     device: Device
@@ -53,13 +52,12 @@ class CameraSweep:
         """Uploads the weights.
 
         Args:
-            device, box, real: as the sweeper has them.
+            device, box, real, packets: those of the sweeper.
             program: sweep.cl with CAMERA_SWEEP.
-            medium: as it is, without delta-M.
-            packets: of the swept box.
-            phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number where
-                there is no PHASE_STEPS.
-            place: (3,) of the camera, in cells of the cube.
+            medium: the original medium, without delta-M.
+            phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number without
+                PHASE_STEPS.
+            place: (3,) position of the camera, in cells of the cube.
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}

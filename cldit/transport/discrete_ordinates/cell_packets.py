@@ -1,6 +1,6 @@
 """Cell packets for SIMD: the cells of a row along u in packets of 8, without empty packets.
 
-The sweeps of discrete ordinates (kernels/sweep.cl) go through them.
+Discrete ordinates sweeps (kernels/sweep.cl) traverse them.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ PACKET = 8  # cells, as in kernels/cell_packets.h
 
 
 def simd_defines(device: Device) -> dict[str, int]:
-    """Cells or path segments that a work-item processes at once (kernels/simd.h)."""
+    """Define of the cells or path segments that a work-item processes at once (kernels/simd.h)."""
     return {"SIMD_WIDTH": PACKET if device.is_cpu else 1}
 
 
 @dataclass(frozen=True)
 class CellPackets:
-    """The G packets of a box [l][v][u] in one order of axes.
+    """Packets, G of them, of a box [l][v][u] in one order of axes.
 
     first: (rows + 1,) first packet of each row, and the end.
-    along: (G,) u of a packet's first cell; -1 - u where none of its cells scatters.
-    number: (rows, places) number of the packet; -1 where all of its cells are empty.
+    along: (G,) u of a packet's first cell; -1 - u if none of its cells scatters.
+    number: (rows, places) number of the packet; -1 if all of its cells are empty.
     """
 
     first: NDArray[np.int32]
@@ -37,11 +37,7 @@ class CellPackets:
 
     @classmethod
     def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> CellPackets:
-        """Packets of a box.
-
-        Args:
-            filled, scatters: which cells are not empty, and which scatter; the shape is (l, v, u).
-        """
+        """Packets of a box with masks (l, v, u) of the non-empty and of the scattering cells."""
         some = np.asarray(_split(filled).any(axis=2))
         row, place = np.nonzero(some)
         number = np.full(some.shape, -1, np.int32)
@@ -55,7 +51,7 @@ class CellPackets:
 
     @classmethod
     def both(cls, cells: OpticalCells, box: Box) -> dict[bool, CellPackets]:
-        """Packets of `cells` in `box` along x, of rows [z][y]; turned along y, of rows [x][z]."""
+        """Packets of `cells` in `box`: along x in rows [z][y]; turned: along y in rows [x][z]."""
         scatters = np.zeros(len(cells.depth), np.bool_)
         scatters[cells.address] = True
         filled = turned_too(cells.dense(box, cells.depth > 0))
@@ -67,12 +63,12 @@ class CellPackets:
 
     @property
     def cells(self) -> int:
-        """Number of cells, with the empty ones in packets."""
+        """Number of cells in packets, including empty ones."""
         return PACKET * len(self)
 
     @property
     def widest(self) -> int:
-        """Cells in the packets of a row, at most."""
+        """Largest number of cells in the packets of a row."""
         return PACKET * int(np.diff(self.first).max(initial=1))
 
     def packed(self, dense: NDArray[Any]) -> NDArray[Any]:
@@ -80,19 +76,16 @@ class CellPackets:
         return np.asarray(_split(dense)[self.number >= 0])
 
     def places(self, row: NDArray[np.int64], u: NDArray[np.int64]) -> NDArray[np.int32]:
-        """Numbers (N,) of cells, counted through all packets.
-
-        The cells are at `u` (N,) in the rows `row` (N,); their packets must not be empty.
-        """
+        """Numbers (N,), through all packets, of cells at `u` (N,) in rows (N,); none is empty."""
         return np.asarray(self.number[row, u // PACKET] * PACKET + u % PACKET, np.int32)
 
 
 def turned_too(dense: NDArray[Any]) -> dict[bool, NDArray[Any]]:
-    """An array of shape (z, y, x), and turned to (x, z, y)."""
+    """Array (z, y, x) as it is, and turned to (x, z, y)."""
     return {False: dense, True: dense.transpose(2, 0, 1)}
 
 
 def _split(dense: NDArray[Any]) -> NDArray[Any]:
-    """An array as (row, place, cell of the packet), padded with 0."""
+    """Array as (row, place, cell of the packet), padded with 0."""
     padded = np.pad(dense, ((0, 0), (0, 0), (0, -dense.shape[2] % PACKET)))
     return padded.reshape(dense.shape[0] * dense.shape[1], -1, PACKET)

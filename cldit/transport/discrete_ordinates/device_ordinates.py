@@ -1,4 +1,4 @@
-"""A discrete ordinates quadrature on the device, with its sweep schedules."""
+"""Quadrature of discrete ordinates on the device, with its sweep schedules."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, swe
 
 @dataclass(frozen=True)
 class DeviceOrdinates:
-    """A quadrature, and the arguments of kernels/sweep.cl for it.
+    """Quadrature and its arguments of kernels/sweep.cl.
 
-    sweep_schedules: each with its kernel arguments, and those for SPATIAL_MOMENTS.
+    sweep_schedules: schedules with their kernel arguments, and those for SPATIAL_MOMENTS.
     """
 
     directions: Ordinates
@@ -38,18 +38,11 @@ class DeviceOrdinates:
         edge: int,
         real: Real,
     ) -> DeviceOrdinates:
-        """Uploads a quadrature.
-
-        Args:
-            device, box, real: as the sweeper has them.
-            directions: the N ordinates.
-            starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
-            together, edge: as in `sweep_schedules`.
-        """
+        """Uploads a quadrature; arguments as in `sweep_schedules`."""
         ready = []
         for schedule in sweep_schedules(box, directions, starts, together=together, edge=edge):
             nothing = np.zeros((len(schedule), 1))
-            most = schedule.layout.size[2] + 1  # cells that rays shift
+            most = schedule.layout.size[2] + 1  # cells by which rays shift
             origin = np.where([schedule.rightwards, schedule.upwards], most, 1)
             tables = {
                 "tiles": schedule.tiles,

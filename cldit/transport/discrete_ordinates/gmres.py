@@ -1,9 +1,10 @@
 """GMRES for the scattered source (stage 1 of `trace_source`), or a fixed number of orders.
 
 GMRES (Saad, Iterative Methods for Sparse Linear Systems, 2003, ch. 6) solves S = a Lambda S + E
-along few ordinates. One sweep along more shows the residual of that solution. GMRES then solves for
-the correction with the few, which describe well how cells light each other (defect correction:
-Stetter, Numer. Math. 29, 1978). The error left is of second order in the difference of both sets.
+along few ordinates. One sweep along more ordinates gives the residual of that solution. GMRES then
+solves for the correction along the few, which describe the exchange between cells well (defect
+correction: Stetter, Numer. Math. 29, 1978). The remaining error is of second order in the
+difference of the two sets.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ from cldit.transport.discrete_ordinates.sweep import Sweeper
 Array = NDArray[Any]
 Report = Callable[[str], None]
 
-# RMS rounding error of a number in machine epsilons: uniform up to half of the last digit, for
+# RMS rounding error of a number in machine epsilons: uniform up to half of the last digit, with
 # mantissas from 1 to 2.
 _ROUNDED = 0.2
 
 
 @dataclass(frozen=True)
 class Solution:
-    """The source of the scattering cells.
+    """Source of the scattering cells.
 
     source: (C, N), in the unit of `OpticalCells.emitted`.
     iterations: sets of sweeps along all ordinates.
-    residual_rms: RMS of the preconditioned residual, of the worst component. 0 at a fixed order.
-    error: RMS error of the source, from the smallest singular value in GMRES. 0 at a fixed order.
-    residual: (C, N) the preconditioned residual, about the error of the source.
+    residual_rms: RMS of the preconditioned residual of the worst component; 0 at a fixed order.
+    error: RMS error of the source, from the smallest singular value in GMRES; 0 at a fixed order.
+    residual: (C, N) preconditioned residual, about the error of the source.
     camera_source: (C, N) source to the camera, after the final sweeps.
     """
 
@@ -48,39 +49,27 @@ class Solution:
 
 
 def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:
-    """The source (C, N) of order 0: all scattered light comes from the wall (paper, "Ray Tracing").
-
-    `sweeper` has the thermal source of the scattering cells; `albedo` (N,) is theirs.
-    """
+    """Source (C, N) of order 0: all scattered light comes from the wall (paper, "Ray Tracing")."""
     guess = sweeper.thermal.copy()
     guess[1] += albedo.astype(guess.dtype)
     return guess
 
 
 def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
-    """One more order of scattering (Lambda iteration).
-
-    Args:
-        sweeper: of the medium.
-        source: (C, N) of the scattering cells.
-        rays: the ordinates.
-
-    Returns:
-        (C, N) source.
-    """
+    """Source (C, N) with one more order of scattering than `source` (C, N): Lambda iteration."""
     sweeper.set_source(source, shining=True)
     sweeper.sweep(rays, shining=True)
     return sweeper.next_order()
 
 
 def _rms(values: Array) -> NDArray[np.float64]:
-    """RMS over cells of each component (C, N)."""
+    """RMS over the cells of each component of `values` (C, N)."""
     wide = values.astype(np.float64)
     return np.asarray(np.sqrt(np.mean(wide * wide, axis=1)))
 
 
 def _worst(residual: Array) -> float:
-    """RMS of a residual (C, N), of its worst component; TransportError where it is not finite."""
+    """RMS of the worst component of a residual (C, N); TransportError if it is not finite."""
     worst = float(_rms(residual).max())
     if not np.isfinite(worst):
         raise TransportError("the scattered source is not finite")
@@ -96,18 +85,19 @@ def gmres(
     report: Report | None = None,
     confirmed: bool = True,
 ) -> Solution:
-    """GMRES with restarts on the equation of transfer, preconditioned by 1 - Lambda*.
+    """Solves the equation of transfer by GMRES with restarts, preconditioned by 1 - Lambda*.
 
-    The operator is the same for all components: one set of sweeps serves them together, each with
-    its own Krylov space.
+    The operator is the same for all components, so that they share one set of sweeps; each has its
+    own Krylov space.
 
     Args:
         sweeper: of the medium.
-        guess: (C, N) to start from.
+        guess: (C, N) initial source.
         rays: the ordinates.
-        tolerance: RMS error allowed in the source of any component.
-        report: takes lines of progress.
-        confirmed: by one more iteration, which includes rounding; else by GMRES's own residual.
+        tolerance: largest RMS error of the source of any component.
+        report: receives lines of progress.
+        confirmed: convergence is confirmed by one more iteration, which includes rounding; else by
+            GMRES's own residual.
 
     Raises:
         NotConvergedError: the tolerance cannot be met (rounding, or too many iterations).
@@ -137,9 +127,8 @@ def gmres(
 
 def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:
     return NotConvergedError(
-        f"scattering does not converge below an error of {error:.1e} ({iterations} iterations), "
-        f"asked for is {tolerance:.1e}; allow a larger transport.accuracy_K, or set "
-        "transport.precision: float64"
+        f"scattering does not converge: error {error:.1e} after {iterations} iterations, wanted "
+        f"{tolerance:.1e}; increase transport.accuracy_K, or set transport.precision: float64"
     )
 
 
@@ -152,26 +141,21 @@ def defect_correction(
     report: Report | None = None,
     listed: Any = None,
 ) -> tuple[Solution, Array]:
-    """Corrects a solution of few ordinates for the defect along more.
+    """Corrects a solution along few ordinates for its defect along more; raises as `gmres`.
 
-    The sweeper must have swept the solution along the more.
+    The sweeper must have swept the solution along the larger set.
 
     Args:
-        solution: of `gmres` along `rays`.
-        rays: the few ordinates.
-        tolerance: RMS error allowed in the source of any component.
-        report: takes lines of progress.
+        solution: of `gmres` along `rays`, the few ordinates.
+        tolerance, report: as in `gmres`.
         listed: buffer of that sweep's I - S, see `Sweeper.residual`; None: the sweeper's own.
 
     Returns:
         The corrected solution, and the mean radiance (C, N) that the correction adds.
-
-    Raises:
-        NotConvergedError, TransportError: as `gmres`.
     """
     residual = sweeper.residual(shining=True, listed=listed)
     left, correction, iterations = residual, np.zeros_like(residual), solution.iterations
-    # The residual is updated from cycle to cycle and cannot show the rounding of the first one.
+    # The residual is updated from cycle to cycle, so it does not show the rounding of the first.
     rounding = _ROUNDED * float(np.finfo(residual.dtype).eps) * _worst(solution.source)
     error = now = _worst(residual)
     while now > 0.0 and (error > tolerance or left is residual):
@@ -184,7 +168,7 @@ def defect_correction(
             report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
         if error > tolerance and (now > 0.5 * before or now < rounding):
             raise _stuck(error, iterations, tolerance)
-    # The correction less the residual that is not preconditioned, over the albedo.
+    # The correction less the unpreconditioned residual, over the albedo.
     least = np.finfo(residual.dtype).tiny
     albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)
     more = (correction - residual * sweeper.one_minus_lambda) / albedo
@@ -194,7 +178,7 @@ def defect_correction(
 
 @dataclass(frozen=True)
 class _Cycle:
-    """A cycle's correction and residual (C, N), and 1 / the smallest singular value."""
+    """Correction and residual (C, N) of a GMRES cycle, and 1 / the smallest singular value."""
 
     correction: Array
     left: Array
@@ -241,7 +225,7 @@ def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance:
         if error * inverse_norm <= 0.5 * tolerance:
             break
         if np.all(length <= 1e-6 * np.abs(hessenberg[:, 0, 0]).max()):
-            break  # the space is exhausted: the solution lies in it
+            break  # the space contains the solution
     correction, left = np.zeros_like(residual), residual.copy()
     for c in range(parts):
         reached = hessenberg[c, :, : len(best[c])] @ best[c]

@@ -2,9 +2,9 @@
 
 The image uses them, since a cell is many pixels wide (`spatial_gradients`, stages 3 and 4 of
 `trace_source`). The solver's sweeps use them where light diffuses through thick cells (`Gradients`,
-stage 1): with a constant source the flux between two cells of optical depth t that scatter nearly
-all light is 3 t / 4 times that of diffusion (Larsen, Morel and Miller, J. Comput. Phys. 69, 1987,
-on the step method). A linear source that joins its neighbours' has the diffusion limit.
+stage 1): with a constant source the flux between two cells of optical depth t and albedo near 1 is
+3 t / 4 times that of diffusion (Larsen, Morel and Miller, J. Comput. Phys. 69, 1987, on the step
+method). A linear source that is continuous at faces has the diffusion limit.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ Numbers = NDArray[np.int32]
 class Gradients:
     """Finite differences for the source's gradient along x, y, z, per cell.
 
-    neighbours: (6, N) two scattering cells an axis; the cell itself where there is none.
-    weights: (6, N) of the neighbours' differences from the cell.
+    neighbours: (6, N) two scattering cells for each axis; the cell itself if there is none.
+    weights: (6, N) weights of the neighbours' differences from the cell.
     """
 
     neighbours: NDArray[np.int32]
@@ -36,12 +36,7 @@ class Gradients:
 
     @classmethod
     def of(cls, cells: OpticalCells, box: Box, tuning: Tuning) -> Gradients:
-        """Finite differences of the scattering cells in which light diffuses.
-
-        Args:
-            cells, box: the medium, and its swept box.
-            tuning: `linear_lengths` and `diffusion_most`, the limits of such cells; `alike`.
-        """
+        """Finite differences of the scattering cells in which light diffuses."""
         depth = cells.depth[cells.address]
         lengths = np.sqrt(3.0 * cells.coalbedo) * depth
         chosen = (lengths < tuning.linear_lengths) & (depth < tuning.diffusion_most)
@@ -64,15 +59,11 @@ class Gradients:
 
 
 def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning: Tuning) -> bool:
-    """Whether light diffuses through any cells.
+    """True if light diffuses through any cells.
 
-    It does in thick cells of low coalbedo that are few diffusion lengths across. The thickest are
-    left out: the solver would not converge where linear sources do not join.
-
-    Args:
-        cells: the medium.
-        scattered: share of the scattering that counts, of all cells or (N,).
-        tuning: its `diffusion_` numbers are the limits of such cells.
+    These are thick cells of low coalbedo that are few diffusion lengths across. The thickest do not
+    count: the solver would not converge where linear sources are discontinuous. `scattered` is the
+    share of the scattering that counts, of all cells or (N,).
     """
     counts = cells.coalbedo + scattered * cells.albedo
     depth, coalbedo = counts * cells.depth[cells.address], cells.coalbedo / counts
@@ -88,20 +79,18 @@ def spatial_gradients(
     box: Box,
     known: tuple[NDArray[np.intp], NDArray[np.floating]] | None = None,
 ) -> NDArray[np.floating]:
-    """Gradient of the radiance in each scattering cell along x, y, z, per cell.
+    """Gradient (3, C, N) of the radiance in each scattering cell along x, y, z, per cell.
 
-    The value at a face lies between both cells' means, nearer to that of the thinner one. A cell
-    with one neighbour has the same slope on both sides. A cell's share of the difference goes with
-    the root of its optical depth. Diffusion would have the depth itself, transparent cells equal
-    shares; on `gdi` the root errs least. Gradients are limited so that no component is negative.
+    The value at a face is between the means of both cells, closer to that of the thinner one: a
+    cell's share of the difference is proportional to the root of its optical depth. It would be the
+    depth itself in diffusion, and equal shares in transparent cells; on `gdi` the root has the
+    smallest error. A cell with one neighbour has the same slope on both sides. Gradients are
+    limited so that no component is negative.
 
     Args:
         light: (C, N) mean radiance of the cells.
         cells, box: the medium, and its swept box.
         known: cells (M,) and their gradients (3, C, M), which take precedence.
-
-    Returns:
-        (3, C, N) gradients.
     """
     every = np.arange(len(cells.address))
     gradient = np.zeros((3, *light.shape), light.dtype)
@@ -122,7 +111,7 @@ def spatial_gradients(
 def _beside(
     cells: OpticalCells, box: Box, offsets: Sequence[int], chosen: NDArray[np.bool_]
 ) -> Iterator[list[Numbers]]:
-    """For x, y and z, numbers (N,) of the chosen scattering cells at these offsets; -1: none."""
+    """Yields for x, y and z the numbers (N,) of the chosen cells at these offsets; -1: none."""
     far = max(offsets)
     at = (cells.positions(cells.address) - np.asarray(box.low)).T + far
     number = np.full(np.array(box.shape[::-1]) + 2 * far, -1, np.int32)
@@ -143,13 +132,13 @@ def _along(
 ) -> tuple[Numbers, Floats]:
     """Two neighbours (2, N) of each cell on an axis, and their weights (2, N).
 
-    At a face the source lies between both cells' by their depths, so that the diffusion flux is the
-    same on both sides. A cell with one neighbour has its slope in depth extrapolated from that face
-    and, if there is a cell beyond and both are alike in depth, from the neighbour's own slope.
+    At a face the source is interpolated by the depths of both cells, so that the diffusion flux is
+    the same on both sides. A cell with one neighbour has its slope in depth extrapolated from that
+    face and, if there is a cell beyond and both have similar depths, from the neighbour's slope.
 
     Args:
         below_2, below, above, above_2: (N,) numbers of the cells at -2, -1, 1 and 2; -1: none.
-        alike: largest ratio of depths of cells that are alike.
+        alike: largest ratio of similar depths.
     """
     both = (below >= 0) & (above >= 0)
     neighbours = np.stack([below, above])

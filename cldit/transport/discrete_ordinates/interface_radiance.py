@@ -1,6 +1,6 @@
-"""Interface radiance: what the final sweeps store for the final gather (stages 3 and 5).
+"""Interface radiance, stored by the final sweeps for the final gather (stages 3 and 5).
 
-Path segments end in the radiance on the interfaces of the thick region.
+Path segments end with the radiance on the interfaces of the thick region.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from cldit.transport.thick_region import ThickRegion
 class InterfaceRadiance:
     """Radiance that enters the thick region.
 
-    buffer: [interface][ordinate][component], so that the paths of a tile touch few pages.
-    interfaces, components, directions: numbers of interfaces, of a ray's numbers and of ordinates.
+    buffer: [interface][ordinate][component], so that the paths of a tile access few pages.
+    interfaces, components, directions: numbers of interfaces, of values of a ray and of ordinates.
     rows, faces: table of interfaces by rows, for each order of axes; see kernels/sweep.cl.
     first: number of the sweep's first ordinate.
     """
@@ -36,7 +36,7 @@ class InterfaceRadiance:
     first: int = 0
 
     def after(self, directions: int) -> InterfaceRadiance:
-        """The same buffer for a sweep that follows so many ordinates."""
+        """Same buffer for a sweep that follows so many ordinates."""
         return replace(self, first=directions)
 
     @classmethod
@@ -50,17 +50,14 @@ class InterfaceRadiance:
         directions: int,
         real: type[np.floating],
     ) -> InterfaceRadiance:
-        """Allocates the buffer, and makes the tables of interfaces.
+        """Allocates the buffer and builds the tables of interfaces of a region.
 
-        Args:
-            device, box, real: as the sweeper has them.
-            thick: the region that the interfaces bound.
-            components: numbers that are stored of a ray, see RAY_PLANES in blurred_boundary.h.
-            directions: number of ordinates.
+        `components` is the number of values of a ray, see RAY_PLANES in blurred_boundary.h, and
+        `directions` the number of ordinates.
         """
         owner, side = np.nonzero(thick.faces >= 0)
         number = thick.faces[owner, side]
-        at = thick.at[owner]  # then of the cell that light leaves
+        at = thick.at[owner]  # moved below to the cell that light leaves
         at[np.arange(len(at)), side // 2] += 2 * (side % 2) - 1
         rows, listed = {}, {}
         for layout in axis_orders(box.shape).values():

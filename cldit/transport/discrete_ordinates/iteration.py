@@ -1,6 +1,6 @@
 """Source iteration to a residual: the solution of S = a Lambda S + E (stage 1 of `trace_source`).
 
-GMRES solves along few ordinates; one sweep along more finds the residual of that solution, and a
+GMRES solves along few ordinates; one sweep along more gives the residual of that solution, and a
 defect correction removes it (gmres.py). With a phase function the solver scatters isotropically,
 with the transport correction: scattering x (1 - g) (Modest, Radiative Heat Transfer, ch. 12).
 """
@@ -36,7 +36,7 @@ Report = Callable[[str], None]
 class Moments:
     """Moments of radiance or of a source in the scattering cells.
 
-    angular: (M, C, N) the mean; with a phase function all moments of angular_moments.py.
+    angular: (M, C, N) mean; with a phase function, all moments of angular_moments.py.
     gradient: (3, C, K) spatial gradient along x, y, z in the K linear cells, per cell; None: K = 0.
     """
 
@@ -46,13 +46,13 @@ class Moments:
 
 @dataclass(frozen=True)
 class SolvedSource:
-    """The solver's source and what later stages reuse of the solver.
+    """Source of the solver, and data of the solver that later stages reuse.
 
-    light: radiance that the solution gives; None where the final sweeps take the solution itself.
+    light: radiance of the solution; None if the final sweeps use the solution itself.
     albedo: (N,) of the solver's cells.
     thermal: (C, N) thermal source of the solver's cells.
     defect: (N,) error of sweeps and solver in a cavity of radiance 1.
-    sweeper: None where the final sweeps need another, which takes as much memory.
+    sweeper: None if the final sweeps need another, which takes as much memory.
     sweeps: ordinates swept by a sweeper that was released.
     scratch: device buffers for moments, see `Sweeper.room`.
     """
@@ -73,14 +73,7 @@ def iterate_source(
 ) -> SolvedSource:
     """Solves for the source of every scattering cell to the tolerance of the settings.
 
-    Args:
-        problem: medium, programs and settings.
-        rng: rotates the quadratures and shifts the rays.
-        report: takes lines of progress.
-
-    Raises:
-        NotConvergedError: the tolerance cannot be met.
-        TransportError: the source is not finite.
+    `rng` rotates the quadratures and shifts the rays; raises as `gmres`.
     """
     return (_constant if problem.isotropic else _moments)(problem, rng, report)
 
@@ -88,7 +81,7 @@ def iterate_source(
 def _constant(
     problem: SweepProblem, rng: np.random.Generator, report: Report | None
 ) -> SolvedSource:
-    """A constant isotropic source a cell, in the medium as it is."""
+    """Constant isotropic source of each cell, in the original medium."""
     settings = problem.settings
     plain = problem.program(problem.solver_defines)
     sweeper = problem.sweeper(problem.medium, plain)
@@ -108,14 +101,14 @@ def _constant(
 def _moments(
     problem: SweepProblem, rng: np.random.Generator, report: Report | None
 ) -> SolvedSource:
-    """The solution in transport-corrected cells, and the moments of its radiance."""
+    """Solution in transport-corrected cells, and the moments of its radiance."""
     settings, phase = problem.settings, problem.settings.phase
     plain = problem.program(problem.solver_defines)
     every = settings.order is None
     turned: float | Floats = 0.0
     if every and phase is not None:
         turned = phase_moments(problem.medium, phase, 2)[1]
-    # Without a phase function all sweeps are of one medium: one sweeper serves them all.
+    # Without a phase function all sweeps are of one medium and share a sweeper.
     serves = phase is None and "LINEAR_SOURCE" not in problem.solver_defines
     sweeper = problem.sweeper(
         problem.scattering_scaled(1.0 - turned), plain, problem.linear_cells if serves else None
@@ -169,7 +162,7 @@ def _moments(
 def _coarse(
     problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, report: Report | None
 ) -> tuple[Solution, DeviceOrdinates]:
-    """The solution along few ordinates, to be corrected; and these ordinates."""
+    """Solution along few ordinates, to be corrected, and these ordinates."""
     few = problem.solver_ordinates(sweeper, rng)
     guess = order_0(sweeper, sweeper.albedo)
     settings = problem.settings
@@ -180,7 +173,7 @@ def _coarse(
 def _of_order(
     problem: SweepProblem, sweeper: Sweeper, rng: np.random.Generator, times: int
 ) -> Solution:
-    """Solution of a fixed order: scattered `times`, along half of the final ordinates each."""
+    """Solution of a fixed order: scattered `times`, each along half of the final ordinates."""
     source = order_0(sweeper, sweeper.albedo)
     for _ in range(times):
         source = next_order(sweeper, source, problem.ordinates(sweeper, problem.half, rng))
@@ -188,7 +181,7 @@ def _of_order(
 
 
 def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:
-    """The solution with its residual after one more scattering."""
+    """Solution with its residual after one more scattering."""
     residual = None if solution.residual is None else solution.residual * sweeper.albedo
     return replace(solution, residual=residual)
 
@@ -196,9 +189,9 @@ def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:
 def _checked(
     problem: SweepProblem, sweeper: Sweeper, solution: Solution
 ) -> tuple[Solution, Floats]:
-    """The solution, and the error (N,) of sweeps and solver in a cavity of radiance 1.
+    """Solution, and error (N,) of sweeps and solver in a cavity of radiance 1.
 
-    The error contains the residual, which is dropped from the solution.
+    The error includes the residual, which is removed from the solution.
     """
     count = problem.settings.tuning.defect_ordinates
     rng = np.random.default_rng([problem.settings.seed, 2])  # independent of all other ordinates

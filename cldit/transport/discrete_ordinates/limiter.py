@@ -1,4 +1,4 @@
-"""Limits of gradients within cells, which keep sources above 0 and sums of weights."""
+"""Limiter of gradients within cells: sources stay positive, and sums of weights constant."""
 
 from __future__ import annotations
 
@@ -9,16 +9,11 @@ from numpy.typing import NDArray
 def limit(gradient: NDArray[np.floating], light: NDArray[np.floating], boundaries: int) -> None:
     """Limits gradients (3, C, N) in place, so that no component is negative anywhere in a cell.
 
-    A cell's means are kept, as by the slope limiters of finite volumes (van Leer, J. Comput. Phys.
-    32, 1979). What limiting takes from a component the others from the boundary, or the others that
-    begin in the medium, get by their shares of the light, so that both sums change as they did: in
-    an isothermal cavity they change oppositely. Where the others cannot take it, all gradients of
-    the cell shrink alike.
-
-    Args:
-        gradient: (3, C, N) along x, y, z.
-        light: (C, N) mean of each cell.
-        boundaries: components that enter from outside, the first ones.
+    The means of the cells (C, N), `light`, are conserved, as by the slope limiters of finite
+    volumes (van Leer, J. Comput. Phys. 32, 1979). The excess of a component goes to the others of
+    its group, the first `boundaries` ones from outside or those that the medium emits, by their
+    shares of the light. So the sums of both groups keep their gradients, which are opposite in an
+    isothermal cavity. If the others cannot take it, all gradients of the cell shrink by one factor.
     """
     mean = np.maximum(light, 0)
     for some in (slice(boundaries), slice(boundaries, None)):

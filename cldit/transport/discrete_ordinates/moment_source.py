@@ -1,14 +1,14 @@
-"""The moment source: the solver's source with further moments (stage 2 of `trace_source`).
+"""Moment source: the solver's source with further moments (stage 2 of `trace_source`).
 
-The solver has one isotropic source a cell. Without a phase function, in thin cells, the final
-sweeps take it as it is. Otherwise a few discrete ordinates sweeps add moments:
+The solver has one isotropic source in each cell. Without a phase function and in thin cells, the
+final sweeps use it unchanged. Otherwise a few discrete ordinates sweeps add moments.
 
 With a phase function the final sweeps use the delta-M method: the share f of the scattering, the
 third moment of the phase function, counts as unscattered; the rest has a first and a second moment
 (Joseph, Wiscombe and Weinman, J. Atmos. Sci. 33, 1976; Wiscombe, ibid. 34, 1977). Angular moments
-of the radiance come from sweeps of the solution and of the light that is scattered once more.
+of the radiance come from sweeps of the solution and of the light scattered once more.
 
-In thick cells the source is linear in place: sweeps also accumulate the first spatial moments of
+In thick cells the source is linear in space: sweeps also accumulate the first spatial moments of
 I - S (linear discontinuous, iterated from sweep to sweep: Larsen and Morel, J. Comput. Phys. 83,
 1989).
 """
@@ -37,11 +37,11 @@ Floats = NDArray[np.float64]
 class FinalSource:
     """Input of the final sweeps.
 
-    sweeper: of these sweeps; it holds the source.
-    medium, source: the cells that they sweep, and these cells' source.
+    sweeper: of these sweeps, with the source.
+    medium, source: the swept cells, and their source.
     solution, defect: of the solver's medium, as in `SolvedSource`; the defect is (N,).
     programs: built so far.
-    sweeps: ordinates swept before by another sweeper.
+    sweeps: ordinates that another sweeper has swept.
     """
 
     sweeper: Sweeper
@@ -56,12 +56,9 @@ class FinalSource:
 def moment_source(
     problem: SweepProblem, solved: SolvedSource, rng: np.random.Generator
 ) -> FinalSource:
-    """The source with all moments of the final sweeps, from the solver's isotropic one.
+    """Source with all moments of the final sweeps, from the solver's isotropic source.
 
-    Args:
-        problem: medium, programs and settings.
-        solved: the result of stage 1.
-        rng: rotates the quadratures and shifts the rays.
+    `rng` rotates the quadratures and shifts the rays.
     """
     light = solved.light
     if light is None:
@@ -100,15 +97,10 @@ def moment_source(
 def limited_gradient(
     sweeper: Sweeper, light: NDArray[np.floating], source: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Gradient of the source in the sweeper's linear cells, limited so that sources stay positive.
+    """Gradient (3, C, K) of the source in the sweeper's linear cells, limited to positive sources.
 
-    Args:
-        sweeper: has the albedo and the linear cells.
-        light: (3, C, K) gradient of the radiance there.
-        source: (C or more, N) source of all scattering cells, the mean first.
-
-    Returns:
-        (3, C, K) gradients, per cell.
+    `light` (3, C, K) is the gradient of the radiance there, and `source` (C or more, N) the source
+    of all scattering cells, the mean first.
     """
     cells = sweeper.linear_cells
     gradient = sweeper.albedo.astype(light.dtype)[cells] * light
@@ -117,9 +109,9 @@ def limited_gradient(
 
 
 def _scattered(problem: SweepProblem, sweeper: Sweeper, light: Moments) -> Moments:
-    """The source that scatters this radiance by a phase function of three Legendre moments.
+    """Source of this radiance, scattered by a phase function of three Legendre moments.
 
-    Its `angular` is (M C, N), as sweeps take it.
+    Its `angular` is (M C, N), as sweeps need it.
     """
     albedo = sweeper.albedo.astype(light.angular.dtype)
     source = albedo * light.angular

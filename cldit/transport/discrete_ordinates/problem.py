@@ -1,4 +1,4 @@
-"""The discrete ordinates problem of one trace: medium, programs and ordinates of its sweeps.
+"""Discrete ordinates problem of one trace: medium, programs and ordinates of its sweeps.
 
 Stages 1 to 3 of `trace_source` share it.
 """
@@ -36,16 +36,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SweepProblem:
-    """One trace's transport problem.
+    """Transport problem of one trace.
 
     medium: the cells with all of their scattering.
     region: thick region, which the final gather refines; None: there is none.
     defines: of all sweeps.
     update: program of the kernels between sweeps (source_update.cl).
-    solver_defines: of the solver's sweeps, beside `defines`.
-    linear_cells: (N,) which scattering cells have a linear source in the final sweeps; None: none.
+    solver_defines: of the solver's sweeps, in addition to `defines`.
+    linear_cells: (N,) mask of scattering cells with a linear source in the final sweeps; None: no
+        cell.
     final_program: of the final sweeps.
-    forward_peak: that blurs the boundary in these; None: it does not.
+    forward_peak: peak that blurs the boundary in these; None: no blur.
     """
 
     medium: OpticalCells
@@ -71,14 +72,7 @@ class SweepProblem:
         device: Device,
         settings: Settings,
     ) -> SweepProblem:
-        """Chooses the physics of the sweeps, and builds the program of the final ones.
-
-        Args:
-            medium, region, scene, view, device, settings: see `SweepProblem`.
-
-        Raises:
-            DeviceError, KernelError: the device cannot do it.
-        """
+        """Chooses the physics of the sweeps, and builds the program of the final ones."""
         share: float | Floats = 1.0
         if settings.phase is not None:
             share = 1.0 - phase_moments(medium, settings.phase, 2)[1]
@@ -122,14 +116,11 @@ class SweepProblem:
 
     @property
     def isotropic(self) -> bool:
-        """Whether neither a phase function nor gradients call for a moment source."""
+        """True if neither a phase function nor gradients require a moment source."""
         return self.settings.phase is None and self.linear_cells is None
 
     def scattering_scaled(self, share: float | Floats) -> OpticalCells:
-        """The medium with this share of its scattering, in the same unit of sources.
-
-        share: of all scattering cells, or (N,), or (1,).
-        """
+        """Medium with this `share`, a number, (1,) or (N,), of its scattering; same source unit."""
         if np.all(share == 1.0):
             return self.medium
         everywhere = np.ones(len(self.medium.depth))
@@ -140,11 +131,11 @@ class SweepProblem:
         return cells.in_units_of(self.medium)
 
     def program(self, flags: Mapping[str, Define]) -> Program:
-        """sweep.cl with these defines beside `defines`."""
+        """Program of sweep.cl with these defines in addition to `defines`."""
         return build(self.device, "sweep.cl", {**self.defines, **flags})
 
     def moment_program(self) -> Program:
-        """sweep.cl that accumulates the moments which the final sources need."""
+        """Program of sweep.cl that accumulates the moments of the final sources."""
         flags = {**self.solver_defines, **_source_defines(self.settings, self.linear_cells)}
         if "MOMENT_SOURCE" in flags:
             flags["ANGULAR_MOMENTS"] = 1
@@ -155,7 +146,7 @@ class SweepProblem:
     def sweeper(
         self, cells: OpticalCells, sweep: Program, linear_cells: NDArray[np.bool_] | None = None
     ) -> Sweeper:
-        """A sweeper of `cells` by the program `sweep`; `linear_cells` (N,) as in `Sweeper`."""
+        """Sweeper of `cells` by the program `sweep`; `linear_cells` (N,) as in `Sweeper`."""
         return Sweeper(
             self.device,
             cells,
@@ -171,8 +162,8 @@ class SweepProblem:
     def forward_fraction(self) -> Floats:
         """Forward fraction f (N,) or (1,) of delta-M for two moments in the final sweeps.
 
-        The third moment of the phase function, so that this moment is right too (Wiscombe, J.
-        Atmos. Sci. 34, 1977); 0 at a fixed order, where forward scattering counts as any other.
+        It is the third moment of the phase function, so that this moment is also correct (Wiscombe,
+        J. Atmos. Sci. 34, 1977); 0 at a fixed order, where all scattering counts.
         """
         phase, settings = self.settings.phase, self.settings
         if phase is None or settings.order is not None or not settings.tuning.delta_m:
@@ -204,24 +195,20 @@ class SweepProblem:
         return self.settings.tuning.moment_share * self.settings.directions
 
     def solver_ordinates(self, sweeper: Sweeper, rng: np.random.Generator) -> DeviceOrdinates:
-        """The few `ordinates` along which GMRES solves; `sweeper` and `rng` as there."""
+        """Few ordinates along which GMRES solves."""
         all_of, tuning = self.settings.directions, self.settings.tuning
         count = min(max(tuning.solver_fewest, round(tuning.solver_share * all_of)), all_of)
         return self.ordinates(sweeper, count, rng)
 
     def ordinates(self, sweeper: Sweeper, count: int, rng: np.random.Generator) -> DeviceOrdinates:
-        """`count` ordinates over the sphere for `sweeper`, with balanced weights.
-
-        `rng` rotates the quadrature and shifts the rays.
-        """
-        return sweeper.rays(
-            self._over_sphere(sweeper, count, rng).balanced(), rng.random((count, 2))
-        )
+        """Ordinates over the sphere, with balanced weights; `rng` rotates them and shifts rays."""
+        directions = self._over_sphere(sweeper, count, rng).balanced()
+        return sweeper.rays(directions, rng.random((count, 2)))
 
     def camera_ordinates(
         self, sweeper: Sweeper, rng: np.random.Generator
     ) -> tuple[DeviceOrdinates, DeviceOrdinates]:
-        """Both halves of the final ordinates; `sweeper` and `rng` as in `ordinates`."""
+        """Both halves of the final ordinates."""
         phase, count = self.settings.phase, 2 * self.half
         if phase is not None:
             one, other = (half.by_axis() for half in about_camera(count, rng, phase).halves())
@@ -248,9 +235,9 @@ class SweepProblem:
 
 
 def _forward_peak(settings: Settings, view: View) -> ForwardPeak | None:
-    """The forward peak that blurs the boundary in the final sweeps; None: it is seen as it is.
+    """Forward peak that blurs the boundary in the final sweeps; None: no blur.
 
-    Where all of the boundary is alike, there is nothing to blur.
+    A uniform boundary is not blurred.
     """
     alike = "BOUNDARY_ENCLOSURE" in view.defines and not len(view.patches)
     if alike or settings.phase is None or settings.order is not None:

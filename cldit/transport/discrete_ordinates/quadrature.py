@@ -1,8 +1,8 @@
 """Quadrature of the discrete ordinates method: directions and weights over the sphere.
 
-Sets are Fibonacci spheres (Gonzalez, Math. Geosci. 42, 2010), denser towards the background disc or
-where the phase function scatters to the camera. All sweeps of `trace_source` (stages 1 to 3) use
-them; the final gather samples those of the final sweeps.
+Quadratures are Fibonacci spheres (Gonzalez, Math. Geosci. 42, 2010), denser towards the background
+disc or where the phase function scatters to the camera. All sweeps of `trace_source` (stages 1 to
+3) use them; the final gather samples those of the final sweeps.
 """
 
 from __future__ import annotations
@@ -17,24 +17,20 @@ from cldit.transport.phase import ScatteringTable
 
 Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
-_CURVE_BITS = 10  # of either coordinate on the square of Hilbert's curve
+_CURVE_BITS = 10  # of either coordinate on the square of the Hilbert curve
 NEAREST_SIDE = 32  # entries of the table of nearest ordinates along a side of an octant
 
 
 @dataclass(frozen=True)
 class Ordinates:
-    """A quadrature.
-
-    unit: (N, 3) unit vectors to where the light comes from.
-    weight: (N,) weights, which sum to 1.
-    """
+    """Quadrature: unit vectors (N, 3) to where light comes from, and weights (N,) of sum 1."""
 
     unit: Floats
     weight: Floats
 
     @classmethod
     def joined(cls, sets: Sequence[Ordinates]) -> Ordinates:
-        """The union of several quadratures, with equal shares."""
+        """Union of several quadratures, with equal shares."""
         return cls(
             unit=np.concatenate([each.unit for each in sets]),
             weight=np.concatenate([each.weight for each in sets]) / len(sets),
@@ -46,7 +42,7 @@ class Ordinates:
     def halves(self) -> tuple[Ordinates, Ordinates]:
         """Two quadratures: every other ordinate, and the rest.
 
-        Both together integrate better than two independent sets.
+        Together they integrate better than two independent sets.
         """
         one, other = (
             Ordinates(unit=self.unit[first::2], weight=2 * self.weight[first::2])
@@ -55,14 +51,14 @@ class Ordinates:
         return one, other
 
     def by_axis(self) -> Ordinates:
-        """The same in the order of the closest axis: ordinates that are swept together adjoin."""
+        """Same ordinates, sorted by their closest axis, by which they are swept."""
         order = np.argsort(np.argmax(np.abs(self.unit), axis=1), kind="stable")
         return Ordinates(unit=self.unit[order], weight=self.weight[order])
 
     def balanced(self) -> Ordinates:
-        """The same directions with a first moment of 0: sum of weight x unit = 0.
+        """Same directions, with weights of first moment 0: sum of weight x unit = 0.
 
-        In thick cells light drifts by the first moment, far more than it diffuses.
+        In thick cells light would drift by the first moment, far more than it diffuses.
         """
         moments = np.column_stack([np.ones(len(self)), self.unit])
         matrix = moments.T @ (self.weight[:, None] * moments)
@@ -71,9 +67,9 @@ class Ordinates:
 
 
 def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -> Floats:
-    """Fibonacci points (count, 3) between two heights z of the unit sphere, turned about z.
+    """Fibonacci points (count, 3) between two heights z of the unit sphere, rotated about z.
 
-    Their density is in proportion to 1 - lean x z, |lean| < 1.
+    Their density is proportional to 1 - lean x z, |lean| < 1.
     """
     ends = np.array([low, high])
     first, last = ends - lean / 2 * ends**2  # of the integral of the density
@@ -85,14 +81,14 @@ def _band(count: int, low: float, high: float, turn: float, lean: float = 0.0) -
 
 
 def _rotation(rng: np.random.Generator) -> Floats:
-    """A random rotation matrix, uniform over all rotations (QR of a normal matrix)."""
+    """Random rotation matrix, uniform over all rotations (QR of a normal matrix)."""
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q *= np.sign(np.diag(r))
     return np.asarray(q * np.linalg.det(q))
 
 
 def _frame_about(axis: Floats) -> Floats:
-    """Columns: two directions across `axis`, and `axis`."""
+    """Matrix whose columns are two directions across `axis`, and `axis`."""
     across = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, across)
     first /= np.linalg.norm(first)
@@ -100,7 +96,7 @@ def _frame_about(axis: Floats) -> Floats:
 
 
 def isotropic(count: int, rng: np.random.Generator) -> Ordinates:
-    """A Fibonacci sphere of `count` equal weights, randomly rotated by `rng`."""
+    """Fibonacci sphere of `count` equal weights, randomly rotated by `rng`."""
     return Ordinates(
         unit=_band(count, -1.0, 1.0, 0.0) @ _rotation(rng).T, weight=np.full(count, 1 / count)
     )
@@ -115,17 +111,12 @@ def focused(
     share: float,
     lean: float = 0.0,
 ) -> Ordinates:
-    """Two strata: ordinates in a cone about `axis`, and ordinates around it.
+    """Ordinates in two strata: in a cone about `axis` (3,), and around it.
 
     The weights of a stratum sum to its solid angle. So smooth functions are integrated as well as
-    by `isotropic`, and what lies in the cone is sampled more finely.
-
-    Args:
-        count: number of ordinates.
-        rng: rotates either stratum about the axis.
-        axis, half_angle_rad: of the cone; the axis is (3,).
-        share: of the ordinates in the cone.
-        lean: density around the cone is in proportion to 1 - lean x the cosine to the axis.
+    by `isotropic`, and the cone is sampled more finely. `share` of the ordinates are in the cone;
+    the density around it is proportional to 1 - lean x the cosine to the axis. `rng` rotates
+    either stratum about the axis.
     """
     edge = np.cos(half_angle_rad)
     solid = (1 - edge) / 2
@@ -145,12 +136,8 @@ def about_camera(count: int, rng: np.random.Generator, phase: ScatteringTable) -
     """Importance sampling of the phase function for scattering to a camera that looks along +y.
 
     Half of the ordinates are isotropic, for cells off the middle of the image. Weights are
-    1 / (4 pi x density): they are multiplied with the phase function at each cell's own angle.
-
-    Args:
-        count: number of ordinates.
-        rng: random shift along the polar angle, and rotation.
-        phase: the phase function.
+    1 / (4 pi x density): each cell multiplies them by the phase function at its own angle. `rng`
+    shifts the ordinates along the polar angle and rotates them.
     """
     density = phase.density * -np.diff(phase.cosine)
     mixed = 0.5 * np.concatenate([[0.0], np.cumsum(density)]) + 0.25 * (1 - phase.cosine)
@@ -175,20 +162,12 @@ def for_boundary(
     enclosure: bool,
     lean: float = 0.0,
 ) -> Ordinates:
-    """Ordinates for a box low..high before the background disc (all lengths in one unit).
+    """Ordinates for a box low..high (3,) in front of the background disc (lengths in one unit).
 
-    `focused` on the cone of all directions from the box to the disc; `isotropic` where that is a
-    large part of the sphere, or the background is all round. Radiance has edges, so n ordinates
-    over a share s of the sphere err by s / n^0.75. The sum of squares, of cone and rest, is least
-    where the odds of an ordinate for the cone are (odds of s)^0.8.
-
-    Args:
-        count: number of ordinates.
-        rng: random rotations.
-        low, high: (3,) corners of the box.
-        disc_centre, disc_radius: of the disc, (3,) and a length.
-        enclosure: whether the background is all round.
-        lean: as in `focused`.
+    They are `focused` on the cone of all directions from the box to the disc, or `isotropic` if
+    that is a large part of the sphere, or if the background is an enclosure. Radiance has edges, so
+    the error of n ordinates over a share s of the sphere is s / n^0.75. The sum of squares, of cone
+    and rest, is smallest if the odds of an ordinate for the cone are (odds of s)^0.8.
     """
     middle = (low + high) / 2
     axis = disc_centre - middle
@@ -206,9 +185,9 @@ def for_boundary(
 
 
 def unfolded(unit: Floats) -> Floats:
-    """Octahedral map (2, N) of unit vectors (N, 3) to the square -1..1.
+    """Octahedral map (2, N) of unit vectors (N, 3) to the square -1..1, as kernels/directions.h.
 
-    As in kernels/directions.h: Cigolle et al., J. Computer Graphics Techniques 3, 2014.
+    See Cigolle et al., J. Computer Graphics Techniques 3, 2014.
     """
     x, y, z = (unit / np.abs(unit).sum(axis=1, keepdims=True)).T
     below = z < 0
@@ -221,7 +200,7 @@ def unfolded(unit: Floats) -> Floats:
 
 
 def hilbert_order(unit: Floats) -> NDArray[np.int32]:
-    """Order (N,) of unit vectors (N, 3) along Hilbert's curve on the octahedral map.
+    """Order (N,) of unit vectors (N, 3) along the Hilbert curve on the octahedral map.
 
     Neighbours on the curve are close on the sphere, so that stratified samples of the order are
     stratified over the sphere (Sagan, Space-Filling Curves, 1994, ch. 2).
@@ -241,8 +220,8 @@ def hilbert_order(unit: Floats) -> NDArray[np.int32]:
 def nearest(directions: Ordinates) -> NDArray[np.int32]:
     """Table (8, NEAREST_SIDE, NEAREST_SIDE) of the nearest ordinate of the same octant.
 
-    See kernels/directions.h; -1 where the octant has no ordinate. The octant matters, because the
-    radiance on an interface is stored along ordinates that cross it in one sense alone.
+    See kernels/directions.h; -1 if the octant has no ordinate. The octant matters, because the
+    radiance on an interface is stored along ordinates that cross it in one sense only.
     """
     middle = (np.arange(NEAREST_SIDE) + 0.5) / NEAREST_SIDE
     y, x = np.meshgrid(middle, middle, indexing="ij")

@@ -1,4 +1,4 @@
-"""The scattering cells as a list on the device, for the source update between sweeps.
+"""List of the scattering cells on the device, for the source update between sweeps.
 
 kernels/source_update.cl moves values between the list and the swept box.
 """
@@ -17,7 +17,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.discrete_ordinates.sweep_arrays import Real
 
-_GROUP = 256  # of the kernels that go from cell to cell
+_GROUP = 256  # of the kernels with one work-item for each cell
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ScatteringCells:
     """List of N scattering cells with C components.
 
     kernels: program of source_update.cl.
-    source: (C, N) device buffer of the source; more planes pass through it C at a time.
+    source: (C, N) device buffer of the source; further planes pass through it, C at a time.
     """
 
     device: Device
@@ -39,25 +39,15 @@ class ScatteringCells:
     def of(
         cls, device: Device, kernels: Program, *, components: int, count: int, real: Real
     ) -> ScatteringCells:
-        """A list with a source of 0.
-
-        Args:
-            device, kernels, components, count, real: see `ScatteringCells`; `count` is N.
-        """
+        """List of N = `count` cells with a source of 0."""
         source = zeros(device, "list", components * count, real)
         return cls(device, kernels, components, count, real, source)
 
     def run(self, kernel: str, items: dict[str, int], *, high: int = 1, **arguments: Any) -> None:
-        """Runs a kernel.
-
-        Args:
-            items: name of the argument that is the number of items, and its value.
-            high: size of the second dimension.
-            arguments: the other kernel arguments by name.
-        """
+        """Runs a kernel on so many items, given by the name of that argument, times `high`."""
         ((_, count),) = items.items()
         if count:
-            # PoCL's own choice of a group divides the number of cells, which may be a prime.
+            # PoCL's default group size divides the number of cells, which may be a prime.
             group = min(_GROUP, self.kernels.largest_group(kernel))
             self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
@@ -66,12 +56,9 @@ class ScatteringCells:
         cl.enqueue_copy(self.device.queue, self.source, np.ascontiguousarray(planes, self.real))
 
     def put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
-        """Puts planes into a box, C at a time; the first C stay in `source`.
+        """Puts planes (M C, N) into a box, C at a time; the first C stay in `source`.
 
-        Args:
-            planes: (M C, N) values of the cells.
-            into: the box's buffer.
-            place: buffer of the cells' places in it.
+        `into` is the box's buffer, and `place` the buffer of the cells' places in it.
         """
         for first in reversed(range(0, len(planes), self.components)):
             self.take(planes[first : first + self.components])
@@ -92,9 +79,8 @@ class ScatteringCells:
 
         Args:
             out: buffer of the list (planes, count).
-            box: buffer of the box.
-            place: buffer of the cells' places in it.
-            turned: whether to add to what is there, after the other order of packets.
+            box, place: buffers of the box, and of the cells' places in it.
+            turned: adds to the list, after the other order of packets.
             planes: number of planes.
             count: number of cells; None: all.
         """

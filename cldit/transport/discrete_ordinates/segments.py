@@ -1,7 +1,7 @@
 """Segments of parallel rays through the layers of a box (method of long characteristics).
 
-The sweeps of discrete ordinates (kernels/sweep.cl, stages 1 to 3 of `trace_source`) cross cells by
-them. All cells of a layer are crossed alike.
+Discrete ordinates sweeps (kernels/sweep.cl, stages 1 to 3 of `trace_source`) cross cells along
+them. All cells of a layer have the same segments.
 """
 
 from __future__ import annotations
@@ -14,21 +14,16 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-6  # of a layer: a shorter segment is merged into its neighbour
-_LEAST_VISIBLE = 0.5  # of a gradient, in `visible_gradient`: dividing by less would amplify noise
+_LEAST_VISIBLE = 0.5  # share of a gradient, in `visible_gradient`; less would amplify noise
 
 
 def visible_gradient(slope: Floats) -> Floats:
-    """Part of a spatial gradient that the places of rays within a layer show.
+    """Share of a spatial gradient, 0.5 to 1, that the rays of a layer resolve.
 
-    The mean place of a layer's segments in their cells has the variance (1 - |slope|)^2 / 12 over
-    where rays start, of the 1/12 of all places in a cell. Only the rest shows. It is taken for at
-    least a half.
-
-    Args:
-        slope: cells that rays move along an axis of the layer in one layer, -1 to 1; any shape.
-
-    Returns:
-        The part, 0.5 to 1, in the same shape.
+    `slope`, of any shape, is the number of cells that rays move along an axis in one layer, -1 to
+    1. The mean place of a layer's segments in their cells has the variance (1 - |slope|)^2 / 12
+    over the starts of rays, of the 1/12 of all places in a cell. Only the rest is resolved; at
+    least a half is assumed.
     """
     rest = 1.0 - np.minimum(np.abs(slope), 1.0)
     return np.maximum(1.0 - rest**2, _LEAST_VISIBLE)
@@ -36,18 +31,17 @@ def visible_gradient(slope: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Segments:
-    """N segments between cell faces, of one ordinate (K of them) after the other.
+    """N segments between cell faces, for K ordinates one after the other.
 
     ordinate: (N,) number.
     layer_share: (N,) share of its layer that a segment crosses.
     layer: (N,) in the order of the sweep.
     shift: (N, 2) cells by which rays have moved along u and v since they entered.
-    midpoint: (N, 3) place of the segment's middle in its cell along u, v, l, 0 to 1.
-    exits: (N, 3) whether rays enter another cell along u, v, l after the segment. A layer's last
-        segment also has the axes along which none of the layer does.
+    midpoint: (N, 3) position of the segment's middle in its cell along u, v, l, 0 to 1.
+    exits: (N, 3) true if rays enter another cell along u, v, l after the segment. A layer's last
+        segment also has the axes along which no segment of the layer does.
     basis: (N, 3) zero-mean basis for spatial moments: the midpoint less its mean over the layer,
-        times basis_scale. With the mean, moments would show on which side of all cells an
-        ordinate's rays happen to lie.
+        times basis_scale. With the mean, moments would depend on the random starts of the rays.
     basis_scale: (K, 3) 1 / `visible_gradient` along u and v, 1 along l.
     """
 
@@ -68,9 +62,9 @@ class Segments:
 
         Args:
             slopes: (K, 2) cells that rays move along u and v in a layer, -1 to 1.
-            starts: (K, 2) where they cross the first layer's cells, 0 to 1.
+            starts: (K, 2) positions of rays in the first layer's cells, 0 to 1.
             layers: number of layers.
-            backwards: (K,) whether rays enter the last layer first.
+            backwards: (K,) true if rays enter the last layer first.
         """
         ordinate, at = _cuts(slopes, starts, layers)
         inside = np.flatnonzero(ordinate[1:] == ordinate[:-1])
@@ -104,17 +98,14 @@ class Segments:
         )
 
     def shifts(self) -> NDArray[np.int32]:
-        """Table (N, 4) for kernels/sweep.cl: shift in u, in v, and both since the segment before.
-
-        The latter are 2 where rays enter the box.
-        """
+        """Table (N, 4) for kernels/sweep.cl: shift in u and v, and their change, 2 at the entry."""
         since = np.diff(self.shift, axis=0, prepend=self.shift[:1])
         since[np.diff(self.ordinate, prepend=-1) > 0] = 2
         return np.column_stack([self.shift, since]).astype(np.int32)
 
 
 def _cuts(slopes: Floats, starts: Floats, layers: int) -> tuple[NDArray[np.int64], Floats]:
-    """Ordinates and places, 0 to `layers`, of the ends of segments, ordinate by ordinate."""
+    """Ordinates and positions, 0 to `layers`, of the ends of segments, ordinate by ordinate."""
     end = starts + slopes * layers
     low, high = np.ceil(np.minimum(starts, end)), np.floor(np.maximum(starts, end))
     sides = low[:, :, None] + np.arange(layers + 1.0)  # between cells along u and v
@@ -126,7 +117,7 @@ def _cuts(slopes: Floats, starts: Floats, layers: int) -> tuple[NDArray[np.int64
     at = np.sort(np.clip(at, 0.0, layers), axis=1)
     ordinate, place = np.nonzero(np.diff(at, axis=1, prepend=-1.0) > 0)
     at = at[ordinate, place]
-    # Of two cuts that almost coincide the later is dropped, unless it is the layer's end.
+    # If two cuts almost coincide, the later is dropped, unless it is the layer's end.
     close = np.flatnonzero((np.diff(at) < _SHORTEST) & (np.diff(ordinate) == 0))
     dropped = np.where(at[close + 1] % 1 == 0, close, close + 1)
     return np.delete(ordinate, dropped), np.delete(at, dropped)

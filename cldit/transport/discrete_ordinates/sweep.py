@@ -1,6 +1,6 @@
 """Discrete ordinates sweeps on the device: moments of the radiance from the present source.
 
-Stages 1 to 3 of `trace_source` sweep by it (kernels/sweep.cl, kernels/source_update.cl).
+Stages 1 to 3 of `trace_source` use it (kernels/sweep.cl, kernels/source_update.cl).
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ from cldit.transport.tuning import Tuning
 _PER_MOMENT = 12  # gradient over the first moment of a linear field in a cell
 _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 
-_TOGETHER = 32  # ordinates: more need more memory for rays
-_EDGE = 16  # rows and layers of a tile, at most: the cache of a CPU's core
-_TILES = 4  # for each core in a launch, at least on average
+_TOGETHER = 32  # ordinates of a schedule; more would need more memory for rays
+_EDGE = 16  # largest number of rows and layers of a tile, for the cache of a CPU core
+_TILES = 4  # smallest mean number for each core in a launch
 
 
 class Sweeper:
-    """The swept box on the device.
+    """Swept box on the device.
 
-    It holds the cells in packets along x, and once more along y (turned), so that rays along x run
-    through rows of memory as those along y and z do. For each order of packets a sweep puts the
-    source of the scattering cells into the box, and collects D = sum w (I - S) q from it.
+    It has the cells in packets along x, and again along y (turned), so that rays along x traverse
+    rows of memory as those along y and z do. For each order of packets a sweep puts the source of
+    the scattering cells into the box, and collects D = sum w (I - S) q from it.
 
-    box, count, components: what is swept, N scattering cells, C components.
+    box, count, components: swept box, number N of scattering cells, number C of components.
     albedo: (N,) of the scattering cells.
     thermal: (C, N) their thermal source.
     one_minus_lambda: (N,) 1 - Lambda*, the preconditioner (Kunasz and Auer, JQSRT 39, 1988).
-    linear_cells: (K,) which scattering cells have a gradient.
-    gradients: gives it from neighbours; None: `set_source` gets it.
+    linear_cells: (K,) numbers of the scattering cells that have a gradient.
+    gradients: finite differences of neighbours; None: `set_source` receives the gradient.
     sweeps: ordinates swept so far.
     """
 
@@ -73,8 +73,8 @@ class Sweeper:
                 they have spatial gradients, from neighbours.
             iterate: source_update.cl.
             disc, patches: as in `View`, in cells from the cube's lower corner.
-            linear_cells: (N,) scattering cells with a gradient in other programs with
-                LINEAR_SOURCE; `set_source` then gets it.
+            linear_cells: (N,) mask of scattering cells with a gradient in other programs with
+                LINEAR_SOURCE; `set_source` then receives it.
         """
         self.device = device
         self.tuning = tuning or Tuning()
@@ -115,7 +115,7 @@ class Sweeper:
         self._source = unset(device, "source", self._planes * most, real)
         self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
-        # RAY_PLANES of blurred_boundary.h: numbers of a ray.
+        # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
         self.ray_planes = self.components + excesses
         each = max(
@@ -151,9 +151,9 @@ class Sweeper:
         self.sweeps = 0
 
     def _tile_edge(self) -> int:
-        """Independent of how a device is divided, so that sums are the same to the last bit."""
+        """Edge of a tile, equal for all partitions of a device: sums are bit-identical."""
         cores = sum(each.info.compute_units for each in (self.device, *self.device.others))
-        # n x n tiles go in 2 n launches, from four corners.
+        # n x n tiles need 2 n launches, from four corners.
         return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
     @property
@@ -164,11 +164,11 @@ class Sweeper:
     def set_source(
         self, listed: NDArray[Any], *, shining: bool, gradient: NDArray[Any] | None = None
     ) -> None:
-        """Sets the source of the scattering cells; every sweep reads `listed` anew.
+        """Sets the source of the scattering cells; every sweep reads `listed` again.
 
         Args:
             listed: (C, N), with MOMENT_SOURCE (9 C, N).
-            shining: whether all other cells have their thermal source; else they are black.
+            shining: all other cells have their thermal source; else they are black.
             gradient: (3, C, K) of the isotropic part in `linear_cells`, unless neighbours give it.
         """
         self._given, self._shining = listed, shining
@@ -192,7 +192,7 @@ class Sweeper:
             )
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
-        """Puts the source into the box in one order; `cavity`: all other cells emit 1."""
+        """Puts the source into the box in one order of packets; `cavity`: all others emit 1."""
         count, emitters = order.packets.cells, self.components - self.boundaries
         thermal = order.thermal
         if cavity and emitters:
@@ -210,7 +210,7 @@ class Sweeper:
     def room(self, moments: int) -> tuple[Any, ...]:
         """Buffers for so many angular moments of I - S, in the box and in the list.
 
-        Sweeps clear and write them. Any sweeper of this box can use them.
+        Sweeps clear and write them. All sweepers of this box can share them.
         """
         planes = moments * self.components
         most = max(packets.cells for packets in self.packets.values())
@@ -220,7 +220,7 @@ class Sweeper:
         )
 
     def _answer(self, kernel: str, *, collected: Any = None, **arguments: Any) -> NDArray[Any]:
-        """Result (C, N) of a kernel of source_update.cl from the source and I - S of the list."""
+        """Result (C, N) of a kernel of source_update.cl on the source and I - S of the list."""
         self._cells.run(
             kernel,
             {"count": self.count},
@@ -232,7 +232,7 @@ class Sweeper:
         return self._cells.read(self._out)
 
     def rays(self, directions: Ordinates, starts: NDArray[np.float64]) -> DeviceOrdinates:
-        """The ordinates `directions` on the device, for any number of sweeps.
+        """Ordinates on the device, for any number of sweeps.
 
         Rays of each cross the cells of the first layer at `starts` (N, 2), 0 to 1.
         """
@@ -249,10 +249,7 @@ class Sweeper:
     def sweep(self, rays: DeviceOrdinates, *, shining: bool, cavity: bool = False) -> None:
         """Sweeps all ordinates; D of the present source is then on the device.
 
-        Args:
-            rays: the ordinates.
-            shining: whether the boundary emits; else it is black.
-            cavity: whether all cells that do not scatter emit 1.
+        With `shining` the boundary emits, with `cavity` all cells that do not scatter emit 1.
         """
         room = (self._i_minus_s, self._listed, self.components)
         self._sweep_all(self._sweep, rays, shining, *room, cavity=cavity)
@@ -268,15 +265,15 @@ class Sweeper:
     ) -> NDArray[Any] | None:
         """Sweeps all ordinates for the angular moments of the radiance in the scattering cells.
 
-        Moments beyond the mean are of the radiance less its mean: isotropic radiance then has
-        none, whatever the quadrature.
+        Moments beyond the mean are those of the radiance less its mean, which are 0 for isotropic
+        radiance with any quadrature.
 
         Args:
             program: sweep.cl, for 9 moments with ANGULAR_MOMENTS.
             rays: the ordinates.
-            out: (9 or 1, C, N) takes the moments.
+            out: (9 or 1, C, N) receives the moments.
             room: buffers of `room(MOMENTS)`, with ANGULAR_MOMENTS.
-            interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
+            interfaces: receives the stored radiance, with INTERFACE_RADIANCE.
 
         Returns:
             With SPATIAL_MOMENTS the gradient (3, C, K) of I - S in `linear_cells`, else None.
@@ -311,10 +308,8 @@ class Sweeper:
     ) -> NDArray[Any] | None:
         """Sweeps all ordinates, one order of packets after the other.
 
-        Both orders share the buffer `i_minus_s`; `listed` gets its planes for the scattering cells.
-
-        Returns:
-            With SPATIAL_MOMENTS the moments (3, C, K) of I - S in `linear_cells`, else None.
+        Both orders share the buffer `i_minus_s`; `listed` receives its planes for the scattering
+        cells. Returns, with SPATIAL_MOMENTS, the moments (3, C, K) of I - S in `linear_cells`.
         """
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
@@ -349,7 +344,7 @@ class Sweeper:
         return download(self.device, spatial[1], out)
 
     def _spatial_room(self) -> tuple[Any, Any]:
-        """As `room`, for the spatial moments of I - S in `linear_cells`."""
+        """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
         most = 3 * max(order.linear_size for order in self._order.values())
         listed = 3 * self.components * len(self.linear_cells)
         real = self._real
@@ -369,7 +364,7 @@ class Sweeper:
     def _launch(
         self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
     ) -> None:
-        """Launches the kernel tile by tile; `arguments`: beside those of box and boundary."""
+        """Launches the kernel tile by tile; `arguments` are added to those of box and boundary."""
         layout = schedule.layout
         order = self._order[layout.turned]
         nu, nv, nl = (int(count) for count in layout.size)
@@ -407,7 +402,7 @@ class Sweeper:
         """Mean radiance (N,) of the scattering cells, less 1, in a cavity of radiance 1.
 
         The cells emit 1 less the boundary's part of their source `listed` (C, N); all other cells
-        emit 1. The sweep is along `rays`.
+        emit 1.
         """
         b, real = self.boundaries, self._real
         parts = np.zeros((self.components, self.count), real)
@@ -428,10 +423,7 @@ class Sweeper:
         place: NDArray[np.float64],
         classes: NDArray[np.float64] | None = None,
     ) -> CameraSweep:
-        """The camera's weights in this box, see `CameraSweep.of`.
-
-        `program`, `phase` (P,), `place` (3,) and `classes` are as there; `seen` is its medium.
-        """
+        """Weights for scattering to the camera in this box; arguments as in `CameraSweep.of`."""
         return CameraSweep.of(
             self.device,
             self.box,
@@ -451,15 +443,11 @@ class Sweeper:
         interfaces: InterfaceRadiance | None = None,
         blurred: BlurredBoundary | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any] | None]:
-        """Sweeps all ordinates for the mean radiance with the camera's weights.
+        """Sweeps all ordinates for the mean radiance (C, N) with the camera's weights.
 
-        Args:
-            camera, rays: the camera's weights, and the ordinates.
-            interfaces: takes the stored radiance, with INTERFACE_RADIANCE.
-            blurred: the boundary along these ordinates, with BLURRED_BOUNDARY.
-
-        Returns:
-            The mean (C, N), and the gradient as in `moments`.
+        `interfaces` receives the stored radiance, with INTERFACE_RADIANCE; `blurred` is the
+        boundary along these ordinates, with BLURRED_BOUNDARY. The second result is the gradient as
+        in `moments`.
         """
         i_minus_s, listed, planes = self._i_minus_s, self._listed, self.components
         gradient = self._sweep_all(
@@ -492,11 +480,10 @@ class Sweeper:
         return mean, self._real(_PER_MOMENT) * share * gradient
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
-        """(C, N) preconditioned residual after a sweep of the present source.
+        """Preconditioned residual (C, N) after a sweep of the present source.
 
-        Args:
-            shining: whether the emission counts.
-            listed: the list of `room` with D; None: the sweeper's own.
+        With `shining` the emission counts. `listed` is the list of `room` with D; None: the
+        sweeper's own.
         """
         return self._answer(
             "residual",
@@ -509,5 +496,5 @@ class Sweeper:
         )
 
     def next_order(self) -> NDArray[Any]:
-        """The source a (S + D) + E, (C, N), after one more scattering (Lambda iteration)."""
+        """Source a (S + D) + E, (C, N), after one more scattering (Lambda iteration)."""
         return self._answer("next_order", emission=self._emission, albedo=self._albedo)

@@ -18,7 +18,7 @@ Real = type[np.float32] | type[np.float64]
 
 @dataclass(frozen=True)
 class SweepArrays:
-    """The box's cell packets in one order of axes, and device arrays of them.
+    """Cell packets of the box in one order of axes, and device arrays of them.
 
     first, begins: packets of rows, and their cells, see kernels/sweep.cl.
     place: places of the N scattering cells among the cells of all packets.
@@ -50,13 +50,7 @@ class SweepArrays:
         turned: bool,
         linear_cells: NDArray[np.intp],
     ) -> SweepArrays:
-        """Uploads a box.
-
-        Args:
-            device, cells, box, real: as the sweeper has them.
-            packets, turned: the box's cell packets, and whether they lie along y.
-            linear_cells: (K,) which scattering cells have a linear source.
-        """
+        """Uploads a box with K `linear_cells` among the scattering ones; `turned`: along y."""
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return packets.packed(turned_too(cells.dense(box, values.astype(real)))[turned])

@@ -30,19 +30,17 @@ class SweepSchedule:
     """K ordinates of one order of axes, by quadrants, and their N segments, ordinate by ordinate.
 
     layout: the order of axes.
-    number: (K,) of each ordinate in its quadrature.
+    number: (K,) number of each ordinate in its quadrature.
     tiles, launches: of the box, see `kba_tiles`.
     begins: (K, layers + 1) first segment of each layer in the order of the sweep, and the end.
-    shifts: (N, 4) as in `Segments`.
-    layer_share: (N,) as in `Segments`.
-    midpoint, basis: (N, 3) as in `Segments`, along x, y, z.
-    basis_scale: (K, 3) as in `Segments`, along x, y, z.
-    exit_faces: (N,) faces through which rays leave cells after the segment. They are bits of the
-        sides of the next cell from which light comes: down and up along u, v, l.
+    shifts, layer_share: (N, 4) and (N,) as in `Segments`.
+    midpoint, basis, basis_scale: (N, 3), (N, 3) and (K, 3) as in `Segments`, along x, y, z.
+    exit_faces: (N,) faces through which rays leave cells after the segment, as bits of the sides
+        of the next cell from which light comes: down and up along u, v, l.
     back: (K, 3) unit vectors to where light comes from.
     path_per_layer: (K,) path in a layer over the cell's edge.
     weight: (K,) quadrature weights.
-    rightwards, upwards: (K,) whether rays move to larger u, to larger v.
+    rightwards, upwards: (K,) true if rays move to larger u, to larger v.
     """
 
     layout: AxisOrder
@@ -75,13 +73,7 @@ class SweepSchedule:
         *,
         edge: int,
     ) -> SweepSchedule:
-        """Schedule of some ordinates of a quadrature.
-
-        Args:
-            layout: their order of axes.
-            number: (K,) of each in the quadrature.
-            directions, starts, edge: as in `sweep_schedules`.
-        """
+        """Schedule of the ordinates `number` (K,) of a quadrature in one order of axes."""
         # Light travels away from where it comes from.
         runs = -directions.unit[number][:, layout.axes]
         quadrant = 2 * (runs[:, 2] < 0) + (runs[:, 1] < 0)
@@ -122,17 +114,14 @@ class SweepSchedule:
 def sweep_schedules(
     box: Box, directions: Ordinates, starts: Floats, *, together: int, edge: int
 ) -> Iterator[SweepSchedule]:
-    """Divides the ordinates of a quadrature into schedules.
+    """Yields schedules of a quadrature's N ordinates, one order of axes after the other.
 
     Args:
         box: the swept box.
-        directions: the N ordinates.
-        starts: (N, 2) where rays of each ordinate cross the cells of the first layer, 0 to 1.
-        together: ordinates of a schedule, at most.
+        directions: the ordinates.
+        starts: (N, 2) positions of rays of each ordinate in the first layer's cells, 0 to 1.
+        together: largest number of ordinates of a schedule.
         edge: of tiles, see `kba_tiles`.
-
-    Returns:
-        Schedules, one order of axes after the other.
     """
     main = np.argmax(np.abs(directions.unit), axis=1)
     for axis, layout in axis_orders(box.shape).items():
@@ -143,22 +132,23 @@ def sweep_schedules(
 
 
 def _cuts(count: int, edge: int) -> NDArray[np.int32]:
-    """Bounds of an even number of tiles, some of which may be empty."""
+    """Bounds of an even number of tiles, which may be empty."""
     return np.linspace(0, count, 2 * -(-count // (2 * edge)) + 1).astype(np.int32)
 
 
 def kba_tiles(
     rows: int, layers: int, quadrants: NDArray[np.int64], edge: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """The tiles of all quadrants, in the order of kernel launches.
+    """Tiles of all quadrants, in the order of kernel launches.
 
-    With an even number of tiles either way no two quadrants share a tile in a launch, but for those
-    of opposite corners on the middle diagonal, which is therefore two launches.
+    With an even number of tiles in both directions, two quadrants share a tile in a launch only on
+    the middle diagonal, if their corners are opposite; so that diagonal is two launches.
 
     Args:
+        rows, layers: of the box.
         quadrants: (4, 2) first ordinate and end; towards later layers before earlier ones, and in
             either pair towards higher rows before lower ones.
-        edge: rows and layers of a tile, at most.
+        edge: largest number of rows and layers of a tile.
 
     Returns:
         Tiles (M, COLUMNS) and launches (L, 2), the first tile of each and the end. Columns: first
@@ -184,8 +174,8 @@ def kba_tiles(
         twice = 2 * diagonal + (sense == 1) * (2 * diagonal == bands + chunks - 2)
         launch.append(twice[some])
     which, table = np.concatenate(launch), np.concatenate(parts)
-    # Neighbours are about equal work and go to different halves of a launch: devices of few compute
-    # units take it in halves.
+    # Neighbours have about equal work and go to different halves of a launch, because devices with
+    # few compute units process it in halves.
     order = np.argsort(which, kind="stable")
     begins = np.flatnonzero(np.diff(which[order], prepend=-1))
     place = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))

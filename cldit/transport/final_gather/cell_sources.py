@@ -1,4 +1,4 @@
-"""Sources and stored radiance that paths of the final gather score (stage 5 of `trace_source`)."""
+"""Sources and stored radiance that paths of the final gather collect (stage 5)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cldit.transport.thick_region import ThickRegion
 
 @dataclass(frozen=True)
 class CellSources:
-    """Sources of the thick region's cells, and the radiance in which path segments end.
+    """Sources of the thick region's cells, and the radiance at the ends of path segments.
 
     directions, light, program: ordinates, stored radiance and program of the final sweeps.
     records: (R, ...), see `ThickRegion.records`.
@@ -31,7 +31,7 @@ class CellSources:
 
     @property
     def depth(self) -> NDArray[np.floating]:
-        """Optical depth (R,) of the cells' edges, times -1 where paths go on (path_segment.h)."""
+        """Optical depth (R,) of the cells' edges, negative if paths continue (path_segment.h)."""
         depth, albedo = self.records[:, :2].T
         return np.asarray(np.where(albedo > 0, -depth, depth))
 
@@ -44,19 +44,12 @@ def records(
     light: NDArray[np.floating],
     gradient: NDArray[np.floating] | None,
 ) -> NDArray[np.floating]:
-    """Records of the region's cells, with the sources before or after the final sweeps.
+    """Records (R, ...) of the region's cells, see `ThickRegion.records`.
 
-    Sources after these sweeps have more ordinates and are one iteration further. At a fixed order
-    they would be one order more, so those before are taken.
-
-    Args:
-        problem, region: of the trace.
-        final: input of the final sweeps.
-        light: (C, N) mean radiance of the cells from the final sweeps.
-        gradient: (3, C, K) of the same in the linear cells; None: it was not accumulated.
-
-    Returns:
-        (R, ...) records, see `ThickRegion.records`.
+    The sources are those after the final sweeps, which have more ordinates and are one iteration
+    further, or at a fixed order those before, since the others would be one order higher.
+    `light` (C, N) is the mean radiance of the cells from the final sweeps, and `gradient` (3, C, K)
+    its gradient in the linear cells; None: it was not accumulated.
     """
     sweeper, source, order = final.sweeper, final.source, problem.settings.order
     if order is None and gradient is not None:
@@ -81,9 +74,9 @@ def _updated(
     light: NDArray[np.floating],
     gradient: NDArray[np.floating],
 ) -> Moments:
-    """The source from the radiance of the final sweeps.
+    """Source from the radiance of the final sweeps.
 
-    With a phase function they give only the source to the camera, so its mean is not updated.
+    With a phase function these give only the source to the camera, so the mean is not updated.
     """
     sweeper, angular, known = final.sweeper, final.source.angular, final.source.gradient
     isotropic = problem.settings.phase is None
@@ -92,6 +85,6 @@ def _updated(
     updated = limited_gradient(sweeper, gradient, angular)
     if not isotropic and known is not None:
         depth = problem.medium.depth[problem.medium.address[sweeper.linear_cells]]
-        # The camera sees too little of thicker cells for their gradients.
+        # The radiance towards the camera does not give the gradients of thicker cells.
         updated = np.where(depth < problem.settings.tuning.gradient_depth, updated, known)
     return Moments(angular, updated)

@@ -1,10 +1,10 @@
-"""Final gather: what thick cells scatter to the camera, by short paths (stage 5 of `trace_source`).
+"""Final gather: light scattered by thick cells to the camera, by short paths (stage 5).
 
-A thick cell scatters far more back to where it is lit from than its mean source tells. So paths
-start at places in thick cells on the line of sight, by the phase function itself. Their segments
-cross the thick region and score its cells' sources; they end in the interface radiance of the final
-sweeps. In the thickest cells paths go on (Jensen, Global Illumination using Photon Maps, Rendering
-Techniques 1996; kernels/gather.cl).
+A thick cell scatters far more light back towards its illuminated side than its mean source
+describes. So paths start in thick cells on the line of sight, sampled from the phase function.
+Their segments cross the thick region and collect the sources of its cells; they end with the
+interface radiance of the final sweeps. In the thickest cells paths continue (Jensen, Global
+Illumination using Photon Maps, Rendering Techniques 1996; kernels/gather.cl).
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from cldit.transport.view import upload_tree
 Floats = NDArray[np.float64]
 
 _GROUP = 16
-_PENDING = 8  # reads of stored radiance made together; GPUs hide the latency by other paths
-_INTERVAL = 9  # numbers of an interval within a thick cell, as in gather.cl
+_PENDING = 8  # concurrent reads of stored radiance; GPUs hide the latency by other paths
+_INTERVAL = 9  # values of an interval within a thick cell, as in gather.cl
 
 
 @dataclass(frozen=True)
 class GatherPaths:
-    """Paths from given rays on one device: the kernel's arguments."""
+    """Paths from given rays on one device, as arguments of the kernel."""
 
     device: Device
     program: Program
@@ -57,13 +57,13 @@ class GatherPaths:
     def launch(
         self, chosen: NDArray[np.int32], some: range, key: NDArray[np.uint32], half: int, out: Any
     ) -> None:
-        """Starts paths for each chosen ray, and does not wait for them.
+        """Starts paths for each of the `chosen` (N,) rays, and does not wait for them.
 
         Args:
-            chosen: (N,) which of the rays.
+            chosen: (N,) numbers of rays.
             some: numbers of the low-discrepancy points.
             key: (2,) of the random generator, Philox.
-            half: which random shift of the points.
+            half: number of the random shift of the points.
             out: buffer of the means.
         """
         self.program.launch(
@@ -88,20 +88,17 @@ class GatherPaths:
 def neyman_allocation(
     energy: Floats, had: NDArray[np.int64], size: NDArray[np.int64], *, allowed: float
 ) -> NDArray[np.int64]:
-    """Samples per pixel of each tile that meet the total variance at least cost.
+    """Samples per pixel (T,) of each tile that reach a total variance at the lowest cost.
 
-    Neyman, J. R. Stat. Soc. 97, 1934: in proportion to the root of energy x had / size, as variance
-    falls with 1 / samples. Rounded to powers of two, for which low-discrepancy points are most
-    uniform. One tile at least gets more than it had.
+    They are proportional to the root of energy x had / size, since the variance is proportional to
+    1 / samples (Neyman, J. R. Stat. Soc. 97, 1934), rounded to powers of two, for which
+    low-discrepancy points are most uniform. At least one tile gets more than it had.
 
     Args:
         energy: (T,) sum of squared errors of a tile's pixels, after `had` samples each.
         had: (T,) samples per pixel so far.
         size: (T,) pixels of the tile.
-        allowed: sum of all tiles' energies.
-
-    Returns:
-        (T,) samples per pixel.
+        allowed: sum of the energies of all tiles.
     """
     spread = np.sqrt(energy * had / size)
     ideal = spread * float(spread @ size) / allowed
@@ -126,10 +123,10 @@ def _classes(
 
 
 class Gather:
-    """The final gather of an image, in rounds of paths.
+    """Final gather of an image, in rounds of paths.
 
-    samples, seconds: paths per pixel, and the time, so far.
-    short: why paths stopped before the wanted accuracy, if they did.
+    samples, seconds: paths per pixel, and time, so far.
+    short: reason why paths stopped before the wanted accuracy; empty if they did not.
     """
 
     def __init__(
@@ -141,12 +138,9 @@ class Gather:
         settings: Settings,
         flags: Mapping[str, Define] | None = None,
     ) -> None:
-        """Uploads the thick region and the stored radiance to every device.
+        """Uploads the thick region and the stored radiance `ends` to every device.
 
-        Args:
-            box: the swept box.
-            ends: sources and radiance of the final sweeps.
-            flags: further defines of the kernels.
+        `flags` are further defines of the kernels.
         """
         directions, light = ends.directions, ends.light
         self._image, self._settings = formal_solution, settings
@@ -159,8 +153,8 @@ class Gather:
         least = max(settings.cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
         segments, end_weight = tuning.segments, tuning.end_weight
         if thick.diffusive:
-            # Sweeps have no diffusion limit in thick cells. So paths go on until hardly any of
-            # their weight is left for the sweeps' sources.
+            # Sweeps do not have the diffusion limit in thick cells. So paths continue until hardly
+            # any of their weight is left for the sweeps' sources.
             least = tuning.path_cutoff
             segments, end_weight = tuning.diffuse_segments, tuning.diffuse_end_weight
         self._defines: dict[str, Define] = {
@@ -255,7 +249,7 @@ class Gather:
         self.short = ""
 
     def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
-        """Ordinates (K, 4): unit vectors and cumulative weight of what is scattered along +y."""
+        """Ordinates (K, 4): unit vectors and cumulative weight of light scattered along +y."""
         weight = directions.weight
         if self._settings.phase is not None:
             sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
@@ -271,8 +265,8 @@ class Gather:
     ) -> Floats:
         """Traces paths until their noise in T_app is `noise_share` of accuracy_K, or to a limit.
 
-        The limits are `max_samples` a pixel and `paths` in all. Rounds go to the tiles where they
-        reduce the variance most.
+        The limits are `max_samples` per pixel and `paths` in total. Rounds sample the tiles where
+        they reduce the variance most.
 
         Args:
             pixels: (N,) flat numbers.
@@ -281,7 +275,7 @@ class Gather:
             other: number of pixels with a T_app that see no thick cell.
 
         Returns:
-            (2, C + 1, N) means of two independent sets of paths, the part WITHIN last.
+            Means (2, C + 1, N) of two independent sets of paths, the part WITHIN last.
         """
         cells, wanted = self._image.cells, self._settings.accuracy_K
         temperature = cells.temperature(self._image.scene)
@@ -299,7 +293,7 @@ class Gather:
             size //= 2
         wanted_of = np.full(count, size)
         while True:
-            # Pixels that have had as many paths continue with the same points.
+            # Pixels with equal numbers of paths continue with the same points.
             for pair in np.unique(samples << 32 | wanted_of):
                 had, goal = divmod(int(pair), 1 << 32)
                 mine = near[(samples[near] == had) & (wanted_of[near] == goal)]
@@ -311,8 +305,8 @@ class Gather:
             samples = wanted_of
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
-            # The trace must hold for any wall temperature. Walls count as the scene has them, and
-            # as bright as the cells' largest source, which is dark where cells hardly absorb.
+            # The trace must be accurate for any wall temperature: for that of the scene, and for
+            # walls as bright as the cells' largest source (dark in cells of low absorption).
             before_own, before_bright = (
                 before
                 * np.nan_to_num(
@@ -336,10 +330,10 @@ class Gather:
             if np.array_equal(wanted_of, samples) or paths_in_all > tuning.paths:
                 noise_K = float(np.sqrt(energy.sum() / visible))
                 self.short = (
-                    f"paths in thick cells: stopped at {most} samples a pixel, or "
-                    f"{tuning.paths:.0e} in all, with noise of {noise_K:.2g} K RMS left, where "
-                    f"transport.accuracy_K: {wanted:g} asks for {tuning.noise_share * wanted:.2g} "
-                    "K; allowed is a larger transport.max_samples, or less accuracy"
+                    f"paths in thick cells: stopped at {most} samples per pixel, or "
+                    f"{tuning.paths:.0e} in total, with a noise of {noise_K:.2g} K RMS; "
+                    f"transport.accuracy_K: {wanted:g} needs {tuning.noise_share * wanted:.2g} K; "
+                    "increase transport.max_samples or transport.accuracy_K"
                 )
                 break
         self.samples = int(2 * samples.mean() * across**2)
@@ -347,7 +341,7 @@ class Gather:
         return means
 
     def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Numbers (N,) of the tiles of the image that the pixels are in."""
+        """Numbers (N,) of the image tiles of the pixels."""
         row, column = np.divmod(pixels, self._image.view.pixels[0])
         edge = self._settings.tuning.noise_tile
         tile = row // edge * self._image.view.pixels[0] + column // edge
@@ -355,14 +349,11 @@ class Gather:
 
     @property
     def programs(self) -> list[Program]:
-        """All programs that were built."""
+        """Programs that were built."""
         return self._programs
 
     def paths(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
-        """Paths from the thick cells on `across`^2 rays through each pixel, for each device.
-
-        `pixels` (N,) are flat numbers.
-        """
+        """Paths from the thick cells on across^2 rays through each pixel (N,), for each device."""
         row, column = np.divmod(pixels, self._image.view.pixels[0])
         place = (np.arange(across) + 0.5) / across
         down, right = np.meshgrid(place, place, indexing="ij")
@@ -378,7 +369,7 @@ class Gather:
             group = min(_GROUP, program.largest_group("thick_intervals"))
             listed = upload(one, "rays", rays.astype(self._real))
             counts = zeros(one, "intervals", count, np.int32)
-            # Neither is read before the number of intervals is known.
+            # Neither is read until the number of intervals is known.
             intervals, first = unset(one, "intervals", 1, self._real), counts
             for fill in (0, 1):
                 program.launch(
@@ -417,13 +408,9 @@ class Gather:
         some: range,
         half: int,
     ) -> Floats:
-        """(C + 1, N) means of paths for across^2 rays of each chosen pixel.
+        """Means (C + 1, N) of paths for across^2 rays of each chosen pixel (N,).
 
-        Args:
-            paths: of `paths(pixels, across)`.
-            chosen: (N,) which of these pixels.
-            some: numbers of the low-discrepancy points.
-            half: which random shift of the points.
+        `paths` are those of `paths(pixels, across)`; `some` and `half` as in `GatherPaths.launch`.
         """
         rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
         key = np.array([self._settings.seed, 0], np.uint32)

@@ -1,18 +1,18 @@
-"""Audit of a `source` image: some of its pixels are traced by `path` as well.
+"""Audit of a `source` image: some of its pixels are also traced by `path`.
 
 The two halves of the ordinates show the error of the quadrature, but share the simplifications: the
-phase function's moments, and sources of few numbers in cells. `path` shares none. Each pixel of the
-sample gets two independent estimates by `path`. The product of their differences from the image has
-the square of the image's error for its mean, whatever the noise of either. Thin isotropic media are
-audited as well: the size of their cells makes an error that both halves share.
+moments of the phase function, and few degrees of freedom of sources in cells. `path` has none of
+them. Each pixel of the sample has two independent estimates by `path`. The mean of the product of
+their differences from the image is the square of the image's error, for any noise of either. Thin
+isotropic media are audited too, since both halves share the error of the cell size.
 
-Which pixels, and how many paths? Let e be a pixel's error, and s / sqrt(n) the noise of one
-estimate from n paths. The product's mean square is about (e^2 + s^2 / n)^2. The variance of its sum
-over the pixels is least where pixels are drawn with probabilities in proportion to e^2 + s^2 / n,
-and, for a given total of paths, where n = (s / e)^2. Both e and s come from what a line of sight
-scatters. On `gdi`, at any accuracy, e / s is much the same in all pixels; e^2 and s^2 grow with the
-2.5th to 3rd power of the light scattered to the camera over the emissivity. No traced value decides
-what is traced, so there is no bias.
+The sample minimises the variance of the audit. Let e be the error of a pixel, and s / sqrt(n) the
+noise of one estimate from n paths. The mean square of the product is about (e^2 + s^2 / n)^2. The
+variance of its sum over the pixels is smallest if pixels are drawn with probabilities proportional
+to e^2 + s^2 / n and, for a given total of paths, if n = (s / e)^2. Both e and s are due to
+scattering on the line of sight. On `gdi`, at any accuracy, e / s is nearly the same in all pixels;
+e^2 and s^2 grow with the 2.5th to 3rd power of the light scattered to the camera over the
+emissivity. No traced value influences the sample, so there is no bias.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
-_BY_PATHS = 0.5  # of the audit's variance: below it, the choice of pixels makes more
+_BY_PATHS = 0.5  # share of the paths' noise in the audit's variance; below it, pixels dominate
 
 
 def audited(
@@ -45,21 +45,16 @@ def audited(
     result: Trace,
     sample: PixelSample | None = None,
 ) -> Trace:
-    """`result` with its `audit`, or with the reason for none in `unaudited`.
+    """Result of a trace by `source` with its `audit`, or with the reason for none in `unaudited`.
 
-    Args:
-        cells, scene, device: of the trace.
-        view: of the scene.
-        settings: of the trace.
-        result: the trace, by method `source`.
-        sample: pixels to trace; None: they are drawn here.
+    `sample` are the pixels to trace; None: they are drawn here.
     """
     if not cells.needs.scattering or settings.order == 0:
         return result  # exact
     often = scatterings(cells, settings.order)
     tuning = settings.tuning
     if not settings.audit:
-        return replace(result, unaudited="no audit by path tracing (not wanted)")
+        return replace(result, unaudited="no audit by path tracing (transport.audit: false)")
     most = tuning.audit_scatterings / (often * tuning.audit_samples_least)
     if most < tuning.audit_pixels_least:
         return replace(
@@ -90,7 +85,7 @@ def audited(
     mine, temperature = _planes(weights, cells), cells.temperature(scene)
 
     def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
-        """Whether the audit is as sharp as the error, or more paths would not sharpen it."""
+        """True if the audit is precise enough, or more paths would not improve it."""
 
         def error_K(error: Floats) -> Floats:
             known = mine[:, drawn.pixels]
@@ -101,10 +96,10 @@ def audited(
         halves = error_K(differences - spread), error_K(differences + spread)
         square, doubt = drawn.mean_square(*halves, count=count)
         allowed = (tuning.audit_share * settings.accuracy_K) ** 2
-        # A square that is many times its doubt is no chance that ended the trace.
+        # A square of many times its standard error does not end the trace by chance.
         if doubt <= max(allowed, square / 4):
             return True
-        # Without all that paths make of it, the doubt would be 0.7 of what it is, or more.
+        # Without the noise of the paths, the standard error would be at least 0.7 of its value.
         return drawn.by_noise(*halves) <= _BY_PATHS
 
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
@@ -127,15 +122,11 @@ def audited(
 
 
 def scatterings(cells: OpticalCells, order: int | None) -> float:
-    """About the largest mean number of scatterings of a path.
+    """Estimate of the largest mean number of scatterings of a path, up to `order`.
 
-    The order and absorption bound it, and so does the size: in a convex body isotropic incident
-    light travels 4 V / S in the mean, whatever the scattering (Bardsley and Dubi, SIAM J. Appl.
-    Math. 40, 1981). Of a slab that is twice its depth.
-
-    Args:
-        cells: the medium.
-        order: most scatterings, None for all.
+    Absorption bounds it, and so does the size: in a convex body isotropic incident light has a mean
+    path of 4 V / S for any scattering (Bardsley and Dubi, SIAM J. Appl. Math. 40, 1981). In a slab
+    this is twice its depth.
     """
     depth = cells.dense(cells.box(), cells.depth)
     across = 2.0 * min(float(depth.sum(axis=axis).max()) for axis in range(3))

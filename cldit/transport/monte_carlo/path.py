@@ -1,7 +1,7 @@
 """Monte Carlo path tracing, the method `path`: batches of paths until the wanted error.
 
-Backward Monte Carlo (Modest, Radiative Heat Transfer, ch. 21; kernels/path.cl). Every batch is a
-low-discrepancy set with a random shift of its own (randomised quasi-Monte Carlo), so that the
+This is backward Monte Carlo (Modest, Radiative Heat Transfer, ch. 21; kernels/path.cl). Every batch
+is a low-discrepancy set with its own random shift (randomised quasi-Monte Carlo), so that the
 scatter of batches is an unbiased estimate of the image's error.
 """
 
@@ -30,13 +30,13 @@ from cldit.transport.view import View, check_boundary, upload_tree
 
 Floats = NDArray[np.float64]
 
-SAMPLES = 32  # of a batch: longer sets converge faster, more batches estimate their error better
+SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
 _GROUP = 16
 
 
 @dataclass
-class _Sums:
-    """Sums of batches' means (C, N) and of their squares; even and odd batches apart."""
+class _BatchSums:
+    """Sums of the means (C, N) of even and of odd batches, and of their squares."""
 
     halves: tuple[Floats, Floats]
     squares: Floats
@@ -53,7 +53,7 @@ class _Sums:
 
     @property
     def difference(self) -> Floats:
-        """Half the difference of two means of half the batches each (an even number of them)."""
+        """Half the difference of the means of even and of odd batches, equal in number."""
         return (self.halves[0] - self.halves[1]) / self.batches
 
     @property
@@ -65,7 +65,7 @@ class _Sums:
 
 @dataclass(frozen=True)
 class _PathTracer:
-    """One device, and the pixels whose paths it traces."""
+    """A device and the pixels whose paths it traces."""
 
     device: Device
     program: Program
@@ -84,7 +84,7 @@ class _PathTracer:
         fixed: dict[str, Any],
         components: int,
     ) -> _PathTracer:
-        """scattered: of all pixels. fixed: kernel arguments that all pixels share."""
+        """Uploads the pixels' share of `scattered`; `fixed` are arguments that all pixels share."""
         return cls(
             device,
             program,
@@ -114,7 +114,7 @@ class _PathTracer:
         self.device.queue.flush()
 
     def means(self, components: int, real: type[np.floating]) -> NDArray[np.floating]:
-        """(C, N) of the batch, waited for."""
+        """Waits for the means (C, N) of the batch."""
         return download(self.device, self.out, np.empty((components, self.count), real))
 
 
@@ -135,12 +135,12 @@ def trace_path(
         cells, scene: the medium, and its camera and boundary.
         device: traces; its others share the pixels.
         settings: of the trace.
-        report: takes lines of progress.
-        draw: chooses the pixels to trace from what the line of sight of each scatters (P,). The
-            images are then these pixels in one row, and the noise is theirs.
-        enough: of the drawn pixels, their weights (C, N) and half the difference of two halves of
-            the samples; ends the trace where it is true, instead of the noise.
-        view: of the scene, where the caller has it.
+        report: receives lines of progress.
+        draw: chooses the pixels to trace from the light scattered on the line of sight of each
+            (P,). Images then are one row of these pixels, and the noise is theirs.
+        enough: ends the trace if true, in place of the noise; receives the drawn pixels, their
+            weights (C, N), and half the difference of two halves of the samples.
+        view: of the scene, if the caller has it.
     """
     view = View.of(scene, cells) if view is None else view
     check_boundary(scene, cells, view)
@@ -200,7 +200,7 @@ def trace_path(
         listed = pixel_sample.pixels
         image, shape = image[:, listed], (components, 1, len(listed))
     image = image.astype(np.float64)
-    place = listed if pixel_sample is None else np.arange(len(listed))  # in the image that is made
+    place = listed if pixel_sample is None else np.arange(len(listed))  # in the image
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
@@ -222,12 +222,10 @@ def trace_path(
         if mine
     ]
     before = view.on_background(listed)
-    rest = np.delete(np.arange(image.shape[1]), place)  # none, where some are drawn
+    rest = np.delete(np.arange(image.shape[1]), place)  # empty if pixels were drawn
     other = int(np.count_nonzero(view.has_temperature(1.0 - image[0, rest], rest)))
-    sums = _Sums(
-        (np.zeros((components, count)), np.zeros((components, count))),
-        np.zeros((components, count)),
-    )
+    even, odd, squares = np.zeros((3, components, count))
+    sums = _BatchSums((even, odd), squares)
     temperature = cells.temperature(scene)
     while count:
         for tracer in tracers:
@@ -247,7 +245,7 @@ def trace_path(
         error_K = error_K[np.isfinite(error_K) & before]
         error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K) + other, 1)))
         if report is not None:
-            report(f"{sums.batches * SAMPLES} samples a pixel: {error:.2g} K")
+            report(f"{sums.batches * SAMPLES} samples per pixel: error {error:.2g} K")
         if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
             break
     seconds["scattering"] = time.perf_counter() - start
@@ -259,13 +257,13 @@ def trace_path(
         error_of[:, place] = sums.error
     planes = image.reshape(shape)
     closure = None
-    if planes.size:  # none drawn: nothing was traced
+    if planes.size:  # else no pixel was drawn
         paths = count * sums.batches * SAMPLES
         closure = EnergyBalance.of(
             planes[: cells.needs.boundaries],
             planes[-1],
             bound=1e-4,
-            noise=5.0 / paths**0.5 if paths else 0.0,  # of one path: 0.6 was observed, 1 is allowed
+            noise=5.0 / paths**0.5 if paths else 0.0,  # 1 for one path; 0.6 was observed
         )
     return Trace(
         closure=closure,

@@ -1,4 +1,4 @@
-"""Sampling of pixels with unequal probabilities, to estimate sums over the image (audit)."""
+"""Sampling of pixels with unequal probabilities, to estimate sums over the image."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PixelSample:
-    """A sample of an image's pixels.
+    """Sample of an image's pixels.
 
     pixels: (N,) flat numbers, ascending.
-    chance: (N,) probability of each to be drawn, 0 to 1.
+    chance: (N,) inclusion probabilities, 0 to 1.
     """
 
     pixels: NDArray[np.int64]
@@ -24,15 +24,11 @@ class PixelSample:
 
     @classmethod
     def of(cls, importance: Floats, *, most: int, seed: int) -> PixelSample:
-        """Systematic sampling with probabilities in proportion to importance, up to 1.
+        """Systematic sampling with probabilities proportional to importance (P,), up to 1.
 
         Pixels are drawn at equal steps of the cumulative probability from a random start, so that
-        neighbours, which are alike, are seldom drawn together.
-
-        Args:
-            importance: (P,); pixels of 0 are never drawn.
-            most: about so many are drawn, or all of importance above 0 if they are no more.
-            seed: of the random start.
+        neighbours, which are similar, are seldom drawn together. About `most` are drawn, or all of
+        importance above 0 if there are no more.
         """
         listed = np.flatnonzero(importance > 0)
         weight = importance[listed].astype(np.float64)
@@ -53,13 +49,9 @@ class PixelSample:
     def total(self, values: Floats, variance: Floats) -> tuple[float, float]:
         """Unbiased estimate of the sum over all pixels of importance above 0 (Horvitz-Thompson).
 
-        Args:
-            values: (N,) of the pixels drawn.
-            variance: (N,) of each value's own noise, or an unbiased estimate of it.
-
-        Returns:
-            The sum and its standard error. The scatter of the values gives the error of sampling
-            (Hajek, Ann. Math. Statist. 35, 1964); pixels of probability 1 add their noise alone.
+        `variance` (N,) is that of the noise of the `values` (N,), or an unbiased estimate of it.
+        The second result is the standard error. The scatter of the values gives the sampling error
+        (Hajek, Ann. Math. Statist. 35, 1964); pixels of probability 1 add only their noise.
         """
         scaled, free = values / self.chance, 1.0 - self.chance
         count = int(np.count_nonzero(free > 0))
@@ -68,34 +60,23 @@ class PixelSample:
         return float(scaled.sum()), (missed + float(np.sum(variance / self.chance))) ** 0.5
 
     def mean_square(self, one: Floats, other: Floats, *, count: int) -> tuple[float, float]:
-        """Unbiased estimate of the mean square of an error over an image.
+        """Unbiased estimate of the mean square of an error over `count` pixels of an image.
 
-        Args:
-            one, other: (N,) two estimates of the error with independent noise; 0 where it is not
-                counted.
-            count: pixels of the image over which the mean is taken.
-
-        Returns:
-            Mean square, below 0 where noise has it so; and its standard error.
+        `one` and `other` (N,) are estimates of the error with independent noise, 0 where it does
+        not count. Noise may make the mean square negative. The second result is its standard error.
         """
         total, doubt = self.total(one * other, _of_product(one, other))
         return total / count, doubt / count
 
     def pick(self, image: NDArray[Any]) -> NDArray[Any]:
-        """These pixels (1, N) of an image (H, W)."""
+        """Pixels of the sample (1, N) in an image (H, W)."""
         return image.reshape(1, -1)[:, self.pixels]
 
     def by_noise(self, one: Floats, other: Floats) -> float:
-        """Share of the variance of `mean_square` that less noise of the estimates would take away.
+        """Share, 0 to 1, of the variance of `mean_square` due to the noise of the estimates.
 
-        The rest is by the choice of the pixels, and stays. The noise of a drawn pixel is in the sum
-        over all with the square of 1 / chance.
-
-        Args:
-            one, other: (N,) as in `mean_square`.
-
-        Returns:
-            0 to 1; 0 where there is no variance at all.
+        The rest is due to the choice of the pixels. The noise of a drawn pixel contributes to the
+        sum over all with the square of 1 / chance.
         """
         variance = _of_product(one, other)
         doubt = self.total(one * other, variance)[1]
@@ -104,5 +85,5 @@ class PixelSample:
 
 
 def _of_product(one: Floats, other: Floats) -> Floats:
-    """Variance of the product of two numbers with the same mean and noise, estimated by them."""
+    """Estimate of the variance of the product of two numbers with the same mean and noise."""
     return (one**2 - other**2) ** 2 / 4

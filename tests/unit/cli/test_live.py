@@ -1,8 +1,7 @@
-"""The live view: a picture of characters, a window where there is one, and never a delay."""
+"""The live view in the terminal: an image of characters, and never a delay."""
 
 from __future__ import annotations
 
-import io
 import time
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,14 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from matplotlib.figure import Figure
 
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.plan import Shot
 from cldit.acquisition.progress import Progress
 from cldit.cli import live, main
-from cldit.cli.live import LiveView, draw, half_blocks, stretched, window
+from cldit.cli.live import LiveView, half_blocks
 from cldit.rig.load import open_rig
+from cldit.show.report.live import stretched
 
 
 def ramp(shape: tuple[int, int] = (48, 64)) -> np.ndarray[Any, np.dtype[np.uint16]]:
@@ -52,19 +51,8 @@ def test_half_blocks_show_the_picture() -> None:
 )
 def test_any_picture_can_be_shown(image: np.ndarray[Any, Any]) -> None:
     counts = image.astype(np.uint16)
-    assert np.all(stretched(counts) == 0.0)
+    assert np.all(stretched(counts)[0] == 0.0)
     assert half_blocks(counts).plain
-
-
-def test_pictures_of_the_window() -> None:
-    """Each in place of the last, also where the size changes."""
-    figure = Figure()
-    axes = figure.add_subplot()
-    for image in (ramp(), ramp()[::-1], ramp((12, 16))):
-        draw(axes, f"up to {image.max()}", image)
-        (shown,) = axes.images
-        assert np.array_equal(np.asarray(shown.get_array()), stretched(image))
-        assert axes.get_title() == f"up to {image.max()}"
 
 
 def saved(image: np.ndarray[Any, np.dtype[np.uint16]]) -> SavedShot:
@@ -72,17 +60,15 @@ def saved(image: np.ndarray[Any, np.dtype[np.uint16]]) -> SavedShot:
     return SavedShot(shot, image, {"saturated_percent": 0.0, "saturation_counts": 16383})
 
 
-def test_a_window_that_cannot_be_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MPLBACKEND", "Agg")
-    window(io.BytesIO())  # returns: there is no screen behind Agg
+def test_the_last_image_is_shown() -> None:
     with LiveView() as view:
         view.watch(Progress("preflight", 0, 10, None))
         end = time.monotonic() + 30.0
-        while view.has_window:  # its process has ended, which the pipe tells
+        while "b00_ref_00" not in view._image.plain:
             assert time.monotonic() < end
             view.show(saved(ramp((512, 640))))
             time.sleep(0.01)
-    assert "b00_ref_00" in view._picture.plain and "440 K reference" in view._picture.plain
+    assert "440 K reference" in view._image.plain
 
 
 def test_slow_view_drops_pictures_and_delays_nothing(
@@ -97,7 +83,7 @@ def test_slow_view_drops_pictures_and_delays_nothing(
 
     monkeypatch.setattr(LiveView, "show", slow)
     plan = tiny_plan.model_copy(update={"shots": 8})
-    with LiveView(window=False) as view:
+    with LiveView() as view:
         begin = time.monotonic()
         assert acquire(
             open_rig(tiny_rig), plan, tmp_path / "a", progress=view.watch, preview=view.show
@@ -110,7 +96,6 @@ def test_slow_view_drops_pictures_and_delays_nothing(
 def test_acquire_live(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("MPLBACKEND", "Agg")
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
     (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
     pictures = []

@@ -19,10 +19,8 @@ import pytest
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.watch import Watch
-from cldit.cli import live_page
-from cldit.cli.live import LiveView
-from cldit.cli.live_page import PAGE, PageWriter, write_pages
-from cldit.cli.sparkline import sparkline
+from cldit.cli import live
+from cldit.cli.live import PAGE, LiveView, PageWriter, sparkline, write_pages
 from cldit.errors import DiskFull
 from cldit.rig.load import open_rig
 
@@ -79,7 +77,7 @@ def test_page_of_a_whole_recording(
     folder = tmp_path / "a"
     acquire(open_rig(tiny_rig), tiny_plan, folder)
     text = page_of(folder)
-    assert '<h1 id="state">finished</h1>' in text and "0 of 10 shots left" in text
+    assert "<h1>finished</h1>" in text and "0 of 10 shots left" in text
     assert 'http-equiv="refresh"' not in text and "<script" not in text
     last = max(open_acquisition(folder).shots, key=lambda shot: shot.path.stat().st_mtime_ns)
     image = open_acquisition(folder).load(last)
@@ -102,8 +100,8 @@ def test_page_in_the_middle(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path:
     assert '<meta http-equiv="refresh" content="2">' in going and "7 of 10 shots left, " in going
     assert 'aria-valuenow="3"' in going and 'style="width:30.00%"' in going
     ended = page_of(folder)
-    assert '<h1 id="state">broken off</h1>' in ended and 'http-equiv="refresh"' not in ended
-    assert "The same command goes on where it ended." in ended
+    assert "<h1>broken off</h1>" in ended and 'http-equiv="refresh"' not in ended
+    assert "Run the same command to continue it." in ended
 
 
 def test_an_earlier_session_is_no_state(
@@ -138,8 +136,8 @@ def test_what_cannot_be_read_or_written_is_told_and_harms_nothing(
             refused.append(needed)
             raise DiskFull(f"{where}: no room for <all>")
 
-    monkeypatch.setattr(live_page, "check_room", room)
-    monkeypatch.setattr(live_page, "_PAUSE_s", 0.02)
+    monkeypatch.setattr(live, "check_room", room)
+    monkeypatch.setattr(live, "_PAUSE_s", 0.02)
     ended = threading.Event()
     thread = threading.Thread(target=write_pages, args=(folder, ended))
     thread.start()
@@ -161,7 +159,7 @@ def test_a_killed_writer_leaves_the_recording_alone(
 ) -> None:
     """Killed before the second shot: every shot is there, and the view says what happened."""
     folder = tmp_path / "a"
-    with LiveView(window=False, folder=folder) as view:
+    with LiveView(folder=folder) as view:
         assert view.page is not None and view.page.process is not None
         process = view.page.process
 
@@ -184,7 +182,7 @@ def test_the_writer_ends_with_a_killed_recording(
     """The pipe ends with whoever holds it, and the last page says so."""
     folder = begun(tiny_rig, tiny_plan, tmp_path / "a", shots=3)
     code = (
-        "import sys, time; from pathlib import Path; from cldit.cli.live_page import PageWriter\n"
+        "import sys, time; from pathlib import Path; from cldit.cli.live import PageWriter\n"
         "with PageWriter(Path(sys.argv[1])) as page:\n"
         "    print(page.process.pid, flush=True); time.sleep(600)"
     )
@@ -215,7 +213,7 @@ def test_damage_is_told(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Pat
     with (folder / "journal.jsonl").open("ab") as stream:
         stream.write(b"no entry\n")
     text = page_of(folder)
-    assert "7 of 10 shots left" in text and "This page could not see all" in text
+    assert "7 of 10 shots left" in text and "Some of this page could not be read" in text
     assert "b00_inj_00.tif" in text and "is not JSON" in text and "No shot yet." in text
 
 
@@ -240,7 +238,7 @@ def test_the_terminal_says_the_same(
     from rich.console import Console
 
     texts: list[str] = []
-    with LiveView(window=False) as view:
+    with LiveView() as view:
 
         def update(group: Any, *, refresh: bool) -> None:
             console = Console(width=100, record=True, file=io.StringIO())
@@ -272,7 +270,7 @@ def test_a_terminal_that_stands_still_holds_up_nothing(
         waits.set()
         assert goes_on.wait(_PATIENCE_s)
 
-    with LiveView(window=False) as view:
+    with LiveView() as view:
         monkeypatch.setattr(view._live, "update", update)
         record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a", progress=view.watch,
                          preview=view.show)  # fmt: skip
