@@ -26,7 +26,7 @@ def scenes(show: str | None, reference: bool, schema: bool) -> Outcome:
         tell(commented(scene), end="")
         return Outcome(scene.model_dump(mode="json"))
     if reference:
-        from cldit.show.report.keys import reference_page  # imports what reads rigs and pictures
+        from cldit.show.report.reference import reference_page  # loads readers of rigs and images
 
         tell(reference_page(), end="")
         return Outcome(Scene.model_json_schema())

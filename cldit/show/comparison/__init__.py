@@ -1,4 +1,4 @@
-"""Two pictures side by side: their difference in kelvin, and whether stated errors explain it."""
+"""Comparison of two results: their difference in kelvin, beside the stated errors."""
 
 from cldit.show.comparison.difference import Difference, MapDifference, compare
 from cldit.show.comparison.shown import Shown, open_shown

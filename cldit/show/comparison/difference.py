@@ -1,8 +1,9 @@
-"""The difference of two pictures in T_app, emissivity and optical depth, beside stated errors."""
+"""Difference of two results in T_app, emissivity and optical depth, beside stated errors."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.run import Run
-from cldit.show.comparison.keys import KeyDifference, key_differences
+from cldit.scene import Scene
 from cldit.show.comparison.pixels import together
 from cldit.show.comparison.shown import Shown, open_shown
 
@@ -20,12 +21,26 @@ Image = NDArray[np.float64]
 _BEYOND = 2.0  # standard errors
 
 
+@dataclass(frozen=True)
+class KeyDifference:
+    """A key of the scene and its two values; None if a scene does not have the key."""
+
+    key: str
+    one: Any
+    other: Any
+
+    @property
+    def text(self) -> str:
+        """`walls.temperature_K: 450 and 500`."""
+        return f"{self.key}: {_value(self.one)} and {_value(self.other)}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class MapDifference:
-    """`other` less `one`, over the pixels in which both have a value.
+    """Map of `other` minus map of `one`, over the pixels in which both have a value.
 
-    worst: the value largest in size, worst_mm where it is (x, z). All None where there is no such
-    pixel.
+    worst: the value of largest magnitude; worst_mm: its position (x, z). All are None without such
+    a pixel.
     """
 
     name: str
@@ -39,13 +54,13 @@ class MapDifference:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """What differs between two pictures.
+    """Difference between two results.
 
-    stated_K: standard error of T_app that either states, None where it states none. given_K: what
-    the caller allows instead. at_least: a cause of a stated error is unknown. only: pixels that
-    have a T_app in the first or in the second alone. beyond: share of the pixels whose T_app
-    differ by more than twice the errors stated there; None where none are stated. averaged: what
-    was averaged onto the other's pixels. keys: of the scenes.
+    stated_K: standard error of T_app that each states, None if none. given_K: allowed by the caller
+    instead. at_least: True if a cause of a stated error is unknown. only: number of pixels with a
+    T_app only in the first, and only in the second. beyond: share of the pixels whose T_app differ
+    by more than twice the errors stated there; None if none are stated. averaged: description of
+    an average onto the other's pixels. keys: that differ between the scenes.
     """
 
     one: str
@@ -61,12 +76,12 @@ class Difference:
 
     @property
     def t_app(self) -> MapDifference:
-        """That of T_app."""
+        """Difference of T_app."""
         return self.maps[0]
 
     @property
     def allowed_K(self) -> float | None:
-        """RMS that the stated errors explain, independent of each other; None: none is stated."""
+        """RMS that the stated errors explain, if independent; None if they are not stated."""
         if self.given_K is not None:
             return self.given_K
         one, other = self.stated_K
@@ -74,13 +89,12 @@ class Difference:
 
     @property
     def same(self) -> bool:
-        """Whether every value is the same, and missing in the same pixels."""
+        """True if every value is the same, and missing in the same pixels."""
         return self.only == (0, 0) and all(not one.worst for one in self.maps)
 
     @property
     def within(self) -> bool:
-        """Whether the RMS in T_app is explained by the stated errors; where nothing is stated,
-        whether all is the same."""
+        """True if the stated errors explain the RMS in T_app, or if all values are the same."""
         if self.same:
             return True
         if self.t_app.rms is None or self.allowed_K is None:
@@ -89,17 +103,17 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """One line."""
+        """Conclusion on one line."""
         if self.same:
             return "the same in every pixel"
         if self.t_app.rms is None:
             return "no pixel has a T_app in both"
         allowed = "" if self.allowed_K is None else f"{self.allowed_K:.2g} K RMS"
         if not allowed:
-            return "differs, and no error is stated to compare with; --within says what is allowed"
-        source = "that is allowed" if self.given_K is not None else "that both errors explain"
+            return "differs, but no error is stated to compare with; --within gives an allowance"
+        source = "allowed" if self.given_K is not None else "explained by both errors"
         if self.at_least and self.given_K is None:
-            source += " at least"
+            source += ", at least"
         return f"{'within' if self.within else 'beyond'} the {allowed} {source}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,14 +131,14 @@ def compare(
     resample: bool = False,
     within_K: float | None = None,
 ) -> Difference:
-    """Compares two runs, or a run with what was recorded.
+    """Compares two runs, or a run with a recording.
 
     Args:
-        one, other: runs, or folders of runs, acquisitions or measured data that were evaluated.
-        acquired: of runs, what their rig recorded, not the trace.
-        resample: where pixels differ, average a trace onto those of what was recorded, or of the
+        one, other: runs, or folders of runs, of evaluated acquisitions or measured data.
+        acquired: of runs, compare the recordings of their rigs, not the traces.
+        resample: if pixels differ, average a trace onto the pixels of the recording, or of the
             coarser trace.
-        within_K: RMS allowed in T_app; None: what both stated errors explain.
+        within_K: RMS allowed in T_app; None: explained by both stated errors.
 
     Raises:
         RunFolderError: there are no maps.
@@ -186,3 +200,32 @@ def _beyond(change_K: Image, one: Shown, other: Shown) -> float | None:
     allowed = _BEYOND * np.hypot(errors[0], errors[1])
     known = np.isfinite(change_K) & np.isfinite(allowed)
     return float(np.mean(np.abs(change_K) > allowed, where=known)) if known.any() else None
+
+
+def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:
+    """Keys whose values differ between two scenes, in the order of the scene file."""
+    first, second = (dict(_leaves(each.model_dump(mode="json"))) for each in (one, other))
+    return tuple(
+        KeyDifference(key, first.get(key), second.get(key))
+        for key in dict.fromkeys((*first, *second))
+        if first.get(key) != second.get(key)
+    )
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Values by their paths; a list of numbers or texts is a value."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _leaves(part, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(part, Mapping) for part in value):
+        for number, part in enumerate(value):
+            yield from _leaves(part, f"{path}[{number}]")
+    else:
+        yield path, value
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

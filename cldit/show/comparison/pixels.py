@@ -1,7 +1,7 @@
-"""Pictures on the same pixels: found to be so, or a trace averaged onto coarser ones.
+"""Results on the same pixels, by averaging a trace onto coarser ones where necessary.
 
-Radiances are averaged by area, as a sensor does it (`cldit.camera.view`), and then evaluated: a
-mean of temperatures would be another thing.
+Radiances are averaged by area, as in a sensor (`cldit.camera.view`), and then evaluated; a mean of
+temperatures would be a different quantity.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from cldit.errors import EvaluationError
 from cldit.radiance.weights import Weights
 from cldit.show.comparison.shown import Shown
 
-_SAME = 0.01  # of a pixel, over the whole picture
+_SAME = 0.01  # of a pixel, over the whole image
 
 Image = NDArray[np.float64]
 
 
 def same_pixels(one: Shown, other: Shown) -> bool:
-    """Whether each pixel of `one` is where that of `other` is."""
+    """True if the pixels of both have the same positions."""
     shape = one.maps.emissivity.shape
     if shape != other.maps.emissivity.shape:
         return False
@@ -36,32 +36,25 @@ def same_pixels(one: Shown, other: Shown) -> bool:
 
 
 def _offsets(one: Shown, other: Shown) -> list[float]:
-    """Distances of the middles, in pixels."""
+    """Distances of the centres, in pixels."""
     return [
         abs(a - b) / p for a, b, p in zip(one.centre_m, other.centre_m, other.pixel_m, strict=True)
     ]
 
 
 def together(one: Shown, other: Shown, *, resample: bool) -> tuple[Shown, Shown, str]:
-    """Both on the same pixels.
+    """Both on the same pixels, and a description of an average, empty if there was none.
 
-    Args:
-        one, other: what is compared.
-        resample: average a trace onto the pixels of what was recorded, as a rig does it; of two
-            traces the finer onto the pixels of the coarser one.
-
-    Returns:
-        Both, and what was averaged, in words; empty: nothing was.
-
-    Raises:
-        EvaluationError: the pixels differ, and may not or cannot be made the same.
+    resample: average a trace onto the pixels of a recording, as a rig does; of two traces, the
+    finer onto the pixels of the coarser one. Raises EvaluationError if that is not allowed or not
+    possible.
     """
     if same_pixels(one, other):
         return one, other, ""
     what = f"{one.name} has {one.grid}; {other.name} has {other.grid}"
     if not resample:
         raise EvaluationError(
-            f"{what}; allowed are the same pixels, or --resample (resample=True), which averages "
+            f"{what}; allowed: the same pixels, or --resample (resample=True), which averages "
             "a trace onto the other's pixels"
         )
     swap = one.run is None or (
@@ -77,7 +70,7 @@ def _averaged(trace: Shown, onto: Shown, what: str) -> Shown:
     if trace.run is None:
         raise EvaluationError(f"{what}; both were recorded: only a trace can be averaged")
     if max(_offsets(trace, onto)) > _SAME:
-        raise EvaluationError(f"{what}; the middles must be the same")
+        raise EvaluationError(f"{what}; the centres must be the same")
     rows, columns = onto.maps.emissivity.shape
     high, wide = trace.maps.emissivity.shape
     shares = (
@@ -85,7 +78,7 @@ def _averaged(trace: Shown, onto: Shown, what: str) -> Shown:
         rows * onto.pixel_m[1] / (high * trace.pixel_m[1]),
     )
     if max(shares) > 1.0 + 1e-6:
-        raise EvaluationError(f"{what}; the trace must reach as far as the other picture")
+        raise EvaluationError(f"{what}; the trace must cover the whole of the other image")
     across = overlap_matrix(wide, columns, min(shares[0], 1.0))
     along = overlap_matrix(high, rows, min(shares[1], 1.0))
 
@@ -108,7 +101,7 @@ def _averaged(trace: Shown, onto: Shown, what: str) -> Shown:
 
 
 def _mean_known(error_K: Image, mean: Callable[[Image], Image]) -> Image:
-    """Mean over the pixels that have an error: neighbours' errors are taken to be the same one."""
+    """Mean over the pixels that have an error; errors of neighbours are assumed to be the same."""
     known = np.isfinite(error_K)
     share = mean(known.astype(np.float64))
     total = mean(np.where(known, error_K, 0.0))

@@ -1,4 +1,4 @@
-"""A run computed anew from its record, and what differs."""
+"""A run computed again from its record, and the difference."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from cldit.show.comparison.shown import open_shown
 
 @dataclass(frozen=True, kw_only=True)
 class Repeated:
-    """What came of a repetition.
+    """Result of a repetition.
 
-    trace: difference of the traces, the repetition less the run. recorded: of what the rigs
-    recorded; None where the run has no acquisition. inputs: a line for each input that is not what
-    the run read. changed: versions and device that differ, then and now.
+    trace: difference of the traces, the repetition minus the run. recorded: difference of the
+    recordings; None if the run has no acquisition. inputs: a line for each input that has changed
+    since the run. changed: versions and device that differ, then and now.
     """
 
     trace: Difference
@@ -36,7 +36,7 @@ class Repeated:
 
     @property
     def within(self) -> bool:
-        """Whether all is explained by the stated errors."""
+        """True if the stated errors explain all differences."""
         return self.trace.within and (self.recorded is None or self.recorded.within)
 
     def to_dict(self) -> dict[str, Any]:
@@ -51,9 +51,9 @@ class Repeated:
 
 
 def inputs_that_changed(run: Run) -> tuple[str, ...]:
-    """A line for each input of a run that is missing, or is not what it read.
+    """Lines about inputs of a run that are missing or have changed since.
 
-    The scene stands in the run's own folder, and counts as an input.
+    The scene in the run's own folder counts as an input.
     """
     found = []
     origin = run.info.origin
@@ -84,21 +84,21 @@ def repeat(
     within_K: float | None = None,
     progress: Say | None = None,
 ) -> Repeated:
-    """Computes a stored run anew and compares.
+    """Computes a stored run again and compares.
 
-    What the run recorded with its rig is recorded and evaluated anew too. Tables and sprays that
-    lie in the cache are taken from there: their names hold a digest of all that they depend on.
+    A recording by the run's rig is recorded and evaluated again too. Tables and sprays are taken
+    from the cache if they are there: their names contain a digest of all that they depend on.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         out: empty folder to keep the repetition in; None keeps nothing.
-        device: to trace on; None chooses.
-        changed_inputs: go on where inputs are not what the run read.
-        within_K: RMS allowed in T_app; None: what the stated errors explain.
+        device: OpenCL device; None chooses.
+        changed_inputs: continue although inputs are missing or have changed.
+        within_K: RMS allowed in T_app; None: explained by the stated errors.
         progress: called with a line of text as things happen.
 
     Raises:
-        RunFolderError: the folder holds no run, inputs are missing or changed, or `out` is not
+        RunFolderError: the folder contains no run, inputs are missing or changed, or `out` is not
             empty.
         ClditError: as `cldit.simulate`.
     """
@@ -108,8 +108,8 @@ def repeat(
         raise RunFolderError(
             "\n".join(
                 [
-                    f"{folder}: cannot be repeated, inputs are not what it read; allowed is "
-                    "--changed-inputs (changed_inputs=True)",
+                    f"{folder}: cannot be repeated, its inputs have changed; "
+                    "--changed-inputs (changed_inputs=True) continues all the same",
                     *inputs,
                 ]
             )
@@ -145,12 +145,12 @@ def _place(out: str | Path | None) -> Iterator[Path]:
         return
     place = Path(out)
     if place.exists() and (not place.is_dir() or any(place.iterdir())):
-        raise RunFolderError(f"{place}: is not empty; allowed is an empty folder, or a new one")
+        raise RunFolderError(f"{place}: is not empty; allowed: an empty folder, or a new one")
     yield place
 
 
 def _changed(run: Run, again: Run) -> dict[str, tuple[str, str]]:
-    """Versions, commit and device, where they are not the same."""
+    """Versions, commit and device that are not the same."""
     then, now = (
         {
             **each.info.versions,

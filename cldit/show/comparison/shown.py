@@ -1,5 +1,4 @@
-"""What can be compared: the maps of a run or of a measurement, with where they lie and their
-errors."""
+"""Maps of a run or a measurement to be compared, with their position and errors."""
 
 from __future__ import annotations
 
@@ -26,9 +25,9 @@ class Shown:
     """Maps to be compared.
 
     maps: (H, W). pixel_m: width and height of a pixel on the object. centre_m: (x, z) of the
-    picture's middle. error_K: stated standard error of T_app, RMS over its pixels; None: none is
-    stated. at_least: a cause of it is unknown. error_map_K: (H, W), that of each pixel; None: as
-    error_K. run: whose trace the maps are of; None for what was recorded.
+    image's centre. error_K: stated standard error of T_app, RMS over its pixels; None if not
+    stated. at_least: True if a cause of it is unknown. error_map_K: (H, W), in each pixel; None: as
+    error_K. run: the run of a trace; None for a recording.
     """
 
     name: str
@@ -43,7 +42,7 @@ class Shown:
 
     @property
     def grid(self) -> str:
-        """Its pixels, in words."""
+        """Description of the pixels."""
         rows, columns = self.maps.emissivity.shape
         width, height = (1e3 * n * p for n, p in zip((columns, rows), self.pixel_m, strict=True))
         x, z = (1e3 * one for one in self.centre_m)
@@ -54,14 +53,9 @@ class Shown:
 
 
 def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown:
-    """The maps of a run, or of an acquisition or measured data that were evaluated.
+    """Maps of a run, of its recording if `acquired`, or of evaluated shots or measured data.
 
-    Args:
-        of: a run, or a folder of either (of measured data, also its YAML file).
-        acquired: of a run, what its rig recorded, not the trace.
-
-    Raises:
-        RunFolderError: there are no such maps.
+    of: a run, a folder, or measured.yaml. Raises RunFolderError if there are no such maps.
     """
     if isinstance(of, Shown):
         return of
@@ -74,7 +68,7 @@ def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown
     opened = open_measured(place) if is_measured(place) else open_acquisition(place)
     if not isinstance(opened, Measured) and len(opened.plan.delays) > 1:
         raise RunFolderError(
-            f"{place}: holds {len(opened.plan.delays)} delays; allowed is an acquisition of one"
+            f"{place}: contains {len(opened.plan.delays)} delays; allowed: an acquisition of one"
         )
     folder = opened.folder / "maps"
     if not folder.is_dir():
@@ -101,7 +95,7 @@ def _traced(run: Run, name: str) -> Shown:
 
 def _recorded_by(run: Run, name: str) -> Shown:
     if run.measured is None:
-        raise RunFolderError(f"{name}: has no acquisition; allowed is its trace")
+        raise RunFolderError(f"{name}: has no acquisition; compare its trace")
     x, _, z = run.scene.target_m
     return _recorded(
         name, run.measured, SensorView.from_scene(run.scene).pixel_m, (x, z), scene=run.scene

@@ -1,4 +1,4 @@
-"""Figures of a run as people read them: `injected_mass_kg` is `injected mass`, 12.7 mg."""
+"""Names and values for readers: `injected_mass_kg` becomes `injected mass`, 12.7 mg."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ _UNITS: dict[str, tuple[str, float]] = {
     "_per_m": ("1/m", 1.0),
 }
 
-# Names that say more than their key.
+# Names that are clearer than their key.
 _NAMES = {
     "coldest": "coldest gas",
     "wet bulb temperature": "wet-bulb temperature",
     "time": "time after start of injection",
 }
-# What a unit stands for, where the key leaves that out.
+# Quantity of a unit, for keys without it.
 _QUANTITIES = {"K": "temperature", "MPa": "pressure"}
 _EXTREMES = {"max": "largest ", "min": "smallest "}
 
 
 def human(key: str, value: float) -> tuple[str, str]:
-    """Name and value with unit of a figure whose key ends with its SI unit.
+    """Name, and value with unit, of a quantity whose key ends with its SI unit.
 
     `human("jet_speed_m_s", 225.84)` is `("jet speed", "225.8 m/s")`. Lengths below 0.1 mm are in
-    um; keys without a unit are counts or ratios. Whole numbers are shown whole.
+    um; keys without a unit are counts or ratios. Integers are shown without decimals.
     """
     words = key.split("_")
     extreme = next((_EXTREMES[word] for word in words if word in _EXTREMES), "")
@@ -54,11 +54,7 @@ def human(key: str, value: float) -> tuple[str, str]:
 
 
 def human_figures(values: Mapping[str, float]) -> dict[str, str]:
-    """`human` of every figure, in order.
-
-    Raises:
-        ValueError: two keys have one name.
-    """
+    """Names and values of all quantities, in order; ValueError if two keys have one name."""
     rows = [human(key, value) for key, value in values.items()]
     names = [name for name, _ in rows]
     if len(set(names)) < len(names):

@@ -1,4 +1,4 @@
-"""What a scene's optics are, as one picture: liquid, droplets, sizes, vapour, camera."""
+"""Figure of a scene's optical properties: liquid, droplets, sizes, vapour, camera."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PAPER_UM, PAPER_N, PAPER_K = 3.4, 1.338, 0.0341  # Sections "Ray Tracing" and "R
 
 
 def optics_picture(data: SceneOptics) -> bytes:
-    """PNG of six panels; those of droplets are left out where the scene has none."""
+    """PNG of six panels; those of droplets are omitted if the scene has none."""
     droplets = data.droplets is not None
     panels = [_vapour, *([_growth] if data.growth else []), _camera]
     if droplets:
@@ -135,12 +135,8 @@ def _sizes(axes: Axes, data: SceneOptics) -> None:
     for sizes, colour, width, whose in shown:
         d32 = mean_diameter_m(sizes, 3, 2) * 1e6
         if isinstance(sizes, Monodisperse):
-            axes.axvline(
-                sizes.diameter_um,
-                color=colour,
-                linewidth=width,
-                label=f"{whose}: {sizes.diameter_um:g} µm",
-            )
+            label = f"{whose}: {sizes.diameter_um:g} µm"
+            axes.axvline(sizes.diameter_um, color=colour, linewidth=width, label=label)
             continue
         label = f"{whose}: {_named(sizes)}, $D_{{32}}$ = {d32:.2f} µm"
         mass = density_per_m(sizes, d, by="mass") * 1e-6
@@ -177,15 +173,9 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
         area = f"{band.area_km_mol(data.gas_K):.0f} km/mol"
         label = f"{band.species}: {area} ({band.status})"
         axes.plot(wavelength, value / 1e5, color=colour, label=label)
-    axes.plot(
-        optics.wavelength_um,
-        optics.vapour_m2_mol / 10.0,
-        "o",
-        color=_RED,
-        mec="white",
-        ms=8,
-        label=f"in the scene: {optics.vapour_m2_mol / 10:g}",
-    )
+    used = optics.vapour_m2_mol / 10.0
+    label = f"in the scene: {used:g}"
+    axes.plot(optics.wavelength_um, used, "o", color=_RED, mec="white", ms=8, label=label)
     if any(band.species.startswith("n-heptane") for band in data.vapours):
         axes.plot(PAPER_UM, 5.0, "x", color=_BLACK, ms=9, label="paper: 5")
     axes.set(
@@ -198,21 +188,12 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
 
 
 def _growth(axes: Axes, data: SceneOptics) -> None:
-    """Why lines matter: the light between them is never absorbed."""
+    """Effect of spectral lines: light between them is never absorbed."""
     for curve in data.growth:
-        axes.semilogx(
-            curve.column_mol_m2,
-            curve.emissivity,
-            color=_BLUE,
-            label=f"{curve.species}, lines at the scene's pressure",
-        )
-        axes.semilogx(
-            curve.column_mol_m2,
-            curve.beer,
-            color=_GREY,
-            linestyle="--",
-            label="Beer-Lambert on the mean",
-        )
+        column, label = curve.column_mol_m2, f"{curve.species}, lines at the scene's pressure"
+        axes.semilogx(column, curve.emissivity, color=_BLUE, label=label)
+        label = "Beer-Lambert on the mean"
+        axes.semilogx(column, curve.beer, color=_GREY, linestyle="--", label=label)
     axes.axhline(0.3, color=_RED, linewidth=1.0, linestyle=":", label="most in the paper's jet")
     axes.set(
         xlabel="column, mol/m$^2$",
@@ -224,7 +205,7 @@ def _growth(axes: Axes, data: SceneOptics) -> None:
 
 
 def _camera(axes: Axes, data: SceneOptics) -> None:
-    """Electrons that black bodies make, per wavelength, within the filter and around it."""
+    """Electrons from black bodies per wavelength, within the filter and around it."""
     _shade(axes, data)
     wavelength = _around(data)
     metre = wavelength * 1e-6
@@ -245,16 +226,11 @@ def _camera(axes: Axes, data: SceneOptics) -> None:
         colour = (shade, 0.15, 1 - shade)
         within = (wavelength >= low) & (wavelength <= high)
         axes.semilogy(wavelength, photons, color=colour, linewidth=0.8, alpha=0.5)
-        axes.semilogy(
-            wavelength[within],
-            photons[within],
-            color=colour,
-            linewidth=2.2,
-            label=f"{temperature:.0f} K",
-        )
+        inside, label = (wavelength[within], photons[within]), f"{temperature:.0f} K"
+        axes.semilogy(*inside, color=colour, linewidth=2.2, label=label)
     axes.set(
         xlabel="wavelength, µm",
         ylabel="electrons s$^{-1}$ m$^{-2}$ sr$^{-1}$ µm$^{-1}$",
-        title=f"camera before the backgrounds, quantum efficiency {'as given' if curve else given}",
+        title=f"signal of the backgrounds, quantum efficiency {'as given' if curve else given}",
     )
     axes.legend(fontsize=8, ncols=2)

@@ -1,5 +1,5 @@
-"""Pictures and the report."""
+"""Reports of runs, evaluations, series, sprays and recordings."""
 
 from cldit.io.caches import use_caches
 
-use_caches()  # before matplotlib is imported: it needs a folder
+use_caches()  # matplotlib needs a folder when it is imported

@@ -261,7 +261,7 @@ def _png(indices: NDArray[np.uint8]) -> str:
 
 
 def _thinned(readings: Sequence[Reading]) -> list[Reading]:
-    """At most `_POINTS` of them, the last one included."""
+    """Readings thinned to at most `_POINTS`, with the last one."""
     step = -(-len(readings) // _POINTS)
     return list(readings[::-1][:: max(step, 1)][::-1])
 

@@ -1,4 +1,4 @@
-"""What a scene's optics are, in numbers: data beside the values of the scene and the paper."""
+"""Optical properties of a scene in numbers, beside data and the values of the paper."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WAVELENGTHS = 400
 
 @dataclass(frozen=True)
 class PaperSizes:
-    """A row of the paper's Fig. 4, with n as it must be for the printed D10 and D32, um."""
+    """A row of the paper's Fig. 4, with n corrected to give the printed D10 and D32, um."""
 
     sizes: NukiyamaTanasawa | Monodisperse
     d10_um: float
@@ -47,7 +47,7 @@ FIG4 = (
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table: what the scene uses, what the data give, what the paper says."""
+    """One line of the table: values of the scene, of the data, and of the paper."""
 
     quantity: str
     scene: str = ""
@@ -58,7 +58,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Growth:
-    """Emissivity through the filter over the column (C,), mol/m2: with lines, and without."""
+    """Emissivity through the filter over the column (C,), mol/m2, with and without lines."""
 
     species: str
     column_mol_m2: Floats
@@ -76,10 +76,10 @@ class Droplets:
 
 @dataclass(frozen=True)
 class SceneOptics:
-    """Everything `optics_picture` draws.
+    """Data of `optics_picture`.
 
     droplets: with the scene's refractive index; measured: with the data's mean over the filter.
-    None, like sizes and liquid, where a scene has no droplets or no data exist.
+    Both, like sizes and liquid, are None if a scene has no droplets or there are no data.
     """
 
     scene: Scene
@@ -97,16 +97,11 @@ class SceneOptics:
 
 
 def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
-    """The tables of a scene, and the same for the shipped data of its fuel over its filter.
+    """Tables of a scene, and of the shipped data of its fuel over its filter.
 
-    The gas is taken half-way between fuel and ambient. A scene that does not say what is injected
-    is shown with n-heptane and the paper's first distribution of sizes.
-
-    Args:
-        cache: folder for the tables; None builds them afresh.
-
-    Raises:
-        OpticsError: the scene's values are outside what can be solved.
+    The gas temperature is the mean of fuel and ambient. A scene without a fuel is shown with
+    n-heptane and the paper's first distribution of sizes. Tables are kept in `cache`; None keeps
+    none. Raises OpticsError if the scene's values cannot be solved.
     """
     optics = scene.optics
     cone = scene.spray if isinstance(scene.spray, ConeSpray | LagrangianSpray) else None
@@ -182,14 +177,14 @@ def scene_optics(scene: Scene, *, cache: Path | None) -> SceneOptics:
 
 
 def _liquid(name: str) -> Liquid | None:
-    """The user's table, or shipped data; None where a fuel has none."""
+    """The user's table, or shipped data; None if a fuel has none."""
     if Path(name).suffix:
         return read_liquid_table(Path(name))
     return liquid(name) if name in liquids() else None
 
 
 def _vapours(name: str, area_km_mol: float | None) -> list[VapourBand]:
-    """What the scene uses; beside shipped data what RadCal publishes."""
+    """Vapour of the scene; beside shipped data, also that of RadCal."""
     if Path(name).suffix:
         return [read_xsc(Path(name))]
     used = [vapour_band(name, area_km_mol=area_km_mol)] if name in vapours() else []
@@ -211,7 +206,7 @@ def _growth(
 
 
 def _growth_row(curve: Growth, gas_K: float, pressure_Pa: float) -> Row:
-    """1 cm of gas with the share of methane that a jet has some diameters from its nozzle."""
+    """Row for 1 cm of gas with as much methane as a jet some diameters from its nozzle."""
     column = 0.2 * pressure_Pa / (GAS_CONSTANT_J_mol_K * gas_K) * 0.01
     real, beer = (
         float(np.interp(column, curve.column_mol_m2, values))

@@ -1,4 +1,4 @@
-"""The reference of a kind of file, as Markdown, from its schema: a table for each section."""
+"""Page docs/scene-reference.md: every key of every file that users write, from the schemas."""
 
 from __future__ import annotations
 
@@ -8,13 +8,48 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from cldit.acquisition.measured import MeasuredFile
+from cldit.acquisition.plan import Plan
+from cldit.rig.load import RigFile
+from cldit.scene import Scene
+from cldit.scene.checks import Section
+
+# Heading, prefix of the keys at the top, and model that reads the file.
+FILES: tuple[tuple[str, str, type[Section]], ...] = (
+    ("Scenes", "", Scene),
+    ("Rig files", "rig.yaml ", RigFile),
+    ("Plans", "plan.yaml ", Plan),
+    ("Measured data", "measured.yaml ", MeasuredFile),
+)
 Schema = dict[str, Any]
 _HEAD = "| key | type | range | default | meaning |\n| --- | --- | --- | --- | --- |\n"
+
+_INTRODUCTION = """\
+# Every key of a scene, rig, plan and measurement
+
+Made by `cldit scenes --reference` from the models that check the files. Units are in the names.
+Invalid values are refused with the key, the value and what is allowed. Paths are relative to the
+file.
+The scenes' defaults are the paper's numbers where it gives them; those of the sensor are typical
+of a cooled InSb camera, and assumptions.
+
+Editors that know YAML schemas (VS Code with the YAML extension, PyCharm) complete and check scenes
+with `cldit scenes --schema > scene.schema.json` and a first line
+`# yaml-language-server: $schema=scene.schema.json`.
+
+"""
+
+
+def reference_page() -> str:
+    """Page in Markdown."""
+    return _INTRODUCTION + "\n".join(
+        markdown(model, title=title, file=file) for title, file, model in FILES
+    )
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A section: where in the file it stands, which of several kinds it is, and its schema."""
+    """A section: its path in the file, which of several kinds it is, and its schema."""
 
     path: str
     kind: str
@@ -26,19 +61,13 @@ class _Place:
 
     @property
     def anchor(self) -> str:
-        """The anchor that GitHub and mkdocs make from the heading."""
+        """Anchor that GitHub and mkdocs make from the heading."""
         letters = "".join(c for c in self.heading.lower() if c.isalnum() or c in "_- ")
         return "-".join(letters.split())
 
 
 def markdown(model: type[BaseModel], *, title: str, file: str) -> str:
-    """Markdown of all sections of a file that `model` reads.
-
-    Args:
-        model: reads the file.
-        title: heading of the whole.
-        file: what the sections at the top are called in.
-    """
+    """Markdown of all sections of a file that `model` reads; `file` prefixes their names."""
     schema = model.model_json_schema()
     places: dict[str, _Place] = {}
     for name, place in _walk(schema, schema, path="", prefix=file):
@@ -72,7 +101,7 @@ def _walk(
 
 
 def _parts(schema: Schema) -> Iterator[Schema]:
-    """The schema, or those of which it is a choice."""
+    """The schema, or its alternatives."""
     choices = schema.get("anyOf", schema.get("oneOf"))
     if choices is None:
         yield schema

@@ -1,4 +1,4 @@
-"""What a series shows: pictures in one scale, a film of them, a table and curves over time."""
+"""Report of a series: figures in one scale, a film of them, a table and curves over time."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _NOTE = "white: transparent; grey: no apparent temperature for another reason"
 
 @dataclass(frozen=True)
 class Scale:
-    """Colours that all pictures share: temperatures of blue and red, emissivity of full colour."""
+    """Colour scale of all figures: temperatures of blue and red, emissivity of full colour."""
 
     range_K: tuple[float, float]
     emissivity: float
 
     @classmethod
     def of(cls, maps: Iterable[Maps]) -> Scale:
-        """The least scale that holds those of all maps."""
+        """Smallest scale that includes those of all maps."""
         ranges, scales = [], []
         for each in maps:
             ranges.append(temperature_range_K(each))
@@ -61,19 +61,14 @@ class Scale:
 
 
 def maps_of(time: SeriesTime) -> Path:
-    """The folder of the maps of a time that has a run: of the acquisition where there is one."""
+    """Folder of the maps of a time that has a run: those of its acquisition if there is one."""
     assert time.folder is not None
     acquired = time.folder / "acquisition" / "maps"
     return acquired if acquired.is_dir() else time.folder / "maps"
 
 
 def table_csv(plan: SeriesPlan, times: Sequence[SeriesTime]) -> str:
-    """A line a time; nothing where a figure is not known.
-
-    Args:
-        plan: says whether times are in seconds.
-        times: that were asked for.
-    """
+    """CSV with a line for each time; unknown figures are empty."""
     first = "time_s" if plan.in_seconds else "time"
     stream = io.StringIO()
     names = [first, "state", *FIGURES, *_OF_MAPS, "folder", "problem"]
@@ -97,16 +92,9 @@ def table_csv(plan: SeriesPlan, times: Sequence[SeriesTime]) -> str:
 def write_series(
     plan: SeriesPlan, scene: Scene, times: Sequence[SeriesTime], out: Path
 ) -> list[Path]:
-    """Writes the table, the curves, the pictures in one scale and the film into a series' folder.
+    """Writes table, curves, figures in one scale and film into a series' folder.
 
-    Args:
-        plan: names the times.
-        scene: the camera of all.
-        times: what came of each.
-        out: folder of the series.
-
-    Returns:
-        The files; `series.csv` first.
+    Returns the files, `series.csv` first.
     """
     made = [out / "series.csv", out / "series.png"]
     write_text(made[0], table_csv(plan, times))
@@ -148,10 +136,7 @@ def _picture(plan: SeriesPlan, scene: Scene, time: SeriesTime, scale: Scale) -> 
 def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> bytes:
     """PNG of penetrations, masses, droplet size and apparent temperature over time.
 
-    Args:
-        plan: says whether times are in seconds.
-        times: what came of each; those that failed are gaps.
-        title: above all.
+    Times that failed are gaps.
     """
     known = [each for each in times if each.state != "failed"]
     at = np.array([each.time for each in known]) * (1e3 if plan.in_seconds else 1.0)

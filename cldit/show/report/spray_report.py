@@ -1,4 +1,4 @@
-"""A spray alone, in pictures: from the side, from below, and against time."""
+"""Figures of a spray: from the side, from below, and against time."""
 
 from __future__ import annotations
 
@@ -34,15 +34,17 @@ _NAMES = "xyz"
 
 @dataclass(frozen=True)
 class Projection:
-    """Mass of what is seen per area, kg/m2 (H, W), row 0 at the lowest coordinate; edges_m: left,
-    right, bottom, top."""
+    """Mass per area, kg/m2 (H, W), row 0 at the lowest coordinate.
+
+    edges_m: left, right, bottom, top.
+    """
 
     image: Floats
     edges_m: tuple[float, float, float, float]
 
 
 def extent(spray: Spray) -> tuple[Floats, Floats]:
-    """Lower and upper corner (3,) of what holds fuel, the injector among it."""
+    """Lower and upper corner (3,) of the region with fuel, the injector included."""
     points = [np.zeros((1, 3))]
     if spray.parcels is not None:
         points.append(spray.parcels.position_m)
@@ -54,12 +56,9 @@ def extent(spray: Spray) -> tuple[Floats, Floats]:
 
 
 def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Mass of the droplets of a column (the paper's Fig. 5 from below); the sum is exact.
+    """Mass of the droplets along the line of sight (from below: the paper's Fig. 5).
 
-    Args:
-        spray: what is looked at.
-        view: from where.
-        pixel_m: edge of a pixel.
+    The sum over the pixels is exact.
     """
     if (parcels := spray.parcels) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
@@ -72,13 +71,7 @@ def liquid_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
 
 
 def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
-    """Mass of the fuel vapour of a column.
-
-    Args:
-        spray: what is looked at.
-        view: from where.
-        pixel_m: edge of a pixel.
-    """
+    """Mass of the fuel vapour along the line of sight."""
     if (vapour := spray.vapour) is None:
         return _project(np.empty((0, 3)), np.empty(0), extent(spray), view, pixel_m, 0.0)
     mass = vapour.number_density_m3 * vapour.cells.volume_m3
@@ -90,8 +83,7 @@ def vapour_mass(spray: Spray, view: View, *, pixel_m: float) -> Projection:
 def _filled(
     lower_m: Floats, upper_m: Floats, mass: Floats, view: View, pixel_m: float
 ) -> tuple[Floats, Floats]:
-    """Points (N, 3) that boxes stand for, close enough that no pixel between them is missed, and
-    the mass of each (N,)."""
+    """Points (N, 3) in place of boxes, so close that no pixel is missed, and their masses (N,)."""
     edge = upper_m - lower_m
     parts = int(np.clip(np.ceil(2 * edge.max(initial=0.0) / pixel_m - 1e-6), 1, 6))
     first, second = _AXES[view]
@@ -127,13 +119,7 @@ def _project(
 
 
 def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
-    """Droplets and vapour of `spray` from the side and from below, in pixels of `pixel_m`.
-
-    Args:
-        spray: what is looked at.
-        title: above all.
-        pixel_m: edge of a pixel.
-    """
+    """Figure of droplets and vapour from the side and from below, in pixels of `pixel_m`."""
     figure = figure_of(10, 9.5)
     figure.suptitle(plain(title))
     axes = figure.subplots(2, 2)
@@ -156,10 +142,10 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
     axes.plot(0, 0, marker="+", color="tab:blue", markersize=9)
     top = float(seen.image.max(initial=0.0))
     if top <= 0:
-        axes.text(0.5, 0.4, "nothing", transform=axes.transAxes, ha="center")
+        axes.text(0.5, 0.4, "none", transform=axes.transAxes, ha="center")
         return
     low = top / 10**_DECADES
-    picture = axes.imshow(
+    image = axes.imshow(
         np.where(seen.image >= low, seen.image, np.nan),
         origin="lower",
         extent=(edges[0], edges[1], edges[2], edges[3]),
@@ -167,11 +153,11 @@ def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
         norm=LogNorm(low, top),
         interpolation="nearest",
     )
-    axes.figure.colorbar(picture, ax=axes, label="mass per area / (kg/m²)", shrink=0.85)
+    axes.figure.colorbar(image, ax=axes, label="mass per area / (kg/m²)", shrink=0.85)
 
 
 def history_figure(history: History, *, title: str) -> Figure:
-    """Penetration, droplet size, masses, coldest gas of `history` against time, below `title`."""
+    """Figure of penetration, droplet size, masses and coldest gas against time."""
     figure = figure_of(10, 7)
     figure.suptitle(plain(title))
     panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
@@ -208,17 +194,7 @@ def history_figure(history: History, *, title: str) -> Figure:
 
 
 def write_spray(spray: Spray, history: History | None, folder: Path, *, title: str) -> list[Path]:
-    """Writes pictures, the history as CSV, and files for ParaView.
-
-    Args:
-        spray: what is shown.
-        history: how it came there, where that is known.
-        folder: made if need be.
-        title: of the pictures.
-
-    Returns:
-        The files.
-    """
+    """Writes figures, the history as CSV if known, and files for ParaView; returns the files."""
     make_folder(folder)
     written = [folder / "views.png"]
     write_bytes(written[0], png_of(views_figure(spray, title=title)))

@@ -1,4 +1,4 @@
-"""`cldit view`: runs and measurements as one page for the browser, without server or network."""
+"""Runs and measurements as one page for the browser, without server or network."""
 
 from cldit.show.view.folders import view_items
 from cldit.show.view.item import Item

@@ -1,30 +1,44 @@
-"""What lies in a folder that is to be viewed: a run, a series of runs, or a recording."""
+"""Items of a folder to be viewed: a run, a series of runs, or an evaluated recording."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
-from cldit.acquisition.measured import is_measured
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.measured import Measured, is_measured, open_measured
+from cldit.acquisition.record import maps_folder, open_acquisition
 from cldit.acquisition.storage import PLAN
+from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
+from cldit.io.images import read_image
 from cldit.io.plain_data import read_mapping
+from cldit.optics.response import from_plain
 from cldit.run import open_run
-from cldit.show.view.item import Item
-from cldit.show.view.measured import measured_items
+from cldit.scene.delays import delay_text
+from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
+from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
 from cldit.show.view.traced import traced_item
+
+_TOTAL = {
+    "temperature_total_error": "apparent_temperature_total_error_K.tif",
+    "emissivity_total_error": "emissivity_total_error.tif",
+}
 
 
 def view_items(folders: Iterable[str | Path]) -> tuple[Item, ...]:
-    """What a page of these folders shows, in this order.
+    """Reads the items of a page from folders, in this order.
 
     Args:
-        folders: of runs, of evaluated acquisitions or measured data, or of a series, which is a
-            folder of run folders; those are sorted by the time that each run has recorded.
+        folders: runs, evaluated acquisitions or measured data, or series, which are folders of run
+            folders; these are sorted by the time of their sprays.
 
     Raises:
         RunFolderError: a folder is none of these, is not finished, or is damaged.
-        ClditError: measured data are not as they must be.
+        ClditError: measured data are not valid.
     """
     return tuple(item for folder in folders for item in _items(Path(folder)))
 
@@ -33,12 +47,12 @@ def _items(folder: Path) -> Iterator[Item]:
     if is_run(folder):
         yield traced_item(open_run(folder), source=str(folder / "scene.yaml"))
     elif is_measured(folder) or (folder / PLAN).is_file():
-        yield from measured_items(folder)
+        yield from _measured_items(folder)
     else:
         runs = series(folder)
         if not runs:
             raise RunFolderError(
-                f"{folder}: holds nothing to view; allowed is the folder of a run, of an "
+                f"{folder}: contains nothing to view; allowed: the folder of a run, of an "
                 "evaluated acquisition or measured data, or of a series of runs"
             )
         for run in runs:
@@ -46,18 +60,18 @@ def _items(folder: Path) -> Iterator[Item]:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a run was begun here."""
+    """True if a run was begun in this folder."""
     return (folder / "scene.yaml").is_file()
 
 
 def series(folder: Path) -> tuple[Path, ...]:
-    """The finished runs in a folder, by the time of their sprays; those without one by name."""
+    """Finished runs in a folder, by the time of their sprays; those without a time by name."""
     runs = [each for each in _runs_in(folder) if (each / "run.json").is_file()]
     return tuple(sorted(runs, key=_time_s))
 
 
 def unfinished(folder: Path) -> tuple[Path, ...]:
-    """The runs of a series that are left out, since they were not finished."""
+    """Runs of a series that are omitted, since they were not finished."""
     if is_run(folder):
         return ()
     return tuple(each for each in _runs_in(folder) if not (each / "run.json").is_file())
@@ -73,3 +87,55 @@ def _time_s(run: Path) -> float:
     spray = read_mapping(run / "scene.yaml").get("spray")
     time_s = spray.get("time_s") if isinstance(spray, dict) else None
     return float(time_s) if isinstance(time_s, (int, float)) else 0.0
+
+
+def _measured_items(folder: Path) -> Iterator[Item]:
+    """Evaluated delays of an acquisition, or measured data; the page shows the maps as stored."""
+    opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    delays = () if isinstance(opened, Measured) else opened.plan.delays
+    place = opened.folder.resolve()
+    name = f"{place.parent.name}, acquired" if place.name == "acquisition" else place.name
+    if isinstance(opened, Measured):
+        name = opened.name
+    head: dict[str, Any] = {"kind": "measurement", "source": str(folder), "about": ""}
+    filter_um = from_plain(opened.calibration["filter_um"])
+    head["ends"] = planck_ends(filter_um)
+    found = 0
+    for number in range(max(len(delays), 1)):
+        maps = maps_folder(opened.folder, delays, number)
+        if not maps.is_dir():
+            continue
+        found += 1
+        arrays = _arrays(maps)
+        many = len(delays) > 1
+        one = {
+            **head,
+            "name": f"{name}, {delay_text(delays[number])}" if many else name,
+            "time_s": delays[number] if delays else None,
+            **place_of(arrays["reason"].shape, opened.pixel_m, opened.centre_m),
+        }
+        yield Item(one, {**planck_tables(filter_um), **arrays})
+    if not found:
+        raise RunFolderError(f"{folder}: is not evaluated yet; run `cldit evaluate {folder}` first")
+
+
+def _arrays(folder: Path) -> dict[str, NDArray[Any]]:
+    """Maps (H, W) by the page's names; NaN where there is no value."""
+    maps = Maps.load(folder)
+    arrays: dict[str, NDArray[Any]] = {
+        "temperature": rounded(maps.apparent_temperature_K, MANTISSA_BITS),
+        "emissivity": rounded(maps.emissivity, MANTISSA_BITS),
+        "temperature_error": rounded(maps.apparent_temperature_standard_error_K, ERROR_BITS),
+        "emissivity_error": rounded(maps.emissivity_standard_error, ERROR_BITS),
+        "reason": maps.reason.astype(np.uint8),
+    }
+    for name, file in _TOTAL.items():
+        if (folder / file).is_file():
+            arrays[name] = rounded(read_image(folder / file)[0], ERROR_BITS)
+    for name, image in arrays.items():
+        if image.shape != maps.reason.shape:
+            raise RunFolderError(
+                f"{folder}: is damaged ({name} has shape {image.shape}, expected "
+                f"{maps.reason.shape}); run `cldit evaluate` again"
+            )
+    return arrays

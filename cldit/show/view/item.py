@@ -1,4 +1,4 @@
-"""One thing that a page shows: plain data, and arrays by name."""
+"""Item of a page: plain data, and arrays by name."""
 
 from __future__ import annotations
 
@@ -24,29 +24,20 @@ _INVERSE = 4096  # steps of 0.16 in ln B: cubic Hermite, 5e-9 of T
 
 @dataclass(frozen=True)
 class Item:
-    """What a page shows beside others.
+    """A run or a measurement on a page.
 
-    head: plain data for JSON. arrays: of any shape, by name; `cldit.show.view.packing.packed` takes
-    them. kind in the head: run, whose maps the page computes, or measurement, whose maps are there.
+    head: plain data for JSON; its kind is `run`, whose maps the page computes, or `measurement`,
+    whose maps are given. arrays: of any shape, by name.
     """
 
     head: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
 
 
-def place(
+def place_of(
     shape: Sequence[int], pixel_m: tuple[float, float], centre_m: tuple[float, float]
 ) -> dict[str, Any]:
-    """Where a picture lies, for the head of an item.
-
-    Args:
-        shape: rows and columns.
-        pixel_m: width and height of a pixel on the object.
-        centre_m: x and z of the picture's middle.
-
-    Returns:
-        Rows and columns, and both sizes in mm.
-    """
+    """Position of an image for the head of an item: rows, columns, pixel size and centre in mm."""
     return {
         "rows": int(shape[0]),
         "columns": int(shape[1]),
@@ -59,12 +50,8 @@ def place(
 def planck_tables(filter_um: Filter) -> Mapping[str, NDArray[np.float64]]:
     """Black-body radiance in a filter and its inverse, for cubic Hermite interpolation.
 
-    Args:
-        filter_um: edges of the filter, or a `Response`.
-
-    Returns:
-        By name, (2, N) each, values and slopes at even steps: `planck`, ln B over ln T;
-        `inverse`, T over ln B. The steps begin and end as `planck_ends` says.
+    Values and slopes (2, N) at even steps between the `planck_ends`: `planck` has ln B over ln T,
+    `inverse` T over ln B.
     """
     _, log_B, power = _curve(filter_um)
     knots = np.linspace(log_B[0], log_B[-1], _INVERSE)

@@ -1,9 +1,9 @@
-"""Arrays as text for a page: rounded, told by differences, deflated, in base64.
+"""Arrays as text for a page: rounded, differences taken, deflated, in base64.
 
-The page undoes this in `unpack.js`. Numbers of 32 bits are rounded to some bits of their mantissa
-(`rounded`), so that each errs by a known share of itself. What is written of each is the difference
-of its bits from those of the number before, in four planes of bytes: neighbours are alike, so the
-upper planes are mostly zeros, which deflate takes to nothing.
+The page reverses this in `unpack.js`. Numbers of 32 bits are rounded to some bits of their mantissa
+(`rounded`), so that the relative error of each is known. The difference of their bits from those of
+the number before is written in four planes of bytes: neighbours are alike, so the upper planes are
+mostly zeros, which compress well.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 MANTISSA_BITS = 18
-"""Kept of weights and maps: each number errs by 2^-19 = 2e-6 of itself at most."""
+"""Bits kept of weights and maps: a relative error of at most 2^-19 = 2e-6."""
 
 ERROR_BITS = 10
-"""Kept of standard errors: 5e-4 of themselves."""
+"""Bits kept of standard errors: a relative error of at most 5e-4."""
 
 _WHOLE_BITS = 23  # of float32
 _NAN = 0x7FC00000
@@ -36,20 +36,12 @@ class Packed:
 
     @property
     def head(self) -> dict[str, Any]:
-        """What the page must know to read the text."""
+        """Data that the page needs to read the text."""
         return {"dtype": self.dtype, "count": self.count}
 
 
 def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
-    """Numbers with a shorter mantissa, rounded to the nearest; NaN stays.
-
-    Args:
-        values: any shape, within the range of float32.
-        bits: of the mantissa, 0 to 23.
-
-    Returns:
-        Of the same shape.
-    """
+    """Numbers (...,) with a mantissa of `bits`, 0 to 23, rounded to the nearest; NaN stays."""
     plain = np.asarray(values, np.float32)
     drop = _WHOLE_BITS - bits
     if drop == 0:
@@ -62,23 +54,19 @@ def rounded(values: NDArray[Any], bits: int) -> NDArray[np.float32]:
 
 
 def packed(values: NDArray[Any]) -> Packed:
-    """An array of any shape, row by row.
+    """Packs an array (...,) row by row: float32 by differences, other types unchanged.
 
-    Args:
-        values: float32 by differences; float64, uint8 and uint16 as they are.
-
-    Raises:
-        TypeError: numbers of another type.
+    Raises TypeError for types other than float32, float64, uint8 and uint16.
     """
     if values.dtype.name not in ("float32", "float64", "uint8", "uint16"):
-        raise TypeError(f"{values.dtype.name}: allowed is float32, float64, uint8 or uint16")
+        raise TypeError(f"{values.dtype.name}: allowed: float32, float64, uint8, uint16")
     flat = np.ascontiguousarray(values).reshape(-1)
     little = flat.astype(flat.dtype.newbyteorder("<"), copy=False)
     data = little.tobytes()
     if values.dtype == np.float32:
         word = little.view("<i4").astype(np.int32)
         step = np.diff(word, prepend=np.int32(0)).astype(np.int32)  # wraps, as the page's sum does
-        folded = (step << 1) ^ (step >> 31)  # small whatever the sign
+        folded = (step << 1) ^ (step >> 31)  # small for either sign
         data = np.ascontiguousarray(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T).tobytes()
     text = b64encode(zlib.compress(data, 6)).decode("ascii")
     return Packed(values.dtype.name, flat.size, text)

@@ -1,27 +1,25 @@
-"""The page as one HTML file: template, styles, scripts and data, all inside."""
+"""Page of `cldit view` as one HTML file: template, styles, scripts and data."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache
+from html import escape
 from importlib.metadata import version
 from pathlib import Path
+from string import Template
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-
 from cldit.dit.maps import Reason
-from cldit.io.files import write_text
+from cldit.io.files import read_text, write_text
 from cldit.scene.delays import delay_text
 from cldit.show.view.item import Item
 from cldit.show.view.packing import packed
 
-# In the order in which one builds on the other.
+# In the order in which they depend on each other.
 _WORKER = (
     "quantities",
-    "middle",
     "unpack",
     "planck",
     "boundary",
@@ -34,20 +32,18 @@ _WORKER = (
     "worker",
 )
 _PAGE = (
-    "data",
     "quantities",
     "axes",
     "figure",
     "profile",
     "saving",
-    "middle",
     "sliders",
     "jobs",
     "cursor",
     "readout",
     "page",
 )
-# Even in lightness, or told apart without red and green; in matplotlib's names.
+# Even in lightness, or distinguishable without red and green; matplotlib's names.
 _SEQUENTIAL = {
     "cividis": "cividis (same for the colour-blind)",
     "viridis": "viridis",
@@ -58,29 +54,18 @@ _SEQUENTIAL = {
 _DIVERGING = {"RdBu_r": "blue to red", "PuOr_r": "purple to orange"}
 
 
-@lru_cache(maxsize=1)
-def _pages() -> Environment:
-    return Environment(
-        loader=PackageLoader("cldit.show.view", ""),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-
-
 def page_html(items: Sequence[Item]) -> str:
-    """The whole page.
-
-    Args:
-        items: what it shows, the first first; at least one.
-    """
+    """HTML of the page of `items` (one or more), in their order."""
     heads: list[dict[str, Any]] = []
-    blobs: list[tuple[int, str, str]] = []
+    arrays: list[str] = []
     for number, item in enumerate(items):
-        arrays = {name: packed(array) for name, array in item.arrays.items()}
-        heads.append({**item.head, "arrays": {name: one.head for name, one in arrays.items()}})
-        blobs += [(number, name, one.text) for name, one in arrays.items()]
+        each = {name: packed(array) for name, array in item.arrays.items()}
+        heads.append({**item.head, "arrays": {name: one.head for name, one in each.items()}})
+        arrays += [
+            f'<script type="text/plain" data-item="{number}" data-name="{escape(name)}">'
+            f"{one.text}</script>"
+            for name, one in each.items()
+        ]
     for head, name in zip(heads, _apart(heads), strict=True):
         head["name"] = name
     data = {
@@ -93,46 +78,46 @@ def page_html(items: Sequence[Item]) -> str:
     }
     names = list(dict.fromkeys(str(item.head["name"]) for item in items))
     title = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    return _pages().get_template("page.html").render(
-        title=title,
-        about=heads[0]["about"],
+    about = heads[0]["about"]
+    return Template(_source("page.html")).substitute(
+        title=escape(title),
+        about=f"<p>{escape(about)}</p>" if about else "",
         made=f"Made by cldit {version('cldit')}. Nothing on this page is sent anywhere.",
-        style=Markup(_source("page.css")),
-        data=Markup(json.dumps(data).replace("<", "\\u003c")),
-        worker=Markup("\n".join(_source(f"script/{name}.js") for name in _WORKER)),
-        script=Markup("\n".join(_source(f"script/{name}.js") for name in _PAGE)),
-        blobs=blobs,
-    )  # fmt: skip
+        style=_source("page.css"),
+        data=json.dumps(data).replace("<", "\\u003c"),
+        worker="\n".join(_source(f"script/{name}.js") for name in _WORKER),
+        script="\n".join(_source(f"script/{name}.js") for name in _PAGE),
+        arrays="\n".join(arrays),
+    )
 
 
 def save_page(path: Path, items: Sequence[Item]) -> None:
     """Writes the page of `items` to `path`; the file appears whole or not at all.
 
     Raises:
-        DiskFull, FileError: as `cldit.io.files.written`.
+        DiskFull, FileError: the file cannot be written.
     """
     write_text(path, page_html(items))
 
 
 def _apart(heads: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Names that differ: with the time where it tells items apart, and else with a number."""
+    """Distinct names: with the time of the spray if it distinguishes items, else with a number."""
     names = [str(head["name"]) for head in heads]
     times = [head["time_s"] for head in heads]
     for number, (name, time_s) in enumerate(zip(list(names), times, strict=True)):
         alike = [at for at, head in enumerate(heads) if head["name"] == name]
         if len(alike) == 1:
             continue
-        told = time_s is not None and [times[at] for at in alike].count(time_s) == 1
-        more = delay_text(time_s) if told else f"{alike.index(number) + 1} of {len(alike)}"
+        alone = time_s is not None and [times[at] for at in alike].count(time_s) == 1
+        more = delay_text(time_s) if alone else f"{alike.index(number) + 1} of {len(alike)}"
         names[number] = f"{name}, {more}"
     return names
 
 
+@cache
 def _source(name: str) -> str:
-    """A file beside this one, as it is."""
-    pages = _pages()
-    assert pages.loader is not None
-    return pages.loader.get_source(pages, name)[0]
+    """Text of a file beside this one."""
+    return read_text(Path(__file__).parent / name)
 
 
 def _colours(name: str) -> list[int]:

@@ -1,13 +1,13 @@
-"""A run as the page needs it: what its maps are computed from, for any temperatures.
+"""Data of a run for the page, from which it computes maps for any temperatures.
 
-The page evaluates the trace as `cldit.run.reevaluated` does. It gets, of every pixel that the spray
-changes, how much less of the background and how much more of walls and patches it sees than
-without spray, and what vapour and droplets add; of all others only which of a few pictures without
-spray they show. Differences keep their own precision where the spray is thin.
+The page evaluates the trace as `cldit.run.reevaluated` does. For every pixel that the spray
+changes, it gets the changes of the weights of background, walls and patches against those without
+spray, and the emission of vapour and droplets; for all others only an index into the few different
+pixels without spray. Differences keep their own precision where the spray is thin.
 
-Of several spectral nodes only sums over the nodes are ever needed, with the radiances of a few
-temperatures. These span fewer directions than there are nodes, so the weights are projected on
-them (`_directions`), which loses 1e-7.
+Of several wavelengths, only sums with the radiances of a few temperatures are needed. These span
+fewer directions than there are wavelengths, so the weights are projected on them (`_directions`),
+with a loss of 1e-7.
 """
 
 from __future__ import annotations
@@ -26,24 +26,19 @@ from cldit.run import Run
 from cldit.run.content import trace_content
 from cldit.scene import Scene
 from cldit.scene.delays import spray_time_s
-from cldit.show.view.item import Item, place, planck_ends, planck_tables
+from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
 from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
 
 Floats = NDArray[np.float64]
 
-_NOTHING = 1e-7  # change of a weight, or emission in backgrounds, that is none
-_LEFT = 1e-7  # of the light, that a projection may lose
-_PANES_K = np.geomspace(100.0, 5000.0, 64)  # of light that windows' means are taken for
+_NOTHING = 1e-7  # change of a weight, or emission in backgrounds, that is negligible
+_LEFT = 1e-7  # share of the light that a projection may lose
+_PANES_K = np.geomspace(100.0, 5000.0, 64)  # temperatures of light for means of windows
 _SHARE_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # those of `Quadrature.shares`
 
 
 def traced_item(run: Run, *, source: str) -> Item:
-    """A run for the page.
-
-    Args:
-        run: traced, in memory or opened.
-        source: what a command calls its scene.
-    """
+    """Item of a run for the page; `source` names its scene in commands."""
     scene = run.scene
     stack = _Stack(run)
     x, _, z = scene.target_m
@@ -55,7 +50,7 @@ def traced_item(run: Run, *, source: str) -> Item:
         "about": scene.description,
         "source": source,
         "time_s": spray_time_s(scene),
-        **place(run.reference.background.shape, run.pixel_m, (x, z)),
+        **place_of(run.reference.background.shape, run.pixel_m, (x, z)),
         "ends": planck_ends(run.quadrature.filter_um),
         "scene": {
             "backgrounds_K": list(scene.background.temperatures_K),
@@ -113,26 +108,26 @@ def _plain(pane: Pane) -> list[float]:
 
 
 def _locked(scene: Scene, nodes: int) -> dict[str, str]:
-    """Why temperatures of this run cannot be changed, by what they are of."""
+    """Reasons why temperatures of this run cannot be changed, by their source."""
     if nodes == 1 and _served(scene):
         return {}
     what = "wavelengths were chosen" if scene.optics.preset == "spectral" else "rays were spent"
-    why = f"{what} for this run's temperatures; trace it anew with others"
+    why = f"{what} for this run's temperatures; trace it again with others"
     return {"background": why, "wall": why}
 
 
 def _served(scene: Scene) -> bool:
-    """Whether one trace serves other temperatures."""
+    """True if the trace is valid for other temperatures."""
     walls = scene.walls.model_copy(update={"temperature_K": scene.walls.temperature_K / 2 + 1.0})
     return trace_content(scene) == trace_content(scene.model_copy(update={"walls": walls}))
 
 
 class _Stack:
-    """Weights of a run in the pixels that the spray changes, over those without spray.
+    """Weights of a run in the pixels that the spray changes, minus those without spray.
 
     covered: (H, W). arrays: `covered` and `palette_index` (H, W), `palette` (P, 3 + patches), and
-    (N,) of the covered pixels: `emitted`, and one each of `components`, which says of what it is
-    and the direction over the nodes.
+    for the covered pixels (N,): `emitted`, and one for each of the `components`, which name the
+    source and the direction over the nodes.
     """
 
     def __init__(self, run: Run) -> None:
@@ -142,8 +137,8 @@ class _Stack:
             around, run.quadrature.filter_um, reference_K=run.quadrature.reference_K
         )
         bands = [Boundary.of(around, node.radiance, node.pane) for node in nodes]
-        # How much of what leaves the chamber in a node counts, over the filter's mean; one node
-        # stands for the filter, whatever its own pane.
+        # Transmission of the front window in each node, over the filter's mean; a single node
+        # represents the filter, whatever its own pane.
         passes = [1.0] if len(nodes) == 1 else [
             one.front.transmission / whole.front.transmission for one in bands
         ]  # fmt: skip
@@ -180,7 +175,7 @@ class _Stack:
                 self.components.append({"source": name, "mix": mix.tolist(), "array": key})
 
     def _palette(self, bare: dict[str, Floats], names: Sequence[str], passes: float) -> None:
-        """The few different pixels without spray; what vapour emits there, as the nodes sum it."""
+        """Stores the few different pixels without spray, and the emission there."""
         columns = [bare[name] for name in names]
         columns.append(passes * (bare["vapour"] + bare["liquid"]))
         code = np.zeros(columns[0].size, np.int64)
@@ -194,9 +189,9 @@ class _Stack:
 
 
 def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) -> dict[str, Floats]:
-    """(nodes, N) light of each source in every node, for all that the page may ask for.
+    """Light (nodes, N) of each source in every node, for all requests of the page.
 
-    Several nodes hold for the run's own temperatures alone (`_locked`), and any emissivity.
+    Several nodes are valid for the run's own temperatures only (`_locked`), and any emissivity.
     """
     f = np.asarray(passes)
     rear = np.array([one.rear.transmission for one in bands])
@@ -214,11 +209,7 @@ def _lights(scene: Scene, bands: Sequence[Boundary], passes: Sequence[float]) ->
 
 
 def _directions(light: Floats) -> tuple[Floats, Floats]:
-    """(nodes, r) directions that hold all of the light but `_LEFT`, and its size (r,) along each.
-
-    Args:
-        light: (nodes, N).
-    """
+    """Directions (nodes, r) that contain the light (nodes, N) but `_LEFT`, and its sizes (r,)."""
     if len(light) == 1:
         return np.ones((1, 1)), np.ones(1)
     norms = np.linalg.norm(light, axis=0)

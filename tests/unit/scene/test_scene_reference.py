@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from cldit.cli import main
 from cldit.scene import Scene, dump_scene, load_scene, shipped_scenes
-from cldit.show.report.keys import FILES, reference_page
+from cldit.show.report.reference import FILES, reference_page
 
 PAGE = Path(__file__).parents[3] / "docs" / "scene-reference.md"
 

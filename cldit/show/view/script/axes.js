@@ -50,7 +50,7 @@ function frame(group, box, x, y) {
   return at;
 }
 
-// The rules that a saved SVG carries with it; on the page, page.css has them with its own colours.
+// Style of a saved SVG; on the page, page.css has the same rules with its own colours.
 const PRINT = `text{font:12px sans-serif;fill:#111}.frame{fill:none;stroke:#111}.tick{stroke:#111}
 .note{font-size:11px}.title{font-size:13px;font-weight:bold}.cursor{stroke:#111;fill:none}.line{stroke:#111;stroke-width:1.5}
 .halo{stroke:#fff;stroke-width:4}.curve{fill:none;stroke-width:1.6}.band{opacity:.25;stroke:none}

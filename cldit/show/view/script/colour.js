@@ -1,6 +1,6 @@
 // Numbers to colours.
 
-// Percentiles 1 and 99 of what is known, of at most some 10,000 pixels; round numbers.
+// Percentiles 1 and 99 of known values, of at most some 200,000 pixels; round numbers.
 function limitsOf(values, diverging) {
   const known = [], step = Math.max(1, Math.floor(values.length / 200000));
   for (let p = 0; p < values.length; p += step) if (Number.isFinite(values[p])) known.push(values[p]);
@@ -18,8 +18,8 @@ function limitsOf(values, diverging) {
   return [shown(Math.floor(low / unit) * unit), shown(Math.ceil(high / unit) * unit)];
 }
 
-// RGBA of a picture, and how many pixels have no value, by the reason; `colours`: 256 RGB triples.
-// Such pixels are clear, where the spray is too thin, or grey.
+// RGBA of an image, and the number of pixels without a value by reason; `colours`: 256 RGB triples.
+// Such pixels are clear where the spray is too thin, else grey.
 function painted(values, reason, [low, high], colours) {
   const word = new Uint32Array(256), out = new Uint32Array(values.length);
   for (let c = 0; c < 256; c++) {

@@ -1,4 +1,4 @@
-// Cursor and line on the maps, by pointer and keys, and what is asked for at them.
+// Cursor and line on the maps, by pointer and keys, and the values there.
 
 // Pointer and keys on a map: cursor, and the line of a profile.
 function follow(figure) {

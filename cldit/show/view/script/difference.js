@@ -1,7 +1,7 @@
-// Two items against each other, on the coarser pixels of both.
+// Difference of two items, on the coarser pixels of both.
 
-// An item's quantity on other pixels. What a larger pixel sees is the mean of radiances, so T_app
-// is that of the mean of emissivity times radiance over the mean of emissivity.
+// An item's quantity on other pixels. A larger pixel sees the mean of radiances, so its T_app
+// belongs to the mean of emissivity times radiance over the mean of emissivity.
 function onGrid(item, name, grid) {
   const value = imageOf(item, name), error = statedOf(item, name);
   if (value === null) return null;
@@ -15,7 +15,7 @@ function onGrid(item, name, grid) {
     if (emissivity) weight[p] = Math.max(emissivity[p], 0);
     light[p] = weight[p] * (emissivity ? item.planck.radiance(value[p]) : value[p]);
   }
-  // Errors of a picture hang together over its pixels, or are taken to: they do not average out.
+  // Errors of neighbouring pixels are assumed to be correlated: they do not average out.
   const weighted = error ? weight.map((one, p) => one * error[p]) : weight;
   const [mean, of, by] = averaged([light, weighted, weight], known, item.head, grid);
   for (let p = 0; p < mean.length; p++) {
@@ -25,7 +25,7 @@ function onGrid(item, name, grid) {
   return { value: mean, error: error ? of : null };
 }
 
-// One less other, with the error that both state, taken as independent.
+// One minus other, with the stated errors of both, assumed independent.
 function differenceOf(one, other, name) {
   const coarser = (axis) => (one.head.pixel_mm[axis] >= other.head.pixel_mm[axis] ? one : other);
   const grid = coarser(0).head;
@@ -40,7 +40,7 @@ function differenceOf(one, other, name) {
   return { grid, value, error, states: [a.error !== null, b.error !== null] };
 }
 
-// Mean and RMS of a difference, the RMS of its stated error, and how often it is within twice it.
+// Mean and RMS of a difference, RMS of its stated error, share of pixels within twice that error.
 function summaryOf(difference) {
   const { value, error } = difference;
   let count = 0, sum = 0, square = 0, errors = 0, within = 0;

@@ -16,8 +16,7 @@ class Figure {
     this.grid = null;
   }
 
-  // drawn: {grid, pixels, limits} of the worker; title, label and notes are texts; bar: URL of a
-  // picture.
+  // drawn: {grid, pixels, limits} of the worker; title, label and notes: texts; bar: URL of an image.
   show({ grid, pixels, limits }, title, label, bar, notes) {
     this.grid = grid;
     this.host.classList.remove("empty");
@@ -93,7 +92,7 @@ class Figure {
     }
   }
 
-  // Where the pointer is, in mm, held inside the picture.
+  // Position of the pointer in mm, clamped to the image.
   place(event) {
     const shown = this.svg.getBoundingClientRect(), scale = WIDE / shown.width;
     const u = ((event.clientX - shown.left) * scale - this.box.left) / this.box.width;
@@ -107,7 +106,7 @@ class Figure {
     };
   }
 
-  // A copy for a file, that holds its pixels.
+  // A copy for a file, with its pixels.
   copy() {
     const copy = this.svg.cloneNode(true);
     if (!this.grid) return copy;

@@ -1,4 +1,4 @@
-// Pictures on other pixels. A picture is {columns, rows, pixel_mm, centre_mm}, row 0 at the top.
+// Images on other pixels. A grid is {columns, rows, pixel_mm, centre_mm}, row 0 at the top.
 
 function edges(grid, axis) {
   const count = axis === 0 ? grid.columns : grid.rows, step = grid.pixel_mm[axis];
@@ -19,8 +19,8 @@ function overlaps(from, to, axis) {
   });
 }
 
-// Sums by area of several pictures (H, W) in the pixels of `to`: sum of share * value for each, in
-// pixels where `known` of all parts is so; NaN where less than half of a pixel is known.
+// Means by area of several images (H, W) in the pixels of `to`, over the parts that are `known`; NaN
+// if less than half of a pixel is known.
 function averaged(values, known, from, to) {
   const across = overlaps(from, to, 0), down = overlaps(from, to, 1);
   const out = values.map(() => new Float32Array(to.columns * to.rows).fill(NaN));

@@ -1,4 +1,8 @@
-// Work that the page asks of its worker.
+// The page's data, and work that it asks of its worker.
+
+const $ = (id) => document.getElementById(id);
+const DATA = JSON.parse($("data").textContent);
+const HEADS = DATA.items;
 
 // The worker answers jobs in turn.
 const worker = new Worker(URL.createObjectURL(

@@ -1,9 +1,9 @@
-// Two weighted straight lines a pixel and what they say of a spray: cldit/dit/solve.py without
+// Two weighted straight lines for each pixel, and the maps that follow: cldit/dit/solve.py without
 // errors that references and injections share.
 
 const REASON = { ok: 0, few: 1, hidden: 4, thin: 5, negative: 6 };
 const VISIBLE = 0.5; // share of the disc's radiance that a pixel must see without spray
-const DETECTION = 3; // an emissivity of fewer standard errors is not told from zero ...
+const DETECTION = 3; // an emissivity of fewer standard errors is not significant ...
 const LEAST = 1e-4; // ... nor is one below the accuracy of a trace
 
 // The line through K means at the radiances x. `noise` gives the variance of one exposure as
@@ -25,7 +25,7 @@ class Line {
     return (seen > 0 ? n.photons * seen : 0) + n.constant;
   }
 
-  // Of means that lie on a line exactly: (co)variances of slope and start.
+  // Fits means that lie on a line exactly: (co)variances of slope and start.
   exact(slope, start) {
     const { x, scaled, per, unit } = this;
     const { transmission, photons, added, constant } = this.noise;
@@ -46,7 +46,7 @@ class Line {
     this.starts = sxx * inverse * unit * unit;
   }
 
-  // Of any means: fitted twice, the second time with the noise at the fitted signals.
+  // Fits any means twice, the second time with the noise at the fitted signals.
   fitted(mean) {
     this.weighted(mean, mean);
     const { slope, start, signal, x } = this;
@@ -74,8 +74,8 @@ class Line {
   }
 }
 
-// Writes pixel i of the maps from the lines `before`, without spray, and `after`. It takes no numbers
-// and no powers: either would cost more than all that it computes.
+// Writes pixel i of the maps from the lines `before`, without spray, and `after`. Without objects
+// and powers: either would cost more than the rest.
 function solvePixel(maps, i, before, after, planck) {
   const g = before.slope, s = after.slope, depth = g - s;
   const emissivity = 1 - s / g, per = 1 / (g * g);

@@ -1,4 +1,4 @@
-// An evaluated recording: its maps are there, and no slider changes them.
+// An evaluated recording: its maps are given, and no slider changes them.
 
 class Measurement {
   constructor(head, arrays) {

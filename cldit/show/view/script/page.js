@@ -1,4 +1,4 @@
-// The page: what is shown, and what happens when something is moved.
+// The page: its state, and reactions to the controls.
 
 // one, other: items by their number. limits: of the scales, by quantity. cursor [x, z] and line
 // [from, to] in mm; lineOpen: the keys move its end.
@@ -13,7 +13,7 @@ const state = {
   line: null,
   lineOpen: false,
 };
-const knows = []; // names of what each item can show
+const knows = []; // quantities that each item can show
 let figures = [], names = [], scenes = [];
 const profile = new Profile($("profile"));
 const sliders = new Sliders($("sliders"), () => redraw());
@@ -30,7 +30,7 @@ function panelsOf() {
   return [{ ...plain, items: [one] }, { ...plain, items: [other] }, { ...apart, items: [one, other] }];
 }
 
-// Draws the newest state; while the worker is busy, only the last wish is kept.
+// Draws the newest state; while the worker is busy, only the last request is kept.
 let busy = null, again = false;
 function redraw() {
   if (busy) {
@@ -48,11 +48,11 @@ function redraw() {
 
 async function drawOnce() {
   const start = performance.now();
-  // What is wished for may change while the worker works: all below is of this moment.
+  // The state may change while the worker works: all below belongs to this moment.
   const panels = panelsOf(), { quantity } = state;
   let found = await ask("draw", { panels, asked: sliders.asked });
   if (panels.length > 1 && !panels[0].limits) {
-    // Both maps have one scale: that of the first, or of the other where the first has none.
+    // Both maps have one scale: that of the first, or of the other if the first has none.
     state.limits[quantity] = (found.drawn.find((one) => !one.nothing) ?? { limits: [0, 1] }).limits;
     const { limits } = state;
     panels.forEach((panel) => {
@@ -66,7 +66,7 @@ async function drawOnce() {
   makeFigures(panels.length);
   found.drawn.forEach((drawn, number) => {
     if (drawn.nothing) {
-      figures[number].nothing(`${QUANTITIES[quantity].text}: not known of ${names[number]}`);
+      figures[number].nothing(`${QUANTITIES[quantity].text}: unknown for ${names[number]}`);
       return;
     }
     const apart = panels[number].items.length > 1;

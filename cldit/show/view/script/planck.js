@@ -1,4 +1,4 @@
-// Tables over even steps, between which cubic Hermite polynomials run; beyond them straight lines.
+// Tables over even steps with cubic Hermite interpolation, and linear extrapolation.
 
 class Table {
   // numbers: `count` values from `begin`, and slopes from `slopes`; ends: first and last abscissa.
@@ -8,7 +8,7 @@ class Table {
     this.last = ends[1];
     this.perStep = last / (ends[1] - ends[0]);
     this.top = last - 1;
-    // Four coefficients of powers of the way through each step.
+    // Four polynomial coefficients of each step.
     this.powers = new Float64Array(4 * last);
     for (let i = 0; i < last; i++) {
       const [v, w] = [numbers[begin + i], numbers[begin + i + 1]];
@@ -20,7 +20,7 @@ class Table {
     this.value = this.slope = 0;
   }
 
-  // Leaves value and slope at x in the table: both are needed for a million pixels.
+  // Stores value and slope at x in the object: both are needed for a million pixels.
   look(x) {
     if (!(x > this.first && x < this.last)) {
       const [at, end] = x >= this.last ? [this.last, this.high] : [this.first, this.low];

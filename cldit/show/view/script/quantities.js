@@ -1,4 +1,4 @@
-// What can be shown of an item, and how far it is known.
+// Quantities of an item, and their errors.
 
 const QUANTITIES = {
   temperature: { text: "Apparent temperature", short: "T_app", unit: "K", digits: 2 },
@@ -14,10 +14,10 @@ const QUANTITIES = {
   simulation_error: {
     text: "Error of T_app by the simulation", short: "error by the simulation", unit: "K", digits: 3,
   },
-  signal: { text: "What the camera sees, as temperature", short: "signal", unit: "K", digits: 2 },
+  signal: { text: "Camera signal, as temperature", short: "signal", unit: "K", digits: 2 },
 };
 
-// What pixel p shows of a quantity, and (H, W) of it; NaN and null where the item does not know it.
+// A quantity in pixel p, and as (H, W); NaN and null if the item does not have it.
 function valueAt(item, name, p) {
   if (name === "depth") return depthOf(item.pixel("emissivity", p));
   return item.has(name) ? item.pixel(name, p) : NaN;
@@ -32,7 +32,7 @@ function depthOf(emissivity) {
   return emissivity < 1 ? -Math.log1p(-emissivity) : NaN;
 }
 
-// Standard error of one pixel that the sensor, or the measurement, gives a quantity; NaN: none.
+// Standard error of a quantity in one pixel by the sensor or the measurement; NaN: none.
 function errorAt(item, name, p) {
   if (name === "signal") return item.has("signal_error") ? item.pixel("signal_error", p) : NaN;
   if (name === "temperature" || name === "emissivity") {
@@ -42,7 +42,7 @@ function errorAt(item, name, p) {
   return name === "depth" ? errorAt(item, "emissivity", p) / (1 - item.pixel("emissivity", p)) : NaN;
 }
 
-// (H, W) of these; null where none is known.
+// The same as (H, W); null if none is known.
 function errorOf(item, name) {
   if (!["signal", "temperature", "emissivity", "depth"].includes(name)) return null;
   if (name === "signal" && !item.has("signal_error")) return null;
@@ -51,9 +51,15 @@ function errorOf(item, name) {
   return error;
 }
 
-// (H, W) error that an item states of its own values: a trace has no noise, so the simulation's; a
-// measurement the noise and what is only stated of the set-up. null: nothing is stated.
+// (H, W) error that an item states of its own values: for a trace, which has no noise, that of the
+// simulation; for a measurement, noise and the stated uncertainties of the set-up. null: none.
 function statedOf(item, name) {
   if (!item.changeable) return errorOf(item, name);
   return name === "temperature" && item.has("simulation_error") ? item.image("simulation_error") : null;
+}
+
+// The median, as numpy computes it.
+function middleOf(numbers) {
+  const sorted = [...numbers].sort((one, other) => one - other), half = sorted.length >> 1;
+  return sorted.length % 2 ? sorted[half] : (sorted[half - 1] + sorted[half]) / 2;
 }

@@ -1,4 +1,4 @@
-// Numbers as text: at the cursor, of a difference, and what pixels without a value are.
+// Numbers as text: at the cursor, of a difference, and of pixels without a value.
 
 function number(value, digits) {
   return Number.isFinite(value) ? value.toFixed(digits).replace("-", "−") : "–";
@@ -11,10 +11,10 @@ function withError(value, error, digits) {
 
 function showReadout(x, z, shown, { values, panels }) {
   $("where").textContent = `x ${number(x, 2)} mm, z ${number(z, 2)} mm`;
-  const head = ["", "T_app / K", "emissivity", "optical depth", "by the simulation / K", "camera sees / K", ""];
+  const head = ["", "T_app / K", "emissivity", "optical depth", "by the simulation / K", "camera signal / K", ""];
   const rows = values.map((one, n) => {
     const name = HEADS[shown[n]].name;
-    if (!one) return [name, "outside its picture", "", "", "", "", ""];
+    if (!one) return [name, "outside its image", "", "", "", "", ""];
     return [
       name,
       withError(one.temperature, one.temperature_total_error ?? one.temperature_error, 2),
@@ -57,7 +57,7 @@ function showSummary(drawn, panels) {
   place.textContent = `${text}.`;
 }
 
-// What clear and grey pixels of a map are.
+// Meaning of clear and grey pixels of a map.
 function notesOf(empty) {
   return Object.entries(empty).map(([reason, count]) => {
     const how = Number(reason) === DATA.thin ? "clear" : "grey";

@@ -1,4 +1,4 @@
-// What the reader may change: a slider and a number for each, with the run's own value to go back to.
+// Values that the reader may change, each by a slider and a number; reset restores the run's own.
 
 const SLIDERS = {
   lowest_K: {
@@ -22,11 +22,11 @@ const SLIDERS = {
     own: (scene) => scene.read_noise_electrons,
   },
   shots: {
-    text: "Shots before each background", unit: "", low: 1, high: 200, step: 1,
+    text: "Shots in front of each background", unit: "", low: 1, high: 200, step: 1,
     own: (scene) => scene.shots,
   },
   signal_K: {
-    text: "Background of “what the camera sees”", unit: "K", low: 250, high: 1500, step: 1,
+    text: "Background of the camera signal", unit: "K", low: 250, high: 1500, step: 1,
     own: (scene) => middleOf(scene.backgrounds_K),
   },
 };
@@ -56,7 +56,7 @@ class Sliders {
     }
   }
 
-  // Asks for another value; what is out of range is held at its end.
+  // Requests another value, clamped to its range.
   set(name, value) {
     const row = this.rows[name];
     if (!Number.isFinite(value) || row.range.disabled) return this.show(this.heads);
@@ -80,14 +80,14 @@ class Sliders {
     this.changed();
   }
 
-  // heads: of the items that are shown; sliders serve runs, as far as these are not bound.
+  // heads: of the items that are shown; sliders apply to runs whose values are not locked.
   show(heads) {
     this.heads = heads;
     const runs = heads.filter((one) => one.kind === "run");
     this.scene = runs.length ? runs[0].scene : null;
     let all = "";
-    if (!runs.length) all = "Held: a measurement has no weights; only a trace can be evaluated anew.";
-    else if (runs.length < heads.length) all = `Changes ${runs[0].name} alone; a measurement has no weights.`;
+    if (!runs.length) all = "Locked: a measurement has no weights; only a trace can be evaluated again.";
+    else if (runs.length < heads.length) all = `Changes only ${runs[0].name}; a measurement has no weights.`;
     document.getElementById("why-all").textContent = all;
     for (const [name, one] of Object.entries(SLIDERS)) {
       const { row, range, number, why } = this.rows[name];
@@ -97,8 +97,8 @@ class Sliders {
       else if (one.needs === "background" && this.scene && new Set(this.scene.backgrounds_K).size < 2) {
         held = "the run has one background, and DIT needs two";
       }
-      const reason = held ? `Held: ${held}.`
-        : free.length < runs.length ? `Changes ${free.map((head) => head.name).join(", ")} alone.` : "";
+      const reason = held ? `Locked: ${held}.`
+        : free.length < runs.length ? `Changes only ${free.map((head) => head.name).join(", ")}.` : "";
       range.disabled = number.disabled = !free.length || held !== "";
       why.textContent = reason;
       if (!this.scene) continue;
@@ -112,7 +112,7 @@ class Sliders {
     }
   }
 
-  // The command that traces what is asked for; null where nothing is changed.
+  // The command that traces the requested values; null if nothing is changed.
   command(head, scene) {
     if (head.kind !== "run" || !scene) return null;
     const keys = {

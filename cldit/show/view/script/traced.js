@@ -1,7 +1,7 @@
 // A run: maps from its weights, for any temperatures, as cldit.run.reevaluated computes them.
 //
 // Pixels that the spray changes are "covered" and have numbers of their own. All others show one of
-// a few pictures without spray, the palette.
+// the few different pixels without spray, the palette.
 
 class TracedRun {
   constructor(head, arrays) {
@@ -32,7 +32,7 @@ class TracedRun {
     return true;
   }
 
-  // The scene with what the sliders say; a temperature that the run is bound to stays.
+  // The scene with the values of the sliders; locked temperatures stay.
   settings(asked) {
     const scene = this.head.scene, locked = this.head.locked;
     const own = scene.backgrounds_K;
@@ -70,7 +70,7 @@ class TracedRun {
     return panes;
   }
 
-  // Equation of each node; the share of a node is a cubic over ln T, held beyond its ends.
+  // Equation of each node; the share of a node is a cubic in ln T, constant beyond its ends.
   bands(scene) {
     const count = this.head.nodes, ends = this.head.share_ends;
     return Array.from({ length: count }, (_, node) => {
@@ -87,8 +87,8 @@ class TracedRun {
     });
   }
 
-  // Light of every source inside the chamber in each of the `bands`, before one background; and
-  // what windows add. `passes`: what the band's front window lets through, over the filter's.
+  // Light of every source inside the chamber in each of the `bands`, in front of one background.
+  // `passes`: transmission of the front window in the band, over the filter's.
   lights(bands, passes, leaving) {
     const total = {}, nodes = {};
     bands.forEach((band, n) => {
@@ -105,7 +105,7 @@ class TracedRun {
     return { total, parts };
   }
 
-  // What does not change with the background: (covered, then palette) radiance inside.
+  // Radiance inside without the background: covered pixels, then the palette.
   fixed(light, added) {
     const n = this.kind.length, out = new Float64Array(n + this.colours);
     const palette = this.arrays.palette, w = this.width;
@@ -124,7 +124,7 @@ class TracedRun {
     return out;
   }
 
-  // What the background gives in pixel i of these, before the background of `light`.
+  // Radiance of the background of `light` in these pixels.
   shown(light) {
     const n = this.kind.length, out = new Float64Array(n + this.colours);
     const palette = this.arrays.palette, kind = this.kind;
@@ -210,12 +210,12 @@ class TracedRun {
     for (const [name, map] of Object.entries(this.maps)) map.fill(name === "reason" ? REASON.few : NaN);
   }
 
-  // The sensor, its time so short that the hottest background does not saturate it.
+  // The sensor, with a time so short that the hottest background does not saturate it.
   exposed(scene, nodes, whole, rest) {
     const sensor = this.head.sensor;
     if (sensor.fixed_time) return sensor;
     const hottest = Math.max(...scene.backgrounds_K), single = nodes.length === 1;
-    // One node looks through its own pane here, at its middle wavelength.
+    // A single node has its own pane here, at its middle wavelength.
     const band = single ? nodes[0] : whole;
     const passes = single ? [1]
       : nodes.map((one) => one.front.transmission / whole.front.transmission);
@@ -234,8 +234,8 @@ class TracedRun {
     return { ...sensor, integration_time_s: Number(time.toPrecision(3)) };
   }
 
-  // What the camera shows before one background, as the temperature of a black body, and its error
-  // in one exposure: functions of a pixel of the maps, since a slider seldom needs them.
+  // Camera signal in front of one background, as the temperature of a black body, and its error in
+  // one exposure: functions of a pixel, since a slider seldom needs them.
   signalOf(rest, light, whole, noise) {
     let shown = null;
     const seen = (i) => {
@@ -250,7 +250,7 @@ class TracedRun {
     return { signal, signal_error };
   }
 
-  // What pixel p shows of one quantity.
+  // One quantity of pixel p.
   pixel(name, p) {
     const at = this.place[p], own = at < 0 ? this.kind.length - 1 - at : at;
     if (name in this.maps) return this.maps[name][own];
@@ -276,7 +276,7 @@ class TracedRun {
   }
 }
 
-// Variance of one exposure over the radiance inside that is seen: shot, read, and rounding.
+// Variance of one exposure in the radiance inside: shot noise, read noise, rounding.
 function noiseOf(sensor, scene, front) {
   const gain = sensor.electrons_per_count;
   const counts = sensor.electrons_per_radiance_s * sensor.integration_time_s / gain;

@@ -1,7 +1,7 @@
-// Everything with a number a pixel happens here, beside the page, so that the page never waits.
+// Computes everything with a number for each pixel, beside the page, which never waits.
 
 const items = [];
-const images = new Map(); // what the panels show now, by panel
+const images = new Map(); // that the panels show now, by panel
 let colourTables = {};
 
 const answers = {
@@ -41,7 +41,7 @@ const answers = {
     return { drawn, scenes, transfer };
   },
 
-  // All that is known of the place (x, z) in the items that are shown, and in the panels.
+  // All values at (x, z) in the items that are shown, and in the panels.
   probe({ x_mm, z_mm, shown }) {
     const values = shown.map((index) => {
       const item = items[index], p = pixelAt(item.head, x_mm, z_mm);
@@ -93,7 +93,7 @@ const answers = {
     return { values: values.slice(), error: error && error.slice(), columns: grid.columns, rows: grid.rows };
   },
 
-  // CSV of one panel: a line a pixel that has a value.
+  // CSV of one panel: a line for each pixel with a value.
   csv({ panel, heading }) {
     const { grid, value, errorAt: errorOfPixel } = images.get(panel);
     const lines = [heading];
@@ -107,7 +107,7 @@ const answers = {
   },
 };
 
-// One item's picture, with the errors that the sensor gives it.
+// Image of one item, with the errors of the sensor.
 function single(item, name) {
   const value = imageOf(item, name);
   if (value === null) return null;
@@ -121,7 +121,7 @@ function single(item, name) {
   };
 }
 
-// The difference of two.
+// Difference of two items.
 function compared(one, other, name) {
   const found = differenceOf(one, other, name);
   if (found === null) return null;

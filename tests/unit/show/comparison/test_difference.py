@@ -17,7 +17,7 @@ from cldit.radiance.weights import Weights
 from cldit.run import Run, open_run
 from cldit.scene import load_scene
 from cldit.show.comparison import Shown, compare, open_shown
-from cldit.show.comparison.keys import key_differences
+from cldit.show.comparison.difference import key_differences
 
 WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"
 PIXEL_M = (1e-3, 2e-3)
@@ -61,10 +61,10 @@ def test_pixels_of_one_alone_are_counted() -> None:
 @pytest.mark.parametrize(
     ("errors", "within_K", "within", "words"),
     [
-        ((1.0, 1.0), None, False, "beyond the 1.4 K RMS that both errors explain"),
-        ((1.0, 2.0), None, True, "within the 2.2 K RMS that both errors explain"),
+        ((1.0, 1.0), None, False, "beyond the 1.4 K RMS explained by both errors"),
+        ((1.0, 2.0), None, True, "within the 2.2 K RMS explained by both errors"),
         ((None, 2.0), None, False, "no error is stated"),
-        ((None, None), 2.5, True, "within the 2.5 K RMS that is allowed"),
+        ((None, None), 2.5, True, "within the 2.5 K RMS allowed"),
         ((9.0, 9.0), 1.0, False, "beyond the 1 K RMS"),
     ],
 )
@@ -99,7 +99,7 @@ def test_other_pixels_are_refused() -> None:
         shown(np.full((2, 2), 400.0), pixel_m=(1.1e-3, 2e-3)),
         shown(np.full((2, 2), 400.0), centre_m=(1e-3, 0.0)),
     ):
-        with pytest.raises(EvaluationError, match=r"2 x 2 pixels over .* allowed are the same"):
+        with pytest.raises(EvaluationError, match=r"2 x 2 pixels over .* allowed: the same"):
             compare(one, other)
     coarse = shown(np.full((1, 1), 400.0), pixel_m=(2e-3, 4e-3))
     with pytest.raises(EvaluationError, match="both were recorded: only a trace can"):

@@ -52,5 +52,5 @@ def test_neighbours_that_are_alike_take_little_room() -> None:
 
 
 def test_other_numbers_are_refused() -> None:
-    with pytest.raises(TypeError, match="int64: allowed is float32, float64, uint8 or uint16"):
+    with pytest.raises(TypeError, match="int64: allowed: float32, float64, uint8, uint16"):
         packed(np.arange(3))

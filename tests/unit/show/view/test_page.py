@@ -81,7 +81,7 @@ def test_a_run_and_its_recording() -> None:
 
 
 def test_what_cannot_be_viewed_says_so(tmp_path: Path) -> None:
-    with pytest.raises(RunFolderError, match="holds nothing to view; allowed is the folder of"):
+    with pytest.raises(RunFolderError, match="contains nothing to view; allowed: the folder of"):
         view_items([tmp_path])
     copy = tmp_path / "acquisition"
     shutil.copytree(OLD / "acquisition", copy)
