@@ -133,6 +133,7 @@ def test_rig(tiny_rig: dict[str, Any]) -> None:
     assert names["saved"].image.any()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_errors() -> None:
     names = run("docs/errors.md")
@@ -146,6 +147,7 @@ def test_view() -> None:
     assert Path("gdi.html").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_sharing(here: Path) -> None:
     for module in ("xarray", "h5netcdf"):
         pytest.importorskip(module, reason="the extra studies is not installed")
@@ -155,6 +157,7 @@ def test_sharing(here: Path) -> None:
     assert (here / "runs" / "copy" / "acquisition" / "journal.jsonl").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("gdi")
 def test_ten_things() -> None:
     simulate("gdi", "runs/warm")

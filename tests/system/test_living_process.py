@@ -25,7 +25,6 @@ from cldit.transport.trace import settings_for, trace
 
 COUNT, CELL = 9, 2.5e-3
 PHASES = ("isotropic", "mie")
-ROUNDS = 20
 # Of 30 runs, the last 27 add 16 MB each where each opens the device anew. What the allocator moves
 # up and down was 2 MB; a tenth of what a single run in three would leave is allowed.
 GROWTH_MB = 14.0
@@ -63,8 +62,11 @@ def block(phase: str, pixels: int = 12) -> cldit.Scene:
     )
 
 
-def test_pictures_of_threads_equal_those_of_one(device: Device, tmp_path: Path) -> None:
-    """To the last bit, twenty times over, of two media at once."""
+@pytest.mark.parametrize("rounds", [3, pytest.param(20, marks=pytest.mark.slow)])
+def test_pictures_of_threads_equal_those_of_one(
+    device: Device, tmp_path: Path, rounds: int
+) -> None:
+    """To the last bit, of two media at once."""
     made = {}
     for phase in PHASES:
         scene = block(phase)
@@ -78,7 +80,7 @@ def test_pictures_of_threads_equal_those_of_one(device: Device, tmp_path: Path) 
         return np.stack(list(images.values()))
 
     alone = {phase: picture(phase) for phase in PHASES}
-    jobs = [*PHASES, *PHASES] * ROUNDS
+    jobs = [*PHASES, *PHASES] * rounds
     with ThreadPoolExecutor(4) as pool:
         for phase, found in zip(jobs, pool.map(picture, jobs), strict=True):
             np.testing.assert_array_equal(found, alone[phase], err_msg=phase)
@@ -117,6 +119,7 @@ def _runs() -> None:
             print(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="resident memory is read from /proc")
 def test_memory_is_flat_from_the_third_run_on(tmp_path: Path) -> None:
     done = subprocess.run(

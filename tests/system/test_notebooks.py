@@ -11,16 +11,10 @@ from tests.extras import needs
 pytestmark = needs("nbclient", "nbformat", extra="dev")
 
 _BOOKS = sorted((Path(__file__).parents[2] / "docs" / "notebooks").glob("*.ipynb"))
-_QUICK = "own-measurement"
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        pytest.param(path, id=path.stem, marks=[] if path.stem == _QUICK else [pytest.mark.slow])
-        for path in _BOOKS
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", _BOOKS, ids=lambda path: path.stem)
 def test_notebook(path: Path, tmp_path: Path) -> None:
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     book = nbformat.read(path, as_version=4)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 from click.testing import CliRunner
 
@@ -12,6 +13,7 @@ import cldit
 from cldit.cli import main
 
 
+@pytest.mark.slow
 def test_spectral_run_says_how_far_it_is_from_the_paper(tmp_path: Path) -> None:
     """`gdi` small: several wavelengths, a figure in K against the paper's, and other maps."""
     data = cldit.load_scene("gdi").model_dump(mode="json")

@@ -12,7 +12,7 @@ import pytest
 import cldit
 from tests.extras import needs
 
-pytestmark = needs("mkdocs", "mkdocstrings", extra="docs")
+pytestmark = [pytest.mark.slow, needs("mkdocs", "mkdocstrings", extra="docs")]
 
 _DOCS = Path(__file__).parents[2] / "docs"
 

@@ -84,6 +84,7 @@ for order in range(3):
 """
 
 
+@pytest.mark.slow
 def test_what_a_killed_study_had_traced_is_not_traced_again(tmp_path: Path) -> None:
     """Killed in the second trace of three: two more, and nothing the time after."""
     program = [sys.executable, "-c", _KILLED, str(tmp_path), repr(_FEW)]

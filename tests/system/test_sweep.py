@@ -47,6 +47,7 @@ def cluster() -> Iterator[Any]:
         yield started
 
 
+@pytest.mark.slow
 def test_killed_worker_loses_nothing(scene: Scene, cluster: Any, tmp_path: Path) -> None:
     """One of two workers is killed after the first results; every scene is in the data set, equal
     to what the same scene gives on its own, and the folder is found whole by a second call."""

@@ -105,8 +105,7 @@ def test_unbiased(
     assert 0.6 * scatter < np.sqrt(np.mean(doubts**2)) < 2.0 * scatter
 
 
-@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
-@pytest.mark.parametrize("shape", ["disc", "enclosure"])
+@pytest.mark.parametrize(("shape", "model"), [("disc", "pinhole"), ("enclosure", "orthographic")])
 def test_what_stands_before_the_background(
     run_block: Callable[..., Run], to_audit: list[Any], shape: str, model: str
 ) -> None:

@@ -50,7 +50,11 @@ def test_cells_across_voxels(run_block: Callable[..., Run]) -> None:
     assert cells is not None and 0.0 < cells < 5.0
 
 
-@pytest.mark.parametrize("phase", ["isotropic", {"henyey_greenstein": 0.85}])
+@pytest.mark.parametrize(
+    "phase",
+    ["isotropic", pytest.param({"henyey_greenstein": 0.85}, marks=pytest.mark.slow)],
+    ids=["isotropic", "forward"],
+)
 def test_voxels_each_of_their_own(device: Device, tmp_path: Path, phase: Any) -> None:
     """Stated against true, by voxels divided into 8 along more ordinates, over three seeds.
 
@@ -80,7 +84,7 @@ def test_voxels_each_of_their_own(device: Device, tmp_path: Path, phase: Any) ->
     assert 0.8 < min(ratios) and max(ratios) < 1.6
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 3))])
 def test_paths_are_as_sharp_as_asked(seed: int) -> None:
     """Before walls of 450 K, droplets that hardly absorb are dark: by their own brightness the
     noise of the paths seems ten times less than it is.

@@ -256,6 +256,7 @@ def _small(name: str = "droplets-only") -> Scene:
     return parse_scene(data)
 
 
+@pytest.mark.slow
 def test_a_model_makes_droplets_their_own_temperature(device: Device, tmp_path: Path) -> None:
     """Droplets at 370 K before walls at 450 K with a hot flange, recorded by the rig; `cldit
     evaluate --model`.

@@ -92,7 +92,7 @@ def rms(difference: NDArray[np.floating]) -> float:
     return float(np.sqrt(np.mean(difference**2)))
 
 
-@pytest.mark.parametrize("model", ["orthographic", "pinhole"])
+@pytest.mark.parametrize("model", [pytest.param("orthographic", marks=pytest.mark.slow), "pinhole"])
 def test_transmission_is_of_second_order(device: Device, model: str) -> None:
     """Along lines of sight that run askew to the cells too. Constant cells have the first order
     along the axes; askew their errors cancel in part. The means are the same, so that in the mean
@@ -131,7 +131,10 @@ def test_emission_is_of_second_order(device: Device) -> None:
     assert found[1] < even[1] / 5
 
 
-@pytest.mark.parametrize(("order", "thick_depth"), [(None, 0.5), (1, 0.5), (None, 0.02)])
+@pytest.mark.parametrize(
+    ("order", "thick_depth"),
+    [pytest.param(None, 0.5, marks=pytest.mark.slow), (1, 0.5), (None, 0.02)],
+)
 def test_path_and_source_see_one_medium(
     device: Device, order: int | None, thick_depth: float
 ) -> None:

@@ -72,7 +72,7 @@ def total(run: Run) -> np.ndarray:
     return np.asarray(emitted + w.background + w.wall + sum(w.patches.values()))
 
 
-@pytest.mark.parametrize("transport", [{}, {"order": 2}, {"phase": {"henyey_greenstein": 0.7}}])
+@pytest.mark.parametrize("transport", [{}, {"phase": {"henyey_greenstein": 0.7}}])
 def test_a_window_takes_its_share_from_the_walls(
     run_block: Callable[..., Run], transport: dict[str, Any]
 ) -> None:
@@ -113,6 +113,7 @@ def test_a_patch_as_background(run_block: Callable[..., Run]) -> None:
     assert not run.weights.patches["plate"].any()
 
 
+@pytest.mark.slow
 def test_thick_cells_see_the_patches(run_block: Callable[..., Run]) -> None:
     """Chains through thick cells end in patches too, and every pixel closes. A patch's weight of
     0.02 scatters by 0.14 from chain to chain: by 10 % of it over 64 chains, the fewest, in 81

@@ -137,7 +137,7 @@ def test_cavity_is_flat(
     assert np.abs(left).max() < 0.3
 
 
-@pytest.mark.parametrize("order", [0, 1, 2, None])
+@pytest.mark.parametrize("order", [0, pytest.param(1, marks=pytest.mark.slow), 2, None])
 def test_orders_are_those_of_source_iteration(
     run_block: Callable[..., Run], order: int | None
 ) -> None:
@@ -169,10 +169,10 @@ def test_orders_are_those_of_source_iteration(
     [
         (None, None, 1.5e-3),
         pytest.param(None, 1, 1.5e-3, marks=pytest.mark.slow),
-        (None, 3, 1.5e-3),
+        pytest.param(None, 3, 1.5e-3, marks=pytest.mark.slow),
         pytest.param(0.8, None, 1.5e-3, marks=pytest.mark.slow),
         (0.8, 1, 1.5e-3),
-        (0.8, 2, 4e-3),
+        pytest.param(0.8, 2, 4e-3, marks=pytest.mark.slow),
     ],
 )
 def test_gathering_sees_inside_cells(

@@ -20,6 +20,7 @@ from .slab import BEHIND, CAMERA, EDGE, disort, droplets_of_9_um, run_slab
 
 CELLS = 128
 LAYERS = 16
+SLOW = pytest.mark.slow
 THICKNESS = LAYERS * EDGE / CELLS
 DOMAIN = {"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / CELLS}
 
@@ -48,8 +49,10 @@ def test_beer_lambert_and_kirchhoff(run_block: Callable[..., Run], depth: float)
         np.testing.assert_allclose(run.maps.apparent_temperature_K, 470.0, rtol=1e-5)
 
 
-@pytest.mark.parametrize("albedo", [0.0, 0.5, 0.9])
-@pytest.mark.parametrize("depth", [0.1, 1.0, 10.0])
+@pytest.mark.parametrize(
+    ("depth", "albedo"),
+    [(0.1, 0.5), (1.0, 0.0), (1.0, 0.9), (10.0, 0.5), pytest.param(10.0, 0.9, marks=SLOW)],
+)
 def test_scattering_slab_against_disort(
     run_block: Callable[..., Run], depth: float, albedo: float
 ) -> None:
@@ -65,6 +68,7 @@ def test_scattering_slab_against_disort(
     assert run.weights.wall.mean() == pytest.approx(front, abs=5e-3)
 
 
+@SLOW
 def test_diffusing_slab_against_disort(run_block: Callable[..., Run]) -> None:
     """Optical depth 2.5 a cell, albedo 0.999: light diffuses through all of the slab.
 
@@ -87,9 +91,8 @@ def test_diffusing_slab_against_disort(run_block: Callable[..., Run]) -> None:
     ("depth", "albedo", "g", "cells"),
     [
         (100.0, 0.9, 0.0, 64),
-        (20.0, 0.8, 0.0, 64),
-        # Forward in default tests: test_forward_scattering_slab_against_disort.
-        pytest.param(10.0, 0.9, 0.8, 128, marks=pytest.mark.slow),
+        pytest.param(20.0, 0.8, 0.0, 64, marks=SLOW),
+        pytest.param(10.0, 0.9, 0.8, 128, marks=SLOW),
     ],
 )
 def test_thick_slab_against_disort(
@@ -111,7 +114,12 @@ def test_thick_slab_against_disort(
 
 
 @pytest.mark.parametrize(
-    ("depth", "albedo", "within"), [(0.1, 0.5, 5e-4), (1.0, 0.5, 3e-3), (1.0, 0.9, 1.2e-2)]
+    ("depth", "albedo", "within"),
+    [
+        pytest.param(0.1, 0.5, 5e-4, marks=SLOW),
+        (1.0, 0.5, 3e-3),
+        pytest.param(1.0, 0.9, 1.2e-2, marks=SLOW),
+    ],
 )
 def test_forward_scattering_slab_against_disort(
     run_block: Callable[..., Run], depth: float, albedo: float, within: float
@@ -205,7 +213,7 @@ def test_grid_may_be_one_voxel_anywhere(run_block: Callable[..., Run]) -> None:
     assert area == pytest.approx(depth * size[0] * size[2], rel=depth)
 
 
-@pytest.mark.parametrize("layers", [1, 4])
+@pytest.mark.parametrize("layers", [pytest.param(1, marks=SLOW), 4])
 def test_light_diffuses_through_thick_cells(run_block: Callable[..., Run], layers: int) -> None:
     """Of depth 100 at albedo 0.99, in cells of 100 and 25: what the slab sends by itself is that of
     a half space, sqrt(1 - a) H(1) = 0.24728 (Chandrasekhar, Radiative Transfer, ch. 5; H iterated

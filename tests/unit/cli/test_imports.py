@@ -22,10 +22,7 @@ SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
         (["--help"], set()),
         (["bench", "--help"], set()),
         (["scenes"], set()),
-        (["--version"], set()),
-        (["export", "--help"], set()),
         (["acquire", "--help"], set()),
-        (["optics", "--help"], SLOW - {"vtk"}),
     ],
     ids=lambda part: " ".join(part) if isinstance(part, list) else "may",
 )

@@ -43,7 +43,9 @@ def test_a_cube_is_halved_until_its_cells_are_small_enough(depth: int) -> None:
     assert frame(halved.cell_m) == whole.at(depth + 1)  # below the bound, not at it
 
 
-@pytest.mark.parametrize("leaf", [0.3, 0.11, 0.06, 0.02, 0.004, 0.8e-3])
+@pytest.mark.parametrize(
+    "leaf", [0.3, 0.11, 0.02, 0.004, pytest.param(0.8e-3, marks=pytest.mark.slow)]
+)
 def test_everything_is_conserved(leaf: float) -> None:
     """Random boxes that fit no cell, and points: integrals equal the input's to float32's 6e-8."""
     rng = np.random.default_rng(1)

@@ -143,6 +143,7 @@ def xsc(value_cm2: float) -> str:
     return head + "\n" + 2 * (10 * f"{value_cm2:10.3E}" + "\n")
 
 
+@pytest.mark.slow
 def test_tables_of_the_user_from_a_scene(tmp_path: Path) -> None:
     """A refractiveindex.info file and a HITRAN file, named in YAML beside it: what each wavelength
     gets is what they say. 6.022e19 m2/mol are 1 cm2 a molecule."""

@@ -52,8 +52,13 @@ def test_picture_of_gas(tables: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"spray": {"model": "cone", "droplets": {"diameter_um": 9.0}}},
-        {"spray": {"model": "cone", "droplets": {"d_um": 10.0, "q": 2.0}}},
+        pytest.param(
+            {"spray": {"model": "cone", "droplets": {"diameter_um": 9.0}}}, marks=pytest.mark.slow
+        ),
+        pytest.param(
+            {"spray": {"model": "cone", "droplets": {"d_um": 10.0, "q": 2.0}}},
+            marks=pytest.mark.slow,
+        ),
         {"spray": {"model": "none"}, "optics": {"filter_um": [8.0, 12.0], "wavelength_um": 10.0}},
     ],
 )

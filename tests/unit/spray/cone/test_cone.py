@@ -93,9 +93,9 @@ def test_profile_constants_by_quadrature() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pressure_Pa", "gas_K", "tips_mm"), [PENETRATION[0], PENETRATION[3], PENETRATION[5]]
+    ("pressure_Pa", "gas_K", "tips_mm", "moment"),
+    [(*PENETRATION[0], 1), (*PENETRATION[3], 0), (*PENETRATION[5], 1)],
 )
-@pytest.mark.parametrize("moment", [0, 1])
 def test_vapour_penetration(
     pressure_Pa: float, gas_K: float, tips_mm: tuple[float, ...], moment: int
 ) -> None:
@@ -109,7 +109,7 @@ def test_vapour_penetration(
 
 @pytest.mark.parametrize(
     ("pressure_Pa", "gas_K", "length_mm"),
-    [(0.15e6, 573.0, 34.0), (0.6e6, 500.0, 27.0), (0.6e6, 573.0, 22.0), (0.9e6, 620.0, 18.0)],
+    [(0.15e6, 573.0, 34.0), (0.6e6, 500.0, 27.0), (0.9e6, 620.0, 18.0)],
 )
 def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_mm: float) -> None:
     """Droplets so fine that mixing alone limits them. Siebers' formula was fitted with 15 %

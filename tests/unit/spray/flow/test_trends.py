@@ -42,6 +42,7 @@ def evaporated(found: Found) -> float:
     return note(found, "vapour_mass_kg") / note(found, "injected_mass_kg")
 
 
+@pytest.mark.slow
 def test_pressure_and_heat_shorten_the_spray() -> None:
     cold, dense, hot = spray(0.45, 300), spray(0.9, 300), spray(0.9, 600)
     for name in ("vapour_penetration_m", "liquid_penetration_m"):
@@ -53,6 +54,7 @@ def test_pressure_and_heat_shorten_the_spray() -> None:
     assert note(hot, "vapour_penetration_m") > note(dense, "vapour_penetration_m")
 
 
+@pytest.mark.slow
 def test_along_the_compression_in_an_engine_penetration_falls() -> None:
     """Pressure and temperature rise together there; so does the gas's density."""
     found = [spray(0.15, 300), spray(0.6, 573), spray(0.9, 600)]
