@@ -1,6 +1,7 @@
-"""The infrared camera: where it stands, its field and its chip.
+"""The infrared camera: position, field of view and sensor.
 
-The sensor's values are typical of a cooled 640 x 512 InSb camera and are assumptions."""
+The sensor's defaults are assumptions, typical of a cooled 640 x 512 InSb camera.
+"""
 
 from __future__ import annotations
 
@@ -13,51 +14,52 @@ from cldit.scene.values import Length, Pixels, Point, QuantumEfficiency, Tempera
 
 
 class Sensor(Section):
-    """The infrared camera's chip. Pitch, f-number, well, read noise: typical, not measured."""
+    """Sensor and lens of the infrared camera. The defaults are typical values, not measured."""
 
     pixels: tuple[Pixels, Pixels] = (640, 512)
-    """Columns and rows of the chip."""
+    """Columns and rows of the sensor."""
     pitch_m: Annotated[float, Within(1e-6, 1e-3)] = 15e-6
-    """Distance of its pixels."""
+    """Distance between the centres of neighbouring pixels."""
     f_number: Annotated[float, Within(0.5, 64.0)] = 2.5
-    """Of the lens; says how much light a pixel gets."""
+    """f-number of the lens."""
     quantum_efficiency: QuantumEfficiency = 0.8
-    """Electrons per photon: a number, or a curve over the wavelength."""
+    """Electrons per photon: a number, pairs of wavelength (um) and value, or a file of pairs."""
     integration_time_s: Annotated[float, Within(320e-9, 1.0)] | None = None
-    """Left out: 25 us (paper, Fig. 6), or less where the brightest pixel would saturate."""
+    """Exposure time. Default: 25 us (paper, Fig. 6), less if the brightest pixel would saturate."""
     well_electrons: Annotated[float, Within(1e2, 1e9)] = 7e6
-    """Electrons at which a pixel is full."""
+    """Full-well capacity of a pixel."""
     electrons_per_count: Annotated[float, Within(1e-3, 1e6)] = 40.0
-    """Gain of the converter."""
+    """Conversion gain."""
     offset_counts: Annotated[float, Within(0.0, 65535.0)] = 200.0
-    """Counts in the dark."""
+    """Counts without light."""
     read_noise_electrons: Annotated[float, Within(0.0, 1e6)] = 200.0
-    """Standard deviation of the noise that every read adds."""
+    """Standard deviation of the read noise."""
     bits: Annotated[int, Within(8, 16)] = 14
-    """Of the converter; counts end at 2^bits - 1."""
+    """Resolution of the converter; the largest count is 2^bits - 1."""
     bad_pixels: Annotated[int, Within(0, 100_000)] = 20
-    """How many pixels are stuck at 0 or at full scale."""
+    """Number of defective pixels, stuck at 0 or at full scale."""
 
 
 class Camera(Section):
-    """Stands on -y of its target and looks along +y; image right is +x, image up is +z."""
+    """Camera on the -y side of the target, looking along +y; image right is +x, image up is +z."""
 
     model: Literal["pinhole", "orthographic"] = "pinhole"
-    """`orthographic` has parallel lines of sight, `pinhole` those from one point."""
+    """Lines of sight: `pinhole`, all through one point; `orthographic`, parallel."""
     distance_m: Annotated[float, Within(1e-3, 1e3)] = 1.0
-    """From the target."""
+    """Distance from the target."""
     field_m: tuple[Length, Length] = (0.16, 0.16)
-    """Width and height of the picture in the plane of the target."""
+    """Width and height of the field of view in the plane of the target."""
     pixels: tuple[Pixels, Pixels] = (1000, 1000)
-    """Columns and rows that are traced; one number for both."""
+    """Columns and rows of the traced image; one number for a square image."""
     rays_per_pixel: Literal[1, 4, 16, 64, "adaptive"] = 1
-    """1: through the middle; 4, 16, 64: even over it; adaptive: 1, and 16 where it is steep."""
+    """1: through the pixel's centre; 4, 16, 64: on a regular grid; adaptive: 16 where the image is
+    steep, 1 elsewhere."""
     target_m: Point | None = None
-    """The middle of the picture; the domain's centre where left out."""
+    """Point at the centre of the image. Default: the domain's centre."""
     surroundings_K: Temperature = 295.0
-    """What a front window reflects into the camera."""
+    """Temperature of the camera's surroundings, which a front window reflects into the camera."""
     sensor: Sensor = Sensor()
-    """The chip that records."""
+    """Sensor and lens."""
 
     @field_validator("pixels", mode="before", json_schema_input_type=Pixels | tuple[Pixels, Pixels])
     @classmethod

@@ -1,4 +1,4 @@
-"""Changing single keys of a scene by their paths, such as `spray.plumes[2].mass_fraction`."""
+"""Changes of single keys of a scene by path, such as `spray.plumes[2].mass_fraction`."""
 
 from __future__ import annotations
 
@@ -22,25 +22,23 @@ def parse_change(text: str) -> tuple[str, Any]:
     """
     path, sign, value = text.partition("=")
     if not sign or not path.strip():
-        raise SceneError(f"{text}: allowed is KEY=VALUE, such as walls.temperature_K=500")
+        raise SceneError(
+            f"{text}: is no change; allowed: KEY=VALUE, such as walls.temperature_K=500"
+        )
     return path.strip(), parse_yaml(value, source=text)
 
 
 def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A scene's plain data with other values at some paths; the data itself stays.
+    """A copy of a scene's plain data with other values at some paths, not checked yet.
 
-    A mapping replaces the whole section. A section that is not there yet is made. Whether keys and
-    values are allowed is for `parse_scene` to say.
+    A mapping replaces a whole section; missing sections are created.
 
     Args:
-        data: as YAML has it.
+        data: as read from YAML.
         changes: value of each path; names are joined with dots, `[i]` counts in lists from 0.
 
-    Returns:
-        The changed data.
-
     Raises:
-        SceneError: a path leads through something that has no keys, or past a list's end.
+        SceneError: a path leads through a value without keys, or past the end of a list.
     """
     made = copy.deepcopy(dict(data))
     for path, value in changes.items():
@@ -58,7 +56,7 @@ def _steps(path: str) -> list[str | int]:
         match = _PART.fullmatch(part)
         if match is None:
             raise SceneError(
-                f"{path}: is no key; allowed are names joined with dots, and [i] for items of lists"
+                f"{path}: is no key; allowed: names joined with dots, and [i] for items of lists"
             )
         steps.append(match[1])
         steps += [int(number) for number in re.findall(r"-?[0-9]+", match[2])]
@@ -83,24 +81,18 @@ def _put(here: Any, step: str | int, value: Any, path: str) -> None:
 def _check(here: Any, step: str | int, path: str) -> None:
     if isinstance(step, str):
         if not isinstance(here, dict):
-            raise SceneError(f"{path}: {step} is looked for in {here!r}, which has no keys")
+            raise SceneError(f"{path}: no {step} in {here!r}, which has no keys")
         return
     if not isinstance(here, list):
-        raise SceneError(f"{path}: item [{step}] is looked for in {here!r}, which is no list")
+        raise SceneError(f"{path}: no item [{step}] in {here!r}, which is no list")
     if not -len(here) <= step < len(here):
-        raise SceneError(f"{path}: item [{step}] of {len(here)}; allowed is 0..{len(here) - 1}")
+        raise SceneError(f"{path}: item [{step}] of {len(here)}; allowed: 0..{len(here) - 1}")
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with what `over` says: sections key by key, lists and values as a whole.
+    """`base` updated by `over`: sections key by key, lists and values as a whole.
 
-    A section of another `model` replaces the base's, for its keys mean other things.
-
-    Args:
-        base, over: plain data.
-
-    Returns:
-        Both together.
+    A section with another `model` replaces the whole section, as its keys differ.
     """
     made = copy.deepcopy(dict(base))
     for key, value in over.items():

@@ -1,4 +1,4 @@
-"""Field types that check themselves, with messages that say what is allowed."""
+"""Base class and interval type of checked input, and messages that name what is allowed."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_sc
 
 
 class Section(BaseModel):
-    """Base of every part of a scene, rig or plan file: frozen, and unknown keys are errors.
+    """Base of every section of a scene, rig or plan file: frozen, with unknown keys refused.
 
-    The string below a key is its description, in the reference and in editors.
+    The string below a key is its description in the reference and in editors.
     """
 
     model_config = ConfigDict(
@@ -33,22 +33,22 @@ def _number(value: float) -> str:
 
 
 def _short(text: str) -> str:
-    """A value as messages show it: no file makes them longer than a line or two."""
+    """A value for a message, cut to 200 characters."""
     return text if len(text) <= 200 else f"{text[:197]}..."
 
 
 def _signed(value: bool | str) -> str:
-    """To YAML 1.1 an exponent without a sign, 1.0e6, is text."""
+    """Hint for a number such as 1.0e6, which is text in YAML 1.1: the exponent needs a sign."""
     match = re.fullmatch(r"([-+]?[0-9]+)(\.[0-9]*)?[eE]([0-9]+)", str(value))
     if match is None:
         return ""
     whole, part, exponent = match.groups(default=".0")
-    return f"; YAML wants the exponent's sign, {whole}{part}e+{exponent}"
+    return f"; the exponent needs a sign in YAML, {whole}{part}e+{exponent}"
 
 
 @dataclass(frozen=True)
 class Within:
-    """A closed interval; numbers outside it are refused with `17 is outside 8..16`."""
+    """Closed interval; a number outside it is refused with `17 is outside 8..16`."""
 
     low: float
     high: float
@@ -67,7 +67,7 @@ class Within:
         if isinstance(value, (bool, str)):
             raise PydanticCustomError(
                 "not_a_number",
-                "{value} is not a number; allowed is {low}..{high} without a unit{hint}",
+                "{value} is not a number; allowed: {low}..{high} without a unit{hint}",
                 {
                     "value": repr(value),
                     "low": _number(self.low),
@@ -80,7 +80,7 @@ class Within:
         elif isinstance(value, (int, float)):
             inside = self.low <= value <= self.high
         else:
-            inside = True  # the inner validator names the type it wants
+            inside = True  # the inner validator reports the type
         if not inside:
             raise PydanticCustomError(
                 "outside",
@@ -97,8 +97,8 @@ class Within:
 def _walk(model: type[BaseModel], error: ErrorDetails) -> tuple[str, list[type[BaseModel]]]:
     """The error's path as users write it, and the sections in which it ends.
 
-    `camera.pixels` for a component of a short vector, `spray.plumes[2].mass_fraction` in a list of
-    sections. Names of the members of a union, which pydantic puts in between, are left out.
+    Examples are `camera.pixels` for a component of a vector and `spray.plumes[2].mass_fraction`
+    in a list of sections. The names that pydantic inserts for members of a union are removed.
     """
     parts: list[str] = []
     here: Any = model
@@ -147,7 +147,7 @@ _KINDS = {
 
 
 def _words(error: ErrorDetails, sections: Sequence[type[BaseModel]]) -> str:
-    """What pydantic found, in words that a user of YAML knows."""
+    """The text of a pydantic error in terms of YAML."""
     kind, context = error["type"], error.get("ctx", {})
     shown = _short(repr(error["input"]))
     if kind == "literal_error":
@@ -155,15 +155,15 @@ def _words(error: ErrorDetails, sections: Sequence[type[BaseModel]]) -> str:
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length", context.get("max_length"))
         side = "at least" if kind == "too_short" else "at most"
-        return f"has {context['actual_length']} values; allowed are {side} {bound}"
+        return f"has {context['actual_length']} values; allowed: {side} {bound}"
     if kind in ("string_too_short", "string_too_long"):
         bound = context.get("min_length", context.get("max_length"))
         side = "at least" if kind == "string_too_short" else "at most"
-        return f"{shown}: allowed are {side} {bound} letters"
+        return f"{shown}; allowed: {side} {bound} letters"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         keys = ", ".join(dict.fromkeys(key for s in sections for key in s.model_fields))
         return (
-            f"{shown} is no section; allowed are the keys {keys}"
+            f"{shown} is no section; allowed: a section with the keys {keys}"
             if keys
             else (f"{shown} is no section of keys and values")
         )
@@ -172,7 +172,7 @@ def _words(error: ErrorDetails, sections: Sequence[type[BaseModel]]) -> str:
 
 
 def _nearest(path: str, keys: Sequence[str], model: type[BaseModel]) -> str:
-    """The key that was meant: one of the section by its letters, else one of its name elsewhere."""
+    """A suggestion: the most similar key of the section, otherwise one of that name elsewhere."""
     name = path.rpartition(".")[2]
     close = difflib.get_close_matches(name, keys, n=1)
     if close:
@@ -187,7 +187,7 @@ def _nearest(path: str, keys: Sequence[str], model: type[BaseModel]) -> str:
 
 
 def key_paths(model: type[BaseModel]) -> list[str]:
-    """Paths of all keys below a section, those of every model of a union and of lists' items."""
+    """Paths of all keys below a section, in every member of a union and in the items of lists."""
     found: list[str] = []
     for name, field in model.model_fields.items():
         found.append(name)
@@ -197,7 +197,7 @@ def key_paths(model: type[BaseModel]) -> list[str]:
 
 
 def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
-    """One line for each of the `errors` that `model` found: path, value, what is allowed."""
+    """One line for each of the `errors` that `model` found: path, value and what is allowed."""
     lines: list[str] = []
     for error in errors:
         path, sections = _walk(model, error)
@@ -219,5 +219,4 @@ def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
         else:
             text = _words(error, sections)
         lines.append(f"{path}: {text}" if path else text)
-    unique = list(dict.fromkeys(lines))
-    return "\n".join(unique)
+    return "\n".join(dict.fromkeys(lines))

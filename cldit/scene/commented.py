@@ -1,4 +1,4 @@
-"""A scene as YAML to save and edit: what it sets, then every other key as a comment."""
+"""Scenes as YAML to edit: keys that are set, and all others as comments."""
 
 from __future__ import annotations
 
@@ -14,17 +14,13 @@ _STEP = "  "
 
 
 def commented(scene: Scene) -> str:
-    """The scene's keys with their meaning; defaults are comments, so that they stay defaults.
+    """YAML of a scene with the meaning of every key; keys that are not set are comments.
 
-    Args:
-        scene: what is written; `parse_scene` reads the same back.
-
-    Returns:
-        YAML.
+    `parse_scene` reads the same scene back.
     """
     head = (
-        f"# {scene.name}, to edit. Lines that start with # are defaults: take the # away to set",
-        "# one, with that of its section.",
+        f"# {scene.name}, to edit. Lines that start with # are defaults; to set one, remove its #",
+        "# and that of its section.",
     )
     return "\n".join([*head, *_section(scene, indent="", comment=False)]) + "\n"
 

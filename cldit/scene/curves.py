@@ -1,7 +1,7 @@
-"""Curves over wavelength that a scene gives as a list of pairs or as a text file.
+"""Curves over wavelength, given as a list of pairs or as a text file.
 
-Filters and quantum efficiencies: pairs of wavelength in micrometres and a value from 0 to 1,
-straight lines between them and nothing beyond.
+A pair is a wavelength in micrometres and a value from 0 to 1. Curves are linear between the pairs
+and 0 beyond.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def check_curve(pairs: Any, *, what: str) -> Curve:
     """The `pairs` in rising order of wavelength; errors name `what`.
 
     Raises:
-        SceneError: not pairs of numbers, another unit, no width, or nothing above 0.
+        SceneError: not pairs of numbers, a wrong unit, fewer than two pairs, or no value above 0.
     """
     try:
         curve = [(float(wavelength), float(value)) for wavelength, value in pairs]
@@ -31,7 +31,7 @@ def check_curve(pairs: Any, *, what: str) -> Curve:
             f"{what}: expected pairs of wavelength (um) and value (0..1), found {error}"
         ) from error
     if len(curve) < 2:
-        raise SceneError(f"{what}: {len(curve)} pairs are no curve; allowed are two or more")
+        raise SceneError(f"{what}: {len(curve)} pairs are no curve; allowed: two or more")
     for wavelength, value in curve:
         if not (math.isfinite(wavelength) and math.isfinite(value)):
             raise SceneError(f"{what}: ({wavelength:g}, {value:g}) is not finite")
@@ -49,14 +49,14 @@ def check_curve(pairs: Any, *, what: str) -> Curve:
         if after <= before:
             raise SceneError(f"{what}: {after:g} um is given twice")
     if max(value for _, value in curve) == 0.0:
-        raise SceneError(f"{what}: is empty, its values are all 0; allowed is one above 0")
+        raise SceneError(f"{what}: is empty, all values are 0; allowed: at least one above 0")
     return tuple(curve)
 
 
 def read_curve(path: Path) -> Curve:
-    """A text file of two columns (comma, semicolon or blanks); # begins a comment.
+    """Reads a text file of two columns, separated by comma, semicolon or blanks.
 
-    A first line that holds no numbers is the header.
+    Comments begin with #; a first line without numbers is a header.
 
     Raises:
         SceneError: unreadable, not two columns of numbers, or as `check_curve`.
@@ -78,7 +78,7 @@ def read_curve(path: Path) -> Curve:
                 header = False
                 continue
             raise SceneError(
-                f"{path}, line {number}: {line.strip()!r}; allowed are two numbers, "
+                f"{path}, line {number}: {line.strip()!r}; allowed: two numbers, "
                 "wavelength_um and value"
             ) from error
         rows.append((wavelength, value))

@@ -1,4 +1,4 @@
-"""Delays of pictures after the start of injection, and the scene at such a delay."""
+"""Delays of recordings after the start of injection, and the scene at a delay."""
 
 from __future__ import annotations
 
@@ -6,34 +6,34 @@ from cldit.errors import SceneError
 from cldit.scene.schema import Scene
 
 SAME_s = 1e-6
-"""Delays closer than this are one."""
+"""Delays that differ by less are equal."""
 
 
 def delay_text(delay_s: float) -> str:
-    """A delay as people and folders name it: `0.95 ms`."""
+    """Text of a delay: `0.95 ms`."""
     return f"{1e3 * delay_s:.9g} ms"
 
 
 def delay_folder(delay_s: float) -> str:
-    """Name of the folder of what belongs to one of several delays: `delay_0.95ms`."""
+    """Folder name of one of several delays: `delay_0.95ms`."""
     return f"delay_{delay_text(delay_s).replace(' ', '')}"
 
 
 def spray_time_s(scene: Scene) -> float | None:
-    """The time after the start of injection that a scene's spray shows; None where it has none."""
+    """Time of the spray after the start of injection; None for models without time."""
     time_s: float | None = getattr(scene.spray, "time_s", None)
     return time_s
 
 
 def scene_at(scene: Scene, delay_s: float) -> Scene:
-    """The scene with its spray as it is at `delay_s`; a CFD case's clock starts with injection.
+    """The scene with its spray at `delay_s`; time of a CFD case starts with injection.
 
     Raises:
-        SceneError: the spray's model has one time only.
+        SceneError: the spray model has no time.
     """
     if "time_s" not in type(scene.spray).model_fields:
         raise SceneError(
-            f"plan.delays_s: spray.model {scene.spray.model} has one time only; allowed are cone, "
+            f"plan.delays_s: spray.model {scene.spray.model} has no time; allowed: cone, "
             "lagrangian and cfd, or no delays_s"
         )
     spray = scene.spray.model_copy(update={"time_s": delay_s})
@@ -41,5 +41,5 @@ def scene_at(scene: Scene, delay_s: float) -> Scene:
 
 
 def alone(scene: Scene) -> Scene:
-    """A scene at its spray's own time, without the plan's delays."""
+    """The scene without the plan's delays."""
     return scene.model_copy(update={"plan": scene.plan.model_copy(update={"delays_s": ()})})

@@ -1,4 +1,4 @@
-"""Scenes from YAML, by path or by the name under which they are shipped, and back to YAML."""
+"""Reading of scenes by path or by the name of a shipped scene, and writing as YAML."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LIBRARY = "cldit.scene.library"
 
 
 def shipped_scenes() -> dict[str, str]:
-    """Name and description of every scene that comes with cldit."""
+    """Names and descriptions of the scenes that are shipped with cldit."""
     found: dict[str, str] = {}
     for entry in sorted(resources.files(_LIBRARY).iterdir(), key=lambda item: item.name):
         if entry.name.endswith(".yaml"):
@@ -29,19 +29,19 @@ def load_scene(name_or_path: str | Path) -> Scene:
     """Reads a scene.
 
     Args:
-        name_or_path: name of a shipped scene (`gdi`), or path to a YAML file. Relative paths
-            inside the file are taken from the file's folder. A file's key `base` names another
-            scene: its keys hold where the file does not say otherwise.
+        name_or_path: name of a shipped scene (`gdi`), or path of a YAML file. Relative paths in
+            the file start at its folder. A key `base` names another scene, whose keys apply where
+            the file has none.
 
     Raises:
-        SceneError: no such scene, or the file holds something that is not allowed; the message
-            names every offending key, its value, and what is allowed.
+        SceneError: no such scene, or a key or value is not allowed; the message lists each with
+            what is allowed.
     """
     return _loaded(name_or_path, ())
 
 
 def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
-    """above: files whose `base` led here."""
+    """Reads a scene; `above` are the files whose `base` led here."""
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml") or path.is_file():
         data = read_mapping(path)
@@ -54,19 +54,18 @@ def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise SceneError(
-            f"{name}: no such scene{hint}; shipped are {', '.join(known)}; "
-            "anything else must be the path of a .yaml file"
+            f"{name}: no such scene{hint}; allowed: {', '.join(known)}, or the path of a .yaml file"
         )
     text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return parse_scene(parse_yaml(text, source=name), source=name)
 
 
 def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
-    """What a file says over the scene that its key `base` names."""
+    """Plain data of a file merged into the scene that its key `base` names."""
     base = data["base"]
     if not isinstance(base, str):
         raise SceneError(
-            f"{path}: base: {base!r} is no scene; allowed is a shipped name or a .yaml file's path"
+            f"{path}: base: {base!r} is no scene; allowed: a shipped name or a .yaml file's path"
         )
     here = path.resolve()
     if here in above:
@@ -86,13 +85,13 @@ def parse_scene(
     folder: Path | None = None,
     finished: bool = False,
 ) -> Scene:
-    """A scene from plain data, checked.
+    """Checks plain data and returns the scene.
 
     Args:
-        data: as YAML has it.
-        source: what messages call it.
-        folder: where its relative paths start.
-        finished: of a run that is done: tables it was made from need not be there any more.
+        data: as read from YAML.
+        source: name of the scene in messages.
+        folder: start of its relative paths.
+        finished: True for a finished run, whose tables need not exist any more.
 
     Raises:
         SceneError: as in `load_scene`.
@@ -107,5 +106,5 @@ def parse_scene(
 
 
 def dump_scene(scene: Scene) -> str:
-    """The scene as YAML, every default written out; `parse_scene` reads it back unchanged."""
+    """YAML of a scene with every default; `parse_scene` reads it back unchanged."""
     return dump_yaml(scene.model_dump(mode="json"))

@@ -1,4 +1,4 @@
-"""What light is counted, and what the spray's optical properties are taken to be."""
+"""The camera's filter and the optical properties of liquid and vapour."""
 
 from __future__ import annotations
 
@@ -13,43 +13,44 @@ MOST_WAVELENGTHS = 64
 
 
 class Optics(Section):
-    """What light the camera counts, and what the spray's optical properties are taken to be.
+    """The camera's filter and the optical properties of liquid and vapour.
 
-    `paper`: one wavelength, one refractive index, one vapour cross section, as in the paper's
-    Section 2. `spectral`: of the liquid and the vapour over the filter, with as many wavelengths
-    as `wavelengths` says or `spectral_error_K` (RMS, in T_app) needs.
+    Preset `paper`: one wavelength, one refractive index and one vapour cross section (paper,
+    Section 2). Preset `spectral`: properties of liquid and vapour across the filter, with
+    `wavelengths` spectral nodes or as many as `spectral_error_K` needs.
     """
 
     preset: Literal["paper", "spectral"] = "paper"
-    """`paper`: one wavelength and the paper's constants; `spectral`: data over the filter."""
+    """`paper`: the paper's constants at one wavelength; `spectral`: data across the filter."""
     filter_um: Filter = (3.3, 3.5)
-    """Two edges of a rectangle, a list of (um, transmission), or a file of both."""
+    """Two edges of a rectangular filter, pairs of wavelength (um) and transmission, or a file of
+    pairs."""
     wavelength_um: Wavelength = 3.4
-    """Of the preset `paper`."""
+    """Wavelength, preset `paper`."""
     n: Annotated[float, Within(0.1, 10.0)] = 1.338
     """Refractive index of the liquid, preset `paper` (paper, Section 2)."""
     k: Annotated[float, Within(0.0, 10.0)] = 0.0341
     """Absorption index of the liquid, preset `paper` (paper, Section 2)."""
     vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0
-    """Absorption cross section of a mole of vapour, preset `paper` (paper, Section 2)."""
+    """Molar absorption cross section of the vapour, preset `paper` (paper, Section 2)."""
     liquid: Material | None = None
-    """Preset `spectral`: name of a liquid, or table of n and k; the spray's fuel where left out."""
+    """Preset `spectral`: name of a liquid, or a table of n and k. Default: the spray's fuel."""
     vapour: Material | None = None
-    """Preset `spectral`: name of a vapour, or .xsc file; the spray's fuel where left out."""
+    """Preset `spectral`: name of a vapour, or an .xsc file. Default: the spray's fuel."""
     vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None
-    """Integrated C-H absorption to which the vapour's bands are scaled; left out: the data's own.
-    """
+    """Integrated C-H band intensity to which the vapour's cross sections are scaled. Default: no
+    scaling."""
     wavelengths: Annotated[int, Within(1, MOST_WAVELENGTHS)] | None = None
-    """Number of wavelengths of `spectral`; left out: as many as `spectral_error_K` needs."""
+    """Preset `spectral`: number of spectral nodes. Default: as many as `spectral_error_K` needs."""
     spectral_error_K: Annotated[float, Within(1e-3, 100.0)] | None = None
-    """Wanted error of the wavelengths, RMS in apparent temperature; left out: chosen from
+    """Tolerance for the error of T_app (RMS) due to the number of wavelengths. Default: chosen from
     `transport.accuracy_K`."""
     compare_paper: bool = True
-    """Preset `spectral`: trace the paper's properties too, and report the difference."""
+    """Preset `spectral`: trace the paper's properties as well, and report the difference."""
 
     @property
     def bound_K(self) -> float:
-        """`spectral_error_K`; where it is left out and nobody chooses, 0.1 K."""
+        """`spectral_error_K`, or 0.1 K if it is neither given nor chosen."""
         return 0.1 if self.spectral_error_K is None else self.spectral_error_K
 
     @model_validator(mode="after")
@@ -57,6 +58,6 @@ class Optics(Section):
         if isinstance(self.filter_um[0], float) and self.filter_um[0] >= self.filter_um[1]:
             raise ValueError(
                 f"filter_um: {self.filter_um[0]:g} to {self.filter_um[1]:g} is empty; "
-                "allowed is a lower and a higher wavelength"
+                "allowed: a lower and a higher wavelength"
             )
         return self

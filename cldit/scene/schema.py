@@ -1,6 +1,7 @@
-"""What a scene is: frozen data with a range, a unit and a default for every key.
+"""The scene: frozen data with a range, a unit and a default for every key.
 
-The defaults are the paper's numbers where it gives them (Section "Ray Tracing")."""
+Defaults are the paper's values (Section "Ray Tracing") where it gives them.
+"""
 
 from __future__ import annotations
 
@@ -22,35 +23,34 @@ from cldit.scene.vessel import Background, Domain, Patches, Walls, Windows
 
 
 class Scene(Section):
-    """Everything a run needs; `cldit.load_scene` reads it from YAML."""
+    """All input of a run; `cldit.load_scene` reads it from YAML."""
 
     name: Annotated[str, Field(min_length=1, max_length=100)]
-    """Names the run's folder and pictures."""
+    """Name of the run's folder and figures."""
     description: str = ""
-    """Shown in lists and reports."""
+    """Text for lists and reports."""
     domain: Domain = Domain()
-    """The cube that is traced."""
+    """The traced cube."""
     spray: Spray
-    """What is between camera and background."""
+    """The spray between camera and background."""
     camera: Camera = Camera()
-    """Where it stands and what it records."""
+    """Position, field of view and sensor of the camera."""
     background: Background = Background()
-    """The black body, or whatever is behind the spray."""
+    """The black body behind the spray."""
     walls: Walls = Walls()
-    """The rest of the enclosure."""
+    """The rest of the enclosure, at one temperature."""
     patches: Patches = ()
-    """Windows, flanges: pieces of the enclosure with a temperature and a weight of their own, at
-    most 16."""
+    """Parts of the enclosure with their own temperature and weight, at most 16."""
     windows: Windows = ()
-    """Windows before the camera and before the background, one each."""
+    """Windows in front of the camera and of the background, at most one each."""
     optics: Optics = Optics()
-    """What light is counted, and what matter does to it."""
+    """The camera's filter, and optical properties of liquid and vapour."""
     transport: Transport = Transport()
-    """How the equation of transfer is solved."""
+    """Settings of the radiative transfer."""
     rig: Rig = Rig()
     """The simulated instruments."""
     plan: PlanSize = PlanSize()
-    """How much is recorded."""
+    """Number of recordings."""
 
     @classmethod
     def checked(
@@ -62,7 +62,8 @@ class Scene(Section):
             data, source, folder, finished: as in `parse_scene`.
 
         Raises:
-            SceneError: something is not allowed; each line names the path, the value and what is.
+            SceneError: a value is not allowed; each line has the path, the value and what is
+                allowed.
         """
         try:
             return cls.model_validate(data, context={"folder": folder, "finished": finished})
@@ -70,14 +71,14 @@ class Scene(Section):
             raise SceneError(f"{source}:\n{describe(cls, error.errors())}") from error
 
     def with_(self, **changes: Any) -> Scene:
-        """The scene with other values, checked again, as `with_(**{"walls.temperature_K": 500})`.
+        """A scene with other values, checked again: `with_(**{"walls.temperature_K": 500})`.
 
         Args:
-            changes: value of each path; names are joined with dots, `[i]` counts in lists. A
-                mapping replaces a whole section.
+            changes: value of each path, such as `spray.plumes[2].mass_fraction`. A mapping
+                replaces a whole section.
 
         Returns:
-            Another scene.
+            The new scene.
 
         Raises:
             SceneError: a path or value is not allowed.
@@ -87,12 +88,12 @@ class Scene(Section):
 
     @property
     def target_m(self) -> Point:
-        """The point in the middle of the picture."""
+        """The point at the centre of the image."""
         return self.domain.centre_m if self.camera.target_m is None else self.camera.target_m
 
     @property
     def background_centre_m(self) -> Point:
-        """The middle of the background disc."""
+        """Centre of the background disc."""
         if self.background.centre_m is not None:
             return self.background.centre_m
         x, y, z = self.domain.centre_m

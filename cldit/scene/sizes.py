@@ -1,4 +1,4 @@
-"""Size distributions of the droplets, as a scene names them."""
+"""Droplet size distributions of a scene."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from cldit.scene.checks import Section, Within
 
 
 class NukiyamaTanasawa(Section):
-    """f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
+    """Nukiyama-Tanasawa distribution, f(D) ~ D^p exp(-(D/m)^n), paper Eq. (5)."""
 
     m_um: Annotated[float, Within(1e-3, 1e3)] = 1.5
-    """Scale m."""
+    """Scale parameter m."""
     n: Annotated[float, Within(0.05, 20.0)] = 1.0
     """Exponent n."""
     p: Annotated[float, Within(-0.9, 50.0)] = 3.0
@@ -22,49 +22,49 @@ class NukiyamaTanasawa(Section):
 
 
 class Monodisperse(Section):
-    """Every droplet leaves the nozzle with this diameter."""
+    """Droplets of one size at the nozzle."""
 
     diameter_um: Annotated[float, Within(1e-2, 1e3)]
-    """Of every droplet."""
+    """Diameter of every droplet."""
 
 
 class LogNormal(Section):
-    """ln D is normal: numbers of droplets by their median, `sigma` the geometric deviation."""
+    """Log-normal distribution of the number of droplets over the diameter."""
 
     median_um: Annotated[float, Within(1e-3, 1e3)]
-    """Half of the droplets are smaller."""
+    """Median diameter by number."""
     sigma: Annotated[float, Within(1.001, 10.0)]
     """Geometric standard deviation."""
 
 
 class RosinRammler(Section):
-    """The mass in droplets above D is exp(-(D/d)^q)."""
+    """Rosin-Rammler distribution: the mass fraction in droplets above D is exp(-(D/d)^q)."""
 
     d_um: Annotated[float, Within(1e-3, 1e3)]
-    """37 % of the mass is in larger droplets."""
+    """Scale parameter d; 37 % of the mass is in larger droplets."""
     q: Annotated[float, Within(1.01, 20.0)]
-    """Exponent; D32 is 0 at 1 and below."""
+    """Exponent q; must exceed 1, where D32 vanishes."""
 
 
 class Histogram(Section):
-    """Numbers of droplets between edges, even within each; of any scale."""
+    """Numbers of droplets in bins of diameter, uniform within each bin."""
 
     edges_um: tuple[Annotated[float, Within(0.0, 1e4)], ...]
-    """Rising; one more than numbers."""
+    """Rising edges of the bins, one more than `number`."""
     number: tuple[Annotated[float, Within(0.0, 1e30)], ...]
-    """Droplets between each two edges, in any scale."""
+    """Relative number of droplets in each bin."""
 
     @model_validator(mode="after")
     def _fits(self) -> Histogram:
         if len(self.edges_um) != len(self.number) + 1 or not 1 <= len(self.number) <= 1000:
             raise ValueError(
-                f"number: {len(self.number)} values for {len(self.edges_um)} edges; allowed are "
-                "1..1000, one less than edges_um"
+                f"number: {len(self.number)} values for {len(self.edges_um)} edges; allowed: "
+                "1..1000 values, one less than edges_um"
             )
         if any(low >= high for low, high in pairwise(self.edges_um)):
             raise ValueError("edges_um: must rise")
         if not any(self.number):
-            raise ValueError("number: holds no droplets")
+            raise ValueError("number: all bins are empty")
         return self
 
 
@@ -77,7 +77,7 @@ _KINDS: dict[str, type[Section]] = {  # by a key that only one of them has
 
 
 def _distribution(value: object) -> str | None:
-    """Which kind of sizes a scene means, by the keys that it gives."""
+    """Name of the distribution that has the given keys."""
     for key, kind in _KINDS.items():
         if isinstance(value, kind) or (isinstance(value, dict) and key in value):
             return kind.__name__

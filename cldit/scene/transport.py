@@ -1,4 +1,4 @@
-"""How the equation of transfer is to be solved."""
+"""Settings of the radiative transfer: method, accuracy and phase function."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cldit.scene.checks import Section, Within
 
 
 class HenyeyGreenstein(Section):
-    """A phase function by its mean cosine."""
+    """Henyey-Greenstein phase function."""
 
     henyey_greenstein: Annotated[float, Within(-0.999, 0.999)]
     """Mean cosine g of the scattering angle."""
@@ -37,32 +37,32 @@ Phase = Annotated[
 
 
 class Transport(Section):
-    """How the equation of transfer is solved."""
+    """Settings of the radiative transfer."""
 
     method: Literal["source", "path", "branching"] = "source"
-    """`source`: sweeps through the cells to a residual; `path`: unbiased paths; `branching`: the
-    paper's."""
+    """`source`: discrete ordinates and final gather, fast; `path`: unbiased Monte Carlo path
+    tracing; `branching`: as in the paper."""
     order: Annotated[int, Within(0, 1000)] | None = None
-    """Scatterings that are followed, beyond them the wall is seen; left out: all."""
+    """Largest number of scatterings; light scattered more often gets the walls' radiance. Default:
+    no limit."""
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 1.0
-    """Wanted error of the picture's apparent temperature, RMS over the pixels that have one, of all
-    causes of the simulation together. With `audit: false`: of the trace alone."""
+    """Tolerance for the error of T_app: RMS over the pixels with a T_app, all error sources of the
+    simulation combined. With `audit: false`, the error of the trace alone."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
-    """Of `path`, and of what `source` gathers, a pixel."""
+    """Largest number of samples per pixel, of method `path` and of the final gather of `source`."""
     phase: Phase | None = None
-    """Left out: isotropic with the preset `paper`, mie with `spectral` (isotropic where droplets
-    are given as coefficients, or the method is `branching`)."""
+    """Phase function of the droplets. Default: isotropic with `optics.preset: paper`; mie with
+    `spectral`, but isotropic for sprays given as coefficients and for method `branching`."""
     gather: bool = True
-    """`source`: light changes within cells; what thick ones scatter is followed, within
-    them and from cell to cell."""
+    """Method `source`: resolve the radiance within optically thick cells by a final gather."""
     audit: bool = True
-    """Trace some pixels by `path` as well, and the medium on larger cells and with half of the
-    parcels, to know the picture's error by cause, and to choose what is left out from it."""
+    """Estimate the error by source, with path tracing of some pixels, larger cells and half of the
+    parcels, and choose the settings that are not given."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
-    """Transmission at which a ray ends."""
+    """Transmission below which a ray ends."""
     directions: Annotated[int, Within(4, 4096)] | None = None
-    """Of the sweeps; left out: chosen from what `accuracy_K` leaves for the trace."""
+    """Number of discrete ordinates. Default: chosen from `accuracy_K`."""
     precision: Literal["auto", "float32", "float64"] = "auto"
-    """`auto`: float32 where it is enough."""
+    """Floating-point precision; `auto`: float32 where it suffices, otherwise float64."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Of `path` and `branching`."""
+    """Random seed of methods `path` and `branching`."""

@@ -1,4 +1,4 @@
-"""Kinds of values that a scene is made of: numbers with a range, points, directions, curves."""
+"""Types of the values of a scene: numbers with a range, points, directions, curves."""
 
 from __future__ import annotations
 
@@ -14,39 +14,27 @@ from cldit.scene.checks import Within
 from cldit.scene.curves import LONGEST_UM, SHORTEST_UM, Curve, check_curve, read_curve
 
 Length = Annotated[float, Within(1e-6, 100.0)]
-
-
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
-
-
 Temperature = Annotated[float, Within(0.0, 5000.0)]
-
-
 Pixels = Annotated[int, Within(1, 16384)]
-
-
 Fraction = Annotated[float, Within(0.0, 1.0)]
-
-
 Angle = Annotated[float, Within(-360.0, 360.0)]
-
-
 Point = tuple[Coordinate, Coordinate, Coordinate]
 
 
 def _direction(value: object) -> object:
-    """`-y` as three numbers; other text is refused."""
+    """Three numbers of a text such as `-y`."""
     if not isinstance(value, str):
         return value
     if len(value) != 2 or value[0] not in "+-" or value[1] not in "xyz":
-        raise ValueError(f"{value!r} is no direction; allowed is -x, +x .. +z, or three numbers")
+        raise ValueError(f"{value!r} is no direction; allowed: -x, +x .. +z, or three numbers")
     sign = 1.0 if value[0] == "+" else -1.0
     return tuple(sign if name == value[1] else 0.0 for name in "xyz")
 
 
 def _not_zero(value: Point) -> Point:
     if math.hypot(*value) < 1e-9:
-        raise ValueError(f"{value} has no length; allowed is -x, +x .. +z, or three numbers")
+        raise ValueError(f"{value} has no length; allowed: -x, +x .. +z, or three numbers")
     return value
 
 
@@ -60,10 +48,10 @@ Direction = Annotated[
 
 
 def time_of(text: str) -> float:
-    """A number in a case's own unit, or in s, ms or us where that stands behind it.
+    """The number in a text, in a case's own unit, or in s if it ends with s, ms or us.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the text is no number.
     """
     unit = next((unit for unit in ("ms", "us", "s") if text.endswith(unit)), "")
     try:
@@ -77,7 +65,7 @@ _SHIFT = {"": 0, "s": 0, "ms": -3, "us": -6}
 
 
 def _case_time(value: object) -> object:
-    """A finite number, with s, ms or us behind it or not; `latest`; `nearest` and a number."""
+    """Checks a finite number, with unit or not, `latest`, or `nearest` and a number."""
     text = str(value).strip()
     if isinstance(value, bool):
         raise ValueError(f"{text} is no time; {_TIMES}")
@@ -93,7 +81,7 @@ def _case_time(value: object) -> object:
     return f"nearest {time!r}" if nearest else time
 
 
-_TIMES = "allowed is a number that the case has, `latest`, or `nearest` and a number"
+_TIMES = "allowed: a time of the case, `latest`, or `nearest` and a number"
 CaseTime = Annotated[
     float | str,
     BeforeValidator(_case_time, json_schema_input_type=Annotated[float, Within(-1e6, 1e6)] | str),
@@ -103,17 +91,14 @@ CaseTime = Annotated[
 Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
 
 
-_CURVE_FORMS = "a list of [wavelength_um, value], or a text file of both"
-
-
 def _in_folder(file: str | Path, info: ValidationInfo) -> Path:
-    """Relative paths start in the folder of the file that holds them."""
+    """Path of a file that is given relative to the scene's folder."""
     folder = (info.context or {}).get("folder")
     return Path(file) if folder is None else (Path(folder) / file).resolve()
 
 
 def _curve(value: object, info: ValidationInfo) -> object:
-    """Reads a curve from its file, and checks one given as pairs; numbers are left alone."""
+    """Reads a curve from a file, or checks one that is given as pairs; returns numbers as given."""
     try:
         if isinstance(value, (str, Path)):
             return read_curve(_in_folder(value, info))
@@ -146,16 +131,16 @@ QuantumEfficiency = Annotated[
 
 
 def _material(value: object, info: ValidationInfo) -> object:
-    """The name of a substance, or the full path of a table that is there.
+    """The name of a substance, or the full path of an existing table.
 
-    Of a finished run (context `finished`) the table may have been moved away since.
+    The table of a finished run (context `finished`) may have been moved since.
     """
     if not (isinstance(value, str) and Path(value).suffix):
         return value
     path = _in_folder(value, info)
     if not path.is_file() and not (info.context or {}).get("finished"):
         raise ValueError(
-            f"{path}: no such file; allowed is the name of a substance, or a table beside the scene"
+            f"{path}: no such file; allowed: the name of a substance, or a table beside the scene"
         )
     return str(path)
 

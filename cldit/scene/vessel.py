@@ -1,4 +1,4 @@
-"""What encloses the spray: the cube that is traced, background, walls, patches and windows."""
+"""The traced cube and the boundary: background, walls, patches and windows."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ PAPER_LEAF_M = 0.5e-3  # paper, Section "Ray Tracing"
 
 
 class Domain(Section):
-    """The cube that is traced, and how finely the octree may divide it."""
+    """The traced cube and the resolution of its octree."""
 
     edge_m: Length = 0.20
-    """Of the cube."""
+    """Edge of the cube."""
     centre_m: Point = (0.0, 0.0, 0.0)
-    """Of the cube; the injector's tip is at the origin."""
+    """Centre of the cube; the injector tip is at the origin."""
     rule: Literal["need", "paper"] = "need"
-    """Cells as the medium needs them, or the paper's: of 0.5 mm wherever droplets are."""
+    """Cell size: `need`, as the medium requires; `paper`, 0.5 mm wherever there are droplets."""
     leaf_edge_m: Annotated[float, Within(1e-6, 100.0)] | None = None
-    """Finest cells, at the most 4096 along an edge; left out: by the rule, and
+    """Upper bound of the finest cells' edge, at least `edge_m` / 4096. Default: by `rule` and
     `transport.accuracy_K`."""
     optical_depth_split: Annotated[float, Within(0.0, 1.0)] = 1e-5
-    """A cell of more optical depth than this is divided."""
+    """Optical depth of vapour above which a cell is divided."""
 
     @property
     def leaf_m(self) -> float:
-        """`leaf_edge_m`, or where that is left out the paper's 0.5 mm."""
+        """`leaf_edge_m`, or the paper's 0.5 mm if it is not given."""
         if self.leaf_edge_m is not None:
             return self.leaf_edge_m
         return PAPER_LEAF_M if self.rule == "paper" else max(PAPER_LEAF_M, self.edge_m / FINEST)
@@ -51,26 +51,26 @@ class Domain(Section):
 
 
 class Background(Section):
-    """What is before the camera behind the spray: a disc that faces it, or all of the enclosure."""
+    """The black body behind the spray: a disc that faces the camera, or the whole enclosure."""
 
     shape: Literal["disc", "enclosure"] = "disc"
-    """A disc that faces the camera, or all of the enclosure."""
+    """`disc`: a disc that faces the camera; `enclosure`: everything around the domain."""
     radius_m: Length = 0.05
-    """Of the disc."""
+    """Radius of the disc."""
     centre_m: Point | None = None
-    """Of the disc; the middle of the domain's face on +y where left out."""
+    """Centre of the disc. Default: centre of the domain's +y face."""
     temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
-    """One set of shots before each, 1 to 1000."""
+    """Temperatures of the black body, 1 to 1000, each with its own set of shots."""
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
-    """What is left reflects its surroundings."""
+    """Emissivity of the black body; the rest of its radiance is reflected from its surroundings."""
     surroundings_K: Temperature | None = None
-    """What it reflects; the walls' temperature where left out."""
+    """Temperature of the surroundings that it reflects. Default: that of the walls."""
 
     @field_validator("temperatures_K")
     @classmethod
     def _two(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
         if not 1 <= len(temperatures) <= 1000:
-            raise ValueError(f"{len(temperatures)} temperatures, allowed is 1..1000")
+            raise ValueError(f"{len(temperatures)} temperatures; allowed: 1..1000")
         return temperatures
 
 
@@ -78,33 +78,32 @@ class Walls(Section):
     """The rest of the enclosure, a black body at one temperature."""
 
     temperature_K: Temperature = 300.0
-    """Of the black walls."""
+    """Temperature of the walls."""
 
 
 class Patch(Section):
-    """A plane piece of the enclosure with a temperature and a weight of its own, by its name.
+    """A plane part of the enclosure with its own temperature and weight, such as a heated flange.
 
-    A window through which the laboratory is seen, a heated flange. `facing` is where its front
-    looks; from behind it is not seen. Of patches and background disc, a line sees the nearest; of
-    those in one plane the background first, then the patch that is named first.
+    A patch is visible from its front only. Where several lie on a line of sight, the nearest
+    counts; in the same plane the background disc is first, then patches in the order given.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
-    """Of its weight, weights/NAME.tif."""
+    """Name of the patch and of its weight, weights/NAME.tif."""
     shape: Literal["disc", "rectangle"] = "disc"
-    """Of the piece."""
+    """Shape of the patch."""
     centre_m: Point
-    """Its middle."""
+    """Centre of the patch."""
     facing: Direction
-    """Where its front looks, `-y` or three numbers."""
+    """Normal of its front side: `-y` or three numbers."""
     radius_m: Length | None = None
-    """Of a disc."""
+    """Radius of a disc."""
     size_m: tuple[Length, Length] | None = None
-    """Of a rectangle: width, and height along z."""
+    """Width, and height along z, of a rectangle."""
     temperature_K: Temperature
-    """Of its surface."""
+    """Temperature of its surface."""
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
-    """What is left reflects the walls."""
+    """Emissivity of its surface; the rest of its radiance is reflected from the walls."""
 
     @model_validator(mode="after")
     def _fits(self) -> Patch:
@@ -121,11 +120,11 @@ def _names_differ(patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
     for name, count in Counter([*_TAKEN, *(patch.name for patch in patches)]).items():
         if count > 1:
             raise ValueError(
-                f"the name {name} is there more than once; allowed are names that differ, and none "
-                f"of {', '.join(_TAKEN)}"
+                f"the name {name} is used more than once; allowed: names that differ, and none of "
+                f"{', '.join(_TAKEN)}"
             )
     if len(patches) > 16:
-        raise ValueError(f"{len(patches)} patches, allowed is 0..16")
+        raise ValueError(f"{len(patches)} patches; allowed: 0..16")
     return patches
 
 
@@ -133,30 +132,31 @@ Patches = Annotated[tuple[Patch, ...], AfterValidator(_names_differ)]
 
 
 class Window(Section):
-    """A plane window that fills what the camera sees (front) or the background (rear).
+    """A plane window across the whole field of view (front) or the whole background (rear).
 
-    Uncoated of a known material, or as its table says.
+    It is an uncoated plate of a known material, or described by two measured curves.
     """
 
     side: Literal["front", "rear"]
-    """Before the camera, or before the background."""
+    """`front`: between camera and spray; `rear`: between spray and background."""
     material: Literal["CaF2", "sapphire"] | None = None
-    """Says transmission and emission over the wavelength; or give both curves."""
+    """Material of an uncoated plate; alternatively give `transmission` and `reflection`."""
     transmission: WindowCurve | None = None
-    """Measured, of the whole plate, coatings included: pairs of um and share, or a file of both."""
+    """Measured transmission of the plate with its coatings: pairs of wavelength (um) and value, or
+    a file of pairs."""
     reflection: WindowCurve | None = None
-    """The same of what the plate reflects; the rest it absorbs and emits."""
+    """Measured reflection, likewise; the plate absorbs and emits the remainder."""
     thickness_m: Annotated[float, Within(1e-5, 0.2)] = 0.01
-    """Of the plate."""
+    """Thickness of the plate."""
     temperature_K: Temperature = 300.0
-    """Of the plate."""
+    """Temperature of the plate."""
 
     @model_validator(mode="after")
     def _material_or_table(self) -> Self:
         curves = [one for one in (self.transmission, self.reflection) if one is not None]
         if len(curves) != (0 if self.material else 2):
             raise ValueError(
-                f"{self.side} window: material or curves; allowed is a material, or both "
+                f"{self.side} window: material or curves; allowed: a material, or both "
                 "transmission and reflection"
             )
         if curves:
@@ -168,16 +168,16 @@ class Window(Section):
             if np.max(both) > 1.0 + 1e-6:
                 raise ValueError(
                     f"{self.side} window: transmission and reflection add up to "
-                    f"{np.max(both):.3f}; allowed is 1 at most"
+                    f"{np.max(both):.3f}; allowed: 1 at most"
                 )
         return self
 
 
 def one_window_a_side(windows: tuple[Window, ...]) -> tuple[Window, ...]:
-    """Raises ValueError where a side has two windows."""
+    """Returns the windows; raises ValueError if a side has two."""
     sides = [window.side for window in windows]
     if len(set(sides)) < len(sides):
-        raise ValueError(f"sides {', '.join(sides)}; allowed are one front and one rear window")
+        raise ValueError(f"sides {', '.join(sides)}; allowed: one front and one rear window")
     return windows
 
 

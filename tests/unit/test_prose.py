@@ -107,7 +107,7 @@ LEFT: dict[str, int] = {
     "radiance": 4,
     "rig": 46,
     "run": 31,
-    "scene": 89,
+    "scene": 0,
     "show": 160,
     "spray": 56,
     "study": 64,

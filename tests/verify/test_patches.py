@@ -231,13 +231,13 @@ def test_a_patch_in_the_spray_is_refused(run_block: Callable[..., Run]) -> None:
 @pytest.mark.parametrize(
     ("patches", "message"),
     [
-        ([window("wall")], "the name wall is there more than once"),
-        ([window(), window()], "the name window is there more than once"),
+        ([window("wall")], "the name wall is used more than once"),
+        ([window(), window()], "the name window is used more than once"),
         ([window("Big one")], r"patches\[0\]\.name"),
         ([window(radius_m=None)], "disc takes radius_m, and no size_m"),
         ([window(shape="rectangle")], "rectangle takes size_m, and no radius_m"),
         ([window(facing=[0, 0, 0])], "has no length"),
-        ([window(f"w{n}") for n in range(17)], "17 patches, allowed is 0..16"),
+        ([window(f"w{n}") for n in range(17)], "17 patches; allowed: 0..16"),
     ],
 )
 def test_what_is_not_allowed(patches: list[dict[str, Any]], message: str) -> None:

@@ -64,7 +64,7 @@ def test_a_spray_without_a_time_is_refused() -> None:
     scene = parse_scene(
         {"name": "a", "spray": {"model": "none"}, "plan": {"delays_s": [1e-3, 2e-3]}}
     )
-    with pytest.raises(SceneError, match=r"spray\.model none has one time only"):
+    with pytest.raises(SceneError, match=r"spray\.model none has no time"):
         scene_at(scene, 1e-3)
     later = scene_at(parse_scene({"name": "a", "spray": {"model": "cone"}}), 2e-3).spray
     assert getattr(later, "time_s", None) == 2e-3

@@ -189,7 +189,7 @@ def test_a_table_that_is_not_there_is_refused_when_the_scene_is_read(
     key: str, tmp_path: Path
 ) -> None:
     data = {"name": "mine", "spray": {"model": "none"}, "optics": {key: "mine/nowhere.csv"}}
-    message = rf"optics\.{key}: .*{tmp_path.name}/mine/nowhere\.csv: no such file; allowed is"
+    message = rf"optics\.{key}: .*{tmp_path.name}/mine/nowhere\.csv: no such file; allowed: "
     with pytest.raises(SceneError, match=message):
         parse_scene(data, folder=tmp_path)
     # A run that is done can be read without it.

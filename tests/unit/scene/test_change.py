@@ -50,7 +50,7 @@ def test_sections_are_made_and_lists_counted() -> None:
     assert changed(data, {"list[-1].a": 2})["list"] == [{"a": 2}]
     assert data == {"name": "x", "list": [{"a": 1}]}
     for path, words in (
-        ("list[1].a", "item [1] of 1; allowed is 0..0"),
+        ("list[1].a", "item [1] of 1; allowed: 0..0"),
         ("name.a", "has no keys"),
         ("name[0]", "is no list"),
         ("a..b", "is no key"),
