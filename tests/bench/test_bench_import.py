@@ -13,6 +13,7 @@ def _quiet(_: str) -> None:
     pass
 
 
+@pytest.mark.slow
 def test_every_case_is_measured() -> None:
     """So small that only the bookkeeping counts."""
     small = tuple(Large(case.label, case.write, 4, min(case.parcels, 20)) for case in CASES)

@@ -57,6 +57,7 @@ def test_what_is_compiled_in_by_force_changes_nothing(case: Case) -> None:
     assert np.abs(many[1] - few[1]).max() <= 2  # a ray along an edge may graze a cell
 
 
+@pytest.mark.slow
 def test_floor_is_below_what_kernels_take(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """A copy within the cache is quicker than memory: the floor lies lower still."""
     monkeypatch.setattr("tests.bench.roofline._COPY_BYTES", 8 * 2**20)

@@ -40,7 +40,8 @@ def blocks(device: Device, tmp_path: Path) -> Blocks:
     return Blocks(device, tmp_path, tmp_path / "cache")
 
 
-@pytest.mark.parametrize("long", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("long", [False, True])
 def test_bounds_hold(device: Device, long: bool) -> None:
     chosen = [case for case in cases(few=True) if long or case.name not in LONG]
     assert long or len(chosen) == len(cases(few=True)) - len(LONG)
@@ -208,10 +209,8 @@ def test_one_thick_layer_has_a_row_of_its_own() -> None:
     assert [row[2] for row in slab_table(made).rows] == ["", "1"]
 
 
-@pytest.mark.parametrize(
-    "slab",
-    [slabs(few=True)[0], *(pytest.param(s, marks=pytest.mark.slow) for s in slabs(few=True)[1:])],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("slab", slabs(few=True))
 def test_slab_holds(blocks: Blocks, slab: Slab) -> None:
     (outcome,) = bench_slabs(blocks, [slab])
     assert outcome.message == ""

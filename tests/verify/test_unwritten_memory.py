@@ -102,14 +102,21 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("tables")
 
 
-# A GPU's code differs within a trace. From wavelength to wavelength both keep the same buffers.
-SLOW = {(name, "gpu") for name in CASES if "wavelengths" in name}
+# In the first tier each method, each kind of device, both sorts of phase function, and wavelengths.
+QUICK = {
+    ("source", "cpu"),
+    ("source, few directions", "cpu"),
+    ("source, Mie", "gpu"),
+    ("source, wavelengths", "cpu"),
+    ("path, Mie", "cpu"),
+    ("branching", "gpu"),
+}
 
 
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        pytest.param(name, kind, marks=[pytest.mark.slow] if (name, kind) in SLOW else [])
+        pytest.param(name, kind, marks=[] if (name, kind) in QUICK else [pytest.mark.slow])
         for name in CASES
         for kind in ("cpu", "gpu")
     ],
