@@ -84,6 +84,11 @@ class CfdCase:
     remarks: tuple[str, ...] = ()
 
 
+def triple(vector: Floats) -> str:
+    """Text of three numbers (3,); what rounding leaves of zero becomes zero."""
+    return "(" + ", ".join(f"{0.0 if abs(part) < 1e-12 else part:.4g}" for part in vector) + ")"
+
+
 def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
     """Returns the only one of `claimants` to be `what` ("the mesh of step 10"), or raises."""
     known = sorted(set(claimants))

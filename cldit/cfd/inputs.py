@@ -17,6 +17,11 @@ def regular(path: Path) -> Path:
     return path
 
 
+def missing(path: Path, package: str) -> SprayError:
+    """Error for a package of the extra `cfd` that is not installed."""
+    return SprayError(f'{path}: needs {package}; install it with: pip install "cldit[cfd]"')
+
+
 def text_of(path: Path) -> str:
     """Reads a file of text in UTF-8."""
     try:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud
+from cldit.cfd.case import CfdCase, Cloud, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
@@ -62,14 +62,8 @@ def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
 
 
 def _unknown(case: CfdCase, why: str) -> SprayError:
-    return SprayError(
-        f"{case.source}: nozzle and axis of the injection cannot be inferred ({why}); "
-        "set spray.nozzle_m and spray.axis"
-    )
-
-
-def _text(vector: Floats) -> str:
-    return "(" + ", ".join(f"{0.0 if abs(part) < 1e-12 else part:.4g}" for part in vector) + ")"
+    what = f"nozzle and axis of the injection cannot be inferred ({why})"
+    return SprayError(f"{case.source}: {what}; set spray.nozzle_m and spray.axis")
 
 
 def _axis(case: CfdCase, remarks: list[str]) -> Floats:
@@ -78,8 +72,8 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
         mean = np.mean(units, axis=0)
         if np.linalg.norm(mean) < 0.1:
             raise _unknown(case, f"the injectors of {case.injectors[0].source} oppose each other")
-        axis = _snapped(mean, 0.1)  # takes off the rounding of a ring of holes, no more
-        remarks.append(f"Injection axis {_text(axis)}, from {case.injectors[0].source}.")
+        axis = _snapped(mean, 0.1)  # removes the rounding of a ring of holes
+        remarks.append(f"Injection axis {triple(axis)}, from {case.injectors[0].source}.")
         return axis
     cloud = _cloud_or_fail(case)
     velocity = cloud.fields.get("U")
@@ -93,7 +87,7 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
     if not np.linalg.norm(mean) > 0.2 * np.linalg.norm(momentum, axis=1).sum():
         raise _unknown(case, f"the parcels of {velocity.label} have no common direction")
     axis = _snapped(mean, _SNAP_DEG)
-    remarks.append(f"Injection axis {_text(axis)}, from the mean velocity in {velocity.label}.")
+    remarks.append(f"Injection axis {triple(axis)}, from the mean velocity in {velocity.label}.")
     return axis
 
 
@@ -103,7 +97,7 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
         nozzle = positions.mean(axis=0)
         if np.linalg.norm(positions - nozzle, axis=1).max() > _ONE_NOZZLE_M:
             raise _unknown(case, f"{case.injectors[0].source} has injectors in several places")
-        remarks.append(f"Nozzle at {_text(nozzle)} m, from {case.injectors[0].source}.")
+        remarks.append(f"Nozzle at {triple(nozzle)} m, from {case.injectors[0].source}.")
         return np.asarray(nozzle), 0.0
     cloud = _cloud_or_fail(case)
     if "U" not in cloud.fields or "age" not in cloud.fields:
@@ -115,9 +109,8 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
     if not np.all(np.isfinite(nozzle)):
         raise SprayError(f"{cloud.position_m.label}: the nozzle inferred from it is not finite")
     remarks.append(
-        f"Nozzle at {_text(nozzle)} m +- {error_m * 1e3:.2g} mm, from the paths of the youngest "
-        f"parcels in {cloud.position_m.label}, extrapolated to age zero; spray.nozzle_m sets it "
-        "exactly."
+        f"Nozzle at {triple(nozzle)} m +- {error_m * 1e3:.2g} mm, from the paths of the youngest "
+        f"parcels in {cloud.position_m.label}, extrapolated to age zero (or set spray.nozzle_m)."
     )
     return np.asarray(nozzle), error_m
 
@@ -164,14 +157,14 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
     if away(nozzle) <= size:
         return
     meant = [
-        f"{_text(nozzle * factor)} m if {unit} were meant"
+        f"{triple(nozzle * factor)} m if {unit} were meant"
         for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))
         if away(nozzle * factor) <= size
     ]
     hint = f": {', '.join(meant)}" if meant else ""
     raise SprayError(
-        f"spray.nozzle_m: {_text(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
-        f"{_text(low)} to {_text(high)} m; coordinates are metres{hint}"
+        f"spray.nozzle_m: {triple(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
+        f"{triple(low)} to {triple(high)} m; coordinates are metres{hint}"
     )
 
 
@@ -183,7 +176,7 @@ def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
         depth = -parcels.position_m[:, 2]
         raise SprayError(
             f"{spec.file}: {100 * share:.3g} % of the liquid is upstream of the nozzle "
-            f"{_text(frame.nozzle_m)} m by the axis {_text(frame.axis)} (parcels lie "
+            f"{triple(frame.nozzle_m)} m by the axis {triple(frame.axis)} (parcels lie "
             f"{depth.min():.4g} to {depth.max():.4g} m along it); set spray.nozzle_m and spray.axis"
         )
 
@@ -205,7 +198,7 @@ def _snapped(vector: Floats, within_deg: float) -> Floats:
     return axis
 
 
-_EXACT_m = 1e-4  # a nozzle that is known so well is taken without a look at further times
+_EXACT_m = 1e-4  # error of a nozzle that needs no look at further times
 _TRIED = (1.0, 0.5, 0.25, 0.75, 0.0)  # places in the row of times, in this order
 
 

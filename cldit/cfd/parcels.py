@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import Cloud, Column
+from cldit.cfd.case import Cloud, Column, triple
 from cldit.errors import SprayError
 from cldit.spray.result import Floats, Parcels
 
@@ -44,45 +45,38 @@ def check_parcels(
     """
     count = len(cloud.position_m.values)
     wrong: list[tuple[Mask, str]] = []
-    for name, (low, high, hint) in _LIMITS.items():
+    for name, (least, most, hint) in _LIMITS.items():
         column = cloud.fields[name]
-        outside = _outside(column, low, high)
+        if column.values.ndim != 1:
+            shape = column.values.shape
+            raise SprayError(f"{column.label}: shape {shape}, expected one number an entry")
+        outside = ~((column.values >= least) & (column.values <= most))  # true for NaN as well
         if outside.any():
             bad = int(np.argmax(outside))
-            value = f"{column.values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}"
+            value = f"{column.values[bad]:g} (entry {bad}) is outside {least:g}..{most:g}"
             wrong.append((outside, f"{column.label}: {value}; {hint}"))
     position = cloud.position_m
     slack = 1e-5 * float((upper_m - lower_m).max())  # float32 in either file
-    away = ~np.all(
-        (position.values >= lower_m - slack) & (position.values <= upper_m + slack), axis=1
-    )
+    low, high = position.values >= lower_m - slack, position.values <= upper_m + slack
+    away = ~np.all(low & high, axis=1)
     if away.any():
         bad = int(np.argmax(away))
-        wrong.append(
-            (
-                away,
-                f"{position.label}: parcel {bad} at {_text(position.values[bad])} m is outside the "
-                f"mesh, {_text(lower_m)} to {_text(upper_m)} m",
-            )
-        )
+        box = f"{triple(lower_m)} to {triple(upper_m)} m"
+        place = f"parcel {bad} at {triple(position.values[bad])} m"
+        wrong.append((away, f"{position.label}: {place} is outside the mesh, {box}"))
     kept = np.ones(count, dtype=bool)
     for mask, _ in wrong:
         kept &= ~mask
     lost = int(np.sum(~kept))
     if lost > share * count or _mass_share(cloud, away, wrong) > share:
         what = f"{lost} of {count} parcels are impossible or outside"
-        raise SprayError(
-            f"{wrong[0][1]} ({what}; up to {100 * share:g} % may be omitted: "
-            "spray.parcels_left_out)"
-        )
-    remarks = tuple(
-        f"Omitted {int(mask.sum())} of {count} parcels: {text}." for mask, text in wrong
-    )
+        limit = f"up to {100 * share:g} % may be omitted: spray.parcels_left_out"
+        raise SprayError(f"{wrong[0][1]} ({what}; {limit})")
+    remarks = tuple(f"Omitted {int(mask.sum())} of {count} parcels: {why}." for mask, why in wrong)
     every = (position, *(cloud.fields[name] for name in _LIMITS))
     place, *others = (np.asarray(each.values[kept], np.float64) for each in every)
     size, droplets, temperature, density = others
-    parcels = Parcels(place, size, droplets, temperature, density)
-    return CheckedParcels(parcels, kept, remarks)
+    return CheckedParcels(Parcels(place, size, droplets, temperature, density), kept, remarks)
 
 
 def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> float:
@@ -129,18 +123,6 @@ def only(cloud: Cloud, kept: Mask) -> Cloud:
     return Cloud(cloud.name, part(cloud.position_m), fields)
 
 
-def _outside(column: Column, low: float, high: float) -> Mask:
-    if column.values.ndim != 1:
-        raise SprayError(
-            f"{column.label}: shape {column.values.shape}, expected one number an entry"
-        )
-    return ~((column.values >= low) & (column.values <= high))  # true for NaN as well
-
-
-def _text(vector: Floats) -> str:
-    return "(" + ", ".join(f"{part:.4g}" for part in vector) + ")"
-
-
 def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:
     """Shares the droplets of every parcel evenly among `points` places in a ball of `radius_m`.
 
@@ -154,10 +136,13 @@ def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int)
     way *= radius_m * np.cbrt(random.uniform(size=(count, points // 2, 1)))
     middle = np.zeros((count, points % 2, 3))
     shift = np.concatenate([way, -way, middle], axis=1)
-    return Parcels(
-        (parcels.position_m[:, None] + shift).reshape(-1, 3),
-        np.repeat(parcels.diameter_m, points),
-        np.repeat(parcels.droplets / points, points),
-        np.repeat(parcels.temperature_K, points),
-        np.repeat(parcels.density_kg_m3, points),
-    )
+    places = (parcels.position_m[:, None] + shift).reshape(-1, 3)
+    return copied(replace(parcels, droplets=parcels.droplets / points), places, np.repeat)
+
+
+def copied(parcels: Parcels, position_m: Floats, copy: Callable[[Floats, int], Floats]) -> Parcels:
+    """Copies of parcels at other places (N, 3), by np.repeat (in a row) or np.tile (in turn)."""
+    many = len(position_m) // max(len(parcels.diameter_m), 1)
+    size, droplets = copy(parcels.diameter_m, many), copy(parcels.droplets, many)
+    temperature, density = copy(parcels.temperature_K, many), copy(parcels.density_kg_m3, many)
+    return Parcels(position_m, size, droplets, temperature, density)

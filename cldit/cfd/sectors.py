@@ -8,9 +8,10 @@ from itertools import product
 
 import numpy as np
 
-from cldit.cfd.case import Boundary, CfdCase
+from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.orientation import Frame
+from cldit.cfd.parcels import copied
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
 from cldit.spray.result import Floats, Parcels
@@ -34,6 +35,9 @@ class Copy:
         return origin, frame.rotation @ self.turn
 
 
+_ITSELF = Copy(np.eye(3), np.zeros(3))
+
+
 def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
     """Copies that make the case whole, itself first, and remarks on them.
 
@@ -46,7 +50,7 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     if spec.symmetry is not None:
         return _mirrored(spec.symmetry, case, frame)
     _refuse_part(case, frame)
-    return (_itself(),), ()
+    return (_ITSELF,), ()
 
 
 def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
@@ -55,18 +59,7 @@ def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> 
     for copy in every:
         origin, rotation = copy.into(frame)
         places.append((parcels.position_m - origin) @ rotation.T)
-    many = len(every)
-    return Parcels(
-        np.concatenate(places),
-        np.tile(parcels.diameter_m, many),
-        np.tile(parcels.droplets, many),
-        np.tile(parcels.temperature_K, many),
-        np.tile(parcels.density_kg_m3, many),
-    )
-
-
-def _itself() -> Copy:
-    return Copy(np.eye(3), np.zeros(3))
+    return copied(parcels, np.concatenate(places), np.tile)
 
 
 def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
@@ -75,74 +68,71 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     axis = axis / np.linalg.norm(axis)
     many = round(360.0 / sector.angle_deg)
     if many == 1:
-        return (_itself(),), ()
+        return (_ITSELF,), ()
     span, _ = azimuth_span(case.mesh.points, centre, axis)
     if abs(span - sector.angle_deg) > _ANGLE_DEG:
         raise SprayError(
-            f"{case.mesh.source}: spans {span:.4g} degrees about {_text(axis)} through "
-            f"{_text(centre)} m, not the {sector.angle_deg:g} of spray.sector.angle_deg; set its "
-            "centre_m and axis where they are not the nozzle and the injection's"
+            f"{case.mesh.source}: spans {span:.4g} degrees about {triple(axis)} through "
+            f"{triple(centre)} m, not the {sector.angle_deg:g} of spray.sector.angle_deg; set its "
+            "centre_m and axis if they are not the nozzle and the injection's"
         )
-    every = tuple(_turn(axis, centre, 2 * np.pi * n / many) for n in range(many))
-    what = f"A sector of {sector.angle_deg:g} degrees, made whole by {many} turns"
-    return every, (f"{what}: masses times {many}.",)
-
-
-def _turn(axis: Floats, centre: Floats, angle: float) -> Copy:
-    """Rotation about an axis through `centre` (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-    return Copy(turn, centre - turn.T @ centre)
+    every = []
+    for angle in (2 * np.pi * n / many for n in range(many)):  # Rodrigues
+        turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+        every.append(Copy(turn, centre - turn.T @ centre))
+    what = f"A sector of {sector.angle_deg:g} degrees, completed by {many} rotations"
+    return tuple(every), (f"{what}: masses times {many}.",)
 
 
 def _mirrored(
     normals: Sequence[str], case: CfdCase, frame: Frame
 ) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
     if not normals:
-        return (_itself(),), ()
+        return (_ITSELF,), ()
     low, high = case.mesh.extent_m
-    for name in set(normals):
-        place = "xyz".index(name)
-        before, behind = frame.nozzle_m[place] - low[place], high[place] - frame.nozzle_m[place]
-        if min(before, behind) > _NEAR_AXIS * float((high - low).max()):
+    names = sorted(set(normals))
+    axes = ["xyz".index(name) for name in names]
+    for name, at in zip(names, axes, strict=True):
+        place = frame.nozzle_m[at]
+        if min(place - low[at], high[at] - place) > _NEAR_AXIS * float((high - low).max()):
+            plane = f"the plane {name} = {place:g} m through the nozzle (spray.symmetry)"
             raise SprayError(
-                f"{case.mesh.source}: lies on both sides of the plane {name} = "
-                f"{frame.nozzle_m['xyz'.index(name)]:g} m through the nozzle (spray.symmetry); "
-                "allowed: planes that bound the mesh"
+                f"{case.mesh.source}: is on both sides of {plane}; allowed: planes that bound it"
             )
     every = []
-    for signs in product((1.0, -1.0), repeat=len(set(normals))):
+    for signs in product((1.0, -1.0), repeat=len(axes)):
         turn = np.eye(3)
-        for name, sign in zip(sorted(set(normals)), signs, strict=True):
-            turn["xyz".index(name), "xyz".index(name)] = sign
+        turn[axes, axes] = signs
         every.append(Copy(turn, frame.nozzle_m - turn.T @ frame.nozzle_m))
-    many = len(every)
-    planes = " and ".join(sorted(set(normals)))
-    return tuple(every), (f"Mirrored in {planes} at the nozzle: masses times {many}.",)
+    said = f"Mirrored in {' and '.join(names)} at the nozzle: masses times {len(every)}."
+    return tuple(every), (said,)
 
 
 def _refuse_part(case: CfdCase, frame: Frame) -> None:
     """Refuses a partial case, recognised by its patches or its geometry; name what completes it."""
-    kinds = {kind: [b for b in case.boundaries if b.kind == kind] for kind in _EVERY}
-    if empty := kinds["empty"]:
-        raise SprayError(
-            f"{case.source}: the patch {empty[0].name!r} is empty: the case is flat, not a spray "
-            "in space; run it in three dimensions, or as a wedge"
-        )
+    for patch in case.boundaries:
+        if patch.kind == "empty":
+            raise SprayError(
+                f"{case.source}: the patch {patch.name!r} is empty: the case is flat, not a spray "
+                "in space; run it in three dimensions, or as a wedge"
+            )
     for kind in ("wedge", "cyclic", "cyclicAMI"):
-        pair = kinds[kind]
+        pair = [patch for patch in case.boundaries if patch.kind == kind]
         angle, axis = _between(pair)
         if not pair or (kind != "wedge" and not angle):
-            continue  # cyclic sides that are parallel make an endless box, no sector
-        what = f"of {angle:.4g} degrees about {_text(axis)}" if angle else "of a turn"
+            continue  # parallel cyclic sides bound an endless box, not a sector
+        what = f"of {angle:.4g} degrees about {triple(axis)}" if angle else "of a turn"
         raise SprayError(
             f"{case.source}: the patches {', '.join(repr(b.name) for b in pair)} are {kind}: the "
             f"mesh is a sector {what}, not the whole spray; {_way(angle)}"
         )
     low, high = case.mesh.extent_m
     width = float((high - low).max())
-    for patch in (*kinds["symmetry"], *kinds["symmetryPlane"]):
+    for patch in case.boundaries:
+        if patch.kind not in ("symmetry", "symmetryPlane"):
+            continue
         through = abs(float((frame.nozzle_m - patch.place_m) @ patch.normal)) < _NEAR_AXIS * width
         along = abs(float(frame.axis @ patch.normal)) < 1e-3
         if patch.normal.any() and through and along:
@@ -154,13 +144,10 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
     if span < _PART_DEG and planes:
         raise SprayError(
             f"{case.mesh.source}: spans {span:.4g} of 360 degrees about the injection's axis, "
-            f"{_text(frame.axis)} through {_text(frame.nozzle_m)} m, between planes through it: it "
+            f"{triple(frame.axis)} through {triple(frame.nozzle_m)} m, between planes through it: it "
             f"seems to be a part of the spray; {_way(span)}, spray.symmetry: [x] (the normals of "
             "the planes) mirrors it"
         )
-
-
-_EVERY = ("empty", "wedge", "cyclic", "cyclicAMI", "symmetry", "symmetryPlane")
 
 
 def _between(pair: Sequence[Boundary]) -> tuple[float, Floats]:
@@ -177,24 +164,15 @@ def _between(pair: Sequence[Boundary]) -> tuple[float, Floats]:
 
 def _way(angle: float) -> str:
     shown = f"{angle:.4g}" if angle else "DEGREES"
-    return (
-        f"spray.sector: {{angle_deg: {shown}}} completes it (`--sector {shown}`), 360 takes it as "
-        "it is"
-    )
+    return f"spray.sector: {{angle_deg: {shown}}} completes it (`--sector {shown}`), 360 keeps it"
 
 
 def _plane_way(normal: Floats) -> str:
     name = "xyz"[int(np.argmax(np.abs(normal)))]
     if np.abs(normal).max() < 1.0 - 1e-6:
-        return "its plane is oblique: export the whole, or spray.symmetry: [] takes it as it is"
-    return (
-        f"spray.symmetry: [{name}] completes it (`--symmetry {name}`; several as [x, y]), [] takes "
-        "it as it is (`--symmetry none`)"
-    )
-
-
-def _text(vector: Floats) -> str:
-    return "(" + ", ".join(f"{0.0 if abs(part) < 1e-12 else part:.4g}" for part in vector) + ")"
+        return "its plane is oblique: export the whole, or spray.symmetry: [] keeps it as it is"
+    way = f"spray.symmetry: [{name}] completes it (`--symmetry {name}`; several as [x, y])"
+    return f"{way}, [] keeps it as it is (`--symmetry none`)"
 
 
 _NEAR_AXIS = 1e-3  # share of the mesh's width; azimuths of points nearer to the axis mean little

@@ -106,12 +106,12 @@ def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
         raise SprayError(
             f"{source.name}: cells need position, and either size or volume, in the mapping file"
         )
-    position = source.vector(wanted.position, "length", "cells.position")
+    position = source.vector(wanted.position, "cells.position")
     if wanted.size is not None:
-        size = source.vector(wanted.size, "length", "cells.size")
+        size = source.vector(wanted.size, "cells.size")
     else:
         assert wanted.volume is not None
-        volume = source.scalar(wanted.volume, "volume", "cells.volume")
+        volume = source.scalar(wanted.volume, "cells.volume")
         size = Column(volume.label, np.cbrt(volume.values)[:, None].repeat(3, axis=1))
     good = np.all((size.values > 0.0) & np.isfinite(size.values), axis=1)
     if not good.all():
@@ -129,7 +129,7 @@ def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
         raise SprayError(f"{path}: parcels.file and parcels.position are both needed")
     file = path.parent / wanted.file
     source = load_table(file, wanted)
-    position = source.vector(wanted.position, "length", "parcels.position")
+    position = source.vector(wanted.position, "parcels.position")
     return complete_cloud("parcels", str(file), position, cloud_columns(source, wanted))
 
 

@@ -91,8 +91,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     gas = _gas(spec, case)
     checked = None
     if case.cloud is not None:
-        lower, upper = case.mesh.extent_m
-        checked = check_parcels(case.cloud, lower, upper, share=spec.parcels_left_out)
+        checked = check_parcels(case.cloud, *case.mesh.extent_m, share=spec.parcels_left_out)
         case = replace(case, cloud=only(case.cloud, checked.kept))
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
@@ -126,13 +125,8 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         *frame.remarks,
         *completed,
     )
-    return Spray(
-        parcels=parcels,
-        vapour=some,
-        notes=notes,
-        remarks=remarks,
-        files=files_read(case.files),
-    )
+    files = files_read(case.files)
+    return Spray(parcels=parcels, vapour=some, notes=notes, remarks=remarks, files=files)
 
 
 _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORECASE)
@@ -151,10 +145,8 @@ def _check_size(case: CfdCase) -> None:
     lower, upper = case.mesh.extent_m
     extent = float((upper - lower).max())
     if extent > _LARGEST_M:
-        raise SprayError(
-            f"{case.mesh.source}: the mesh is {extent:g} m wide; allowed: up to {_LARGEST_M:g} m "
-            "(coordinates must be in metres)"
-        )
+        limit = f"up to {_LARGEST_M:g} m (coordinates must be in metres)"
+        raise SprayError(f"{case.mesh.source}: the mesh is {extent:g} m wide; allowed: {limit}")
 
 
 def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
@@ -166,10 +158,8 @@ def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
         inside = (values >= low) & (values <= high)
         if not inside.all():
             bad = int(np.argmin(inside))
-            raise SprayError(
-                f"{column.label}: {values[bad]:g} (entry {bad}) is outside {low:g}..{high:g}; "
-                f"{hint}"
-            )
+            value = f"{values[bad]:g} (entry {bad})"
+            raise SprayError(f"{column.label}: {value} is outside {low:g}..{high:g}; {hint}")
     return values
 
 
@@ -181,16 +171,12 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
             raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
     for column in case.gas.values():
         if len(column.values) != case.mesh.cells:
-            raise SprayError(
-                f"{column.label}: {len(column.values)} values for {case.mesh.cells} cells"
-            )
+            count = len(column.values)
+            raise SprayError(f"{column.label}: {count} values for {case.mesh.cells} cells")
     temperature = _within(case.gas["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
-    fraction = _within(
-        case.gas[spec.fuel_field],
-        low=-_OVERSHOOT,
-        high=1.0 + _OVERSHOOT,
-        hint="it must be the mass fraction of the fuel's vapour (spray.fuel_field)",
-    ).astype(np.float64)
+    fuel, hint = case.gas[spec.fuel_field], "it must be the mass fraction of the fuel's vapour"
+    hint = f"{hint} (spray.fuel_field)"
+    fraction = _within(fuel, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint).astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
     if "p" in case.gas:
@@ -203,9 +189,8 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
             ratio = float(np.median(density / ideal))
             if not 1.0 / _IDEAL < ratio < _IDEAL:
                 raise SprayError(
-                    f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at "
-                    f"T and p of the case ({case.gas['p'].label}); one of them has another unit "
-                    "than kg/m3, K, Pa"
+                    f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at T "
+                    f"and p ({case.gas['p'].label}); one of them is not in kg/m3, K, Pa"
                 )
     elif pressure is not None:
         density = ideal
@@ -216,12 +201,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
 
 
 def _vapour(
-    spec: CfdSpray,
-    case: CfdCase,
-    gas: _Gas,
-    frame: Frame,
-    every: Sequence[Copy],
-    watch: Watch,
+    spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, every: Sequence[Copy], watch: Watch
 ) -> tuple[Vapour, float]:
     """Vapour in cldit's frame, and its penetration along the axis in metres (NaN if none).
 

@@ -13,7 +13,7 @@ from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import read_geometry
 from cldit.cfd.ensight.variable import corner_mean, per_element, per_node
 from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
-from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names
+from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
 from cldit.cfd.mesh_parts import with_point_fields
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
@@ -190,4 +190,4 @@ def _cloud(
             raise values.fail(f"continues after the values of {count} parcels")
         for letter, part in zip("XYZ" if width == 3 else [""], numbers.T, strict=True):
             columns[name + (f"_{letter}" if letter else "")] = Column(label, part)
-    return mapped_cloud(chosen, str(case.path), position, columns, names, PARCEL_NAMES)
+    return mapped_cloud(chosen, str(case.path), position, columns, names)

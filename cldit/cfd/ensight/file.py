@@ -87,10 +87,9 @@ def _parsed(path: Path, lines: list[str]) -> CaseFile:
         before, colon, after = line.partition(":")
         if section == "FORMAT" and before.strip() == "type":
             gold = after.split() == ["ensight", "gold"]
-        elif section == "GEOMETRY" and colon:
-            case.items.append(_item(path, before.strip(), after))
-        elif section == "VARIABLE" and colon and not before.startswith("constant"):
-            case.items.append(_item(path, before.strip(), after))
+        elif section in ("GEOMETRY", "VARIABLE") and colon:
+            if not before.startswith("constant"):
+                case.items.append(_item(path, before.strip(), after))
         elif section == "FILE":
             raise SprayError(f"{path}: keeps several times in one file (FILE section); not read")
         elif section == "TIME":
@@ -140,12 +139,10 @@ def _time_set(path: Path, content: dict[str, list[float]]) -> TimeSet:
     count = int(content.get("number of steps", [len(times)])[0])
     if count != len(times) or not count:
         raise SprayError(f"{path}: TIME: {len(times)} time values for {count} steps")
-    if "filename numbers" in content:
-        numbers = tuple(int(number) for number in content["filename numbers"])
-    else:
-        start = int(content.get("filename start number", [0])[0])
-        step = int(content.get("filename increment", [1])[0])
-        numbers = tuple(start + step * index for index in range(count))
+    start = content.get("filename start number", [0])[0]
+    step = int(content.get("filename increment", [1])[0])
+    default = (int(start) + step * index for index in range(count))
+    numbers = tuple(int(number) for number in content.get("filename numbers", default))
     if len(numbers) != count:
         raise SprayError(f"{path}: TIME: {len(numbers)} filename numbers for {count} steps")
     return TimeSet(times, numbers)

@@ -150,18 +150,17 @@ def _structured(
     shape = [int(n) for n in file.integers(3, a_line=3)]
     allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}
     if extra := set(words) - allowed:
-        raise file.fail(
-            f"part {number} is a block {min(extra)!r}; allowed: {', '.join(sorted(allowed))}"
-        )
+        known = ", ".join(sorted(allowed))
+        raise file.fail(f"part {number} is a block {min(extra)!r}; allowed: {known}")
     if min(shape) < 2:
         raise file.fail(f"part {number} is a block of {shape} nodes, expected 2 or more each way")
     count = int(np.prod(shape))
-    if "rectilinear" in words:
-        edges = [file.floats(size) for size in shape]
-    elif "uniform" in words:
-        origin, delta = file.floats(3), file.floats(3)
-        edges = [o + d * np.arange(n) for o, d, n in zip(origin, delta, shape, strict=True)]
     if {"rectilinear", "uniform"} & set(words):
+        if "rectilinear" in words:
+            edges = [file.floats(size) for size in shape]
+        else:
+            origin, delta = file.floats(3), file.floats(3)
+            edges = [o + d * np.arange(n) for o, d, n in zip(origin, delta, shape, strict=True)]
         z, y, x = np.meshgrid(*edges[::-1], indexing="ij")
         points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.inputs import regular
+from cldit.cfd.inputs import missing, regular
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
@@ -22,9 +22,7 @@ def open_hdf(path: Path) -> Iterator[Any]:
     try:
         import h5py
     except ImportError as error:
-        raise SprayError(
-            f'{path}: reading it needs h5py; install it with: pip install "cldit[cfd]"'
-        ) from error
+        raise missing(path, "h5py") from error
     try:
         with h5py.File(regular(path), "r") as file:
             yield file
@@ -32,6 +30,18 @@ def open_hdf(path: Path) -> Iterator[Any]:
         raise
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
+
+
+def arrays_in(root: Any) -> list[Any]:
+    """All arrays; links to an array already found are not followed."""
+    found: list[Any] = []
+    root.visititems(lambda _, each: found.append(each) if hasattr(each, "dtype") else None)
+    return found
+
+
+def bytes_of(arrays: Iterable[Any]) -> int:
+    """Size of arrays once they are unpacked."""
+    return sum(int(each.size) * each.dtype.itemsize for each in arrays)
 
 
 def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column, Listing
-from cldit.cfd.hdf.arrays import open_hdf
+from cldit.cfd.hdf.arrays import arrays_in, bytes_of, open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.cells import Labels
@@ -114,15 +114,9 @@ def _time(path: Path, root: Any, wanted: CaseTime | None) -> float | None:
 
 def _size(path: Path, root: Any) -> Size:
     """Estimate from the sizes of the zones and the shapes of all arrays."""
-    stored: list[int] = []
-    root.visititems(
-        lambda _, each: (
-            stored.append(int(each.size) * each.dtype.itemsize) if hasattr(each, "dtype") else None
-        )
-    )
     sizes = [data_of(path, zone) for _, zone in _zones(path, root)]
     cells = sum(int(np.prod(each[1], dtype=np.int64)) for each in sizes if len(each) == 3)
-    return Size(cells, 0, 2.0 * sum(stored))
+    return Size(cells, 0, 2.0 * bytes_of(arrays_in(root)))
 
 
 def _zone(path: Path, zone: Any) -> MeshPart:

@@ -9,18 +9,30 @@ import numpy as np
 
 from cldit.cfd.case import Cloud, Column, complete_cloud
 from cldit.cfd.mapping.file import (
-    UNITS,
+    PARCEL_NAMES,
     CellColumns,
     ColumnMap,
     ParcelColumns,
     Scalar,
     Vector,
     columns_of,
+    columns_of_value,
     merged,
     unit_in,
+    units_of,
     without_unit,
 )
 from cldit.errors import SprayError
+
+_PARCELS = {
+    "diameter": "d",
+    "temperature": "T",
+    "density": "rho",
+    "number": "nParticle",
+    "age": "age",
+    "velocity": "U",
+    "origin": "origin",
+}
 
 
 def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
@@ -42,39 +54,37 @@ class Source:
     columns: Mapping[str, Column]
     rows: int
 
-    def scalar(self, wanted: Scalar, kind: str, key: str) -> Column:
-        """Column or constant in SI, (N,); `kind` is that of the unit, `key` is named by errors."""
+    def scalar(self, wanted: Scalar, key: str) -> Column:
+        """Column or constant in SI, (N,); `key` is that of the mapping, as `cells.fuel`."""
         if wanted.value is not None:
-            factor, offset = self._unit(wanted.unit, kind, key)
+            factor, offset = self._unit(wanted.unit, key)
             value = wanted.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
         name, found = self._column(str(wanted.column), key)
-        factor, offset = self._unit(self._stated(name, wanted.unit, kind, key), kind, key)
+        factor, offset = self._unit(self._stated(name, wanted.unit, key), key)
         values = found.values
         if found.undefined is not None and found.undefined.any():
             if wanted.undefined is None:
-                short = key.partition(".")[2]
+                way = f"{key.partition('.')[2]}: {{column: {wanted.column}, undefined: 0}}"
                 raise SprayError(
                     f"{found.label}: {int(found.undefined.sum())} of {len(values)} values are "
-                    f"marked as undefined ({key}); a mapping file may replace them: "
-                    f"{short}: {{column: {wanted.column}, undefined: 0}}"
+                    f"marked as undefined ({key}); a mapping file may replace them: {way}"
                 )
             values = np.where(found.undefined, wanted.undefined, values)
         if (factor, offset) != (1.0, 0.0):  # else as it is stored: large columns are not copied
             values = np.asarray(values, np.float64) * factor + offset
         return Column(found.label, values)
 
-    def vector(self, wanted: Vector, kind: str, key: str) -> Column:
-        """Three columns in SI, (N, 3); arguments as for `scalar`."""
+    def vector(self, wanted: Vector, key: str) -> Column:
+        """Three columns in SI, (N, 3)."""
         named = [self._column(name, key) for name in wanted.columns]
-        units = {self._stated(name, wanted.unit, kind, key) for name, _ in named}
+        units = {self._stated(name, wanted.unit, key) for name, _ in named}
         if len(units) > 1:
             raise SprayError(f"{self.name}: {key}: columns of several units in their names")
-        factor, _ = self._unit(units.pop(), kind, key)
-        parts = [column for _, column in named]
-        labels = list(dict.fromkeys(part.label for part in parts))
+        factor, _ = self._unit(units.pop(), key)
+        labels = list(dict.fromkeys(column.label for _, column in named))
         label = labels[0] if len(labels) == 1 else f"{self.name}: {', '.join(wanted.columns)}"
-        values = np.stack([part.values for part in parts], axis=1, dtype=np.float64)
+        values = np.stack([column.values for _, column in named], axis=1, dtype=np.float64)
         return Column(label, values * factor)
 
     def _column(self, name: str, key: str) -> tuple[str, Column]:
@@ -87,10 +97,10 @@ class Source:
             raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
         return found[0], self.columns[found[0]]
 
-    def _stated(self, name: str, unit: str | None, kind: str, key: str) -> str | None:
+    def _stated(self, name: str, unit: str | None, key: str) -> str | None:
         """Unit that the mapping gives, else that in the column's name."""
         stated = unit_in(name)
-        if stated is None or (unit is not None and stated not in UNITS[kind]):
+        if stated is None or (unit is not None and stated not in units_of(key.partition(".")[2])):
             return unit
         if unit is None or unit == stated:
             return stated
@@ -99,30 +109,23 @@ class Source:
             f" ({key}); give the unit that is right, and the column its name without one"
         )
 
-    def _unit(self, unit: str | None, kind: str, key: str) -> tuple[float, float]:
-        known = UNITS[kind]
+    def _unit(self, unit: str | None, key: str) -> tuple[float, float]:
+        known = units_of(key.partition(".")[2])
         if unit is None:
             return next(iter(known.values()))
         if unit not in known:
-            raise SprayError(
-                f"{self.name}: {key}: unit {unit!r} is unknown; allowed for a {kind}: "
-                + ", ".join(known)
-            )
+            allowed = ", ".join(known)
+            raise SprayError(f"{self.name}: {key}: unit {unit!r} is unknown; allowed: {allowed}")
         return known[unit]
 
 
 def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[str, Column]:
     """Mapped ones of T, p, rho and the fuel's mass fraction, (N,) in SI, by OpenFOAM's names."""
-    keys = (
-        ("T", "temperature", "temperature"),
-        ("p", "pressure", "pressure"),
-        ("rho", "density", "density"),
-        (fuel_field, "fuel", "fraction"),
-    )
+    names = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
     return {
-        name: source.scalar(getattr(wanted, key), kind, f"cells.{key}")
-        for name, key, kind in keys
-        if getattr(wanted, key) is not None
+        name: source.scalar(value, f"cells.{key}")
+        for key, name in names.items()
+        if (value := getattr(wanted, key)) is not None
     }
 
 
@@ -132,25 +135,17 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
     The number of droplets may come from the parcel's mass, which needs diameter and density.
     """
     fields: dict[str, Column] = {}
-    if wanted.diameter is not None:
-        fields["d"] = source.scalar(wanted.diameter, "length", "parcels.diameter")
-    elif wanted.radius is not None:
-        radius = source.scalar(wanted.radius, "length", "parcels.radius")
+    for key, name in _PARCELS.items():
+        value = getattr(wanted, key)
+        if isinstance(value, Vector):
+            fields[name] = source.vector(value, f"parcels.{key}")
+        elif value is not None:
+            fields[name] = source.scalar(value, f"parcels.{key}")
+    if wanted.radius is not None and wanted.diameter is None:
+        radius = source.scalar(wanted.radius, "parcels.radius")
         fields["d"] = Column(f"{radius.label} (radius, doubled)", 2.0 * radius.values)
-    for name, key, kind in (
-        ("T", "temperature", "temperature"),
-        ("rho", "density", "density"),
-        ("nParticle", "number", "count"),
-        ("age", "age", "time"),
-    ):
-        if getattr(wanted, key) is not None:
-            fields[name] = source.scalar(getattr(wanted, key), kind, f"parcels.{key}")
-    if wanted.velocity is not None:
-        fields["U"] = source.vector(wanted.velocity, "velocity", "parcels.velocity")
-    if wanted.origin is not None:
-        fields["origin"] = source.vector(wanted.origin, "length", "parcels.origin")
     if wanted.mass is not None and "d" in fields and "rho" in fields:
-        mass = source.scalar(wanted.mass, "mass", "parcels.mass")
+        mass = source.scalar(wanted.mass, "parcels.mass")
         droplet = fields["rho"].values * np.pi / 6 * fields["d"].values ** 3
         if not np.all(droplet > 0.0):
             bad = int(np.argmin(droplet > 0.0))
@@ -168,17 +163,16 @@ def mapped_cloud(
     position_m: Column,
     columns: dict[str, Column],
     names: ColumnMap,
-    default: ParcelColumns,
+    default: ParcelColumns = PARCEL_NAMES,
 ) -> Cloud:
     """Cloud of the `columns` by the mapping, else by those `default` names that are present."""
     parcels = merged(names.parcels, default)
     given = names.parcels.model_fields_set if names.parcels is not None else set()
-    missing: dict[str, None] = {}
-    for key in type(parcels).model_fields:
-        value = getattr(parcels, key)
-        used = getattr(value, "columns", None) or [getattr(value, "column", None)]
-        if value is not None and key not in given and any(u and u not in columns for u in used):
-            missing[key] = None
+    missing = {
+        key: None
+        for key, value in parcels
+        if key not in given and not columns_of_value(value) <= set(columns)
+    }
     # masses are products of many: of stored floats they would overflow or be rounded at each step
     doubles = {key: _double(columns[key]) for key in columns_of(parcels) & set(columns)}
     rows = Source(source, columns | doubles, len(position_m.values))

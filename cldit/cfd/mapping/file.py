@@ -30,6 +30,17 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
 } | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
 
 
+# kind of the unit of each key; that of another key is the key itself
+_KINDS = {"fuel": "fraction", "number": "count", "age": "time"} | dict.fromkeys(
+    ("position", "size", "diameter", "radius", "origin"), "length"
+)
+
+
+def units_of(key: str) -> dict[str, tuple[float, float]]:
+    """Units that a key of a mapping file may have, SI first: factor and offset to SI."""
+    return UNITS[_KINDS.get(key, key)]
+
+
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
 _COMPONENT = re.compile(r"\[[ijkxyz0-2]\]$", re.IGNORECASE)  # of a vector, as STAR-CCM+ has it
 _SPELLED = (

@@ -18,7 +18,7 @@ from cldit.spray.result import Floats
 Labels = NDArray[np.signedinteger]
 AnyFloats = NDArray[np.floating]
 
-# what `cell_geometry.measure` finds wrong with a cell, from 1
+# what `geometry.measure` finds wrong with a cell, from 1
 _FAULTS = (
     "cell {} has fewer than four faces",
     "the faces of cell {} do not enclose it, or do not all point outwards",
@@ -95,7 +95,7 @@ class CellMesh(ABC):
     ) -> Measures:
         """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
         # imports a compiler, which a list of a case does not need
-        from cldit.cfd.mesh import geometry as cell_geometry
+        from cldit.cfd.mesh import geometry
 
         wanted = np.arange(self.cells) if cells is None else cells
         count = len(wanted)
@@ -106,32 +106,16 @@ class CellMesh(ABC):
             whole = len(place) == count
             own = found if whole else Measures(*(values[place] for values in vars(found).values()))
             fault = np.empty(len(place), np.int8)
-            cell_geometry.measure(
-                part.points_m,
-                part.corners,
-                part.start,
-                part.first,
-                part.sides,
-                part.members,
-                origin,
-                turn,
-                own.volume_m3,
-                own.centroid_m,
-                own.lower_m,
-                own.upper_m,
-                fault,
-            )
-            self._refuse(wanted[place], fault)
+            # in the order of its parameters
+            geometry.measure(*vars(part).values(), origin, turn, *vars(own).values(), fault)
+            for number, text in enumerate(_FAULTS, start=1):
+                bad = np.flatnonzero(fault == number)
+                if len(bad):
+                    raise SprayError(f"{self.source}: " + text.format(wanted[place][bad[0]]))
             if not whole:
                 for all_, some in zip(vars(found).values(), vars(own).values(), strict=True):
                     all_[place] = some
         return found
-
-    def _refuse(self, cells: Labels, fault: NDArray[np.int8]) -> None:
-        for number, text in enumerate(_FAULTS, start=1):
-            bad = np.flatnonzero(fault == number)
-            if len(bad):
-                raise SprayError(f"{self.source}: " + text.format(cells[bad[0]]))
 
     def boxes(
         self,

@@ -117,16 +117,15 @@ class ElementMesh(PointMesh):
             if kind == POLYHEDRON and self.faces is not None:
                 self._check_polyhedra(self.faces)
             elif kind not in FACES:
+                cell = int(np.argmax(self.kinds == kind))
                 raise SprayError(
-                    f"{self.source}: cell {int(np.argmax(self.kinds == kind))} is of vtk type "
-                    f"{kind}; expected tetrahedra, hexahedra, voxels, wedges, pyramids or polyhedra"
+                    f"{self.source}: cell {cell} is of vtk type {kind}; allowed: tetrahedra, "
+                    "hexahedra, voxels, wedges, pyramids, polyhedra"
                 )
             elif np.any((self.kinds == kind) & (sizes != CORNERS[kind])):
                 cell = int(np.argmax((self.kinds == kind) & (sizes != CORNERS[kind])))
-                raise SprayError(
-                    f"{self.source}: cell {cell} has {sizes[cell]} corners, expected "
-                    f"{CORNERS[kind]} for vtk type {kind}"
-                )
+                what = f"cell {cell} of vtk type {kind} has {sizes[cell]} corners"
+                raise SprayError(f"{self.source}: {what}, expected {CORNERS[kind]}")
         if sizes.min() < 0:
             raise SprayError(f"{self.source}: a cell of the mesh has fewer than no corners")
 
@@ -160,12 +159,8 @@ class ElementMesh(PointMesh):
             if kind == POLYHEDRON:
                 own = self.faces
                 assert own is not None
-                yield (
-                    here,
-                    Polyhedra(
-                        self.points_m, own.corners, own.start, own.first, own.faces, cells[here]
-                    ),
-                )
+                faces = own.corners, own.start, own.first, own.faces
+                yield here, Polyhedra(self.points_m, *faces, cells[here])
             else:
                 corner = self.offsets[cells[here], None] + np.arange(CORNERS[kind])
                 yield here, elements(self.points_m, kind, self.nodes[corner])

@@ -60,11 +60,11 @@ class Mesh(PointMesh):
     @cached_property
     def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
         """First side of each cell, and the sides of all cells, as in `Polyhedra`."""
-        from cldit.cfd.mesh import geometry as cell_geometry
+        from cldit.cfd.mesh import geometry
 
         first = np.zeros(self.cells + 1, np.int64)
         sides = np.empty(len(self.owner) + np.count_nonzero(self.neighbour >= 0), np.int32)
-        cell_geometry.sides_of_cells(self.owner, self.neighbour, first, sides)
+        geometry.sides_of_cells(self.owner, self.neighbour, first, sides)
         return first, sides
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:

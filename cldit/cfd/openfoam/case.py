@@ -126,8 +126,8 @@ def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | N
     None for a processor without cells. The paths of the files are added to `files`.
     """
     root, block = part.path, part.block
-    before = sorted((time for time in time_folders(root) if time <= time_s), reverse=True)
     found = time_folders(root)
+    before = sorted((time for time in found if time <= time_s), reverse=True)
     folders = [each / region / "polyMesh" for time in before for each in found[time]]
     folders.append(root / "constant" / region / "polyMesh")
 
@@ -152,11 +152,7 @@ def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | N
 
 
 def _cloud(
-    name: str,
-    meshes: Sequence[tuple[Root, Mesh]],
-    folder: str,
-    names: ColumnMap,
-    files: list[Path],
+    name: str, meshes: Sequence[tuple[Root, Mesh]], folder: str, names: ColumnMap, files: list[Path]
 ) -> Cloud:
     """Cloud of all processors; those that the spray has not reached have no folder for it."""
     wanted = columns_of(merged(names.parcels, PARCEL_NAMES))
@@ -168,14 +164,12 @@ def _cloud(
     filled = [part for part in parts if len(part[0].values)] or parts[:1]
     for _, columns in filled:
         if missing := set(filled[0][1]) ^ set(columns):
-            raise SprayError(
-                f"{meshes[0][0].path.parent}: only some processors have the field "
-                f"{min(missing)!r} of cloud {name!r}"
-            )
+            lacking = f"the field {min(missing)!r} of cloud {name!r}"
+            raise SprayError(f"{meshes[0][0].path.parent}: only some processors have {lacking}")
     source = str(Path(filled[0][0].label).parent)
     position = joined([position for position, _ in filled])
     columns = {key: joined([columns[key] for _, columns in filled]) for key in filled[0][1]}
-    return mapped_cloud(name, source, position, with_components(columns), names, PARCEL_NAMES)
+    return mapped_cloud(name, source, position, with_components(columns), names)
 
 
 _HEAD = 10_000
@@ -191,14 +185,11 @@ def foam_size(meshes: Sequence[Path], *, fields: int) -> Size:
         points, cells, faces = _counts(folder / "owner")
         # a face: four corners, where it begins, two cells, and its sides; a cell: where it begins
         held += 24 * points + (4 * 4 + 4 + 8 + 8) * faces + (8 + 8 * fields) * cells
-        largest = max(largest, _stored(folder / "faces"))
+        if (stored := find_foam(folder / "faces")) is not None:
+            packed = _PACKED if stored.suffix == ".gz" else 1
+            largest = max(largest, stored.stat().st_size * packed)
         total += cells
     return Size(total, 0, held + 1.5 * largest)
-
-
-def _stored(path: Path) -> float:
-    found = find_foam(path)
-    return 0.0 if found is None else found.stat().st_size * (_PACKED if found != path else 1)
 
 
 def _counts(owner: Path) -> tuple[int, int, int]:
@@ -212,8 +203,7 @@ def _counts(owner: Path) -> tuple[int, int, int]:
             head = stream.read(_HEAD)
     except (SprayError, OSError, EOFError, zlib.error):  # the reader reports it
         return 0, 0, 0
-    note = _NOTE.search(head)
-    if note is not None:
+    if (note := _NOTE.search(head)) is not None:
         points, cells, faces = map(int, note.groups())
         return points, cells, faces
     count = _COUNT.search(head)

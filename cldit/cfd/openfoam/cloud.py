@@ -18,19 +18,11 @@ from cldit.spray.result import Floats
 
 def cloud_names(time_folder: Path) -> list[str]:
     """Names of the folders in `lagrangian`."""
-    folder = time_folder / "lagrangian"
-    return (
-        sorted(each.name for each in folder.iterdir() if each.is_dir()) if folder.is_dir() else []
-    )
+    return sorted(each.name for each in time_folder.glob("lagrangian/*") if each.is_dir())
 
 
 def read_cloud(
-    folder: Path,
-    mesh: Mesh,
-    block: int | None = None,
-    *,
-    wanted: set[str],
-    files: list[Path],
+    folder: Path, mesh: Mesh, block: int | None, *, wanted: set[str], files: list[Path]
 ) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
@@ -113,9 +105,8 @@ def _base_points(mesh: Mesh, faces: Labels) -> Labels:
     begin, size = mesh.start[faces], mesh.start[faces + 1] - mesh.start[faces]
     neighbour = mesh.neighbour[faces]
     # without a neighbour the owner is used, and ignored later
-    sides = np.concatenate(
-        [mesh.owner[faces], np.where(neighbour < 0, mesh.owner[faces], neighbour)]
-    )
+    owner = mesh.owner[faces]
+    sides = np.concatenate([owner, np.where(neighbour < 0, owner, neighbour)])
     middle, at = _centroids(mesh, sides)
     owned, beyond = middle[at].reshape(2, -1, 3)
     base = np.zeros(len(faces), dtype=np.int64)
@@ -131,9 +122,8 @@ def _base_points(mesh: Mesh, faces: Labels) -> Labels:
         outwards = origin - owned[unsettled]
         onwards = beyond[unsettled] - origin
         for turn in range(1, int(count.max(initial=0)) - 1):
-            normal = np.cross(
-                corner(candidate + turn) - origin, corner(candidate + turn + 1) - origin
-            )
+            first, second = corner(candidate + turn), corner(candidate + turn + 1)
+            normal = np.cross(first - origin, second - origin)
             right = np.einsum("ij,ij->i", normal, outwards) > 0.0
             right &= (neighbour[unsettled] < 0) | (np.einsum("ij,ij->i", normal, onwards) > 0.0)
             good &= right | (turn > count - 2)

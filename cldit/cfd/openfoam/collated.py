@@ -36,7 +36,8 @@ class Root:
 def split_roots(case: Path) -> list[Root]:
     """Parts of a decomposed case, by processor; empty if it is not decomposed."""
     single = sorted(case.glob("processor[0-9]*"), key=lambda each: int(each.name[9:]))
-    found = [(each, match) for each in case.glob("processors[0-9]*") if (match := _matched(each))]
+    folders = case.glob("processors[0-9]*")
+    found = [(each, match) for each in folders if (match := _NAME.match(each.name))]
     if not found:
         return [Root(each) for each in single]
     counts = {int(match.group(1)) for _, match in found}
@@ -55,10 +56,6 @@ def split_roots(case: Path) -> list[Root]:
     return [parts[number] for number in range(count)]
 
 
-def _matched(folder: Path) -> re.Match[str] | None:
-    return _NAME.match(folder.name)
-
-
 def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, bytes]:
     """Reads the first block and the block `block` of a collated file whose header ends `at`."""
     first = inside = b""
@@ -67,8 +64,7 @@ def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, 
         match = _BLOCK.match(stream.read(_GAP))
         if match is None:
             raise SprayError(
-                f"{path}: truncated, or of fewer processors: it has {number} blocks, and block "
-                f"{block} is asked for"
+                f"{path}: truncated, or of fewer processors: {number} blocks, no block {block}"
             )
         size, begin = int(match.group(1)), at + match.end()
         stream.seek(begin)
@@ -79,8 +75,7 @@ def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, 
             stream.seek(begin + size)
         if stream.read(1) != b")":
             raise SprayError(
-                f"{path}: truncated or damaged: block {number} does not end after the {size} bytes "
-                "that it announces"
+                f"{path}: truncated or damaged: block {number} does not end after {size} bytes"
             )
         at = begin + size + 1
     return first, inside

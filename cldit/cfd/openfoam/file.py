@@ -84,11 +84,8 @@ def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[byte
     entries, end = _head(stream.read(_HEAD), path)
     collated = entries.get(b"class", b"").strip() == COLLATED
     if collated != (block is not None):
-        raise SprayError(
-            f"{path}: is collated, but not in a folder processorsN"
-            if collated
-            else f"{path}: is not collated, though its folder is"
-        )
+        found = "is collated, but not in" if collated else "is not collated, but in"
+        raise SprayError(f"{path}: {found} a folder processorsN")
     if block is None:
         stream.seek(end)
         return entries, stream.read()

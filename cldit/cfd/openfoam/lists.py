@@ -70,10 +70,8 @@ def _raw(
         if file.body[end : end + 1] == b")":
             values = np.frombuffer(file.body, f"{file.order}{kind}{size}", count, at)
             return values, end + 1
-    raise file.fail(
-        f"truncated, or not of the number size in its header: no {count} binary numbers of "
-        f"{' or '.join(map(str, sizes))} bytes"
-    )
+    known = " or ".join(map(str, sizes))
+    raise file.fail(f"truncated, or its header is wrong: no {count} numbers of {known} bytes")
 
 
 def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.generic], int]:
@@ -91,16 +89,13 @@ def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.ge
         return values.reshape(count, width), end
     # entries of one number have no brackets of their own; a list of vectors is the last in a file
     end = file.body.find(b")", begin) if width == 1 else file.body.rfind(b")")
-    parts: Iterable[NDArray[np.generic]] = _parse(
-        file, begin, end if end >= begin else len(file.body)
-    )
+    stop = end if end >= begin else len(file.body)
+    parts: Iterable[NDArray[np.generic]] = _parse(file, begin, stop)
     if kind == "i":
         parts = (whole(file, part) for part in parts)
     found = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
     if end < begin or found.size != count * width:
-        raise file.fail(
-            f"truncated or damaged: {found.size} numbers where {count * width} are announced"
-        )
+        raise file.fail(f"truncated or damaged: {found.size} numbers, expected {count * width}")
     return found.reshape(count, width), end + 1
 
 
@@ -113,10 +108,6 @@ def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
             raise file.fail("a label is no whole number")
         numbers = integers
     return narrowed(numbers)
-
-
-def _labels(file: FoamFile, parts: Iterable[Floats]) -> Labels:
-    return np.concatenate([np.empty(0, np.int32), *(whole(file, part) for part in parts)])
 
 
 def scalars(file: FoamFile) -> Floats:
@@ -145,7 +136,8 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         corners, _ = _list(file, "i", 1, end)
         return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
-    numbers = _labels(file, _parse(file, begin, file.body.rfind(b")")))
+    parts = (whole(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
+    numbers = np.concatenate([np.empty(0, np.int32), *parts])
     if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
         table = numbers.reshape(count, width)
         if np.all(table[:, 0] == width - 1):  # all faces have as many corners: no need to walk
@@ -204,8 +196,8 @@ def particles(file: FoamFile) -> Floats:
         if numbers.size == count * width:
             return numbers.reshape(count, width)
     raise file.fail(
-        f"truncated or damaged: {numbers.size} numbers for {count} parcels, expected 4 (position "
-        "and cell) or 7 (barycentric coordinates, cell, face, point) for each"
+        f"truncated or damaged: {numbers.size} numbers for {count} parcels, expected 4 (position, "
+        "cell) or 7 (barycentric coordinates, cell, face, point) for each"
     )
 
 
@@ -221,24 +213,19 @@ def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
                 if after[:1] != b")" or gap < 1:
                     continue
                 record = np.dtype(
-                    {
-                        "names": ["open", "reals", "integers", "close"],
-                        "formats": [
-                            "S1",
-                            (f"{file.order}f{scalar}", reals),
-                            (f"{file.order}i{label}", integers),
-                            "S1",
-                        ],
-                        "offsets": [0, 1, 1 + reals * scalar, 1 + size],
-                        "itemsize": 1 + size + gap,
-                    }
+                    [
+                        ("open", "S1"),
+                        ("reals", f"{file.order}f{scalar}", reals),
+                        ("integers", f"{file.order}i{label}", integers),
+                        ("close", "S1"),
+                        ("gap", f"V{gap - 1}"),
+                    ]
                 )
                 # no gap follows the last record
                 span = file.body[first : first + count * record.itemsize - gap + 1]
                 span += b"\0" * (count * record.itemsize - len(span))
                 rows = np.frombuffer(span, record, count)
                 if np.all(rows["open"] == b"(") and np.all(rows["close"] == b")"):
-                    return np.concatenate([rows["reals"], rows["integers"]], axis=1).astype(
-                        np.float64
-                    )
+                    found = np.concatenate([rows["reals"], rows["integers"]], axis=1)
+                    return found.astype(np.float64)
     raise file.fail(f"truncated or damaged: no {count} binary parcels")

@@ -27,12 +27,11 @@ def cut_boundaries(
     found: dict[str, Boundary] = {}
     files: list[Path] = []
     for root, mesh in meshes:
-        path = root.path / "constant" / region / "polyMesh" / "boundary"
-        file = find_foam(path)
+        file, patches = _patches(root, region)
         if file is None:
             continue  # a moving mesh keeps its list elsewhere; its geometry is used instead
         files.append(file)
-        for name, patch in dictionary_blocks(file, read_foam(path, root.block).body).items():
+        for name, patch in patches.items():
             kind = patch.get("type", "")
             if kind not in CUTS or name in found:
                 continue
@@ -41,14 +40,19 @@ def cut_boundaries(
             except (KeyError, ValueError) as error:
                 raise SprayError(f"{file}: patch {name}: no nFaces and startFace") from error
             if start < 0 or count < 0 or start + count > len(mesh.owner):
-                raise SprayError(
-                    f"{file}: patch {name}: faces {start} to {start + count}, but the mesh has "
-                    f"{len(mesh.owner)}"
-                )
+                own = f"patch {name}: faces {start} to {start + count}"
+                raise SprayError(f"{file}: {own}, but the mesh has {len(mesh.owner)}")
             if count:
                 normal, place = _plane(mesh, start, count)
                 found[name] = Boundary(name, kind, normal, place)
     return tuple(found.values()), tuple(files)
+
+
+def _patches(root: Root, region: str) -> tuple[Path | None, dict[str, dict[str, str]]]:
+    """File with the list of patches, and the patches by name."""
+    path = root.path / "constant" / region / "polyMesh" / "boundary"
+    file = find_foam(path)
+    return file, {} if file is None else dictionary_blocks(file, read_foam(path, root.block).body)
 
 
 def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
@@ -75,11 +79,10 @@ def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
 
     None also where it is not known: values that differ from face to face, packed files.
     """
-    path = root.path / "constant" / region / "polyMesh" / "boundary"
-    file, field = find_foam(path), find_foam(root.path / folder / "T")
-    if file is None or field is None or field.suffix == ".gz" or root.block is not None:
+    field = find_foam(root.path / folder / "T")
+    if field is None or field.suffix == ".gz" or root.block is not None:
         return None
-    patches = dictionary_blocks(file, read_foam(path, root.block).body)
+    _, patches = _patches(root, region)
     walls = [name for name, patch in patches.items() if patch.get("type") == "wall"]
     with regular(field).open("rb") as stream:
         stream.seek(max(0, field.stat().st_size - _END))

@@ -66,16 +66,13 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
     if file.suffix == ".vtm":
         _must_be(file, seen)
         return [
-            replaced
+            Entry(name or found.name, found.pieces, named_by=found.named_by)
             for name, inside in _named(file, "DataSet", "file")
             for found in entries(file.parent / inside, named_by)
-            for replaced in [Entry(name or found.name, found.pieces, named_by=found.named_by)]
         ]
     where = f"{seen[-1]}: names {file}, of a kind" if seen else f"{file}: is of a kind"
-    raise SprayError(
-        f"{where} that is not read; allowed: {', '.join((*DATA, *COLLECTIONS))}; in ParaView, "
-        "File > Save Data as .vtu (gas) and .vtp (parcels)"
-    )
+    allowed = f"{', '.join((*DATA, *COLLECTIONS))}; in ParaView, File > Save Data"
+    raise SprayError(f"{where} that is not read; allowed: {allowed}")
 
 
 def pvd_steps(file: Path) -> dict[float, list[Entry]]:

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.hdf.arrays import open_hdf
-from cldit.cfd.inputs import regular
+from cldit.cfd.hdf.arrays import arrays_in, bytes_of, open_hdf
+from cldit.cfd.inputs import missing, regular
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
 COMPOSITE = (".vtkhdf",)
+_AT_ONCE = 1 << 20
 _WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 
 
@@ -24,13 +25,10 @@ def composite_reader(file: Path) -> Any:
     """Creates vtk's reader of a file, after a check of the file."""
     _check(regular(file))
     try:
-        from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline  # noqa: F401
-        from vtkmodules.vtkIOHDF import vtkHDFReader
+        from vtkmodules import vtkCommonExecutionModel, vtkIOHDF  # noqa: F401, one needs the other
     except ImportError as error:
-        raise SprayError(
-            f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
-        ) from error
-    reader: Any = vtkHDFReader()
+        raise missing(file, "vtk") from error
+    reader: Any = vtkIOHDF.vtkHDFReader()
     reader.SetFileName(str(file))
     return reader
 
@@ -40,29 +38,18 @@ def _check(file: Path) -> None:
     with open_hdf(file) as root:
         if "VTKHDF" not in root:
             raise SprayError(f"{file}: no group VTKHDF in it: not VTK's HDF format")
-        for array in _arrays(root):
-            for start in range(0, max(array.size, 1), _AT_ONCE):
-                if not array.shape:
-                    array[()]
-                elif start < len(array):
-                    array[start : start + _AT_ONCE]
-
-
-_AT_ONCE = 1 << 20
-
-
-def _arrays(root: Any) -> Iterator[Any]:
-    """All arrays; links to an array already found are not followed."""
-    found: list[Any] = []
-    root.visititems(lambda _, each: found.append(each) if hasattr(each, "dtype") else None)
-    yield from found
+        for array in arrays_in(root):
+            if not array.shape:
+                array[()]
+                continue
+            for start in range(0, len(array), _AT_ONCE):
+                array[start : start + _AT_ONCE]
 
 
 def composite_size(file: Path) -> Size:
     """Estimate for the data sets in a file from the shapes of its arrays."""
     with open_hdf(file) as root:
-        arrays = list(_arrays(root))
-        stored = sum(int(array.size) * array.dtype.itemsize for array in arrays)
+        arrays = arrays_in(root)
         # of grids; poly data count their cells by kind, a level deeper
         counts = [each for each in arrays if each.name.endswith("/NumberOfCells")]
         cells = sum(int(np.sum(each[()])) for each in counts if "Types" in each.parent)
@@ -71,7 +58,7 @@ def composite_size(file: Path) -> Size:
             for each in arrays
             if each.name.endswith("/NumberOfPoints") and "Types" not in each.parent
         )
-    return Size(cells, points, _WHILE_READING * stored)
+    return Size(cells, points, _WHILE_READING * bytes_of(arrays))
 
 
 def times_in(file: Path) -> tuple[float, ...]:

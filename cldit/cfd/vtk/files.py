@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
 from cldit.cfd.mapping.columns import mapped_cloud, with_components
 from cldit.cfd.mapping.file import (
-    PARCEL_NAMES,
     ColumnMap,
     columns_of,
     gas_names,
@@ -35,7 +33,7 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     .series files, else from the comment or the `TimeValue` in the file.
     """
     path = spec.file
-    layout = find_layout(_existing(path))
+    layout = find_layout(path)
     loader = Loader(_gas_alone(names, spec.fuel_field), watch)
     step = find_step(path, layout, loader, time_s=spec.time_s, cloud=spec.cloud)
     chosen = choose_cloud(str(path), step.clouds, spec.cloud)
@@ -73,7 +71,7 @@ def _part(loaded: Loaded) -> MeshPart:
 
 def list_vtk(spec: CfdSpray) -> Listing:
     """Lists times [s], fields of the mesh, and clouds with their fields, at one time."""
-    layout = find_layout(_existing(spec.file))
+    layout = find_layout(spec.file)
     loader = Loader(nothing)
     step = find_step(spec.file, layout, loader, time_s=spec.time_s, cloud=NO_CLOUD)
     known = [time for time in step_times(layout, loader).values() if time is not None]
@@ -83,12 +81,6 @@ def list_vtk(spec: CfdSpray) -> Listing:
         for name, parts in step.clouds.items()
     }
     return known, sorted(fields), clouds
-
-
-def _existing(path: Path) -> Path:
-    if not path.exists():
-        raise SprayError(f"{path}: no such file or folder (spray.file)")
-    return path.resolve()
 
 
 def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
@@ -118,4 +110,4 @@ def _cloud(name: str, parts: Sequence[Loaded], names: ColumnMap) -> Cloud:
     }
     position = joined([part[0] for part in filled])
     file = str(parts[0].file)
-    return mapped_cloud(name, file, position, with_components(columns), names, PARCEL_NAMES)
+    return mapped_cloud(name, file, position, with_components(columns), names)

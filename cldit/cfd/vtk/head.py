@@ -17,38 +17,29 @@ from typing import BinaryIO, Literal
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
-_PIECE = re.compile(rb"<Piece\b[^>]*>")
+_TAG = re.compile(rb"<(?:VTKFile|Piece|DataArray|Array)\b[^>]*>")
 _COUNT = re.compile(rb'\bNumberOf(Points|Cells)\s*=\s*["\'](\d+)["\']')
 _EXTENT = re.compile(rb'\bExtent\s*=\s*["\']([-\d\s]+)["\']')  # of a grid by rows
+_OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
+_BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
 _AT_ONCE = 1 << 20
 _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
 
 def piece_counts(file: Path) -> tuple[int, int]:
-    """Points and cells of all pieces of a VTK file in XML.
-
-    The file is read up to its arrays; to its end if they lie between the pieces.
-    """
+    """Points and cells of all pieces of a VTK file in XML."""
     points = cells = 0
-    rest = b""
     with file.open("rb") as stream:
-        while part := stream.read(_AT_ONCE):
-            text = rest + part
-            behind = text.find(b"<AppendedData")
-            last = 0
-            for piece in _PIECE.finditer(text if behind < 0 else text[:behind]):
-                found = {name: int(count) for name, count in _COUNT.findall(piece.group())}
-                points += found.get(b"Points", 0)
-                cells += found.get(b"Cells", 0)
-                if (extent := _EXTENT.search(piece.group())) is not None:
-                    ends = [int(text) for text in extent.group(1).split()]
-                    edges = [high - low for low, high in zip(ends[::2], ends[1::2], strict=False)]
-                    points += prod(edge + 1 for edge in edges)
-                    cells += prod(edges)
-                last = piece.end()
-            if behind >= 0:
-                break
-            rest = text[max(last, len(text) - 1000) :]
+        tags, _, _ = _xml(stream)
+    for piece in (tag for tag in tags if tag.startswith(b"<Piece")):
+        found = {name: int(count) for name, count in _COUNT.findall(piece)}
+        points += found.get(b"Points", 0)
+        cells += found.get(b"Cells", 0)
+        if (extent := _EXTENT.search(piece)) is not None:
+            ends = [int(text) for text in extent.group(1).split()]
+            edges = [high - low for low, high in zip(ends[::2], ends[1::2], strict=False)]
+            points += prod(edge + 1 for edge in edges)
+            cells += prod(edges)
     return points, cells
 
 
@@ -63,12 +54,6 @@ def vtk_size(file: Path, *, fields: int) -> Size:
         return Size(0, points, max(read, points * (12 + 4 * fields)))
     # corners, their offset, the type; coordinates may be double, and so may fields
     return Size(cells, 0, max(read, cells * (8 * 8 + 8 + 1 + 8 * fields) + 24 * points))
-
-
-_TAG = re.compile(rb"<(?:VTKFile|DataArray|Array)\b[^>]*>")
-_OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
-_BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
-_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -92,7 +77,7 @@ def check_appended(file: Path) -> None:
         if not found:
             return  # the arrays lie between the tags
         end = stream.seek(0, 2)
-        whole = tags[0] if tags else b""
+        whole = next((tag for tag in tags if tag.startswith(b"<VTKFile")), b"")
         form = _Form(
             size=8 if b'"UInt64"' in whole else 4,
             order="big" if b'"BigEndian"' in whole else "little",
@@ -109,7 +94,7 @@ def check_appended(file: Path) -> None:
 
 
 def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:
-    """Relevant tags, the text at which the appended arrays begin, and its end."""
+    """Tags up to the appended arrays, or to the end; the text at which these begin, its end."""
     tags: list[bytes] = []
     rest, before = b"", 0
     while part := stream.read(_AT_ONCE):

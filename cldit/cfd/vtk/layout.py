@@ -50,6 +50,9 @@ def is_vtk(folder: Path) -> bool:
 
 def find_layout(path: Path) -> Layout:
     """Layout of `path`, a file or folder. A file restricts the search to itself."""
+    if not path.exists():
+        raise SprayError(f"{path}: no such file or folder (spray.file)")
+    path = path.resolve()
     folder = _foam_folder(path)
     if folder is not None:
         return _foam(folder, path)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd.inputs import regular
+from cldit.cfd.inputs import missing, regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, dimension
@@ -40,11 +40,7 @@ class Loaded:
 
 
 def load_vtk(
-    file: Path,
-    kind: str = "vtkDataSet",
-    *,
-    choose: Choose | None = None,
-    watch: Watch = silent,
+    file: Path, kind: str = "vtkDataSet", *, choose: Choose | None = None, watch: Watch = silent
 ) -> Loaded:
     """Reads the data set in a file of `DATA`, other than a composite; `kind`: its class in vtk.
 
@@ -105,21 +101,13 @@ def load_composite(
     found = leaves(reader.GetOutputDataObject(0))
     if not found:
         raise SprayError(f"{file}: no data set in it")
-    return [
-        Loaded(
-            file,
-            data,
-            _array_names(data.GetCellData()) | _unread(known[0], data),
-            _array_names(data.GetPointData()),
-            name,
-        )
-        for name, data in found
-    ]
-
-
-def _unread(known: frozenset[str], data: Any) -> frozenset[str]:
-    """Cell fields that were not read; any mesh of the file may have them."""
-    return known if dimension(data) == 3 else frozenset()
+    parts = []
+    for name, data in found:
+        in_cells, at_points = _array_names(data.GetCellData()), _array_names(data.GetPointData())
+        if dimension(data) == 3:  # any mesh of the file may have fields that were not read
+            in_cells |= known[0]
+        parts.append(Loaded(file, data, in_cells, at_points, name))
+    return parts
 
 
 def nothing(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
@@ -146,26 +134,20 @@ def _array_names(fields: Any) -> frozenset[str]:
 
 def _reader(file: Path) -> Any:
     try:
-        from vtkmodules.vtkCommonCore import vtkObject  # noqa: F401, what follows needs it
-        from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
-        from vtkmodules.vtkIOXML import (
-            vtkXMLImageDataReader,
-            vtkXMLPolyDataReader,
-            vtkXMLRectilinearGridReader,
-            vtkXMLStructuredGridReader,
-            vtkXMLUnstructuredGridReader,
+        from vtkmodules import (
+            vtkCommonCore,  # noqa: F401, the others need it
+            vtkIOLegacy,
+            vtkIOXML,
         )
     except ImportError as error:
-        raise SprayError(
-            f'{file}: reading it needs vtk; install it with: pip install "cldit[cfd]"'
-        ) from error
+        raise missing(file, "vtk") from error
     readers: dict[str, Any] = {
-        ".vtu": vtkXMLUnstructuredGridReader,
-        ".vtp": vtkXMLPolyDataReader,
-        ".vti": vtkXMLImageDataReader,
-        ".vtr": vtkXMLRectilinearGridReader,
-        ".vts": vtkXMLStructuredGridReader,
-        ".vtk": vtkGenericDataObjectReader,
+        ".vtu": vtkIOXML.vtkXMLUnstructuredGridReader,
+        ".vtp": vtkIOXML.vtkXMLPolyDataReader,
+        ".vti": vtkIOXML.vtkXMLImageDataReader,
+        ".vtr": vtkIOXML.vtkXMLRectilinearGridReader,
+        ".vts": vtkIOXML.vtkXMLStructuredGridReader,
+        ".vtk": vtkIOLegacy.vtkGenericDataObjectReader,
     }
     if file.suffix == ".vtk":
         with file.open("rb") as stream:
@@ -198,7 +180,8 @@ def _messages(file: Path, reader: Any) -> Iterator[None]:
         text = text.decode("latin-1")
     said = re.search(r"(?:ERROR|Warning):[^\n]*\n([^\n]*)", text)
     if said or reader.GetErrorCode():
-        if (bad := _BAD_NAME.search(_head(file))) is not None:
+        head = file.read_bytes().partition(b"<AppendedData")[0]
+        if (bad := _BAD_NAME.search(head)) is not None:
             raise SprayError(
                 f"{file}: names a field {bad.group(1).decode('latin-1')!r} with a mark that XML "
                 "does not allow, as foamToVTK of v1912 does; export only what is needed: "
@@ -233,8 +216,3 @@ def _observed(file: Path, reader: Any, watch: Watch) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
         if pressed.is_set():
             raise KeyboardInterrupt
-
-
-def _head(file: Path) -> bytes:
-    """Content of the file up to its appended numbers; the names of its fields are in it."""
-    return file.read_bytes().partition(b"<AppendedData")[0]

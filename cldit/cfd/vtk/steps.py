@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
-from cldit.cfd.vtk.collections import Entry, Listed, without_step
+from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.composite import COMPOSITE
 from cldit.cfd.vtk.datasets import Marked, dimension, geometry_of, time_value, unmarked, vtk_mesh
 from cldit.cfd.vtk.layout import Layout
@@ -55,9 +55,8 @@ class Loader:
             whole = entry.cloud is True
             return {entry: [self.load(each, whole=whole) for each in entry.pieces]}
         found: dict[Entry, list[Loaded]] = {}
-        for part in load_composite(
-            file, choose=self._choose, time_s=entry.time_s, watch=self._watch
-        ):
+        at, watch = entry.time_s, self._watch
+        for part in load_composite(file, choose=self._choose, time_s=at, watch=watch):
             named_by = entry.named_by or (file,)  # the blocks of a file belong together
             own = replace(entry, name=part.name or entry.name, named_by=named_by)
             found.setdefault(own, []).append(part)
@@ -81,12 +80,9 @@ def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
         for key, found in layout.steps.items()
         if (layout.own is None or key == layout.own) and not all(entry.cloud for entry in found)
     }
-    return {
-        key: layout.times[key]
-        if key in layout.times
-        else _own_time(found, loader, only=len(steps) == 1)
-        for key, found in steps.items()
-    }
+    only = len(steps) == 1
+    known = layout.times
+    return {k: known[k] if k in known else _own_time(e, loader, only) for k, e in steps.items()}
 
 
 def find_step(
@@ -97,34 +93,29 @@ def find_step(
     if not times:
         raise SprayError(
             f"{path}: no mesh in it: neither an OpenFOAM case (constant/polyMesh) nor VTK files "
-            "(internal.vtu, .vtu, .pvtu, .vtm, .pvd or .vtk), EnSight (.case), CONVERGE (.h5) or a "
-            "mapping file (.yaml)"
+            "(internal.vtu, .vtu, .pvtu, .vtm, .pvd or .vtk), nor another case that is read"
         )
-    known = {time: key for key, time in times.items() if time is not None}
-    if len(known) < len([time for time in times.values() if time is not None]):
-        twice = next(t for t in known if list(times.values()).count(t) > 1)
-        both = [key for key, time in times.items() if time == twice]
-        only_claimant(
-            f"time {twice:g}", (entry.pieces[0] for key in both for entry in layout.steps[key])
-        )
+    known: dict[float, str] = {}
+    for key, time in times.items():
+        if time is not None and (other := known.setdefault(time, key)) != key:
+            both = (*layout.steps[other], *layout.steps[key])
+            only_claimant(f"time {time:g}", (entry.pieces[0] for entry in both))
     if len(known) == len(times):
-        absent = _absent(layout, times)
+        missing = [each for each in layout.listed if each.step not in times]
+        absent = {each.time_s: each for each in missing if layout.own is None}
         chosen = choose_time(str(path), [*known, *absent], time_s)
         if chosen not in known:
             there = ", ".join(f"{time:g}" for time in sorted(known)[-5:])
             raise SprayError(
-                f"{absent[chosen].text}, and its mesh is missing; restore it, or ask for a time "
-                f"that is there: {there}"
+                f"{absent[chosen].text}, and its mesh is missing; restore it, or choose of: {there}"
             )
         at: float | None = chosen
         key = known[chosen]
     elif len(times) == 1 and time_s in (None, "latest"):
         at, key = None, next(iter(times))
     else:
-        raise SprayError(
-            f"{path}: some mesh files do not state their time; give the path of one, without "
-            "spray.time_s"
-        )
+        what = "some mesh files do not state their time"
+        raise SprayError(f"{path}: {what}; give the path of one, without spray.time_s")
     found = layout.steps[key]
     for each in layout.listed if cloud != NO_CLOUD else ():
         if each.step == key and each.of_cloud and not each.file.exists():
@@ -136,13 +127,6 @@ def find_step(
             f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
         )
     return _sorted(at, found, layout, loader)
-
-
-def _absent(layout: Layout, there: Container[str]) -> dict[float, Listed]:
-    """Listed files by time, of steps that are not `there`; empty if the path names one step."""
-    if layout.own is not None:
-        return {}
-    return {each.time_s: each for each in layout.listed if each.step not in there}
 
 
 def _parcels_likely(entry: Entry) -> bool:
@@ -157,8 +141,7 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
     marked = Marked()
     files = list(layout.read)
     surfaces = list(layout.left_out)
-    read = [pair for each in found for pair in loader.parts(each).items()]
-    for entry, loaded in read:
+    for entry, loaded in (pair for each in found for pair in loader.parts(each).items()):
         pieces = [replace(each, data=unmarked(each.data, marked)) for each in loaded]
         files += [*entry.named_by, *entry.pieces]
         high = max(dimension(piece.data) for piece in pieces)
@@ -177,7 +160,8 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
     tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
     if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
         only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
-    _all_different([piece for pieces in meshes.values() for piece in pieces])
+    every = [piece for pieces in meshes.values() for piece in pieces]
+    _all_different(every)
     if not meshes:
         first = found[0].pieces[0]
         if first.suffix in COMPOSITE:
@@ -189,22 +173,18 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
     if surfaces:
         shown = ", ".join(map(str, surfaces))
         remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
-    every = [piece for pieces in meshes.values() for piece in pieces]
     for piece in every:
         if not piece.data.IsA("vtkUnstructuredGrid"):
-            raise SprayError(
-                f"{piece.file}: contains {piece.data.GetClassName()}, expected vtkUnstructuredGrid"
-            )
+            kind = piece.data.GetClassName()
+            raise SprayError(f"{piece.file}: contains {kind}, expected vtkUnstructuredGrid")
     return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
 
 
 def _all_different(parts: Sequence[Loaded]) -> None:
     """Refuses pieces with the same points and cells: they would count twice."""
-    if len(parts) < 2:
-        return
     seen: dict[bytes, Path] = {}
     for part in parts:
-        if part.data.GetNumberOfPoints():
+        if len(parts) > 1 and part.data.GetNumberOfPoints():
             key = hashlib.sha256()
             for array in geometry_of(part.data):
                 key.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
@@ -212,18 +192,16 @@ def _all_different(parts: Sequence[Loaded]) -> None:
             only_claimant("the same piece of the data", {same, part.file})
 
 
-def _own_time(found: Sequence[Entry], loader: Loader, *, only: bool) -> float | None:
+def _own_time(found: Sequence[Entry], loader: Loader, only: bool) -> float | None:
     """Time that a file of a step states in its comment, or as the field `TimeValue`."""
     for file in (entry.pieces[0] for entry in found if not entry.cloud):
         with regular(file).open("rb") as stream:
             comment = _TIME.search(stream.read(2000))
-        if comment is None:
-            time = loader.time_in(file, only=only)
-            if time is not None:
-                return time
-            continue
-        try:
-            return float(comment.group(1))
-        except ValueError as error:
-            raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+        if comment is not None:
+            try:
+                return float(comment.group(1))
+            except ValueError as error:
+                raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
+        if (time := loader.time_in(file, only=only)) is not None:
+            return time
     return None

@@ -121,7 +121,7 @@ def test_sectors(tmp_path: Path, foam: Foam, angle_deg: float, kind: str) -> Non
     molecules = spray.vapour.number_density_m3 * boxes.volume_m3
     centre = molecules @ (boxes.lower_m + boxes.upper_m) / 2 / molecules.sum()
     assert centre[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
-    assert any(f"made whole by {many} turns" in text for text in spray.remarks)
+    assert any(f"completed by {many} rotations" in text for text in spray.remarks)
     with pytest.raises(SprayError, match=rf"spans {angle_deg:g} degrees .* not the 30 of spray"):
         read_cfd(CfdSpray(file=case, sector={"angle_deg": 30}, **SET))
 
@@ -156,7 +156,7 @@ def test_planes_of_symmetry(tmp_path: Path, foam: Foam, planes: str, kind: str) 
     for name in planes:
         assert middle["xy".index(name)] == pytest.approx(0.0, abs=1e-15)
     assert "parcels" in read_cfd(CfdSpray(file=case, symmetry=[], **SET)).notes
-    with pytest.raises(SprayError, match="lies on both sides of the plane z"):
+    with pytest.raises(SprayError, match="is on both sides of the plane z"):
         read_cfd(CfdSpray(file=case, symmetry=["z"], nozzle_m=(0, 0, HEIGHT_M / 2), axis="-z"))
 
 
