@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.errors import EmptyCloud, SprayError
+from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Floats
 
 CLOUD_FIELDS = ("d", "nParticle", "T", "rho")
@@ -117,6 +118,15 @@ def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str |
             f"{NO_CLOUD!r} for gas alone"
         )
     return known[0] if known else None
+
+
+def refuse_cloud(spec: CfdSpray) -> None:
+    """Refuses a cloud of a format that has none."""
+    if spec.cloud not in (None, NO_CLOUD):
+        raise SprayError(
+            f"{spec.file}: no cloud {spec.cloud!r} (spray.cloud): this format has no parcels; a "
+            "mapping file names their table (parcels.file)"
+        )
 
 
 def complete_cloud(

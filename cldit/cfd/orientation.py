@@ -110,7 +110,8 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
         raise SprayError(f"{cloud.position_m.label}: the nozzle inferred from it is not finite")
     remarks.append(
         f"Nozzle at {triple(nozzle)} m +- {error_m * 1e3:.2g} mm, from the paths of the youngest "
-        f"parcels in {cloud.position_m.label}, extrapolated to age zero (or set spray.nozzle_m)."
+        f"parcels in {cloud.position_m.label}, extrapolated to age zero; spray.nozzle_m sets it "
+        "exactly."
     )
     return np.asarray(nozzle), error_m
 

@@ -74,9 +74,9 @@ def check_parcels(
         raise SprayError(f"{wrong[0][1]} ({what}; {limit})")
     remarks = tuple(f"Omitted {int(mask.sum())} of {count} parcels: {why}." for mask, why in wrong)
     every = (position, *(cloud.fields[name] for name in _LIMITS))
-    place, *others = (np.asarray(each.values[kept], np.float64) for each in every)
+    where, *others = (np.asarray(each.values[kept], np.float64) for each in every)
     size, droplets, temperature, density = others
-    return CheckedParcels(Parcels(place, size, droplets, temperature, density), kept, remarks)
+    return CheckedParcels(Parcels(where, size, droplets, temperature, density), kept, remarks)
 
 
 def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> float:

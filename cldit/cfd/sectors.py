@@ -144,9 +144,9 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
     if span < _PART_DEG and planes:
         raise SprayError(
             f"{case.mesh.source}: spans {span:.4g} of 360 degrees about the injection's axis, "
-            f"{triple(frame.axis)} through {triple(frame.nozzle_m)} m, between planes through it: it "
-            f"seems to be a part of the spray; {_way(span)}, spray.symmetry: [x] (the normals of "
-            "the planes) mirrors it"
+            f"{triple(frame.axis)} through {triple(frame.nozzle_m)} m, between planes through it, "
+            f"so it seems to be a part of the spray; {_way(span)}, spray.symmetry: [x] (the "
+            "normals of the planes) mirrors it"
         )
 
 

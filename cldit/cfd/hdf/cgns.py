@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Column, Listing
+from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import ColumnMap
@@ -46,11 +46,7 @@ _WAY = "open it in ParaView and save the gas as .vtu"
 def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads a file of one time."""
     path = spec.file
-    if spec.cloud not in (None, NO_CLOUD):
-        raise SprayError(
-            f"{path}: no cloud {spec.cloud!r} (spray.cloud): CGNS has none; a mapping file names "
-            "the parcels' table (parcels.file)"
-        )
+    refuse_cloud(spec)
     with open_cgns(path) as root:
         check_units(path, root)
         at = _time(path, root, spec.time_s)
@@ -191,15 +187,11 @@ def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]
         vtk, order = _CELLS[kind]
         nodes = known["ElementConnectivity"]
         if nodes.dtype.kind not in "iu" or len(nodes) != (last - first + 1) * len(order):
-            raise SprayError(
-                f"{path}: {name}: {len(nodes)} corners for elements {first} to {last} of "
-                f"{len(order)}"
-            )
+            what = f"{len(nodes)} corners for elements {first} to {last} of {len(order)}"
+            raise SprayError(f"{path}: {name}: {what}")
         turned = nodes.reshape(-1, len(order))[:, list(order)].astype(np.int64) - 1
-        count = len(turned)
-        found.append(
-            (first, np.full(count, vtk, np.uint8), turned.reshape(-1), np.full(count, len(order)))
-        )
+        kinds, counts = np.full(len(turned), vtk, np.uint8), np.full(len(turned), len(order))
+        found.append((first, kinds, turned.reshape(-1), counts))
     found.sort(key=lambda each: each[0])
     if not found:
         raise SprayError(f"{path}: {zone.name}: has no cells")

@@ -15,9 +15,8 @@ import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, joined, only_claimant
 from cldit.cfd.hdf.arrays import array, field, labels, open_hdf
-from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
+from cldit.cfd.mapping.columns import mapped_cloud, read_gas
 from cldit.cfd.mapping.file import (
-    GAS_KEYS,
     CellColumns,
     ColumnMap,
     ParcelColumns,
@@ -77,14 +76,13 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         cells = gas_names(names.cells, available, fuel_field, CONVERGE_NAMES)
         gas: list[dict[str, Column]] = []
         for stream, mesh in zip(streams, meshes, strict=True):
-            columns = {name: Column("", np.empty(0)) for name in available}
-            for key in GAS_KEYS:
-                name = getattr(getattr(cells, key), "column", None)
-                if name in columns:
-                    watch(f"reading {name}", len(gas), len(streams))
-                    values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", mesh.cells)
-                    columns[name] = Column(f"{chosen}: cell field {name}", values)
-            gas.append(gas_columns(Source(str(chosen), columns, mesh.cells), cells, fuel_field))
+
+            def read(name: str, stream: Any = stream, count: int = mesh.cells) -> Column:
+                watch(f"reading {name}", len(gas), len(streams))
+                values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", count)
+                return Column(f"{chosen}: cell field {name}", values)
+
+            gas.append(read_gas(str(chosen), available, cells, mesh.cells, fuel_field, read))
         remarks = (*remarks, *_chosen_among(chosen, available, names.cells))
         return CfdCase(
             source=str(chosen),
@@ -187,14 +185,8 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
     columns = {name: column(name) for name in fields if not re.match("PARCEL_[XYZ]$", name)}
-    return mapped_cloud(
-        chosen,
-        label,
-        Column(f"{label}/PARCEL_X, _Y, _Z", position),
-        columns,
-        names,
-        parcel_names(columns),
-    )
+    place = Column(f"{label}/PARCEL_X, _Y, _Z", position)
+    return mapped_cloud(chosen, label, place, columns, names, parcel_names(columns))
 
 
 def parcel_names(columns: Container[str]) -> ParcelColumns:

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Column, Listing
+from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, labels, open_hdf, stored
-from cldit.cfd.mapping.columns import Source, gas_columns
-from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
+from cldit.cfd.mapping.columns import read_gas
+from cldit.cfd.mapping.file import ColumnMap, gas_names
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
@@ -46,11 +46,7 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     path, fuel_field = spec.file, spec.fuel_field
     if spec.time_s not in (None, "latest"):
         raise SprayError(f"{path}: does not state its time; remove spray.time_s")
-    if spec.cloud not in (None, NO_CLOUD):
-        raise SprayError(
-            f"{path}: no cloud {spec.cloud!r} (spray.cloud): particles are in a file of their own, "
-            "which a mapping file names (parcels.file)"
-        )
+    refuse_cloud(spec)
     case, data = pair(path)
     with open_hdf(case) as file:
         mesh_group = _group(case, file, _MESH)
@@ -67,11 +63,12 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         held = _group(data, file, _CELLS)
         known = _fields(held)
         wanted = gas_names(names.cells, known, fuel_field, FLUENT_NAMES)
-        columns = {name: Column("", np.empty(0)) for name in known}
-        for name in sorted(columns_of(wanted) & set(known)):
+
+        def read(name: str) -> Column:
             watch(f"reading {name}", 0, 1)
-            columns[name] = Column(f"{data}: cell field {name}", _field(data, held[name], cells))
-        gas = gas_columns(Source(str(data), columns, cells), wanted, fuel_field)
+            return Column(f"{data}: cell field {name}", _field(data, held[name], cells))
+
+        gas = read_gas(str(data), known, wanted, cells, fuel_field, read)
     return CfdCase(
         source=str(data),
         time_s=None,
@@ -97,9 +94,8 @@ def pair(path: Path) -> tuple[Path, Path]:
     found = [known.get(f"{stem.lower()}{ending}") for ending in ENDINGS]
     for ending, file in zip(ENDINGS, found, strict=True):
         if file is None:
-            raise SprayError(
-                f"{path}: {stem}{ending} is missing; Fluent's case and data are read together"
-            )
+            hint = "Fluent's case and data are read together"
+            raise SprayError(f"{path}: {stem}{ending} is missing; {hint}")
     case, data = found
     assert case is not None and data is not None
     return case, data
@@ -128,22 +124,18 @@ def _size(path: Path, mesh: Any, cells: int) -> Size:
     return Size(cells, 0, (4 * 12 + 44) * faces + 24 * nodes + 40 * cells)
 
 
-def _sections(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
+def _sections(path: Path, group: Any) -> list[tuple[int, int, Any]]:
     """First and last index (from 1) of each section of ids, and its group."""
-    found = []
-    for name in sorted(each for each in group if each.isdigit()):
-        part = group[name]
-        low, high = (_count(path, part, key) for key in ("minId", "maxId"))
-        found.append((low, high, part))
+    parts = [group[name] for name in sorted(group) if name.isdigit()]
+    found = [(_count(path, part, "minId"), _count(path, part, "maxId"), part) for part in parts]
     return sorted(found, key=lambda each: each[:2])
 
 
 def _in_order(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
-    found = _sections(path, group, count)
-    ends = [0, *(high for _, high, _ in found)]
-    if ends[-1] != count or any(
-        low != end + 1 for (low, _, _), end in zip(found, ends[:-1], strict=True)
-    ):
+    """Sections that cover 1 to `count` once."""
+    found = _sections(path, group)
+    begins, ends = [low - 1 for low, _, _ in found], [high for _, high, _ in found]
+    if [*begins, count] != [0, *ends]:
         raise SprayError(f"{path}: {group.name}: its sections do not cover 1..{count} once")
     return found
 
@@ -176,7 +168,7 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
     sides = np.zeros((2, faces), np.int64)
     for number, name in enumerate(("c0", "c1")):
         held = _group(path, group, f"faces/{name}")
-        for low, high, part in _sections(path, held, faces):
+        for low, high, part in _sections(path, held):
             key = part.name.rpartition("/")[2]
             if high > faces:
                 raise SprayError(f"{path}: {part.name}: goes to face {high} of {faces}")

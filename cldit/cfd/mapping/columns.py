@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -127,6 +127,21 @@ def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[st
         for key, name in names.items()
         if (value := getattr(wanted, key)) is not None
     }
+
+
+def read_gas(
+    source: str,
+    available: Iterable[str],
+    wanted: CellColumns,
+    cells: int,
+    fuel_field: str,
+    read: Callable[[str], Column],
+) -> dict[str, Column]:
+    """Reads the columns (N,) that are mapped; the other `available` ones are only named."""
+    columns = {name: Column("", np.empty(0)) for name in available}
+    for name in sorted(columns_of(wanted) & set(columns)):
+        columns[name] = read(name)
+    return gas_columns(Source(source, columns, cells), wanted, fuel_field)
 
 
 def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:

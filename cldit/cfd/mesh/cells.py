@@ -106,8 +106,9 @@ class CellMesh(ABC):
             whole = len(place) == count
             own = found if whole else Measures(*(values[place] for values in vars(found).values()))
             fault = np.empty(len(place), np.int8)
-            # in the order of its parameters
-            geometry.measure(*vars(part).values(), origin, turn, *vars(own).values(), fault)
+            given = part.points_m, part.corners, part.start, part.first, part.sides, part.members
+            written = own.volume_m3, own.centroid_m, own.lower_m, own.upper_m, fault
+            geometry.measure(*given, origin, turn, *written)
             for number, text in enumerate(_FAULTS, start=1):
                 bad = np.flatnonzero(fault == number)
                 if len(bad):

@@ -9,14 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.mesh.cells import (
-    AnyFloats,
-    CellMesh,
-    Labels,
-    PointMesh,
-    Polyhedra,
-    check_labels,
-)
+from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels, PointMesh, Polyhedra, check_labels
 from cldit.errors import SprayError
 from cldit.spray.result import Floats
 

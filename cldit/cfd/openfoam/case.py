@@ -16,7 +16,7 @@ import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
 from cldit.cfd.inputs import regular
-from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud, with_components
+from cldit.cfd.mapping.columns import mapped_cloud, read_gas, with_components
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
@@ -52,9 +52,9 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     chosen = choose_cloud(str(step.place), clouds, spec.cloud)
     available = sorted({name for root in step.roots for name in _file_names(root.path / folder)})
     wanted = gas_names(names.cells, available, spec.fuel_field)
-    fields = sorted(columns_of(wanted) & set(available))
+    fields = len(columns_of(wanted) & set(available))
     places = [root.path / "constant" / step.region / "polyMesh" for root in step.roots]
-    check_room(step.case, foam_size(places, fields=len(fields)))
+    check_room(step.case, foam_size(places, fields=fields))
     files: list[Path] = []
     meshes: list[tuple[Root, Mesh]] = []
     for number, root in enumerate(step.roots):
@@ -64,25 +64,28 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             meshes.append((root, part))
     if not meshes:
         raise SprayError(f"{step.case}: the mesh has no cell")
-    columns = {name: Column("", np.empty(0)) for name in available}
-    for number, name in enumerate(fields):
-        watch(f"reading {name}", number, len(fields))
-        read = []
+
+    def read(name: str) -> Column:
+        watch(f"reading {name}", 0, 1)
+        found = []
         for root, mesh in meshes:
             file = root.path / folder / name
             values = internal_field(read_foam(file, root.block), mesh.cells)
-            read.append(Column(root.label(file), values))
+            found.append(Column(root.label(file), values))
             files.append(find_foam(file) or file)
-        columns[name] = joined(read)
+        return joined(found)
+
     whole = join([mesh for _, mesh in meshes])
+    source = str(step.place)
+    gas = read_gas(source, available, wanted, whole.cells, spec.fuel_field, read)
     injectors, dictionaries = case_injectors(step.case, chosen, step.region)
     boundaries, lists = cut_boundaries(meshes, step.region)
     parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, files)
     return CfdCase(
-        source=str(step.place),
+        source=source,
         time_s=step.time,
         mesh=whole,
-        gas=gas_columns(Source(str(step.place), columns, whole.cells), wanted, spec.fuel_field),
+        gas=gas,
         available=tuple(available),
         cloud=parcels,
         injectors=injectors,

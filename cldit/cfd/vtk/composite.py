@@ -50,6 +50,7 @@ def composite_size(file: Path) -> Size:
     """Estimate for the data sets in a file from the shapes of its arrays."""
     with open_hdf(file) as root:
         arrays = arrays_in(root)
+        stored = bytes_of(arrays)
         # of grids; poly data count their cells by kind, a level deeper
         counts = [each for each in arrays if each.name.endswith("/NumberOfCells")]
         cells = sum(int(np.sum(each[()])) for each in counts if "Types" in each.parent)
@@ -58,7 +59,7 @@ def composite_size(file: Path) -> Size:
             for each in arrays
             if each.name.endswith("/NumberOfPoints") and "Types" not in each.parent
         )
-    return Size(cells, points, _WHILE_READING * bytes_of(arrays))
+    return Size(cells, points, _WHILE_READING * stored)
 
 
 def times_in(file: Path) -> tuple[float, ...]:

@@ -9,12 +9,7 @@ import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
 from cldit.cfd.mapping.columns import mapped_cloud, with_components
-from cldit.cfd.mapping.file import (
-    ColumnMap,
-    columns_of,
-    gas_names,
-    without_unit,
-)
+from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names, without_unit
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, vtk_mesh
 from cldit.cfd.vtk.layout import find_layout

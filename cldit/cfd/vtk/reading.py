@@ -134,11 +134,8 @@ def _array_names(fields: Any) -> frozenset[str]:
 
 def _reader(file: Path) -> Any:
     try:
-        from vtkmodules import (
-            vtkCommonCore,  # noqa: F401, the others need it
-            vtkIOLegacy,
-            vtkIOXML,
-        )
+        import vtkmodules.vtkCommonCore  # noqa: F401, the readers need it
+        from vtkmodules import vtkIOLegacy, vtkIOXML
     except ImportError as error:
         raise missing(file, "vtk") from error
     readers: dict[str, Any] = {

@@ -278,7 +278,7 @@ def test_files_of_another_kind(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     keys: dict[str, Any] = {"nozzle_m": (0, 0, 0), "axis": "-z"}
     flat = grid_of([(9, (0, 1, 2, 3))], SOLIDS[14][0], {"T": [3], "rho": [1], "C7H16": [1]})
-    with pytest.raises(SprayError, match=r"flat\.vtu: cell 0 is of vtk type 9; expected tetra"):
+    with pytest.raises(SprayError, match=r"flat\.vtu: cell 0 is of vtk type 9; allowed: tetra"):
         read_cfd(CfdSpray(file=save(tmp_path / "1" / "flat.vtu", flat), **keys))
     with pytest.raises(SprayError, match=r"none\.vtu: the mesh has no cell"):
         read_cfd(CfdSpray(file=save(tmp_path / "2" / "none.vtu", grid_of([], [], {})), **keys))
