@@ -1,4 +1,4 @@
-"""Sprays that take long are kept by what they were made from, and shared by whoever asks next."""
+"""Cache of computed sprays, by the scene's spray and the code that computed it."""
 
 from __future__ import annotations
 
@@ -18,15 +18,10 @@ from cldit.spray.spray_file import read_spray, write_spray
 
 
 def cached_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) -> Spray:
-    """What `make` gives, from `folder` where this very spray was kept there by this very code.
+    """Result of `make`, or the spray in `folder` that the same code computed for the same `spec`.
 
-    Two processes that want the same spray compute it once: the second waits. A file that is
-    damaged is made anew; a folder that cannot be written costs only the time.
-
-    Args:
-        spec: the scene's spray, by which it is found.
-        folder: of cached sprays; None keeps nothing.
-        make: computes it.
+    Two processes that need the same spray compute it once: the second waits. A damaged file is
+    computed again; a read-only folder costs only the time. None: no cache.
     """
     if folder is None:
         return make()

@@ -1,4 +1,4 @@
-"""How the droplets of a parcel are spread about its place: evenly in a box, or as a cloud."""
+"""Distribution of a parcel's droplets about its position: uniform in a box, or a cloud."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Box:
-    """Evenly in a box about the place, edges along x, y, z (3,): the field's own cells.
+    """Uniform distribution in a box with edges (3,) along x, y, z: the cells of the field itself.
 
-    All of the box is known, so nothing is sampled.
+    The parcels are then not a sample.
     """
 
     edge_m: Floats
@@ -28,13 +28,13 @@ class Box:
             raise SprayError(f"box.edge_m: {self.edge_m.tolist()} is outside 1e-9..1e3")
 
     def of(self, _: NDArray[np.bool_]) -> Box:
-        """Gives the extent of some of the parcels, (N,)."""
+        """Extent of some of the parcels (N,)."""
         return self
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """About the place with a covariance (N, 3, 3) in m2, in x, y, z, of compact support."""
+    """Distribution of compact support with a covariance (N, 3, 3) in m2, in x, y, z."""
 
     covariance_m2: Floats
 
@@ -48,7 +48,7 @@ class Cloud:
             raise SprayError(f"cloud.covariance_m2: entry {int(np.argmax(bad))} is no covariance")
 
     def of(self, chosen: NDArray[np.bool_]) -> Cloud:
-        """Gives the extent of the `chosen` parcels, (N,)."""
+        """Extent of the `chosen` parcels (N,)."""
         return Cloud(self.covariance_m2[chosen])
 
 

@@ -26,17 +26,14 @@ _NAMES = (*_VECTORS, *_COEFFICIENTS, *_TEMPERATURES)
 def read_grid(spec: GridSpray) -> Spray:
     """Reads a grid file.
 
-    The file holds `origin_m` (3,), the lower corner of the grid, `spacing_m` (3,), and any of the
-    (nx, ny, nz) arrays `vapour_absorption_per_m`, `droplet_absorption_per_m`,
-    `droplet_scattering_per_m`, `vapour_temperature_K`, `droplet_temperature_K`; what is missing is
-    zero everywhere. Voxels without any absorption or scattering are left out.
-
-    Returns:
-        Spray with `prescribed` (its cells carry the regular grid) and the figures `voxels`,
-        `voxels_filled` and the largest of each coefficient.
+    The file contains `origin_m` (3,), the lower corner of the grid, `spacing_m` (3,), and any of
+    the (nx, ny, nz) arrays `vapour_absorption_per_m`, `droplet_absorption_per_m`,
+    `droplet_scattering_per_m`, `vapour_temperature_K`, `droplet_temperature_K`; a missing array is
+    zero. Voxels without absorption and scattering are omitted. The spray has `prescribed` and the
+    figures `voxels`, `voxels_filled` and the largest of each coefficient.
 
     Raises:
-        SprayError: the file is missing or no .npz; an array is unknown, of another shape, not
+        SprayError: the file is missing or not an .npz; an array is unknown, of another shape, not
             real, not finite, or outside its range. The message names file and array.
     """
     arrays = _load(spec.file)
@@ -53,7 +50,7 @@ def read_grid(spec: GridSpray) -> Spray:
     given = {name: arrays[name] for name in _NAMES if name in arrays and name not in _VECTORS}
     if not given:
         raise SprayError(
-            f"{spec.file}: holds no (nx, ny, nz) array; allowed: "
+            f"{spec.file}: no (nx, ny, nz) array; allowed: "
             f"{', '.join((*_COEFFICIENTS, *_TEMPERATURES))}"
         )
     first, leading = next(iter(given.items()))
@@ -92,25 +89,25 @@ def read_grid(spec: GridSpray) -> Spray:
 
 
 def _load(path: Path) -> dict[str, Floats]:
-    """Every array of the file as float64, C order."""
+    """All arrays of the file as float64, in C order."""
     if not path.exists():
         raise SprayError(f"{path}: no such grid file (spray.file)")
     try:
         with open_regular(path) as stream:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise SprayError(f"{path}: holds a single array; expected an .npz of named arrays")
+                raise SprayError(f"{path}: a single array; expected an .npz of named arrays")
             raw = {name: np.asarray(archive[name]) for name in archive.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise SprayError(f"{path}: cannot be read as .npz ({error})") from error
     for name, values in raw.items():
         if values.dtype.kind not in "fiub":
-            raise SprayError(f"{path}: {name}: holds {values.dtype}, expected real numbers")
+            raise SprayError(f"{path}: {name}: type {values.dtype}, expected real numbers")
     return {name: np.ascontiguousarray(values, dtype=np.float64) for name, values in raw.items()}
 
 
 def _check(what: str, values: Floats, *, low: float, high: float) -> None:
-    inside = (values >= low) & (values <= high)  # false for NaN as well
+    inside = (values >= low) & (values <= high)  # false for NaN too
     if not inside.all():
         bad = np.unravel_index(int(np.argmin(inside)), values.shape)
         place = ", ".join(str(int(axis)) for axis in bad)

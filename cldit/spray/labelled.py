@@ -1,4 +1,4 @@
-"""A spray as one labelled data set: parcels, and the gas in its cells."""
+"""Conversion of a spray to a labelled data set: parcels, and the gas in its cells."""
 
 from __future__ import annotations
 
@@ -17,17 +17,11 @@ _AXES = "xyz"
 
 
 def labelled_spray(spray: Spray) -> xarray.Dataset:
-    """Parcels over `parcel`, gas over `cell`; places in mm, all else in SI units.
+    """Data set of parcels over `parcel` and gas over `cell`; lengths in mm, all else in SI units.
 
-    Args:
-        spray: parcels, vapour, or coefficients as such; what it has not is left out.
-
-    Returns:
-        Variables such as parcel_diameter_m and vapour_temperature_K; `cell_x`, `cell_y` and
-        `cell_z` are middles, `cell_width_x` and so on edges. Figures of the spray are attributes.
-
-    Raises:
-        ClditError: xarray is not installed.
+    Variables are such as parcel_diameter_m and vapour_temperature_K; `cell_x`, `cell_y` and
+    `cell_z` are middles, `cell_width_x` and so on edges. Figures of the spray are attributes.
+    Raises ClditError if xarray is not installed.
     """
     xr = xarray_module()
     variables: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""numba's compiler with types that mypy can follow."""
+"""Compiler of numba with types that mypy can check."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ _HOW: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 def compiled(function: F) -> F:
-    """Machine code on the first call, kept for the next process."""
+    """Function compiled at its first call and cached for later processes."""
     return cast(F, numba.njit(**_HOW)(function))
 
 
 def compiled_for(function: F, signature: tuple[Any, ...]) -> F:
-    """`function` as machine code for the argument types of `signature`.
+    """Function compiled for the argument types of `signature`.
 
-    Among them may be functions, called by their address, so that one cached machine code serves for
-    all of them.
+    These may be functions, called by their address, so that all of them share one cached code.
     """
     return cast(F, numba.njit(signature, **_HOW)(function))

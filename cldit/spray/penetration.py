@@ -1,4 +1,4 @@
-"""How far liquid reaches, and how much of it there is: figures that every spray has alike."""
+"""Penetration and mass of the liquid: figures of every spray."""
 
 from __future__ import annotations
 
@@ -13,27 +13,17 @@ SHARES_PERCENT = (90, 95, 99)
 
 
 def penetration_m(parcels: Parcels, share: float) -> float:
-    """Depth below the nozzle, along the axis, above which a share of the liquid's mass is (ECN).
+    """Depth below the nozzle, along the axis, above which a share of the liquid mass is.
 
-    Args:
-        parcels: with some mass.
-        share: 0 to 1; the ECN takes 0.95, others 0.90 or 0.99.
+    The ECN uses the share 0.95, others 0.90 or 0.99. The parcels must have some mass.
     """
     return penetrations_m(parcels, (share,))[0]
 
 
 def penetrations_m(parcels: Parcels, shares: Sequence[float]) -> tuple[float, ...]:
-    """`penetration_m` of several shares, by one sort.
-
-    Args:
-        parcels: with some mass.
-        shares: 0 to 1.
-
-    Returns:
-        Metres, one for each share.
-    """
+    """Penetrations of several shares, see `penetration_m`, by one sort."""
     depth, mass = -parcels.position_m[:, 2], parcels.masses_kg
-    # Classes of size that share a box follow each other: the sort takes each box once.
+    # Size classes that share a box are consecutive, so the sort has each box once.
     starts = np.append(0, np.flatnonzero(depth[1:] != depth[:-1]) + 1)
     depth, mass = depth[starts], np.add.reduceat(mass, starts)
     order = np.argsort(depth)
@@ -43,14 +33,9 @@ def penetrations_m(parcels: Parcels, shares: Sequence[float]) -> tuple[float, ..
 
 
 def liquid_figures(parcels: Parcels, known: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Notes of a spray's liquid: mass, Sauter mean diameter, penetrations by `SHARES_PERCENT`.
+    """Figures of a spray's liquid by name: mass, Sauter mean diameter, penetrations.
 
-    Args:
-        parcels: the liquid.
-        known: figures that are there already, and are left out.
-
-    Returns:
-        Figures by name, SI.
+    The shares are `SHARES_PERCENT`; figures in `known` are omitted.
     """
     known = known or {}
     figures = {} if "liquid_mass_kg" in known else {"liquid_mass_kg": parcels.mass_kg}
@@ -67,7 +52,7 @@ def liquid_figures(parcels: Parcels, known: Mapping[str, float] | None = None) -
 
 
 def with_figures(spray: Spray) -> Spray:
-    """The spray with these figures among its notes; those that its model has put there stay."""
+    """Spray with these figures in its notes; figures of the model are kept."""
     figures = {} if spray.parcels is None else liquid_figures(spray.parcels, spray.notes)
     if spray.vapour is not None and "vapour_mass_kg" not in spray.notes:
         figures["vapour_mass_kg"] = spray.vapour.mass_kg

@@ -1,4 +1,4 @@
-"""What every spray model yields: parcels of droplets, and gas in cells.
+"""Result of every spray model: parcels of droplets, and gas in cells.
 
 Positions are in the project's frame: injector tip at the origin, injector axis -z.
 """
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
     if not values.size or low <= values.min() <= values.max() <= high:
-        return  # no NaN either, which no comparison holds for
+        return  # comparisons are false for NaN
     if not np.all(np.isfinite(values)):
         bad = int(np.flatnonzero(~np.isfinite(values).reshape(values.shape[0], -1).all(axis=1))[0])
         raise SprayError(f"{what}: entry {bad} is not finite")
@@ -36,10 +36,10 @@ def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
 
 @dataclass(frozen=True)
 class Parcels:
-    """Packages of equal droplets.
+    """Parcels of equal droplets.
 
-    position_m (N, 3); diameter_m, droplets (real number of droplets in the parcel), temperature_K
-    and density_kg_m3 (N,). extent: how the droplets are spread about the position; None: at it.
+    position_m (N, 3); diameter_m, droplets (number of real droplets in the parcel), temperature_K
+    and density_kg_m3 (N,). extent: distribution of the droplets about the position; None: a point.
     """
 
     position_m: Floats
@@ -72,7 +72,7 @@ class Parcels:
 
     @property
     def masses_kg(self) -> Floats:
-        """Liquid of each parcel (N,), n rho pi d^3 / 6."""
+        """Liquid mass of each parcel (N,), n rho pi d^3 / 6."""
         each = self.droplets * self.density_kg_m3
         for _ in range(3):  # a power takes ten times as long
             each *= self.diameter_m
@@ -81,12 +81,12 @@ class Parcels:
 
     @property
     def mass_kg(self) -> float:
-        """Liquid mass of all."""
+        """Liquid mass of all parcels."""
         return float(np.sum(self.masses_kg))
 
     @property
     def sauter_mean_diameter_m(self) -> float:
-        """D32 = sum n d^3 / sum n d^2; NaN where there is no droplet."""
+        """Sauter mean diameter D32 = sum n d^3 / sum n d^2; NaN without droplets."""
         areas = self.diameter_m**2
         areas *= self.droplets
         area = float(np.sum(areas))
@@ -95,7 +95,7 @@ class Parcels:
 
     @property
     def sampled(self) -> bool:
-        """Whether the parcels are a sample of the droplets, and not the field itself."""
+        """True if the parcels are a sample of the droplets, and not the field itself."""
         return not isinstance(self.extent, Box)
 
     def take(self, chosen: NDArray[np.bool_]) -> Parcels:
@@ -110,10 +110,10 @@ class Parcels:
         )
 
     def points_m(self) -> Floats:
-        """A place for each parcel (N, 3) to be drawn at: parcels that share a box fill it evenly.
+        """Points (N, 3) at which to draw the parcels; those that share a box fill it uniformly.
 
-        In a box the places are those of Kronecker's sequence with the plastic number, so that the
-        same parcels are always drawn alike.
+        Points in a box are those of a Kronecker sequence with the plastic number, so that the same
+        parcels are always drawn at the same points.
         """
         if not isinstance(self.extent, Box):
             return self.position_m
@@ -125,11 +125,11 @@ class Parcels:
 
 @dataclass(frozen=True)
 class RegularGrid:
-    """Where cells lie on a regular grid, so that a consumer may treat the axes one by one.
+    """Positions of cells on a regular grid, so that a user of them may treat the axes separately.
 
     origin_m (3,) is the lower corner of the grid, spacing_m (3,) the edges of a voxel, `shape`
-    the number of voxels along x, y and z; `index` (N,) is each cell's place in that shape, flat
-    in C order.
+    the number of voxels along x, y and z; `index` (N,) is the flat index of each cell in that
+    shape, in C order.
     """
 
     origin_m: Floats
@@ -158,10 +158,10 @@ class RegularGrid:
 
 @dataclass(frozen=True)
 class Cells:
-    """Axis-aligned boxes, lower_m and upper_m (N, 3), that carry the gas.
+    """Axis-aligned boxes, lower_m and upper_m (N, 3), that contain the gas.
 
-    `volume_m3` (N,) is the cell's own volume; a cell that is no box is stood for by a box of the
-    same volume and centroid. `grid` is given where the cells lie on a regular grid.
+    `volume_m3` (N,) is the volume of a cell; a cell that is not a box is represented by a box of
+    the same volume and centroid. `grid` is given if the cells are on a regular grid.
     """
 
     lower_m: Floats
@@ -196,9 +196,9 @@ class Cells:
         """Voxels of a regular grid.
 
         Args:
-            origin_m, spacing_m: (3,) low corner of the grid, and size of a voxel.
+            origin_m, spacing_m: (3,) lower corner of the grid, and size of a voxel.
             shape: number of voxels along x, y, z.
-            index: (N,) the voxels wanted, flat, C order; None is all of them.
+            index: (N,) flat indices of the voxels, in C order; None: all.
 
         Raises:
             SprayError: as for `RegularGrid`.
@@ -207,13 +207,13 @@ class Cells:
             index = np.arange(np.prod(shape), dtype=np.int64)
         grid = RegularGrid(origin_m, spacing_m, shape, index)
         corner = np.stack(np.unravel_index(index, shape), axis=1).astype(np.float64)
-        # both faces from the same product, so that neighbours share theirs to the last bit
+        # Both faces from the same product, so that those of neighbours are bit-identical.
         lower = origin_m + corner * spacing_m
         return cls(lower, origin_m + (corner + 1.0) * spacing_m, grid)
 
     @property
     def volume_m3(self) -> Floats:
-        """(N,) volumes."""
+        """Volumes (N,)."""
         return np.asarray(np.prod(self.upper_m - self.lower_m, axis=1))
 
 
@@ -237,7 +237,7 @@ class Vapour:
 
     @property
     def masses_kg(self) -> Floats:
-        """Vapour of each cell (N,)."""
+        """Mass of the vapour in each cell (N,)."""
         molecule_kg = self.molar_mass_kg_mol / 6.02214076e23
         return np.asarray(self.number_density_m3 * self.cells.volume_m3 * molecule_kg)
 
@@ -250,7 +250,7 @@ class Vapour:
 
 @dataclass(frozen=True)
 class Prescribed:
-    """Optical coefficients given as such, per metre, in cells; all arrays (N,)."""
+    """Optical coefficients of cells, per metre; all arrays (N,)."""
 
     cells: Cells
     vapour_absorption_per_m: Floats
@@ -278,10 +278,10 @@ class Prescribed:
 
 @dataclass(frozen=True)
 class Spray(Presented):
-    """The one result of every source; what a source does not have is None.
+    """Result of every spray model and importer; a part that it does not have is None.
 
-    `notes` are figures for the report (name -> value in SI); `remarks` are sentences that the user
-    should read, on what had to be inferred. `files`: those that the spray was read from.
+    `notes` are figures for the report (name -> value in SI); `remarks` are sentences for the user,
+    on assumptions that were necessary. `files`: those that the spray was read from.
     """
 
     parcels: Parcels | None = None
@@ -304,7 +304,7 @@ class Spray(Presented):
         return f"<Spray: {'; '.join(parts) or 'nothing'}>"
 
     def to_xarray(self) -> xarray.Dataset:
-        """Parcels over `parcel`, gas over `cell`; `to_netcdf`, `to_zarr` write them.
+        """Data set of parcels over `parcel` and gas over `cell`; `to_netcdf`, `to_zarr` write it.
 
         Raises:
             ClditError: xarray is not installed.

@@ -1,9 +1,9 @@
 """Droplet sizes: moments, quantiles and representative diameters in closed form.
 
-Nukiyama-Tanasawa: f(D) = n D^p exp(-(D/m)^n) / (m^(p+1) Gamma((p+1)/n)), paper Eq. (5). With D
-distributed so, (D/m)^n follows a Gamma distribution of shape (p+1)/n when droplets are counted,
-and of shape (p+4)/n when their mass is. Rosin-Rammler, exp(-(D/d)^q) of the mass above D, is the
-same with p = q - 4 and n = q; below q = 3 its droplets are infinitely many, and D10 does not exist.
+Nukiyama-Tanasawa: f(D) = n D^p exp(-(D/m)^n) / (m^(p+1) Gamma((p+1)/n)), paper Eq. (5). Then
+(D/m)^n has a Gamma distribution, of shape (p+1)/n by number of droplets and (p+4)/n by mass.
+Rosin-Rammler, with the mass share exp(-(D/d)^q) above D, is the same with p = q - 4 and n = q;
+below q = 3 the number of droplets is infinite, and D10 does not exist.
 """
 
 from __future__ import annotations
@@ -25,18 +25,10 @@ _POWER = {"number": 0, "mass": 3}
 
 
 def mean_diameter_m(sizes: Sizes, high: int, low: int) -> float:
-    """D_high,low = (<D^high> / <D^low>)^(1/(high - low)); D32 is paper Eq. (6), D10 the mean.
+    """Mean diameter D_high,low = (<D^high> / <D^low>)^(1/(high - low)).
 
-    Args:
-        sizes: the distribution.
-        high, low: orders of the moments.
-
-    Returns:
-        Diameter [m].
-
-    Raises:
-        ValueError: the two orders are equal.
-        SprayError: the moment does not exist (Rosin-Rammler, order + q <= 3).
+    D32 is paper Eq. (6), D10 the mean. Raises SprayError if the moment does not exist
+    (Rosin-Rammler, order + q <= 3), and ValueError for equal orders.
     """
     if high == low:
         raise ValueError(f"D{high}{low}: the two orders must differ")
@@ -47,7 +39,7 @@ def mean_diameter_m(sizes: Sizes, high: int, low: int) -> float:
 
 
 def _log_moments(sizes: Sizes, orders: Floats) -> tuple[float, Floats]:
-    """A length, and ln <(D / length)^order>, up to one constant."""
+    """Length scale, and ln <(D / length)^order>, up to a constant."""
     if isinstance(sizes, LogNormal):
         spread = np.log(sizes.sigma)
         return sizes.median_um * 1e-6, 0.5 * (orders * spread) ** 2
@@ -70,18 +62,9 @@ def _log_moments(sizes: Sizes, orders: Floats) -> tuple[float, Floats]:
 
 
 def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
-    """Diameter below which a share of the droplets, or of their mass, lies.
+    """Diameter below which a share, of any shape, of the droplets or of their mass is.
 
-    Args:
-        sizes: the distribution.
-        share: (...,) 0..1.
-        by: number or mass.
-
-    Returns:
-        (...,) diameters [m].
-
-    Raises:
-        SprayError: by number, where the number is infinite (Rosin-Rammler, q <= 3).
+    Raises SprayError by number if the number is infinite (Rosin-Rammler, q <= 3).
     """
     wanted = np.asarray(share, dtype=float)
     if isinstance(sizes, Monodisperse):
@@ -103,7 +86,7 @@ def quantile_m(sizes: Sizes, share: ArrayLike, *, by: Weight) -> Floats:
 
 
 def strata_m(sizes: Sizes, count: int) -> Floats:
-    """Rising diameters of `sizes`, of shape (count,), for `count` equal shares of the mass.
+    """Rising diameters (count,) of a distribution, for `count` equal shares of the mass.
 
     Each has the surface per mass of its share, so droplets of these diameters, equal in mass, have
     the distribution's D32 exactly: 1/D32 is the mean of 1/D by mass.
@@ -131,18 +114,9 @@ def strata_m(sizes: Sizes, count: int) -> Floats:
 
 
 def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
-    """Share of the droplets, or of their mass, per metre of diameter; integrates to 1.
+    """Density of the droplets, or of their mass, per metre of diameter, of any shape.
 
-    Args:
-        sizes: the distribution.
-        diameter_m: (...,) where it is wanted.
-        by: number or mass.
-
-    Returns:
-        (...,) density [1/m].
-
-    Raises:
-        SprayError: every droplet has one diameter, or the number is infinite.
+    Raises SprayError if all droplets have one diameter, or if their number is infinite.
     """
     d = np.asarray(diameter_m, dtype=float)
     power = _POWER[by]
@@ -173,7 +147,7 @@ def density_per_m(sizes: Sizes, diameter_m: ArrayLike, *, by: Weight) -> Floats:
 
 
 def _gamma(sizes: NukiyamaTanasawa | RosinRammler) -> tuple[float, float, float]:
-    """m in um, n and p of Eq. (5)."""
+    """Parameters m in um, n and p of Eq. (5)."""
     if isinstance(sizes, RosinRammler):
         return sizes.d_um, sizes.q, sizes.q - 4
     return sizes.m_um, sizes.n, sizes.p
@@ -183,5 +157,5 @@ def _running(sizes: Histogram, power: int) -> tuple[Floats, Floats]:
     """Edges in um, and the sum of number * D^power below each."""
     edges = np.array(sizes.edges_um)
     number = np.array(sizes.number) / np.diff(edges)
-    held = number * np.diff(edges ** (power + 1)) / (power + 1)
-    return edges, np.concatenate([[0.0], np.cumsum(held)])
+    parts = number * np.diff(edges ** (power + 1)) / (power + 1)
+    return edges, np.concatenate([[0.0], np.cumsum(parts)])

@@ -1,11 +1,11 @@
-"""cldit's own file of a spray: an .npz that holds what `Spray` holds, in SI and in our frame.
+"""File format of a spray: an .npz with the data of `Spray`, in SI and in the project's frame.
 
-Arrays `parcels/position_m`, `parcels/diameter_m`, ..., where parcels fill boxes `parcels/box_m`
-(3,), where they are clouds `parcels/covariance_m2`, `vapour/lower_m`, `vapour/upper_m`,
-`vapour/number_density_m3`, `vapour/temperature_K`, and `about`, a JSON text with the version of the
-layout, the molar mass, notes, remarks and the files read. Cells of a regular grid have its
-`vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index` too.
-Written at once: a file is whole or not there.
+Arrays: `parcels/position_m`, `parcels/diameter_m`, ...; `parcels/box_m` (3,) if parcels fill boxes,
+`parcels/covariance_m2` if they are clouds; `vapour/lower_m`, `vapour/upper_m`,
+`vapour/number_density_m3`, `vapour/temperature_K`; and `about`, a JSON text with the version of the
+layout, the molar mass, notes, remarks and the files read. Cells of a regular grid also have
+`vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index`. The
+file is written atomically.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapou
 
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
-_EFFORT = 1  # of zlib: at 6 writing takes five times as long, for a tenth of the size
+_EFFORT = 1  # of zlib: level 6 takes five times as long, for a tenth of the size
 _AT_ONCE = 1 << 22  # bytes between two reports of progress
 _UNREADABLE = (
     OSError,
@@ -36,7 +36,7 @@ _UNREADABLE = (
     TypeError,
     zipfile.BadZipFile,
     zlib.error,
-    RuntimeError,  # a flag or method that zipfile does not know, in a damaged file
+    RuntimeError,  # a flag or method that zipfile does not support, in a damaged file
 )
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
 _VAPOUR = ("lower_m", "upper_m", "number_density_m3", "temperature_K")
@@ -46,9 +46,9 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
     """Writes parcels and vapour of `spray` to `path`.
 
     Args:
-        path: of the file, which appears whole or not at all.
+        path: of the file, which is written atomically.
         spray: to be written.
-        watch: told how far the work is.
+        watch: receives the progress.
 
     Raises:
         SprayError: the name does not end in .npz, or the file cannot be written.
@@ -132,12 +132,12 @@ def _member(archive: zipfile.ZipFile, name: str) -> Floats:
     with archive.open(name) as stream:
         values = np.lib.format.read_array(stream, allow_pickle=False)
         if stream.read(1):
-            raise ValueError(f"{name} goes on behind its array")
+            raise ValueError(f"{name} has data after its array")
     return np.asarray(values)
 
 
 def read_spray(path: Path) -> Spray:
-    """Reads what `write_spray` wrote.
+    """Reads a file of `write_spray`.
 
     Raises:
         SprayError: the file is missing, damaged, cut off, of another layout, or lacks an array.
@@ -169,5 +169,5 @@ def read_spray(path: Path) -> Spray:
     except SprayError as error:
         raise error if str(path) in str(error) else SprayError(f"{path}: {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
-        raise SprayError(f"{path}: is no file of cldit's ({error})") from error
+        raise SprayError(f"{path}: not a spray file of cldit ({error})") from error
     return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks, files=files)

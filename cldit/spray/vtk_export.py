@@ -1,4 +1,4 @@
-"""A spray as XML files for ParaView, written without VTK: parcels as .vtp, gas as .vtu."""
+"""Export of a spray to XML files for ParaView, without VTK: parcels as .vtp, gas as .vtu."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)])
 
 
 def parcel_points(parcels: Parcels) -> Points:
-    """Parcels at their places in m, those that fill boxes evenly in them.
+    """Points of the parcels in m; those that share a box fill it uniformly.
 
-    Fields: diameter_m, temperature_K, droplets (how many of them), density_kg_m3, mass_kg.
+    Fields: diameter_m, temperature_K, droplets (their number), density_kg_m3, mass_kg.
     """
     return Points(
         parcels.points_m(),
@@ -30,9 +30,9 @@ def parcel_points(parcels: Parcels) -> Points:
 
 
 def write_vtk(spray: Spray, folder: Path) -> list[Path]:
-    """`parcels.vtp` and `gas.vtu` in a folder, of what the spray has; the paths written.
+    """Writes `parcels.vtp` and `gas.vtu`, as far as the spray has them, and returns their paths.
 
-    Parcels as `parcel_points` has them; of the gas cell data vapour_kg_m3, temperature_K.
+    Parcels are those of `parcel_points`; the gas has cell data vapour_kg_m3, temperature_K.
     """
     written = []
     if spray.parcels is not None:

@@ -109,7 +109,7 @@ LEFT: dict[str, int] = {
     "run": 31,
     "scene": 0,
     "show": 160,
-    "spray": 56,
+    "spray": 0,
     "study": 64,
     "testing": 36,
     "transport": 6,

@@ -1,8 +1,8 @@
-"""Properties of n-heptane, methane and nitrogen: fits with their sources, SI, vectorised.
+"""Properties of n-heptane, methane and nitrogen: fits with their sources, SI, for arrays.
 
-n-heptane: coefficients of the NSRDS/DIPPR fits as OpenFOAM tabulates them (C7H16). Nitrogen:
-CHEMKIN thermodynamic data base; methane: GRI-Mech 3.0. Gases are ideal. Enthalpies are relative
-to an arbitrary zero, one for each substance; liquid and vapour of n-heptane share theirs.
+n-heptane: coefficients of the NSRDS/DIPPR fits as tabulated by OpenFOAM (C7H16). Nitrogen: CHEMKIN
+thermodynamic data base; methane: GRI-Mech 3.0. Gases are ideal. Enthalpies are relative to an
+arbitrary zero of each substance; liquid and vapour of n-heptane share theirs.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ HEPTANE_CRITICAL_Pa = 2.74e6
 HEPTANE_BOILING_K = 371.58
 HEPTANE_DIFFUSION_VOLUME = 148.26  # Fuller, Ensley and Giddings: 7 C and 16 H, cm3/mol
 NITROGEN_DIFFUSION_VOLUME = 18.5
-_LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; held beyond this
+_LIQUID_MAX_K = 535.0  # cp of the liquid diverges at the critical point; constant from here
 
 
 def heptane_saturation_pressure_Pa(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 1: ln p = a + b/T + c ln T + d T^2, 183 to 540 K; any shape."""
+    """Saturation pressure, NSRDS 1: ln p = a + b/T + c ln T + d T^2, 183 to 540 K; any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(np.exp(87.829 - 6996.4 / t - 9.8802 * np.log(t) + 7.2099e-6 * t * t))
 
 
 def heptane_density_kg_m3(temperature_K: ArrayLike) -> Floats:
-    """Saturated liquid, NSRDS 5: rho = a / b^(1 + (1 - T/Tc)^d); any shape."""
+    """Density of saturated liquid, NSRDS 5: rho = a / b^(1 + (1 - T/Tc)^d); any shape."""
     t = np.minimum(np.asarray(temperature_K, dtype=float), HEPTANE_CRITICAL_K)
     return np.asarray(61.38396836 / 0.26211 ** (1 + (1 - t / HEPTANE_CRITICAL_K) ** 0.28141))
 
 
 def heptane_latent_heat_J_kg(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 6: L = a (1 - T/Tc)^b; any shape."""
+    """Latent heat, NSRDS 6: L = a (1 - T/Tc)^b; any shape."""
     t = np.minimum(np.asarray(temperature_K, dtype=float), HEPTANE_CRITICAL_K)
     return np.asarray(499121.791545248 * (1 - t / HEPTANE_CRITICAL_K) ** 0.38795)
 
@@ -48,7 +48,7 @@ _CPG = (1199.05392998284, 3992.85457666361, 1676.6, 2734.42177956968, 756.4)
 
 
 def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 14 in t = 1 - T/Tc; any shape.
+    """Heat capacity of the liquid, NSRDS 14 in t = 1 - T/Tc; any shape.
 
     a^2/t + b - 2act - adt^2 - c^2t^3/3 - cdt^4/2 - d^2t^5/5
     """
@@ -59,7 +59,10 @@ def heptane_liquid_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
 
 
 def heptane_vapour_cp_J_kg_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 7 (Aly and Lee): a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2; any shape."""
+    """Heat capacity of the vapour, NSRDS 7 (Aly and Lee), any shape.
+
+    a + b (c/T / sinh(c/T))^2 + d (e/T / cosh(e/T))^2
+    """
     a, b, c, d, e = _CPG
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(a + b * (c / t / np.sinh(c / t)) ** 2 + d * (e / t / np.cosh(e / t)) ** 2)
@@ -86,17 +89,17 @@ def _vapour_integral(temperature_K: Floats) -> Floats:
 
 
 def heptane_liquid_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
-    """Zero at the normal boiling point; the slight effect of pressure is left out. Any shape."""
+    """Enthalpy of the liquid, 0 at the normal boiling point and for all pressures; any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return _liquid_integral(t) - _liquid_integral(np.asarray(HEPTANE_BOILING_K))
 
 
 def heptane_vapour_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
-    """The liquid's at the normal boiling point, the latent heat, and the vapour's cp; any shape.
+    """Enthalpy of the vapour, from the latent heat at the normal boiling point and cp; any shape.
 
-    Energy is conserved on every path. The latent heat that follows at other temperatures
-    (Kirchhoff, ideal vapour) is within 2 % of `heptane_latent_heat_J_kg` from 280 to 390 K, where
-    the mixtures of a spray are saturated, and 7 % above it at 440 K.
+    Energy is conserved on every path. The resulting latent heat at other temperatures (Kirchhoff,
+    ideal vapour) is within 2 % of `heptane_latent_heat_J_kg` from 280 to 390 K, where the mixtures
+    of a spray are saturated, and 7 % above it at 440 K.
     """
     t = np.asarray(temperature_K, dtype=float)
     start = heptane_latent_heat_J_kg(HEPTANE_BOILING_K)
@@ -105,7 +108,7 @@ def heptane_vapour_enthalpy_J_kg(temperature_K: ArrayLike) -> Floats:
 
 @dataclass(frozen=True)
 class IdealGas:
-    """Seven-coefficient NASA polynomials; cp is held constant below `low_K`."""
+    """Ideal gas with seven-coefficient NASA polynomials; cp is constant below `low_K`."""
 
     molar_mass_kg_mol: float
     low_K: float
@@ -125,7 +128,7 @@ class IdealGas:
         return np.asarray(ratio * self.gas_constant_J_kg_K)
 
     def enthalpy_J_kg(self, temperature_K: ArrayLike) -> Floats:
-        """Zero at `mid_K`; any shape."""
+        """Enthalpy, zero at `mid_K`; any shape."""
         t = np.asarray(temperature_K, dtype=float)
         held = np.maximum(t, self.low_K)
         rise = np.where(held < self.mid_K, self._heat(self.cold, held), self._heat(self.hot, held))
@@ -174,24 +177,24 @@ METHANE = IdealGas(
 
 
 def heptane_vapour_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 2: a T^b / (1 + c/T + d/T^2); any shape."""
+    """Conductivity of the vapour, NSRDS 2: a T^b / (1 + c/T + d/T^2); any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(-0.070028 * t**0.38068 / (1 - 7049.9 / t - 2400500.0 / (t * t)))
 
 
 def nitrogen_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
-    """DIPPR 102: a T^b / (1 + c/T + d/T^2); any shape."""
+    """Conductivity of nitrogen, DIPPR 102: a T^b / (1 + c/T + d/T^2); any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(3.3143e-4 * t**0.7722 / (1 + 16.323 / t + 373.72 / (t * t)))
 
 
 def heptane_liquid_conductivity_W_m_K(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 0: a + b T; any shape."""
+    """Conductivity of the liquid, NSRDS 0: a + b T; any shape."""
     return np.asarray(0.215 - 3.03e-4 * np.asarray(temperature_K, dtype=float))
 
 
 def heptane_vapour_viscosity_Pa_s(temperature_K: ArrayLike) -> Floats:
-    """NSRDS 2: a T^b / (1 + c/T); any shape."""
+    """Viscosity of the vapour, NSRDS 2: a T^b / (1 + c/T); any shape."""
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(6.672e-8 * t**0.82837 / (1 + 85.752 / t))
 

@@ -1,9 +1,9 @@
-"""The quasi-steady jet of one plume: Naber and Siebers' momentum model with a radial profile.
+"""Quasi-steady jet of one plume: the momentum model of Naber and Siebers with a radial profile.
 
-J. D. Naber and D. L. Siebers, SAE 960034: fuel leaves a hole with speed U and takes up gas inside
-a cone, and momentum is conserved. With x+ = d sqrt(rho_f/rho_a) / (a tan(theta/2)) and s~ = s/x+
-the mean speed on the way is 2 U / (1 + sqrt(1 + 16 s~^2)), the mean fuel-to-gas mass ratio
-2 / (sqrt(1 + 16 s~^2) - 1), and the time of travel (x+/U) (s~/2 + s~/4 sqrt(1 + 16 s~^2) +
+J. D. Naber and D. L. Siebers, SAE 960034: fuel leaves a hole with speed U and entrains gas inside a
+cone, and momentum is conserved. With x+ = d sqrt(rho_f/rho_a) / (a tan(theta/2)) and s~ = s/x+ the
+mean speed at a distance s is 2 U / (1 + sqrt(1 + 16 s~^2)), the mean fuel-to-gas mass ratio
+2 / (sqrt(1 + 16 s~^2) - 1), and the travel time (x+/U) (s~/2 + s~/4 sqrt(1 + 16 s~^2) +
 asinh(4 s~)/16).
 """
 
@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
-SPREADING = 0.66  # a: the model's uniform jet against the visible one (Naber and Siebers)
-SCHMIDT = 0.7  # turbulent, of a round jet: speed falls faster with radius than concentration
+SPREADING = 0.66  # a: ratio of the uniform jet to the visible one (Naber and Siebers)
+SCHMIDT = 0.7  # turbulent Schmidt number of a round jet: its speed profile is the narrower
 
 
 def profile(xi: ArrayLike) -> Floats:
     """Fuel-to-gas ratio across the plume over its value on the axis; xi = radius / edge, any shape.
 
-    (1 - xi^1.5)^2, as Musculus and Kattke take it (SAE 2009-01-1355).
+    It is (1 - xi^1.5)^2, as of Musculus and Kattke (SAE 2009-01-1355).
     """
     inside = np.clip(np.asarray(xi, dtype=float), 0.0, 1.0)
     return np.asarray((1 - inside * np.sqrt(inside)) ** 2)
@@ -35,8 +35,8 @@ def _area_mean(exponent: float) -> float:
     return 4 / 3 * gamma(4 / 3) * gamma(exponent + 1) / gamma(exponent + 7 / 3)
 
 
-# On the axis the ratio is this much above the mean of the flow: <u> / <u f> = 1.715 for
-# f = profile and u = profile^(1/Sc). Siebers' factor b = 0.41 for the liquid length says 1.64.
+# Ratio of the axis to the mean of the flow: <u> / <u f> = 1.715 for f = profile and
+# u = profile^(1/Sc). The factor b = 0.41 of Siebers for the liquid length gives 1.64.
 CENTRE = _area_mean(2 / SCHMIDT) / _area_mean(2 / SCHMIDT + 2)
 # Mean of xi^2, weighted with the profile.
 MEAN_SQUARE = (1 / 4 - 2 / 5.5 + 1 / 7) / (1 / 2 - 2 / 3.5 + 1 / 5)
@@ -44,10 +44,10 @@ MEAN_SQUARE = (1 / 4 - 2 / 5.5 + 1 / 7) / (1 / 2 - 2 / 3.5 + 1 / 5)
 
 @dataclass(frozen=True)
 class Jet:
-    """One plume.
+    """Jet of one plume.
 
     rate_kg_s: fuel flow; speed_m_s: at the hole, or of the expanded gas; half_angle_rad: of the
-    visible cone; densities of the fuel at the hole and of the gas around.
+    visible cone; densities of the fuel at the hole and of the surrounding gas.
     """
 
     rate_kg_s: float
@@ -58,12 +58,12 @@ class Jet:
 
     @property
     def diameter_m(self) -> float:
-        """Hole that the flow would fill at that speed: sqrt(Ca) times the real one."""
+        """Diameter that the flow would fill at that speed: sqrt(Ca) times that of the hole."""
         return sqrt(4 * self.rate_kg_s / (np.pi * self.fuel_kg_m3 * self.speed_m_s))
 
     @property
     def length_m(self) -> float:
-        """x+."""
+        """Length scale x+."""
         ratio = sqrt(self.fuel_kg_m3 / self.gas_kg_m3)
         return self.diameter_m * ratio / (SPREADING * float(np.tan(self.half_angle_rad)))
 
@@ -82,13 +82,13 @@ class Jet:
             return np.asarray(CENTRE * (self._root(distance_m) + 1) / (8 * s * s))
 
     def travel_s(self, distance_m: ArrayLike) -> Floats:
-        """Time from the hole to a distance along the plume, any shape."""
+        """Travel time from the hole to a distance along the plume, any shape."""
         s = np.asarray(distance_m, dtype=float) / self.length_m
         path = s / 2 + s / 4 * self._root(distance_m) + np.arcsinh(4 * s) / 16
         return np.asarray(path * self.length_m / self.speed_m_s)
 
     def tip_m(self, time_s: float) -> float:
-        """Distance that the first fuel has reached: the inverse of `travel_s`, by bisection."""
+        """Distance of the first fuel: the inverse of `travel_s`, by bisection."""
         low, high = 0.0, max(self.speed_m_s * time_s, 1e-12)
         for _ in range(100):
             middle = 0.5 * (low + high)

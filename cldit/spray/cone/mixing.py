@@ -1,9 +1,9 @@
-"""Fuel mixed adiabatically with hot nitrogen: temperatures and evaporated share, as a table.
+"""Adiabatic mixtures of fuel with hot nitrogen: table of temperatures and evaporated share.
 
-Mixing-limited sprays (Siebers, SAE 1999-01-0528): where fuel and gas are mixed, they are in
-equilibrium, so that the ratio B of fuel to nitrogen mass decides everything. While liquid is left
-the vapour is saturated at the mixture's temperature; then only enthalpies mix. Where droplets have
-not had the time for that, the share that has evaporated is the table's second axis.
+Mixing-limited sprays (Siebers, SAE 1999-01-0528): mixed fuel and gas are in equilibrium, so that
+the state depends only on the ratio B of fuel to nitrogen mass. While there is liquid, the vapour is
+saturated at the temperature of the mixture; beyond that only enthalpies mix. For droplets that have
+not had time for equilibrium, the evaporated share is the second axis of the table.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from cldit.spray.cone.wet_bulb import still
 
 Floats = NDArray[np.float64]
 
-_HALVINGS = 56  # of a bracket of at most 5000 K: down to rounding
-_ZOOMS = 7  # each by 299: 1e15 down to rounding
+_HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
+_ZOOMS = 7  # each by 299: 1e15, down to rounding
 _ENTRIES = 3000  # of a table of one slice
-_FINE = 400  # entries of a table of many slices, where liquid can be
+_FINE = 400  # entries of a table of many slices, in the range of liquid
 _SLICES = 41
-_AT_ONCE = 20_000  # states, whose steps stay in the cache
+_AT_ONCE = 20_000  # states that are processed in the cache
 
 
 @dataclass(frozen=True)
-class State:
-    """Where a mixture stands; all (N,). evaporated: share 0..1 of the fuel; fuel_to_gas: B."""
+class MixtureState:
+    """State of a mixture; all (N,). evaporated: share 0..1 of the fuel; fuel_to_gas: B."""
 
     gas_K: Floats
     liquid_K: Floats
@@ -53,12 +53,12 @@ class State:
 
 @dataclass(frozen=True)
 class Mixture:
-    """States by fuel-to-gas ratio B (N,) and by the share that kinetics lets evaporate (A,).
+    """States by fuel-to-gas ratio B (N,) and by the share that kinetics allows to evaporate (A,).
 
-    fuel_to_gas: rising. kinetic: rising from 0 to 1. equilibrium: the share that would evaporate
-    with time enough, (N,). fuel_kg_m3: fuel, liquid and vapour, in a cubic metre of mixture at the
-    given pressure, rising with B, (A, N). gas_K, liquid_K: (A, N).
-    saturation_B, saturation_K: where in equilibrium the last liquid evaporates; NaN for a gaseous
+    fuel_to_gas: rising. kinetic: rising from 0 to 1. equilibrium: evaporated share in equilibrium,
+    (N,). fuel_kg_m3: fuel, liquid and vapour, in a cubic metre of mixture at the given pressure,
+    rising with B, (A, N). gas_K, liquid_K: (A, N).
+    saturation_B, saturation_K: where the last liquid evaporates in equilibrium; NaN for a gaseous
     fuel or without evaporation.
     """
 
@@ -71,13 +71,13 @@ class Mixture:
     saturation_B: float = float("nan")
     saturation_K: float = float("nan")
 
-    def at(self, fuel_kg_m3: ArrayLike, kinetic: ArrayLike = 1.0) -> State:
-        """State at `fuel_kg_m3` and at the share `kinetic` that has had the time to evaporate.
+    def at(self, fuel_kg_m3: ArrayLike, kinetic: ArrayLike = 1.0) -> MixtureState:
+        """State at a fuel content and at the share `kinetic` that has had time to evaporate.
 
-        Both have one shape; the ends of the table hold beyond them.
+        Both have one shape; values beyond the table are those of its ends.
         """
         content, share = np.broadcast_arrays(np.asarray(fuel_kg_m3, dtype=float), kinetic)
-        state = State(*(np.empty(content.shape) for _ in range(4)))
+        state = MixtureState(*(np.empty(content.shape) for _ in range(4)))
         wholes = [one.reshape(-1) for one in vars(state).values()]
         content, share = content.reshape(-1), share.reshape(-1)
         for start in range(0, content.size, _AT_ONCE):
@@ -95,17 +95,14 @@ class Mixture:
         return gas, liquid, self.evaporated(fuel_to_gas, kinetic), fuel_to_gas
 
     def evaporated(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
-        """The smaller of `kinetic` and what heat and saturation allow at `fuel_to_gas` (...,)."""
+        """Evaporated share, any shape: the smaller of `kinetic` and that of equilibrium."""
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         allowed = np.interp(wanted, self._logarithms[0], self.equilibrium)
         return np.asarray(np.minimum(allowed, kinetic))
 
     def content(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
-        """Fuel [kg/m3] at the ratio `fuel_to_gas` and the evaporated share `kinetic`, any shape.
-
-        The ends of the table hold beyond them.
-        """
+        """Fuel [kg/m3] at the ratio `fuel_to_gas` and the evaporated share `kinetic`, any shape."""
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         ratio, known = self._logarithms
@@ -114,14 +111,14 @@ class Mixture:
 
     @cached_property
     def _logarithms(self) -> tuple[Floats, Floats]:
-        """Ln B and ln content."""
+        """Logarithms of B and of the content."""
         return np.log(self.fuel_to_gas), np.log(self.fuel_kg_m3)
 
     @cached_property
     def _by_content(self) -> tuple[Floats, list[Floats]]:
         """Gas and liquid temperature and ln B over one axis of ln content."""
         ratio, known = self._logarithms
-        # As fine as the first slice is: its steps follow those of B.
+        # As fine as the first slice, whose steps are those of B.
         axis = np.union1d(known[0], known[-1])
         values = (self.gas_K, self.liquid_K, np.broadcast_to(ratio, known.shape))
         return axis, [
@@ -133,13 +130,13 @@ class Mixture:
 def _bilinear(
     rows: Floats, columns: Floats, tables: list[Floats], row: ArrayLike, column: ArrayLike
 ) -> list[Floats]:
-    """Values of tables (rows, columns) between their entries; the ends hold."""
+    """Values of tables (rows, columns) between their entries, clamped at the ends."""
     i, v = _between(rows, np.asarray(row, dtype=float))
     j, w = _between(columns, np.asarray(column, dtype=float))
     first = i * len(columns) + j
     found = []
     for table in tables:  # by differences, so that equal entries are met exactly
-        flat = table.reshape(-1)  # one index an entry: numpy takes twice as long for two
+        flat = table.reshape(-1)  # with two indices numpy would take twice as long
         low, high = (
             (below := flat[at]) + w * (flat[at + 1] - below) for at in (first, first + len(columns))
         )
@@ -156,18 +153,10 @@ def _between(axis: Floats, x: Floats) -> tuple[NDArray[np.int64], Floats]:
 def heptane_state(
     fuel_to_gas: ArrayLike, *, pressure_Pa: float, gas_K: float, fuel_K: float
 ) -> tuple[Floats, Floats]:
-    """Temperature and evaporated share of n-heptane in equilibrium with nitrogen.
+    """Temperature and evaporated share of n-heptane in equilibrium with nitrogen, any shape.
 
-    Args:
-        fuel_to_gas: (...,) B, mass of fuel by mass of nitrogen, > 0.
-        pressure_Pa: below the fuel's critical pressure.
-        gas_K, fuel_K: temperatures before mixing; the fuel is liquid.
-
-    Returns:
-        (...,) temperature [K], and (...,) share.
-
-    Raises:
-        SprayError: the pressure is above the fuel's critical pressure.
+    `fuel_to_gas` is B > 0; `gas_K` and `fuel_K` are the temperatures before mixing, with liquid
+    fuel. Raises SprayError if the pressure is above the fuel's critical pressure.
     """
     if pressure_Pa >= HEPTANE_CRITICAL_Pa:
         raise SprayError(
@@ -178,7 +167,7 @@ def heptane_state(
     supply = ratio * heptane_liquid_enthalpy_J_kg(fuel_K) + NITROGEN.enthalpy_J_kg(gas_K)
 
     def share(temperature: Floats) -> Floats:
-        """Saturated nitrogen takes up to B_sat; all of the fuel if there is less."""
+        """Evaporated share: up to B_sat of saturated nitrogen, or all of the fuel."""
         mole = heptane_saturation_pressure_Pa(temperature) / pressure_Pa
         boiling = (mole >= 1) | (temperature >= HEPTANE_CRITICAL_K)
         mole = np.where(boiling, 0.5, mole)
@@ -206,19 +195,10 @@ def lagging_state(
     gas_K: float,
     fuel_K: float,
 ) -> tuple[Floats, Floats]:
-    """Temperatures of gas and liquid where a given share of the fuel has evaporated.
+    """Temperatures of gas and liquid, any shape, for a given evaporated share of the fuel.
 
-    Enthalpy is kept, and the liquid has the wet-bulb temperature of the gas around it. The share
-    is at most that of equilibrium, where both temperatures are those of `heptane_state`.
-
-    Args:
-        fuel_to_gas: (...,) B, mass of fuel by mass of nitrogen.
-        evaporated: (...,) share of the fuel.
-        pressure_Pa: of the gas.
-        gas_K, fuel_K: temperatures before mixing; the fuel is liquid.
-
-    Returns:
-        (...,) temperature of the gas, and (...,) of the liquid [K].
+    Enthalpy is conserved, and the liquid has the wet-bulb temperature of the surrounding gas. The
+    share is at most that of equilibrium, where both temperatures are those of `heptane_state`.
     """
     ratio, share = np.broadcast_arrays(
         np.asarray(fuel_to_gas, dtype=float), np.asarray(evaporated, dtype=float)
@@ -229,7 +209,7 @@ def lagging_state(
     gas = np.full(ratio.shape, gas_K)
 
     def around(surface: Floats) -> Floats:
-        """Temperature that the gas is left with; Newton from the last one, both cp vary slowly."""
+        """Temperature of the gas, by Newton's method from the last one; both cp vary slowly."""
         nonlocal gas
         left = supply - liquid * heptane_liquid_enthalpy_J_kg(surface)
         for _ in range(2):
@@ -252,13 +232,7 @@ def lagging_state(
 def heptane_mixture(
     *, pressure_Pa: float, gas_K: float, fuel_K: float, evaporation: bool = True
 ) -> Mixture:
-    """The table for liquid n-heptane in nitrogen.
-
-    Args:
-        pressure_Pa: of the gas.
-        gas_K, fuel_K: temperatures before mixing.
-        evaporation: without it no heat is exchanged.
-    """
+    """Table of liquid n-heptane in nitrogen; without evaporation no heat is exchanged."""
     ratio = np.unique(np.concatenate([np.geomspace(1e-9, 1e6, 90), np.geomspace(1e-4, 1e3, _FINE)]))
     if not evaporation:
         return _table(
@@ -279,7 +253,7 @@ def heptane_mixture(
     kinetic = np.linspace(0.0, 1.0, _SLICES)
     gas, liquid = (np.tile(temperature, (_SLICES, 1)) for _ in range(2))
     evaporated = np.minimum(kinetic[:, None], equilibrium)
-    # What is dry gets the wet bulb too: between it and what is wet the table is looked up.
+    # Dry states have a wet bulb too, for interpolation between dry and wet states.
     lags = (evaporated < equilibrium) | (equilibrium == 1)
     gas[lags], liquid[lags] = lagging_state(
         np.broadcast_to(ratio, lags.shape)[lags], evaporated[lags], **conditions
@@ -320,14 +294,14 @@ def _table(
 
 
 def _saturation(**conditions: float) -> float:
-    """The B at which the last liquid evaporates: between two entries of ever finer tables."""
+    """Ratio B at which the last liquid evaporates, from tables of increasing resolution."""
     low, high = 1e-9, 1e6
     for _ in range(_ZOOMS):
         ratio = np.geomspace(low, high, 300)
         _, share = heptane_state(ratio, **conditions)
         first = int(np.argmax(share < 1))
         if share[first] == 1 or first == 0:
-            return float("nan")  # everything or nothing evaporates, whatever the mixture
+            return float("nan")  # all or none evaporates in every mixture
         low, high = ratio[first - 1], ratio[first]
     return float(low)
 
@@ -335,16 +309,12 @@ def _saturation(**conditions: float) -> float:
 def methane_mixture(
     *, pressure_Pa: float, gas_K: float, fuel_K: float, speed_m_s: float
 ) -> Mixture:
-    """The table for a jet of methane in nitrogen, both ideal gases.
+    """Table of a jet of methane in nitrogen, both ideal gases.
 
-    Stagnation enthalpies mix, and momentum too: a mixture with mass fraction Z of methane moves
-    at Z times the speed of the expanded jet, and what kinetic energy is gone is heat. So Z = 1 is
-    the jet just expanded (coldest), and the dilute jet has the temperature of plain mixing.
-
-    Args:
-        pressure_Pa, gas_K: of the nitrogen.
-        fuel_K: stagnation temperature, in the injector.
-        speed_m_s: of the jet expanded to the pressure of the gas.
+    Stagnation enthalpies and momentum mix: a mixture with mass fraction Z of methane moves at Z
+    times the speed of the expanded jet, and the lost kinetic energy is heat. So Z = 1 is the jet
+    after expansion (coldest), and the dilute jet has the temperature of plain mixing. `fuel_K` is
+    the stagnation temperature, and `speed_m_s` that of the jet expanded to the gas's pressure.
     """
     ratio = np.geomspace(1e-9, 1e6, _ENTRIES)
     z = ratio / (1 + ratio)
@@ -373,16 +343,7 @@ def methane_mixture(
 def rising_root(
     excess: Callable[[Floats], Floats], low: Floats, high: Floats, *, halvings: int = _HALVINGS
 ) -> Floats:
-    """Root of a rising function between two bounds, element by element, by bisection.
-
-    Args:
-        excess: the function, (...,) to (...,).
-        low, high: (...,) bounds.
-        halvings: number of steps.
-
-    Returns:
-        (...,) root.
-    """
+    """Root of a rising function between two bounds, element by element, by bisection."""
     for _ in range(halvings):
         middle = 0.5 * (low + high)
         above = excess(middle) > 0

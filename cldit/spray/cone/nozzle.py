@@ -1,4 +1,4 @@
-"""What leaves the holes of a `cone` spray: speed, density, sizes, and its mixtures with the gas."""
+"""Flow from the holes of a `cone` spray: speed, density, sizes, and mixtures with the gas."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray
-from cldit.spray.cone.d2_law import D2Law, d2_law
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.cone.underexpanded_jet import expand
-from cldit.spray.cone.wet_bulb import WetBulb, wet_bulb
+from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, wet_bulb
 from cldit.spray.sizes import strata_m
 
 Floats = NDArray[np.float64]
@@ -25,8 +24,8 @@ _CLASSES = 1024  # of the droplets' sizes
 
 
 @dataclass(frozen=True)
-class Source:
-    """What leaves the holes: the same for every plume but for the flow."""
+class NozzleFlow:
+    """Flow from the holes, the same for every plume except for the rate."""
 
     speed_m_s: float
     density_kg_m3: float
@@ -38,29 +37,27 @@ class Source:
     notes: Mapping[str, float] = field(default_factory=dict)
 
     def barrel_m(self, rate_kg_s: float) -> float:
-        """Length of the barrel of shocks, in which a plume takes up no gas."""
+        """Length of the shock barrel, in which a plume entrains no gas."""
         return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
 
     def kinetic(self, age_s: Floats) -> Floats:
-        """Share of the fuel that has had the time to evaporate after `age_s`, any shape."""
+        """Share of the fuel that has had time to evaporate after `age_s`, any shape."""
         if self.sizes is None or self.bulb is None:
             return np.ones(np.shape(age_s))
         return self.sizes.kinetic(age_s, rate_m2_s=self.bulb.rate_m2_s)
 
 
-def source_of(spec: ConeSpray) -> Source:
+def nozzle_flow(spec: ConeSpray) -> NozzleFlow:
     """State of the fuel at the holes, and the table of its mixtures with the gas.
 
-    Neither depends on lattice and classes: cones that differ in these alone share it.
-
-    Raises:
-        SprayError: the pressure drives nothing, or droplets are missing.
+    Cones that differ only in lattice and size classes share it. Raises SprayError if the pressure
+    does not drive a flow, or if droplets are missing.
     """
-    return _source_of(spec.model_copy(update={"spacing_m": None, "size_classes": None}))
+    return _nozzle_flow(spec.model_copy(update={"spacing_m": None, "size_classes": None}))
 
 
 @lru_cache(maxsize=4)
-def _source_of(spec: ConeSpray) -> Source:
+def _nozzle_flow(spec: ConeSpray) -> NozzleFlow:
     ambient = spec.ambient
     if spec.injection_pressure_Pa <= ambient.pressure_Pa:
         raise SprayError(
@@ -85,7 +82,7 @@ def _source_of(spec: ConeSpray) -> Source:
             "notional_K": jet.temperature_K,
             "notional_area_ratio": jet.area,
         }
-        return Source(
+        return NozzleFlow(
             jet.speed_m_s,
             jet.density_kg_m3,
             jet.flux_kg_m2_s,
@@ -107,7 +104,7 @@ def _source_of(spec: ConeSpray) -> Source:
     classes = strata_m(spec.droplets, _CLASSES)
     if not classes[-1] < 1e-3:
         raise SprayError(
-            f"spray.droplets: these sizes reach {classes[-1]:.3g} m, allowed is less than 1e-3"
+            f"spray.droplets: these sizes reach {classes[-1]:.3g} m; allowed: below 1e-3"
         )
     bulb = None
     if spec.evaporation:
@@ -117,4 +114,4 @@ def _source_of(spec: ConeSpray) -> Source:
             fuel_K=spec.fuel_temperature_K,
         )
     sizes = d2_law(classes, bulb)
-    return Source(speed, density, density * speed, mixture, sizes, bulb)
+    return NozzleFlow(speed, density, density * speed, mixture, sizes, bulb)

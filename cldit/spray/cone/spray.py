@@ -1,24 +1,24 @@
-"""The `cone` spray: one quasi-steady jet a plume, superposed on a grid, its droplets evaporating.
+"""The `cone` spray: one quasi-steady jet per plume with evaporating droplets, added on a grid.
 
-0. Methane comes out under-expanded (`underexpanded_jet.py`): up to the Mach disc it is as cold and
-   fast as in the notional nozzle and takes up no gas; there the jet begins.
-1. Each plume is a jet (`jet.py`). Fuel that left the hole at one moment travels with the
-   jet's mean speed, so that the fuel in a length ds is rate / speed ds, and what has been injected
-   is spread between the place of the first and of the last fuel: after the end of injection the
-   plume leaves the nozzle. Tip and tail are soft (a tenth of the time of travel), the tip rounded.
-2. Across the plume the fuel-to-gas ratio falls from the axis as `profile`. The plume is as wide as
-   this fuel, mixed in that ratio and cooled by its evaporation, needs: somewhat less than the
-   given cone where the gas is hot, the cone itself where nothing evaporates.
-3. Evaporated is the smaller of two shares: of equilibrium, which the heat and the room for vapour
-   of the gas mixed in allow, and of kinetics, which the d^2 law of every size class allows in the
-   time of travel, with the rate of droplets at rest in the undisturbed gas (`wet_bulb.py`).
-   Slip makes them evaporate faster, cooler gas with vapour slower; neither is in the rate. In a
-   march along a hot plume (0.6 MPa, 570 K) with both they make up for each other on and near the
-   axis from 20 mm on (within 0.1 of the fuel); at the edge, and within 15 mm of the nozzle, slip
-   wins, and the model evaporates up to 0.2 of the fuel too little.
-4. The fuel of all plumes adds up in the cells of a grid. Fuel content and evaporated share decide
-   the state (`mixing.py`): the gas has the temperature that keeps enthalpy, the liquid
-   that of the wet bulb in this gas; in equilibrium both are the same.
+0. Methane is under-expanded at the hole (`underexpanded_jet.py`): up to the Mach disc it has the
+   temperature and speed of the notional nozzle and entrains no gas; there the jet begins.
+1. Each plume is a jet (`jet.py`). Fuel that leaves the hole at one time travels with the mean speed
+   of the jet, so that the fuel in a length ds is rate / speed ds, and the injected fuel is between
+   the positions of the first and of the last fuel: after the end of injection the plume leaves the
+   nozzle. Tip and tail are smooth (a tenth of the travel time), and the tip is rounded.
+2. Across the plume the fuel-to-gas ratio falls from the axis as `profile`. The width of the plume
+   is that of this fuel, mixed in that ratio and cooled by its evaporation: somewhat less than the
+   given cone in hot gas, and equal to it without evaporation.
+3. The evaporated share is the smaller of two: that of equilibrium, which heat and saturation of the
+   entrained gas allow, and that of kinetics, which the d^2 law of every size class allows in the
+   travel time, with the rate of droplets at rest in the undisturbed gas (`wet_bulb.py`). Slip
+   increases evaporation, cooler gas with vapour reduces it; the rate includes neither. In an
+   integration along a hot plume (0.6 MPa, 570 K) with both they cancel on and near the axis from
+   20 mm on (within 0.1 of the fuel); at the edge, and within 15 mm of the nozzle, slip prevails,
+   and the model evaporates up to 0.2 of the fuel too little.
+4. The fuel of all plumes is added in the cells of a grid. Fuel content and evaporated share give
+   the state (`mixing.py`): the gas has the temperature that conserves enthalpy, the liquid that of
+   the wet bulb in this gas; in equilibrium both are equal.
 """
 
 from __future__ import annotations
@@ -36,50 +36,49 @@ from cldit.spray.cone.fluid_properties import (
     heptane_density_kg_m3,
 )
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
-from cldit.spray.cone.mixing import State
-from cldit.spray.cone.nozzle import Source, source_of
+from cldit.spray.cone.mixing import MixtureState
+from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SOFTNESS = 0.1  # half the width of tip and tail, of the time of travel
-ROUNDING = 0.4  # by how much of the time the plume's edge lags its axis
-NEGLIGIBLE = 1e-7  # of the fuel's mass: the thinnest cells go, and the others take it over
-THIN = 2e-4  # of the liquid: the thinnest cells count as evaporated
-SMALLEST_m = 1e-7  # droplets below count as evaporated
-RESOLVED = 1.5  # the plume is at least this many cells wide (radius)
-MOST_CELLS = 2e8  # looked at, in the boxes around all plumes
-_AT_ONCE = 1e5  # of these, whose steps stay in the cache
+SOFTNESS = 0.1  # half the width of tip and tail, over the travel time
+ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
+NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
+THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
+SMALLEST_m = 1e-7  # smaller droplets count as evaporated
+RESOLVED = 1.5  # smallest radius of the plume, in cells
+MOST_CELLS = 2e8  # in the boxes around all plumes
+_AT_ONCE = 1e5  # of these, processed in the cache
 _AVOGADRO = 6.02214076e23
 
 
 def make_cone(spec: ConeSpray) -> Spray:
-    """Parcels and vapour of the spray at `spec.time_s`; fuel mass is kept to rounding.
+    """Parcels and vapour of the spray at `spec.time_s`; fuel mass is conserved to rounding.
 
-    `notes`: injected_mass_kg, liquid_mass_kg, vapour_mass_kg, jet_speed_m_s, flow_coefficient (of
-    what the holes pass at that speed),
-    vapour_penetration_m (farthest cell with a vapour mass fraction of 1e-3), coldest_K, cells, and
-    with droplets parcels, sauter_mean_diameter_m, liquid_penetration_m (depth below the nozzle
-    that 97 % of the liquid does not reach), and where it can evaporate wet_bulb_K and
-    evaporation_rate_m2_s (K of the d^2 law) in the undisturbed gas, saturation_K and
-    saturation_fuel_ratio (where equilibrium leaves no liquid). For methane mach_disc_m (distance
-    from the hole, of the largest plume), throat_K, throat_Pa, notional_K, and notional_area_ratio
-    (of the notional nozzle to the throat).
+    `notes`: injected_mass_kg, liquid_mass_kg, vapour_mass_kg, jet_speed_m_s, flow_coefficient
+    (ratio to the flow that fills the holes at that speed), vapour_penetration_m (farthest cell with
+    a vapour mass fraction of 1e-3), coldest_K, cells. With droplets: parcels,
+    sauter_mean_diameter_m, liquid_penetration_m (depth below the nozzle of 97 % of the liquid).
+    With evaporation: wet_bulb_K and evaporation_rate_m2_s (K of the d^2 law) in the undisturbed
+    gas, saturation_K and saturation_fuel_ratio (where no liquid remains in equilibrium). For
+    methane: mach_disc_m (distance from the hole, of the largest plume), throat_K, throat_Pa,
+    notional_K, and notional_area_ratio (of the notional nozzle to the throat).
 
     Raises:
         SprayError: the combination of values is impossible: pressure, flow, sizes, grid.
     """
-    source = source_of(spec)
+    source = nozzle_flow(spec)
     rate = spec.injected_mass_kg / spec.injection_duration_s
     holes = len(spec.plumes) * np.pi / 4 * spec.hole_diameter_m**2
     flow = rate / (holes * source.flux_kg_m2_s)
     if flow > 1:
         raise SprayError(
             f"spray.injected_mass_kg: {spec.injected_mass_kg:g} in {spec.injection_duration_s:g} s "
-            f"is {flow:.3g} times what the pressure drives through {len(spec.plumes)} holes of "
-            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / flow:.3g}"
+            f"is {flow:.3g} times the flow that the pressure drives through {len(spec.plumes)} "
+            f"holes of {spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / flow:.3g}"
         )
     injected = spec.injected_mass_kg * min(spec.time_s / spec.injection_duration_s, 1.0)
     notes = {"injected_mass_kg": injected, "flow_coefficient": flow}
@@ -122,21 +121,23 @@ def make_cone(spec: ConeSpray) -> Spray:
 
 
 def _without_effect(spec: ConeSpray) -> tuple[str, ...]:
-    """What to say of keys that scenes of older versions may have."""
+    """Remarks on keys without effect, which scenes of older versions may have."""
     given = [name for name in ("parcels_per_cell", "seed") if getattr(spec, name) is not None]
     return tuple(
-        f"spray.{name} has no effect: the droplets of a cell fill it evenly, in "
+        f"spray.{name} has no effect: the droplets of a cell fill it uniformly, in "
         "spray.size_classes classes of size"
         for name in given
     )
 
 
 def _grid(
-    spec: ConeSpray, source: Source, *, injected: float
+    spec: ConeSpray, source: NozzleFlow, *, injected: float
 ) -> tuple[Ints, Floats, Floats, Floats]:
-    """Cells (N, 3) that hold fuel, counted from the nozzle, and for each (N,) the fuel's mass, its
-    content in kg/m3 in that part of the cell that the plumes fill, and the share of it that has
-    had the time to evaporate (where plumes meet, the mean)."""
+    """Cells (N, 3) with fuel, counted from the nozzle, and three values (N,) of each.
+
+    These are the mass of the fuel, its content in kg/m3 in the part of the cell that plumes fill,
+    and the share that has had time to evaporate (the mean if several plumes fill the cell).
+    """
     gas_kg_m3 = (
         spec.ambient.pressure_Pa
         * NITROGEN.molar_mass_kg_mol
@@ -163,7 +164,7 @@ def _grid(
     shape = tuple(high - low + 1)
     runs = [np.ravel_multi_index(tuple(index.T - low[:, None]), shape) for index in indices]
     joined = np.concatenate(runs)
-    # Each plume's cells are in order: a stable sort merges them.
+    # The cells of each plume are sorted: a stable sort merges them.
     order = np.argsort(joined, kind="stable")
     joined = joined[order]
     new = np.append(True, joined[1:] != joined[:-1])
@@ -182,26 +183,26 @@ def _grid(
 
 
 def _thinnest(amount: Floats, most: float) -> Ints:
-    """Places of the smallest of amounts (N,) that are together at most `most`."""
-    bound = min(float(amount.max()), most)  # one alone that is more does not go
+    """Numbers of the smallest of amounts (N,) whose sum is at most `most`."""
+    bound = min(float(amount.max()), most)  # no single larger amount
     fewer = amount[amount <= bound]
-    # What is sorted are the few below a bound that together are more than that.
+    # Only the few amounts below a bound, whose sum exceeds `most`, are sorted.
     while bound > 0 and (fewer := fewer[fewer <= bound / 2]).sum() > most:
         bound /= 2
     among = np.flatnonzero(amount <= bound)
-    # Stable: which of equal cells go does not depend on the processor.
+    # A stable sort chooses among equal cells independently of the processor.
     order = among[np.argsort(amount[among], kind="stable")]
     return np.asarray(order[np.cumsum(amount[order]) <= most])
 
 
 def _plume(
-    spec: ConeSpray, plume: Plume, jet: Jet, source: Source
+    spec: ConeSpray, plume: Plume, jet: Jet, source: NozzleFlow
 ) -> tuple[Ints, Floats, Floats, Floats]:
-    """Cells (N, 3) of one plume, and for each (N,) the fuel in kg/m3, the part that it fills, and
-    the share that has had the time to evaporate.
+    """Cells (N, 3) of one plume, and three values (N,) of each.
 
-    Near the hole the plume is finer than the grid. It is widened there and fills that much less of
-    its cells: it neither takes up more gas nor evaporates sooner because the grid is coarse.
+    These are the fuel in kg/m3, the filled part, and the share that has had time to evaporate. Near
+    the hole the plume is finer than the grid. It is widened there and fills less of its cells
+    accordingly, so that a coarse grid increases neither entrainment nor evaporation.
     """
     h = spec.lattice_m
     inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
@@ -218,8 +219,8 @@ def _plume(
     finest = float(np.prod(most - least) * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
     if not finest <= h <= reach / 2:
         raise SprayError(
-            f"spray.spacing_m: {h:g} does not suit a plume {reach:.3g} m long, one of "
-            f"{len(spec.plumes)}; allowed is {finest:.2g}..{reach / 2:.2g}"
+            f"spray.spacing_m: {h:g} does not suit a plume of {reach:.3g} m, one of "
+            f"{len(spec.plumes)}; allowed: {finest:.2g}..{reach / 2:.2g}"
         )
     low, high = np.floor(least / h).astype(np.int64), np.ceil(most / h).astype(np.int64)
     slabs = max(1, int(np.prod((high - low).astype(float)) / _AT_ONCE))
@@ -227,7 +228,7 @@ def _plume(
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
         if not x.size:
             continue
-        # Most cells lie beside the plume: the three coordinates stay apart until it is known which.
+        # Most cells are beside the plume: coordinates are combined only for those within.
         ranges = (x, np.arange(low[1], high[1]), np.arange(low[2], high[2]))
         centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
         s = sum(a * c for a, c in zip(axis, centre, strict=True))
@@ -235,7 +236,7 @@ def _plume(
         at = np.flatnonzero((s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2))
         box = s.shape
         s, r2 = s.reshape(-1)[at], r2.reshape(-1)[at]
-        # In the barrel the fuel is as it is where the jet begins: unmixed.
+        # In the barrel the fuel is unmixed, as at the start of the jet.
         s = np.maximum(s - start, along[0])
         width = np.interp(s, along, wide)
         xi2 = np.maximum(r2, 0.0) / width**2
@@ -246,28 +247,28 @@ def _plume(
         travel = jet.travel_s(s)
         kinetic = source.kinetic(_age_s(travel, xi2))
         content = source.mixture.content(ratio, kinetic) * part * _present(spec, travel, xi2)
-        held = content > 0
-        found = np.unravel_index(at[held], box)
+        filled = content > 0
+        found = np.unravel_index(at[filled], box)
         indices.append(np.stack([one[i] for one, i in zip(ranges, found, strict=True)]))
-        contents.append(content[held])
-        parts.append(part[held])
-        shares.append(kinetic[held])
+        contents.append(content[filled])
+        parts.append(part[filled])
+        shares.append(kinetic[filled])
     if not any(content.size for content in contents):
         raise SprayError(
-            f"spray.spacing_m: {h:g} is so coarse that no cell's middle lies in a plume; "
-            f"allowed is {finest:.2g}..{reach / 20:.2g}"
+            f"spray.spacing_m: {h:g} is so coarse that no cell's middle is in a plume; "
+            f"allowed: {finest:.2g}..{reach / 20:.2g}"
         )
     content, part, kinetic = (np.concatenate(each) for each in (contents, parts, shares))
     return np.concatenate(indices, axis=1).T, content, part, kinetic
 
 
 def _age_s(travel_s: Floats, xi2: Floats) -> Floats:
-    """Time since the fuel left the hole: the plume's edge lags its axis."""
+    """Time since the fuel left the hole: the edge of the plume lags behind its axis."""
     return travel_s / (1 - ROUNDING * (xi2 - MEAN_SQUARE))
 
 
-def _edge_m(jet: Jet, source: Source, along_m: Floats) -> Floats:
-    """Radius of the plume at distances (N,): what rate / speed of fuel a length needs."""
+def _edge_m(jet: Jet, source: NozzleFlow, along_m: Floats) -> Floats:
+    """Radius of the plume at distances (N,), by the fuel per length, rate / speed."""
     xi = (np.arange(64) + 0.5) / 64
     ratio = jet.axis_ratio(along_m)[:, None] * profile(xi)
     kinetic = source.kinetic(_age_s(jet.travel_s(along_m)[:, None], xi * xi))
@@ -278,10 +279,10 @@ def _edge_m(jet: Jet, source: Source, along_m: Floats) -> Floats:
 
 
 def _present(spec: ConeSpray, travel_s: Floats, xi2: Floats) -> Floats:
-    """Share (0..1) of the fuel that is there yet and not yet gone.
+    """Share (0..1) of the fuel between tip and tail.
 
-    Both steps are symmetric in the time of travel and the lag of the edge averages to nothing, so
-    that the mass between tip and tail is what was injected.
+    Both steps are symmetric in the travel time and the mean lag of the edge is 0, so that the mass
+    between tip and tail is the injected mass.
     """
     first = spec.time_s * (1 - ROUNDING * (xi2 - MEAN_SQUARE))
     last = first - min(spec.injection_duration_s, spec.time_s) * (first / spec.time_s)
@@ -293,18 +294,18 @@ def _present(spec: ConeSpray, travel_s: Floats, xi2: Floats) -> Floats:
 
 
 def _smooth_step(x: Floats) -> Floats:
-    """0 below -1, 1 above 1, a cubic between."""
+    """Smooth step: 0 below -1, 1 above 1, a cubic between."""
     t = np.clip((x + 1) / 2, 0.0, 1.0)
     return np.asarray(t * t * (3 - 2 * t))
 
 
 def _parcels(
-    spec: ConeSpray, source: Source, index: Ints, mass: Floats, state: State
+    spec: ConeSpray, source: NozzleFlow, index: Ints, mass: Floats, state: MixtureState
 ) -> tuple[Parcels | None, Floats]:
     """Parcels of all cells, and the liquid of each cell (N,); the rest of its fuel is vapour.
 
-    A cell has a parcel for each class of its sizes. The classes have equal mass and fill the cell
-    evenly: nothing is drawn at random.
+    A cell has a parcel for each size class. The classes have equal mass and fill the cell
+    uniformly: nothing is random.
     """
     liquid = mass * (1 - state.evaporated)
     if source.bulb is not None:
@@ -329,11 +330,11 @@ def _parcels(
         return None, liquid
 
     def for_each(values: Floats) -> Floats:
-        """Of cells (W, 1) or of their classes (W, count), for each of the parcels (N,)."""
+        """Values of the parcels (N,), from those of cells (W, 1) or of their classes (W, count)."""
         wide = np.broadcast_to(values, seen.shape)
         return wide.reshape(-1) if every else wide[seen]
 
-    place = np.empty((3, np.count_nonzero(seen)))  # an axis at a time: rows of three are slow
+    place = np.empty((3, np.count_nonzero(seen)))  # rows of three would be slow
     for row, along in zip(place, index.T, strict=True):
         row[:] = for_each(((along[wet] + 0.5) * spec.lattice_m)[:, None])
     parcels = Parcels(
@@ -363,7 +364,7 @@ def _vapour(spec: ConeSpray, index: Ints, mass: Floats, temperature: Floats) -> 
 
 
 def _mass_depth_m(index: Ints, liquid: Floats, share: float, *, spacing_m: float) -> float:
-    """Depth below the nozzle within which `share` of the liquid lies; it fills its cells evenly."""
+    """Depth below the nozzle of a `share` of the liquid, which fills its cells uniformly."""
     wet = liquid > 0
     layer = -1 - index[wet, 2]
     first = int(layer.min())

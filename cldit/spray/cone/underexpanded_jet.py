@@ -1,13 +1,13 @@
-"""Under-expanded methane: the choked hole, the shock below it, and the notional nozzle after that.
+"""Under-expanded methane: the choked hole, the shock below it, and the notional nozzle.
 
-Ideal gas of variable heat capacity, no losses up to the narrowest section. There the flow is sonic
-if the pressure allows it, and leaves with more than the pressure of the gas around. It expands
-further in a barrel of shocks that a Mach disc closes, at 0.67 sqrt(p0/p) hole diameters (S.
-Crist, P. M. Sherman, D. R. Glass, AIAA J. 4, 68 (1966); H. Ashkenas, F. S. Sherman, Rarefied Gas
-Dynamics 4 (1966)). From there on it is a jet at the pressure of the gas, out of a notional nozzle
-that keeps mass, momentum and energy (A. L. Birch, D. J. Hughes, F. Swaffield, Combust. Sci.
-Technol. 52, 161 (1987), with the energy balance of K. B. Yüceil, M. V. Ötügen, Phys. Fluids 14,
-4206 (2002)): u = u* + (p* - p) / (rho* u*), h = h0 - u^2/2.
+Methane is an ideal gas of variable heat capacity, without losses up to the narrowest section. There
+the flow is sonic if the pressure allows it, and its pressure exceeds that of the surrounding gas.
+It expands further in a shock barrel that ends with a Mach disc, at 0.67 sqrt(p0/p) hole diameters
+(S. Crist, P. M. Sherman, D. R. Glass, AIAA J. 4, 68 (1966); H. Ashkenas, F. S. Sherman, Rarefied
+Gas Dynamics 4 (1966)). Beyond it is a jet at the pressure of the gas, from a notional nozzle that
+conserves mass, momentum and energy (A. L. Birch, D. J. Hughes, F. Swaffield, Combust. Sci. Technol.
+52, 161 (1987), with the energy balance of K. B. Yüceil, M. V. Ötügen, Phys. Fluids 14, 4206
+(2002)): u = u* + (p* - p) / (rho* u*), h = h0 - u^2/2.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ import numpy as np
 from cldit.spray.cone.fluid_properties import METHANE
 from cldit.spray.cone.mixing import Floats, rising_root
 
-MACH_DISC = 0.67  # of sqrt(p0/p), in hole diameters; whatever the gas
+MACH_DISC = 0.67  # times sqrt(p0/p), in hole diameters, for any gas
 
 
 @dataclass(frozen=True)
 class Expansion:
-    """Methane from rest to the notional nozzle, at the pressure of the gas around.
+    """Expansion of methane from rest to the notional nozzle, at the pressure of the gas.
 
-    flux_kg_m2_s, throat_Pa, throat_K, throat_m_s: in the narrowest section, sonic where the
-    pressure allows it. speed, temperature, density: of the notional nozzle, where the jet begins.
-    area: of the notional nozzle over the hole's, for the part of the hole that flows.
-    disc: distance of the Mach disc from the hole in hole diameters, 0 without choking.
+    flux_kg_m2_s, throat_Pa, throat_K, throat_m_s: in the narrowest section, sonic if the pressure
+    allows it. speed, temperature, density: at the notional nozzle, where the jet begins. area: of
+    the notional nozzle over that of the flow in the hole. disc: distance of the Mach disc from the
+    hole in hole diameters, 0 without choking.
     """
 
     flux_kg_m2_s: float
@@ -44,12 +44,7 @@ class Expansion:
 
 
 def expand(*, stagnation_Pa: float, stagnation_K: float, pressure_Pa: float) -> Expansion:
-    """Methane at rest, let out into gas of a lower pressure.
-
-    Args:
-        stagnation_Pa, stagnation_K: in the injector.
-        pressure_Pa: of the gas outside.
-    """
+    """Expands methane from rest in the injector into gas of a lower pressure."""
     gas = METHANE.gas_constant_J_kg_K
     pressure = np.linspace(pressure_Pa, stagnation_Pa, 4001)
     entropy = METHANE.entropy_J_kg_K(stagnation_K) + gas * np.log(pressure / stagnation_Pa)

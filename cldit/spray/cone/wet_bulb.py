@@ -1,8 +1,8 @@
-"""Droplets of n-heptane at rest, for the `cone` spray: wet bulb and rate of the d^2 law.
+"""Evaporation of n-heptane droplets at rest, for the `cone` spray: wet bulb and d^2 law.
 
-The film is that of `cldit.spray.droplet` (Spalding's, which at rest is Abramzon and Sirignano's),
-with the property fits that the cone's mixtures have (`fluid_properties.py`), so that a droplet in
-saturated gas is in equilibrium. Slip, which speeds evaporation up, is left out.
+The film is that of `cldit.spray.droplet` (Spalding's, which is Abramzon and Sirignano's at rest),
+with the property fits of the cone's mixtures (`fluid_properties.py`), so that a droplet in
+saturated gas is in equilibrium. Slip, which increases evaporation, is neglected.
 """
 
 from __future__ import annotations
@@ -37,14 +37,15 @@ from cldit.spray.droplet.fluids import Fuel, Gas
 
 Floats = NDArray[np.float64]
 
-_SIZE_m = 10e-6  # any: at rest both rates are proportional to it
+_SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
 _HALVINGS = 40
 _POINTS = 400
+_STEPS = 500  # of the d^2 law
 
 
 @functools.cache
 def _fluids() -> tuple[Fuel, Gas]:
-    """The fits as the tables that evaporation models read."""
+    """Tables of the fits, for the evaporation models."""
     cold = np.linspace(180.0, 535.0, 711)
     gas = np.linspace(100.0, 3100.0, 3001)
     liquid = {
@@ -91,12 +92,9 @@ def _fluids() -> tuple[Fuel, Gas]:
 def still(
     surface_K: ArrayLike, *, gas_K: ArrayLike, vapour_share: ArrayLike, pressure_Pa: float
 ) -> Rates:
-    """Rates of droplets of 10 um at rest; heat into the liquid is 0 at the wet bulb.
+    """Rates of droplets of 10 um at rest, any shape; heat into the liquid is 0 at the wet bulb.
 
-    Args:
-        surface_K, gas_K: temperatures, any shape.
-        vapour_share: mass fraction of fuel in the gas, any shape.
-        pressure_Pa: of the gas.
+    `vapour_share` is the mass fraction of fuel in the gas.
     """
     fuel, carrier = _fluids()
     columns = np.broadcast_arrays(_SIZE_m, surface_K, gas_K, pressure_Pa, vapour_share, 0.0)
@@ -109,10 +107,10 @@ def still(
 class WetBulb:
     """Steady evaporation of a droplet in gas without vapour.
 
-    rate_m2_s: K, by which d^2 falls with time.
-    start: s0 of d^2 / d0^2 = s0 - K t / d0^2, that holds once the droplet has its wet bulb: above
-    1 where it must be heated to it (taken as whole while the sum is above 1), below 1 where it
-    comes warmer and its own heat evaporates a share (taken at once).
+    rate_m2_s: K, by which d^2 decreases with time.
+    start: s0 of d^2 / d0^2 = s0 - K t / d0^2, for a droplet at its wet bulb: above 1 if it is
+    heated to it (the droplet does not shrink while the sum is above 1), below 1 if it is warmer and
+    its own heat evaporates a share (immediately).
     """
 
     temperature_K: float
@@ -121,14 +119,11 @@ class WetBulb:
 
 
 def wet_bulb(*, gas_K: float, pressure_Pa: float, fuel_K: float) -> WetBulb:
-    """The wet bulb in fuel-free gas far away, below the critical pressure of the fuel.
+    """Wet bulb in gas without fuel, below the critical pressure of the fuel.
 
-    With Q the heat into the liquid, dm/m = cp dT mdot/Q on the way to the wet bulb. What this is
-    more or less than the steady rate would have taken in the same time goes into `start`.
-
-    Args:
-        gas_K, pressure_Pa: of the gas.
-        fuel_K: temperature of the fuel at the start.
+    With Q the heat into the liquid, dm/m = cp dT mdot/Q during the approach to the wet bulb. The
+    difference from the steady rate in the same time goes into `start`. `fuel_K` is the initial
+    temperature of the fuel.
     """
 
     def at(surface_K: ArrayLike) -> Rates:
@@ -145,3 +140,62 @@ def wet_bulb(*, gas_K: float, pressure_Pa: float, fuel_K: float) -> WetBulb:
     slope = heptane_liquid_cp_J_kg_K(way) * (steady - there.mass_kg_s) / there.heat_W
     change = float(np.mean(slope)) * (low - fuel_K)
     return WetBulb(low, rate, float(np.exp(2 / 3 * change)))
+
+
+@dataclass(frozen=True)
+class D2Law:
+    """States of a size distribution during evaporation, by the d^2 law of every size class.
+
+    loss_m2: K t, the decrease of d^2, (N,); evaporated: share of the mass, rising from 0 to 1,
+    (N,). mass, surface: cumulative sums over the classes, by rising size, of the remaining mass and
+    of that mass over its diameter (1/m), at the initial density of the liquid, (N, classes + 1).
+    """
+
+    loss_m2: Floats
+    evaporated: Floats
+    mass: Floats
+    surface: Floats
+
+    def kinetic(self, age_s: ArrayLike, *, rate_m2_s: float) -> Floats:
+        """Evaporated share after `age_s`, any shape, if d^2 decreases by `rate_m2_s`."""
+        known, first = self.loss_m2, np.searchsorted(self.loss_m2, 0.0, side="right") - 1
+        loss = np.asarray(age_s, dtype=float) * rate_m2_s
+        return np.interp(loss, known[first:], self.evaporated[first:])
+
+    def diameters_m(self, evaporated: ArrayLike, count: int) -> Floats:
+        """Rising diameters (N, count) of equal shares of the remaining mass.
+
+        `evaporated` (N,) is the evaporated share, 0..1. Each diameter has the surface per mass of
+        its share, as in `strata_m`, so that D32 is conserved.
+        """
+        edges = np.linspace(0.0, 1.0, count + 1)
+        rows = len(self.evaporated) - 1  # nothing remains in the last
+        table = np.empty((rows, count))
+        for row in range(rows):
+            bounds = np.interp(edges * self.mass[row, -1], self.mass[row], self.surface[row])
+            table[row] = self.mass[row, -1] / count / np.diff(bounds)
+        state = np.searchsorted(self.evaporated, np.asarray(evaporated, dtype=float))
+        return np.asarray(table[np.minimum(state, rows - 1)])
+
+
+def d2_law(classes_m: Floats, bulb: WetBulb | None) -> D2Law:
+    """Evaporation of droplets of rising diameters (C,), each an equal share of the mass.
+
+    Without `bulb` nothing evaporates, and the two states are the initial and the final one.
+    """
+    squares = classes_m**2
+    if bulb is None:
+        begin, loss = np.ones(2), np.array([0.0, squares[-1]])
+    else:
+        # Warm liquid first loses the same share of every droplet, then follows the d^2 law.
+        at_once = np.linspace(1.0, bulb.start, 40)[:-1] if bulb.start < 1 else np.empty(0)
+        later = bulb.start * squares[-1] * np.linspace(0.0, 1.0, _STEPS) ** 2
+        begin = np.append(at_once, np.full(_STEPS, bulb.start))
+        loss = np.append(np.zeros(len(at_once)), later)
+    left = np.clip(begin[:, None] - loss[:, None] / squares, 0.0, 1.0)
+    mass = left**1.5
+    total = mass.sum(axis=1)
+    # A vanished class adds nothing to either sum.
+    over = np.divide(mass, classes_m * np.sqrt(left), out=np.zeros_like(mass), where=left > 0)
+    sums = [np.pad(np.cumsum(each, axis=1), ((0, 0), (1, 0))) for each in (mass, over)]
+    return D2Law(loss, 1 - total / len(squares), sums[0], sums[1])

@@ -1,4 +1,4 @@
-"""Smooth curves of temperature on an even grid: cubic splines, several properties at once."""
+"""Cubic splines of several properties over temperature, on a uniform grid."""
 
 from __future__ import annotations
 
@@ -17,15 +17,9 @@ Floats = NDArray[np.float64]
 
 @compiled
 def place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
-    """Interval of a value on an even grid, held at its ends, and how far into it; NaN stays NaN.
+    """Interval of a value on a uniform grid, clamped at its ends, and distance into it.
 
-    Args:
-        at: the value.
-        low, step: start of the grid, and length of an interval.
-        count: number of intervals.
-
-    Returns:
-        Index of the interval, and distance into it.
+    The grid starts at `low` and has `count` intervals of length `step`. NaN remains NaN.
     """
     rise = min(at - low, count * step)
     if not rise > 0:
@@ -36,23 +30,16 @@ def place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
 
 @compiled
 def cubic(table: Floats, cell: int, column: int, part: float) -> float:
-    """One property by its cubics.
-
-    Args:
-        table: (intervals, properties, 4).
-        cell: interval, and `part` how far into it.
-        column: number of the property.
-        part: from `place`.
-    """
+    """Value of property `column` in a table (intervals, properties, 4), at a `place`."""
     c = table[cell, column]
     return float(((c[0] * part + c[1]) * part + c[2]) * part + c[3])
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Properties between `low_K` and `high_K`; held at the ends beyond them.
+    """Splines between `low_K` and `high_K`, constant beyond.
 
-    coefficients: of each property, (4, intervals), the cubic's first.
+    coefficients: of each property, (4, intervals), the highest power first.
     """
 
     low_K: float
@@ -65,11 +52,11 @@ class Curves:
         return (self.high_K - self.low_K) / int(next(iter(self.coefficients.values())).shape[1])
 
     def packed(self, *names: str) -> Floats:
-        """The named cubics as compiled code reads them, (intervals, properties, 4)."""
+        """Cubics of the properties for compiled code, (intervals, properties, 4)."""
         return np.ascontiguousarray(np.stack([self.coefficients[name].T for name in names], axis=1))
 
     def at(self, temperature_K: ArrayLike, *names: str) -> tuple[Floats, ...]:
-        """The properties `names`, each shaped as `temperature_K`."""
+        """Values of the properties `names`, each of the shape of `temperature_K`."""
         t = np.asarray(temperature_K, dtype=float)
         count = next(iter(self.coefficients.values())).shape[1]
         step = self.step_K
@@ -84,12 +71,12 @@ class Curves:
         return tuple(found)
 
     def one(self, name: str, temperature_K: ArrayLike) -> Floats:
-        """The property `name`, shaped as `temperature_K`."""
+        """Value of the property `name`, of the shape of `temperature_K`."""
         return self.at(temperature_K, name)[0]
 
 
 def curves(temperature_K: Floats, values: Mapping[str, Floats]) -> Curves:
-    """Splines through `values`, each (M,), at even temperatures `temperature_K` (M,)."""
+    """Splines through `values`, each (M,), at equidistant temperatures (M,)."""
     return Curves(
         low_K=float(temperature_K[0]),
         high_K=float(temperature_K[-1]),
@@ -101,5 +88,5 @@ def curves(temperature_K: Floats, values: Mapping[str, Floats]) -> Curves:
 
 
 def integral(temperature_K: Floats, column: Floats) -> Floats:
-    """Integral of `column` (M,) over `temperature_K` (M,), from the first entry on; (M,)."""
+    """Integral (M,) of `column` (M,) over temperature (M,), from the first entry on."""
     return np.asarray(CubicSpline(temperature_K, column).antiderivative()(temperature_K))

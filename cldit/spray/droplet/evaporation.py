@@ -1,8 +1,8 @@
-"""Evaporation models: how fast a droplet loses mass, and how much heat enters its liquid.
+"""Evaporation models: mass loss of a droplet, and heat into its liquid.
 
-A model is a compiled function of one droplet (`gasfilm.Here`) that returns kg/s and W; another one
-is one function and one line in `MODELS`. All are driven by the mass transfer number, so that a gas
-colder than the fuel still evaporates it, and all are bounded at boiling.
+A model is a compiled function of one droplet (`gasfilm.Here`) that returns kg/s and W; a new one is
+one function and one line in `MODELS`. All are driven by the mass transfer number, so that fuel also
+evaporates in a colder gas, and all are bounded at boiling.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from cldit.spray.droplet.gasfilm import (
     HERE,
     LATENT,
     TABLES,
+    FilmState,
     Here,
-    State,
     Tables,
     cp_far,
     film_state,
@@ -44,7 +44,7 @@ class Drop:
     """Droplets and the gas far from each; all (N,).
 
     temperature_K: of the liquid, uniform. vapour: mass fraction of fuel in the gas.
-    slip_m_s: speed of the droplet relative to the gas.
+    slip_m_s: speed relative to the gas.
     """
 
     fuel: Fuel
@@ -58,13 +58,13 @@ class Drop:
 
     @cached_property
     def columns(self) -> Floats:
-        """What `Here` has of every droplet, (N, 6)."""
+        """Fields of `Here` of every droplet, (N, 6)."""
         return np.stack([getattr(self, name) for name in Here._fields], axis=1).astype(float)
 
 
 @dataclass(frozen=True)
 class Rates:
-    """All (N,). mass_kg_s: evaporating, negative when vapour condenses. heat_W: into the liquid."""
+    """Rates, all (N,). mass_kg_s: evaporation, < 0 in condensation. heat_W: into the liquid."""
 
     mass_kg_s: Floats
     heat_W: Floats
@@ -72,7 +72,7 @@ class Rates:
 
 @dataclass(frozen=True)
 class Model:
-    """A compiled rule for one droplet, callable for many."""
+    """Compiled rule for one droplet, callable for many."""
 
     rule: Rule
 
@@ -84,7 +84,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Film:
-    """The gas around a droplet at its reference state; all (N,).
+    """Gas around a droplet at its reference state; all (N,).
 
     transfer: mass transfer number BM. density_kg_m3: far from the droplet.
     cp_vapour_J_kg_K: of the fuel's vapour. diffusion_kg_m_s: density times diffusivity.
@@ -103,15 +103,15 @@ class Film:
 
 
 def surface_vapour(drop: Drop) -> Floats:
-    """Mass fraction of fuel at the surface (Raoult's law, capped at boiling)."""
+    """Mass fraction of fuel at the surface (Raoult's law, limited at boiling)."""
     found = np.empty(len(drop.diameter_m))
     _surfaces(tables(drop.fuel, drop.gas), drop.columns, found)
     return found
 
 
 def film(drop: Drop, *, share: float = 1 / 3) -> Film:
-    """Film of `drop` at `share` of the way to the gas; see `gasfilm.film_state`."""
-    found = np.empty((len(State._fields), len(drop.diameter_m)))
+    """Film at a `share` of the way from the surface to the gas, see `gasfilm.film_state`."""
+    found = np.empty((len(FilmState._fields), len(drop.diameter_m)))
     _films(tables(drop.fuel, drop.gas), drop.columns, share, found)
     return Film(*found)
 
@@ -149,17 +149,8 @@ def _machine() -> Callable[..., None]:
 
 
 @compiled
-def spalding_of(here: Here, state: State, latent: float) -> tuple[float, float]:
-    """Film theory (Spalding 1953) on a given film.
-
-    Args:
-        here: the droplet.
-        state: its film.
-        latent: latent heat [J/kg].
-
-    Returns:
-        Evaporation [kg/s], and heat into the liquid [W].
-    """
+def spalding_of(here: Here, state: FilmState, latent: float) -> tuple[float, float]:
+    """Evaporation [kg/s] and heat [W] by film theory (Spalding 1953), for a given film."""
     sherwood = _ranz_marshall(state.reynolds, state.schmidt)
     mass = np.pi * here.diameter_m * state.diffusion_kg_m_s * sherwood * np.log1p(state.transfer)
     return _with_heat(here, state, latent, mass, _ranz_marshall(state.reynolds, state.prandtl))
@@ -167,26 +158,14 @@ def spalding_of(here: Here, state: State, latent: float) -> tuple[float, float]:
 
 @compiled
 def spalding_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Film theory (Spalding 1953), Ranz-Marshall, heat flux with blowing; film at one third.
-
-    Of `tables` and the droplet `here`: kg/s and W.
-    """
+    """Film theory (Spalding 1953), Ranz-Marshall, heat flux with blowing; film at one third."""
     latent = liquid_at(tables, LATENT, here.temperature_K)
     return spalding_of(here, film_state(tables, here, 1 / 3), latent)
 
 
 @compiled
-def abramzon_sirignano_of(here: Here, state: State, latent: float) -> tuple[float, float]:
-    """Film theory whose films thicken with blowing, on a given film.
-
-    Args:
-        here: the droplet.
-        state: its film.
-        latent: latent heat [J/kg].
-
-    Returns:
-        Evaporation [kg/s], and heat into the liquid [W].
-    """
+def abramzon_sirignano_of(here: Here, state: FilmState, latent: float) -> tuple[float, float]:
+    """Evaporation [kg/s] and heat [W] by film theory with blowing, for a given film."""
     blowing = np.log1p(state.transfer)
     sherwood = 2 + (_clift(state.reynolds, state.schmidt) - 2) / _thickening(blowing)
     mass = np.pi * here.diameter_m * state.diffusion_kg_m_s * sherwood * blowing
@@ -194,7 +173,7 @@ def abramzon_sirignano_of(here: Here, state: State, latent: float) -> tuple[floa
     still = _clift(state.reynolds, state.prandtl) - 2
     if still > 0:
         # ln(1 + BT) = mass cp_v / (pi d lam Nu*), and Nu* = 2 + (Nu0 - 2)/F(BT): a contraction,
-        # for F hardly changes with BT.
+        # since F hardly changes with BT.
         bare = mass * state.cp_vapour_J_kg_K / (np.pi * here.diameter_m * state.conductivity_W_m_K)
         nusselt = 2 + still / _thickening(bare / (2 + still))
         for _ in range(40):
@@ -207,10 +186,9 @@ def abramzon_sirignano_of(here: Here, state: State, latent: float) -> tuple[floa
 
 @compiled
 def abramzon_sirignano_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Abramzon and Sirignano (1989): film theory whose films thicken with blowing.
+    """Abramzon and Sirignano (1989): film theory with films that thicken by blowing.
 
-    Int. J. Heat Mass Transfer 32, 1605; Clift's correlation for the droplet without blowing. Of
-    `tables` and the droplet `here`: kg/s and W.
+    Int. J. Heat Mass Transfer 32, 1605; Clift's correlation for the droplet without blowing.
     """
     latent = liquid_at(tables, LATENT, here.temperature_K)
     return abramzon_sirignano_of(here, film_state(tables, here, 1 / 3), latent)
@@ -218,7 +196,7 @@ def abramzon_sirignano_rule(tables: Tables, here: Here) -> tuple[float, float]:
 
 @compiled
 def _dukowicz(tables: Tables, here: Here) -> tuple[float, float, float]:
-    """Both rates without the logarithm, and the transfer number."""
+    """Evaporation and heat without the logarithm, and the transfer number."""
     state = film_state(tables, here, 0.5)
     nusselt = _ranz_marshall(state.reynolds, state.prandtl)
     middle = 0.5 * (here.temperature_K + here.gas_temperature_K)
@@ -233,8 +211,7 @@ def _dukowicz(tables: Tables, here: Here) -> tuple[float, float, float]:
 def dukowicz_rule(tables: Tables, here: Here) -> tuple[float, float]:
     """Dukowicz, LA-7997-MS (1979), Le = 1, without 0/0 at equal temperatures.
 
-    pi d Nu (lam/cp_gas) BM: linear in BM; film half way. Of `tables` and the droplet `here`: kg/s
-    and W.
+    The rate is pi d Nu (lam/cp_gas) BM, linear in BM, with the film half way.
     """
     mass, heat, _ = _dukowicz(tables, here)
     return mass, heat
@@ -242,10 +219,7 @@ def dukowicz_rule(tables: Tables, here: Here) -> tuple[float, float]:
 
 @compiled
 def dukowicz_logarithmic_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """`dukowicz` with ln(1 + B)/B on both fluxes, as several codes have it.
-
-    Of `tables` and the droplet `here`: kg/s and W.
-    """
+    """Model `dukowicz` with the factor ln(1 + B)/B on both fluxes, as in several codes."""
     mass, heat, number = _dukowicz(tables, here)
     safe = 1e-12 if np.abs(number) < 1e-12 else number
     weaker = np.log1p(safe) / safe
@@ -269,14 +243,13 @@ def _with_surface(tables: Tables, here: Here, surface_K: float) -> tuple[float, 
 def frolov_type_rule(tables: Tables, here: Here) -> tuple[float, float]:
     """Film theory outside, finite conductivity inside.
 
-    A parabolic profile of temperature, so that the surface is at T + heat / (10 pi k d). In the
-    manner of Frolov, Frolov and Basara (2006), whose own formulation was not at hand.
-
-    Of `tables` and the droplet `here`: kg/s and W.
+    The temperature profile is parabolic, so that the surface is at T + heat / (10 pi k d). The
+    model is similar to that of Frolov, Frolov and Basara (2006), whose formulation was not
+    available.
     """
     inside = here.temperature_K
     conductance = 10 * np.pi * here.diameter_m * liquid_at(tables, CONDUCTIVITY, inside)
-    # The residual rises with the surface temperature: secants, kept inside a bracket.
+    # The residual rises with the surface temperature: secant method within a bracket.
     low, high = tables.liquid_low_K, tables.liquid_high_K
     mass, heat = _with_surface(tables, here, inside)
     before, value_before = inside, -heat / conductance
@@ -303,9 +276,9 @@ def frolov_type_rule(tables: Tables, here: Here) -> tuple[float, float]:
 
 @compiled
 def _with_heat(
-    here: Here, state: State, latent: float, mass: float, nusselt: float
+    here: Here, state: FilmState, latent: float, mass: float, nusselt: float
 ) -> tuple[float, float]:
-    """Convection weakened by the blowing vapour, b/(exp b - 1), less the latent heat."""
+    """Adds the heat: convection reduced by blowing, b/(exp b - 1), less the latent heat."""
     bare = np.pi * here.diameter_m * state.conductivity_W_m_K * nusselt
     b = mass * state.cp_vapour_J_kg_K / bare
     safe = 1e-12 if np.abs(b) < 1e-12 else b
@@ -326,14 +299,14 @@ def _clift(reynolds: float, number: float) -> float:
 
 @compiled
 def _thickening(blowing: float) -> float:
-    """F(B) = (1 + B)^0.7 ln(1 + B)/B as a function of ln(1 + B)."""
+    """Thickening F(B) = (1 + B)^0.7 ln(1 + B)/B as a function of ln(1 + B)."""
     safe = 1e-12 if np.abs(blowing) < 1e-12 else blowing
     return float(np.exp(0.7 * safe) * safe / np.expm1(safe))
 
 
 @compiled
 def inert_rule(tables: Tables, here: Here) -> tuple[float, float]:
-    """Neither evaporates nor warms, whatever `tables` and the droplet `here` are."""
+    """Rule of a droplet that neither evaporates nor warms."""
     return 0.0, 0.0
 
 

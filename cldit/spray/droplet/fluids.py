@@ -1,4 +1,4 @@
-"""Fuels and carrier gases as fast tables, built once and kept on disk."""
+"""Fuels and carrier gases as fast tables, built once and cached on disk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FORM = "fluid table 2"
 
 @dataclass(frozen=True)
 class Gas:
-    """A carrier gas: ideal, with cp, conductivity, viscosity and enthalpy in `vapour`."""
+    """Carrier gas: ideal, with cp, conductivity, viscosity and enthalpy in `vapour`."""
 
     name: str
     molar_mass_kg_mol: float
@@ -32,17 +32,17 @@ class Gas:
 
 @dataclass(frozen=True)
 class Fuel(Gas):
-    """A fuel: its dilute vapour, and its liquid at saturation.
+    """Fuel: its dilute vapour, and its liquid at saturation.
 
-    Between its grid points a table is within 1e-5 of what it was built from. `liquid` ends at
-    0.98 of the critical temperature (530.4 K for n-heptane).
+    Between its grid points a table is within 1e-5 of its source. `liquid` ends at 0.98 of the
+    critical temperature (530.4 K for n-heptane).
     """
 
     liquid: Curves
 
     @property
     def highest_Pa(self) -> float:
-        """Up to here a droplet can boil within the table."""
+        """Highest pressure at which a droplet boils within the table."""
         return float(np.exp(self.liquid.one("ln_psat", self.liquid.high_K)))
 
     def saturation_Pa(self, temperature_K: ArrayLike) -> Floats:
@@ -50,7 +50,7 @@ class Fuel(Gas):
         return np.asarray(np.exp(self.liquid.one("ln_psat", temperature_K)))
 
     def boiling_K(self, pressure_Pa: ArrayLike) -> Floats:
-        """Temperature at which the liquid boils, any shape, by bisection; within the table."""
+        """Boiling temperature, any shape, by bisection within the table."""
         wanted = np.log(np.asarray(pressure_Pa, dtype=float))
         low = np.full(wanted.shape, self.liquid.low_K)
         high = np.full(wanted.shape, self.liquid.high_K)
@@ -61,12 +61,12 @@ class Fuel(Gas):
         return np.asarray(0.5 * (low + high))
 
     def diameter_m(self, mass_kg: ArrayLike, temperature_K: ArrayLike) -> Floats:
-        """Diameter of a droplet of `mass_kg` at `temperature_K`, any shape."""
+        """Diameter of a droplet of a given mass and temperature, any shape."""
         volume = np.asarray(mass_kg) / self.liquid.one("density", temperature_K)
         return np.asarray(np.cbrt(6 / np.pi * volume))
 
     def mass_kg(self, diameter_m: ArrayLike, temperature_K: ArrayLike) -> Floats:
-        """Mass of a droplet of `diameter_m` at `temperature_K`, any shape."""
+        """Mass of a droplet of a given diameter and temperature, any shape."""
         d = np.asarray(diameter_m, dtype=float)
         return np.asarray(np.pi / 6 * d**3 * self.liquid.one("density", temperature_K))
 
@@ -74,14 +74,9 @@ class Fuel(Gas):
 def diffusivity_m2_s(
     fuel: Fuel, gas: Gas, *, temperature_K: ArrayLike, pressure_Pa: ArrayLike
 ) -> Floats:
-    """Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969), dilute binary mixture.
+    """Diffusivity in a dilute binary mixture, any shape.
 
-    Args:
-        fuel, gas: the two substances.
-        temperature_K, pressure_Pa: of the mixture, any shape.
-
-    Returns:
-        (...,) of the common shape.
+    See Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969).
     """
     mass = 2e3 / (1 / fuel.molar_mass_kg_mol + 1 / gas.molar_mass_kg_mol)
     size = np.cbrt(fuel.diffusion_volume) + np.cbrt(gas.diffusion_volume)
@@ -92,20 +87,16 @@ def diffusivity_m2_s(
 
 
 def fuel_table(name: str, *, cache: Path | None) -> Fuel:
-    """The fuel of this `name`: iso-octane, or a fluid of CoolProp made of C, H and O.
+    """Fuel by name: iso-octane, or a fluid of CoolProp that consists of C, H and O.
 
-    Args:
-        name: as CoolProp has it, or iso-octane.
-        cache: folder in which tables are kept by content, made if need be; None keeps nothing.
-
-    Raises:
-        SprayError: the fuel is not known, or lacks what evaporation needs.
+    `cache` is the folder of tables; None: no cache. Raises SprayError if the fuel is unknown, or
+    lacks properties that evaporation needs.
     """
     return _fuel(name, _cached(f"fuel {name.casefold()}", lambda: fuel_columns(name), cache))
 
 
 def gas_table(name: str, *, cache: Path | None) -> Gas:
-    """The carrier gas `name`, one of `substances.GASES`; `cache` as in `fuel_table`."""
+    """Carrier gas by name, one of `substances.GASES`; `cache` as in `fuel_table`."""
     columns = _cached(f"gas {name.casefold()}", lambda: gas_columns(name), cache)
     return Gas(name=name, **columns.constants, vapour=curves(columns.vapour_K, columns.vapour))
 
@@ -120,30 +111,19 @@ def _fuel(name: str, columns: Columns) -> Fuel:
 
 
 def check_conditions(fuel: Fuel, *, temperature_K: float, gas_K: float, pressure_Pa: float) -> None:
-    """Checks that a droplet and its gas are within the tables.
-
-    Args:
-        fuel: of the droplet.
-        temperature_K: of the droplet.
-        gas_K, pressure_Pa: of the gas.
-
-    Raises:
-        SprayError: one is not.
-    """
+    """Raises SprayError if a droplet or its gas is outside the tables."""
     low, high = fuel.liquid.low_K, fuel.liquid.high_K
     if not low <= temperature_K <= high:
         above = "supercritical or close to it" if temperature_K > high else "frozen"
         raise SprayError(
-            f"droplet temperature {temperature_K:g} K: {fuel.name} would be {above}; allowed are "
+            f"droplet temperature {temperature_K:g} K: {fuel.name} would be {above}; allowed: "
             f"{low:.0f} to {high:.1f} K"
         )
     if not 100.0 <= gas_K <= fuel.vapour.high_K:
-        raise SprayError(
-            f"gas temperature {gas_K:g} K: allowed are 100 to {fuel.vapour.high_K:.0f} K"
-        )
+        raise SprayError(f"gas temperature {gas_K:g} K; allowed: 100 to {fuel.vapour.high_K:.0f} K")
     if not 1e3 <= pressure_Pa <= fuel.highest_Pa:
         raise SprayError(
-            f"pressure {pressure_Pa:g} Pa: allowed are 1 kPa to {fuel.highest_Pa / 1e6:.3f} MPa, "
+            f"pressure {pressure_Pa:g} Pa; allowed: 1 kPa to {fuel.highest_Pa / 1e6:.3f} MPa, "
             f"below the critical pressure of {fuel.name}, {fuel.critical_Pa / 1e6:.2f} MPa"
         )
 
@@ -154,7 +134,7 @@ def _cached(text: str, build: Callable[[], Columns], cache: Path | None) -> Colu
 
 
 def _arrays(columns: Columns) -> Arrays:
-    """Arrays by names with the part of `Columns` before the point."""
+    """Arrays by name; the part before the point is the field of `Columns`."""
     arrays: Arrays = {"liquid_K.": columns.liquid_K, "vapour_K.": columns.vapour_K}
     arrays |= {f"constants.{name}": np.asarray(v) for name, v in columns.constants.items()}
     for part, values in (("liquid", columns.liquid), ("vapour", columns.vapour)):
@@ -163,7 +143,7 @@ def _arrays(columns: Columns) -> Arrays:
 
 
 def _columns(arrays: Arrays) -> Columns:
-    """The inverse of `_arrays`."""
+    """Inverse of `_arrays`."""
 
     def part(wanted: str) -> Arrays:
         parts = ((key.partition("."), value) for key, value in arrays.items())

@@ -1,4 +1,4 @@
-"""The life of one droplet in a large body of gas, as columns against time."""
+"""History of one droplet in a large volume of gas."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LONGEST_S = 1e5
 
 @dataclass(frozen=True)
 class Life:
-    """Columns (M,); the last entry is the end: of the droplet, or of the duration asked for."""
+    """Columns (M,) over time, up to the end of the droplet or of the given duration."""
 
     time_s: Floats
     diameter_m: Floats
@@ -34,16 +34,16 @@ class Life:
 
     @property
     def vanished(self) -> bool:
-        """Whether nothing is left at the end."""
+        """True if the droplet has vanished at the end."""
         return bool(self.mass_kg[-1] == 0)
 
     def rows(self) -> Iterator[tuple[float, ...]]:
-        """One per time, in the order of `COLUMNS`."""
+        """Rows, one for each time, in the order of `COLUMNS`."""
         columns = (getattr(self, name).tolist() for name in COLUMNS)
         return zip(*columns, strict=True)
 
     def csv(self) -> str:
-        """CSV with a heading, one row per time."""
+        """CSV with a header, one row for each time."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(COLUMNS)
@@ -69,21 +69,20 @@ def follow(
     tolerance: float = 1e-4,
     cache: Path | None = None,
 ) -> Life:
-    """One droplet from its injection until it vanishes.
+    """History of one droplet from its injection until it vanishes.
 
     Args:
-        fuel: name of the fuel.
-        diameter_m, temperature_K: of the droplet at the start.
+        fuel, gas: names of the fuel and of the carrier gas.
+        diameter_m, temperature_K: initial values of the droplet.
         gas_temperature_K, pressure_Pa: of the gas.
         velocity_m_s: relative to the gas.
         model: a key of `evaporation.MODELS`.
-        gas: name of the carrier gas.
         vapour: mass fraction of fuel in the gas.
-        held: the droplet keeps its velocity (on a fibre in a flow), else drag brings it to rest.
-        duration_s: ends it earlier, and is needed where the droplet never vanishes.
-        points: times at which the columns are given, evenly spread.
-        tolerance: error allowed in a step.
-        cache: folder for property tables; None keeps nothing.
+        held: the velocity is constant (on a fibre in a flow), else drag brings the droplet to rest.
+        duration_s: earlier end; necessary if the droplet never vanishes.
+        points: number of equidistant times.
+        tolerance: allowed error of a step.
+        cache: folder for property tables; None: no cache.
 
     Raises:
         SprayError: an impossible value, an unknown fuel, gas or model, or no end.
@@ -93,7 +92,7 @@ def follow(
     if not np.all(np.isfinite(numbers)):
         raise SprayError(f"temperatures and pressure of a droplet: {numbers}; must be finite")
     if duration_s is not None and not 0 < duration_s <= LONGEST_S:
-        raise SprayError(f"duration {duration_s:g} s: allowed are above 0 to {LONGEST_S:g} s")
+        raise SprayError(f"duration {duration_s:g} s; allowed: above 0 to {LONGEST_S:g} s")
     liquid, carrier = fuel_table(fuel, cache=cache), gas_table(gas, cache=cache)
     check_conditions(
         liquid, temperature_K=temperature_K, gas_K=gas_temperature_K, pressure_Pa=pressure_Pa
@@ -137,7 +136,7 @@ def follow(
         states.append(after(states[-1], float(step))[0])
     mass = np.array([state.mass_kg[0] for state in states])
     if life <= end:
-        mass[-1] = 0.0  # by definition of the last time; the pieces end within the tolerance of it
+        mass[-1] = 0.0  # by definition of the last time, which steps reach within the tolerance
     warm = np.array([state.temperature_K[0] for state in states])
     return Life(
         time_s=times,
@@ -151,12 +150,12 @@ def follow(
 def _check(*, diameter_m: float, velocity_m_s: float, vapour: float, model: str) -> None:
     if not SMALLEST_M <= diameter_m <= LARGEST_M:
         raise SprayError(
-            f"diameter {diameter_m * 1e6:g} um: allowed are {SMALLEST_M * 1e6:g} to "
-            f"{LARGEST_M * 1e6:g} um (is the unit right?)"
+            f"diameter {diameter_m * 1e6:g} um; allowed: {SMALLEST_M * 1e6:g} to "
+            f"{LARGEST_M * 1e6:g} um (check the unit)"
         )
     if not abs(velocity_m_s) <= 1000:
-        raise SprayError(f"velocity {velocity_m_s:g} m/s: allowed are -1000 to 1000 m/s")
+        raise SprayError(f"velocity {velocity_m_s:g} m/s; allowed: -1000 to 1000 m/s")
     if not 0 <= vapour < 1:
-        raise SprayError(f"vapour mass fraction {vapour:g}: allowed are 0 to below 1")
+        raise SprayError(f"vapour mass fraction {vapour:g}; allowed: 0 to below 1")
     if model not in MODELS:
-        raise SprayError(f"model {model!r}: allowed are {', '.join(MODELS)}")
+        raise SprayError(f"model {model!r}; allowed: {', '.join(MODELS)}")

@@ -1,4 +1,4 @@
-"""The gas film around a droplet at its reference state, compiled, for one droplet at a time."""
+"""Gas film around one droplet at its reference state, compiled."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from cldit.spray.droplet.fluids import Fuel, Gas, diffusivity_m2_s
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.numba_typing import compiled
 
-# Of the fuel's mole fraction at the surface. A superheated droplet evaporates as fast as this
-# allows, ln(1 + B) = 7 to 8, and cools to boiling at once.
+# Largest mole fraction of fuel at the surface. It limits the evaporation of a superheated droplet,
+# ln(1 + B) = 7 to 8, which cools to boiling immediately.
 _MOST_VAPOUR = 0.999
-_MOST_FAR_VAPOUR = 0.99  # of it far away: below the former, so that whatever boils evaporates
+_MOST_FAR_VAPOUR = 0.99  # the same far away; smaller, so that a boiling droplet evaporates
 
 _LIQUID = ("ln_psat", "density", "cp", "latent", "conductivity")
 _VAPOUR = ("cp", "conductivity", "viscosity")
@@ -23,10 +23,10 @@ LN_PSAT, DENSITY, CP, LATENT, CONDUCTIVITY = range(5)
 
 
 class Tables(NamedTuple):
-    """A fuel and a carrier gas as compiled code reads them.
+    """Tables of a fuel and a carrier gas for compiled code.
 
     liquid, vapour, carrier: cubics, (intervals, properties, 4), from *_low_K on in *_step_K;
-    diffusion: of `diffusivity_m2_s` at 1 K and 1 Pa.
+    diffusion: `diffusivity_m2_s` at 1 K and 1 Pa.
     """
 
     liquid: Floats
@@ -45,7 +45,7 @@ class Tables(NamedTuple):
 
 
 class Here(NamedTuple):
-    """One droplet and the gas far from it; as `evaporation.Drop`."""
+    """One droplet and the gas far from it, as `evaporation.Drop`."""
 
     diameter_m: float
     temperature_K: float
@@ -55,8 +55,8 @@ class Here(NamedTuple):
     slip_m_s: float
 
 
-class State(NamedTuple):
-    """Film of one droplet; as `evaporation.Film`."""
+class FilmState(NamedTuple):
+    """Film of one droplet, as `evaporation.Film`."""
 
     transfer: float
     density_kg_m3: float
@@ -77,7 +77,7 @@ HERE = types.NamedUniTuple(types.float64, 6, Here)
 
 
 def tables(fuel: Fuel, gas: Gas) -> Tables:
-    """The property tables of a `fuel` and a carrier `gas`, as compiled code reads them."""
+    """Property tables of a fuel and a carrier gas for compiled code."""
     liquid, vapour, carrier = fuel.liquid, fuel.vapour, gas.vapour
     return Tables(
         liquid=liquid.packed(*_LIQUID),
@@ -98,13 +98,7 @@ def tables(fuel: Fuel, gas: Gas) -> Tables:
 
 @compiled
 def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
-    """One property of the liquid, SI.
-
-    Args:
-        tables: of fuel and gas.
-        column: number in `_LIQUID`.
-        temperature_K: of the liquid.
-    """
+    """Property of the liquid, SI, by its number `column` in `_LIQUID`."""
     cell, part = place(
         temperature_K, tables.liquid_low_K, tables.liquid_step_K, tables.liquid.shape[0]
     )
@@ -113,12 +107,7 @@ def liquid_at(tables: Tables, column: int, temperature_K: float) -> float:
 
 @compiled
 def diameter_m(tables: Tables, mass_kg: float, temperature_K: float) -> float:
-    """Diameter of a droplet.
-
-    Args:
-        tables: of fuel and gas.
-        mass_kg, temperature_K: of the droplet.
-    """
+    """Diameter of a droplet of a given mass and temperature."""
     volume = mass_kg / liquid_at(tables, DENSITY, temperature_K)
     return float(np.cbrt(6 / np.pi * volume))
 
@@ -130,10 +119,7 @@ def _mass_fraction(tables: Tables, moles: float) -> float:
 
 @compiled
 def surface_share(tables: Tables, here: Here) -> float:
-    """Mass fraction of fuel at the surface of the droplet `here` (Raoult's law, capped at boiling).
-
-    Of `tables`.
-    """
+    """Mass fraction of fuel at the surface of a droplet (Raoult's law, limited at boiling)."""
     part = np.exp(liquid_at(tables, LN_PSAT, here.temperature_K)) / here.pressure_Pa
     return _mass_fraction(tables, min(part, _MOST_VAPOUR))
 
@@ -146,13 +132,7 @@ def _density(tables: Tables, here: Here, temperature_K: float, vapour: float) ->
 
 @compiled
 def cp_far(tables: Tables, here: Here, temperature_K: float) -> float:
-    """Heat capacity of the gas far away [J/(kg K)].
-
-    Args:
-        tables: of fuel and gas.
-        here: the droplet.
-        temperature_K: at which it is wanted.
-    """
+    """Heat capacity [J/(kg K)] at a temperature of the gas far from the droplet."""
     at, u = place(temperature_K, tables.vapour_low_K, tables.vapour_step_K, tables.vapour.shape[0])
     of_fuel = cubic(tables.vapour, at, 0, u)
     at, u = place(
@@ -162,15 +142,11 @@ def cp_far(tables: Tables, here: Here, temperature_K: float) -> float:
 
 
 @compiled
-def film_state(tables: Tables, here: Here, share: float) -> State:
-    """Film at `share` of the way from the surface to the gas, in temperature and composition.
+def film_state(tables: Tables, here: Here, share: float) -> FilmState:
+    """Film at a `share` of the way from the surface (0) to the gas (1).
 
-    Wilke's mixing rule for viscosity and conductivity; ideal gases.
-
-    Args:
-        tables: of fuel and gas.
-        here: the droplet.
-        share: 0 is the surface, 1 the gas.
+    This holds for temperature and composition. Viscosity and conductivity follow Wilke's mixing
+    rule; gases are ideal.
     """
     surface = surface_share(tables, here)
     t = here.temperature_K + share * (here.gas_temperature_K - here.temperature_K)
@@ -195,7 +171,7 @@ def film_state(tables: Tables, here: Here, share: float) -> State:
     cp = y * cp_v + (1 - y) * cp_g
     diffusion = _density(tables, here, t, y) * tables.diffusion * t**1.75 / here.pressure_Pa
     far = _density(tables, here, here.gas_temperature_K, here.vapour)
-    return State(
+    return FilmState(
         (surface - distant) / (1 - surface),
         far,
         viscosity,

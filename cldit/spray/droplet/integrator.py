@@ -1,6 +1,6 @@
-"""Droplets in a gas that is held fixed for the length of a step: mass, temperature, velocity.
+"""Integration of many droplets in a gas that is constant during a step, on all processors.
 
-How one droplet is followed is `steps`; here are many, on all processors.
+`steps` integrates one droplet.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from cldit.spray.droplet.gasfilm import tables
 from cldit.spray.droplet.steps import follower
 
 THREADS = min(os.cpu_count() or 1, 8)
-_TOGETHER = 256  # droplets that a thread takes at a time: the stiff ones come in swarms
+_TOGETHER = 256  # droplets that a thread takes at a time; stiff ones occur in groups
 
 
 @dataclass(frozen=True)
 class Droplets:
-    """mass_kg of one droplet and temperature_K, (N,); velocity_m_s, (N, k), any k."""
+    """Droplets: mass_kg of each and temperature_K, (N,); velocity_m_s, (N, k), any k."""
 
     mass_kg: Floats
     temperature_K: Floats
@@ -33,7 +33,7 @@ class Droplets:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The gas around each droplet, (N,); velocity_m_s, (N, k). vapour: mass fraction of fuel."""
+    """Gas around each droplet, (N,); velocity_m_s, (N, k). vapour: mass fraction of fuel."""
 
     temperature_K: Floats
     pressure_Pa: Floats
@@ -43,14 +43,14 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Advance:
-    """What became of the droplets, and what the gas received from one droplet of each.
+    """Droplets after a step, and their losses to the gas.
 
-    droplets: those that vanished have mass 0, the gas's velocity and their last temperature.
-    gone_s: when each vanished; inf for those that are left.
-    path_m: way of each since the start, (N, k), until it vanished.
-    mass_kg, enthalpy_J (N,), momentum_kg_m_s (N, k): lost by the liquid, so that what the gas gets
-        and what the liquid has left add up. Enthalpies are on the zero of `fuel.liquid`.
-    steps: taken by the busiest droplet, rejected ones among them.
+    droplets: those that vanished have mass 0, the velocity of the gas and their last temperature.
+    gone_s: time at which each vanished; inf for the others.
+    path_m: displacement of each, (N, k), until it vanished.
+    mass_kg, enthalpy_J (N,), momentum_kg_m_s (N, k): lost by the liquid, so that the sum of gas and
+        liquid is conserved. Enthalpies are on the zero of `fuel.liquid`.
+    steps: largest number of steps of a droplet, including rejected ones.
     """
 
     droplets: Droplets
@@ -73,19 +73,18 @@ def advance(
     tolerance: float = 1e-3,
     drag: bool = True,
 ) -> Advance:
-    """Follows droplets for a while; any duration is allowed, steps inside are chosen here.
+    """Integrates N droplets over any duration, with steps of their own.
 
     Args:
-        droplets: (N,) at the start.
-        surroundings: (N,) gas at each droplet.
-        duration_s: of the step.
+        droplets, surroundings: (N,) initial droplets, and gas around each.
+        duration_s: of the integration.
         fuel, gas: property tables.
         model: of evaporation.
-        tolerance: error allowed in a step, in s and in 100 K; inf takes the duration as one step.
-        drag: without it the velocities stay (a droplet on a fibre).
+        tolerance: allowed error of a step, relative to s and to 100 K; inf: one step.
+        drag: without it velocities are constant (a droplet on a fibre).
 
     Raises:
-        SprayError: impossible droplets or surroundings; a droplet cannot be followed.
+        SprayError: impossible droplets or surroundings; a droplet cannot be integrated.
     """
     _check(droplets, surroundings, duration_s, fuel)
     mass = droplets.mass_kg.astype(float)
@@ -155,7 +154,7 @@ def _check(droplets: Droplets, around: Surroundings, duration_s: float, fuel: Fu
         if np.any(bad):
             value = values[bad][0]
             raise SprayError(
-                f"{fuel.name}: {name} is {value:g} (of {bad.sum()} in all); allowed are {low:g} "
+                f"{fuel.name}: {name} is {value:g} ({bad.sum()} such values); allowed: {low:g} "
                 f"to {high:g}"
             )
     for name, speeds in (("droplet", droplets.velocity_m_s), ("gas", around.velocity_m_s)):
@@ -165,7 +164,7 @@ def _check(droplets: Droplets, around: Surroundings, duration_s: float, fuel: Fu
 
 def _stuck(fuel: Fuel, mass: Floats, temperature: Floats, around: Surroundings, at: int) -> str:
     return (
-        f"droplet {at} of {fuel.name} cannot be followed: mass {mass[at]:g} kg, "
+        f"droplet {at} of {fuel.name} cannot be integrated: mass {mass[at]:g} kg, "
         f"{temperature[at]:g} K, in gas of {around.temperature_K[at]:g} K, "
         f"{around.pressure_Pa[at]:g} Pa, vapour {around.vapour[at]:g}"
     )

@@ -1,10 +1,10 @@
-"""One droplet through its steps, compiled.
+"""Steps of one droplet, compiled.
 
-In theta, with d(theta) = dt / s and s = (m / m0)^(2/3), the rates of a shrinking droplet no longer
-diverge: s falls evenly in t, and temperature and slip relax exponentially in theta, which is
-infinite where the droplet vanishes. A step follows that exactly (so it may end in nothing, at a
-known time) and corrects it for how the rates changed on the way; the correction is the estimated
-error, and each droplet takes as many steps of its own as that needs.
+In theta, with d(theta) = dt / s and s = (m / m0)^(2/3), the rates of a shrinking droplet do not
+diverge: s decreases linearly in t, and temperature and slip relax exponentially in theta, which is
+infinite when the droplet vanishes. A step integrates that exactly (so the droplet may vanish, at a
+known time) and corrects for the change of the rates during the step; the correction is the
+estimated error, which determines the steps of each droplet.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from cldit.spray.numba_typing import compiled, compiled_for
 
 _PROBE_K = 0.01
 _TEMPERATURE_SCALE_K = 100.0  # an error of 1 % of this counts as much as one of 1 % in s
-_NOTHING = 1e-6  # of s: 1e-9 of the mass
+_NOTHING = 1e-6  # s of a vanished droplet: 1e-9 of the mass
 _MOST_ROUNDS = 3000
-_CD = 0.44 / 24  # times Re: factor on Stokes' drag beyond Re = 1000
+_CD = 0.44 / 24  # times Re: factor on Stokes drag beyond Re = 1000
 
 
 @functools.cache
 def follower() -> Callable[..., None]:
-    """`_follow`, compiled."""
+    """Compiled `_follow`."""
     one, two, whole = types.float64[::1], types.float64[:, ::1], types.int64[::1]
     given = (types.float64, types.float64, types.boolean, one, one, one, two)
     return compiled_for(_follow, (RULE, TABLES, *given, one, one, two, one, two, whole))
@@ -63,9 +63,9 @@ def _follow(
     path_m: Floats,
     rounds: NDArray[np.int64],
 ) -> None:
-    """Each droplet for the duration; the arrays from `mass_kg` on are changed.
+    """Integrates each droplet over the duration; arrays from `mass_kg` on are changed in place.
 
-    Arrays are (N,), velocities and path (N, k). rounds: steps taken, -1 where that did not end.
+    Arrays are (N,), velocities and path (N, k). rounds: number of steps; -1: no end was reached.
     """
     axes = velocity_m_s.shape[1]
     slip = np.empty(axes)
@@ -106,15 +106,18 @@ def _follow(
             factor = 0.2
             if np.isfinite(error):
                 factor = min(max(0.9 / np.sqrt(error), 0.2), 4.0)
-            # A step that the end of the duration cut short says nothing against the one before it.
+            # A step limited by the end of the duration does not reduce the next one.
             cut = good and asked < trial
             trial = max(trial, factor * found.time_s) if cut else factor * found.time_s
 
 
-class Step(NamedTuple):
-    """s: what is left of d^2, 0 where the droplet vanished after time_s. slip_ratio: of the slip
-    at the end to that at the start. slip_s: integral of it over time. error: the largest part,
-    infinite for a step that led nowhere."""
+class DropletStep(NamedTuple):
+    """Result of a step.
+
+    s: remaining share of d^2, 0 if the droplet vanished after time_s. slip_ratio: final over
+    initial slip. slip_s: its integral over time. error: the largest part, infinite for an
+    impossible step.
+    """
 
     s: float
     temperature_K: float
@@ -128,7 +131,7 @@ class Step(NamedTuple):
 def _rates(
     rule: Rule, tables: Tables, gas: Here, mass: float, temperature: float, slip: float
 ) -> tuple[float, float, Here]:
-    """-d(ln s)/dt and dT/dt of a droplet of that mass, temperature and slip; and the droplet."""
+    """Rates -d(ln s)/dt and dT/dt of a droplet of this mass, temperature and slip; the droplet."""
     here = Here(
         diameter_m(tables, mass, temperature),
         temperature,
@@ -144,13 +147,13 @@ def _rates(
 @compiled
 def _step(
     rule: Rule, tables: Tables, gas: Here, mass: float, temperature: float, time: float, drag: bool
-) -> Step:
-    """`gas` has the surroundings and the slip; its droplet is not looked at."""
+) -> DropletStep:
+    """Step of a droplet; `gas` has the surroundings and the slip, its droplet is not used."""
     slip = gas.slip_m_s
     shrink, warm, here = _rates(rule, tables, gas, mass, temperature, slip)
     shrink_probe, warm_probe, _ = _rates(rule, tables, gas, mass, temperature + _PROBE_K, slip)
     if not np.isfinite(shrink + warm + shrink_probe + warm_probe):
-        return Step(1.0, temperature, 1.0, 0.0, time, np.inf)
+        return DropletStep(1.0, temperature, 1.0, 0.0, time, np.inf)
     jacobian = min((warm_probe - warm) / _PROBE_K, 0.0)
     shrink_slope = (shrink_probe - shrink) / _PROBE_K
 
@@ -168,7 +171,7 @@ def _step(
         viscosity, density = state.viscosity_Pa_s, state.density_kg_m3
         ratio = _slip_ratio(tables, here, density, viscosity, theta, s)
 
-    # Corrected: what the rates at the end differ by grows evenly along the step.
+    # Corrected: the difference of the rates at the end grows linearly along the step.
     shrink_end, warm_end, end = _rates(
         rule, tables, gas, mass * s**1.5, temperature + change, slip * ratio
     )
@@ -191,21 +194,23 @@ def _step(
         ratio = better
     if not np.isfinite(more + shift + final + ratio):
         error = np.inf
-    return Step(0.0 if gone else s_end, final, ratio, time * _log_mean(ratio), time, error)
+    return DropletStep(0.0 if gone else s_end, final, ratio, time * _log_mean(ratio), time, error)
 
 
 @compiled
 def _slip_ratio(
     tables: Tables, here: Here, density: float, viscosity: float, theta: float, s: float
 ) -> float:
-    """Of the slip after theta to that before, by Schiller and Naumann up to Re = 1000, then with
-    Cd = 0.44, in closed form; Re is that of the mean diameter."""
+    """Ratio of the slip after theta to that before, in closed form.
+
+    Drag is Schiller and Naumann's up to Re = 1000, then Cd = 0.44; Re is that of the mean diameter.
+    """
     if np.isinf(theta):
         return 0.0
     liquid = liquid_at(tables, DENSITY, here.temperature_K)
     relaxations = theta * 18 * viscosity / (liquid * here.diameter_m**2)
     reynolds = density * here.slip_m_s * here.diameter_m / viscosity * 0.5 * (1 + np.sqrt(s))
-    # First with constant Cd until Re is 1000, if it is above; then as Schiller and Naumann.
+    # Constant Cd until Re falls to 1000, then Schiller and Naumann.
     high = max(reynolds, 1e3)
     fast = min(relaxations, (high / 1e3 - 1) / (_CD * high))
     factor = 1 / (1 + _CD * reynolds * fast)
@@ -216,7 +221,7 @@ def _slip_ratio(
 
 @compiled
 def _theta(shrink: float, time: float) -> float:
-    """Integral of dt / s for s = 1 - shrink t; inf where the droplet vanishes."""
+    """Integral of dt / s for s = 1 - shrink t; inf if the droplet vanishes."""
     x = min(shrink * time, 1.0)
     if np.abs(x) < 1e-8:
         return time * (1 + x / 2)
@@ -225,23 +230,23 @@ def _theta(shrink: float, time: float) -> float:
 
 @compiled
 def _firm(jacobian: float, theta: float) -> float:
-    """Never so close to zero that differences cancel: at 1e-6 of the step nothing changes."""
+    """Jacobian away from zero, where differences would cancel; 1e-6 of the step has no effect."""
     return min(jacobian, -1e-6 / min(theta, 1e6))
 
 
 @compiled
 def _relaxed(rate: float, jacobian: float, theta: float) -> float:
-    """Rise by theta of what starts at `rate` and relaxes by `jacobian`."""
+    """Rise over theta with the initial `rate`, relaxed by `jacobian`."""
     j = _firm(jacobian, theta)
     return float(rate * np.expm1(j * theta) / j)
 
 
 @compiled
 def _relaxed_ramp(rest: float, jacobian: float, theta: float) -> float:
-    """The same for a rate that grows evenly from 0 to `rest`."""
+    """Same for a rate that grows linearly from 0 to `rest`."""
     j = _firm(jacobian, theta)
     z = j * theta
-    if np.abs(z) < 1e-4:  # where the difference would cancel; theta is finite there
+    if np.abs(z) < 1e-4:  # the difference would cancel; theta is finite
         return rest * theta * (0.5 + z / 6)
     weight = 0.0 if np.isinf(z) else np.expm1(z) / z
     return float(rest * (weight - 1) / j)
@@ -262,7 +267,7 @@ def _mean_rise(rate: float, jacobian: float, shrink: float, time: float) -> floa
 
 @compiled
 def _log_mean(ratio: float) -> float:
-    """Mean of an exponential that falls from 1 to `ratio`; 0 for one that falls to nothing."""
+    """Mean of an exponential that falls from 1 to `ratio`; 0 for the ratio 0."""
     if ratio > 1 - 1e-9:
         return 1.0
     return float((ratio - 1) / np.log(ratio)) if ratio > 0 else 0.0

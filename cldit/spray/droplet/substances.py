@@ -1,7 +1,7 @@
-"""Property columns of fuels and carrier gases: CoolProp, and iso-octane, which CoolProp lacks.
+"""Property columns of fuels and carrier gases: from CoolProp, except for iso-octane.
 
-Gases are ideal and dilute; a liquid's properties are those at saturation. CoolProp is imported only
-here, when a table is built: that takes seconds.
+Gases are ideal and dilute; properties of a liquid are those at saturation. CoolProp is imported
+only here, when a table is built, since this takes seconds.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
 
 _LIQUID_POINTS = 801
 _VAPOUR_POINTS = 1201
-_HOTTEST_K = 1200.0  # beyond it the transport fits of heavy fuels turn down
+_HOTTEST_K = 1200.0  # beyond, the transport fits of heavy fuels decrease
 _BELOW_CRITICAL = 0.98  # of the critical temperature: cp diverges and latent heat vanishes there
 
 # Fuller, Ensley and Giddings, J. Phys. Chem. 73, 3679 (1969): diffusion volumes, cm3/mol.
 _ATOMS = {"C": 15.9, "H": 2.31, "O": 6.11}
 _AROMATIC_RING = -18.3
-_WHOLE = {"Water": 13.1}  # given for the molecule
+_WHOLE = {"Water": 13.1}  # of the whole molecule
 _RINGS = ("benzene", "toluene", "ethylbenzene", "m-xylene", "o-xylene", "p-xylene")
 _GAS_VOLUMES = (18.5, 19.7, 16.3, 16.2, 26.9, 2.67)
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Everything known of a substance, on two even temperature grids.
+    """Properties of a substance, on two uniform temperature grids.
 
     constants: molar_mass_kg_mol, diffusion_volume, critical_K, critical_Pa.
     liquid: ln_psat (Pa), density, cp, latent, conductivity, viscosity, tension, enthalpy, (M,);
         empty for a carrier gas.
     vapour: cp, conductivity, viscosity, enthalpy, (K,); the enthalpy is that of the liquid plus the
-        latent heat at the normal boiling point, or zero at the lowest temperature for a carrier.
+        latent heat at the normal boiling point, or for a carrier zero at the lowest temperature.
     """
 
     constants: dict[str, float]
@@ -52,10 +52,9 @@ class Columns:
 
 
 def fuel_columns(name: str) -> Columns:
-    """Columns of a fuel: iso-octane, or whatever CoolProp knows that is made of C, H and O.
+    """Columns of a fuel: iso-octane, or a fluid of CoolProp that consists of C, H and O.
 
-    Raises:
-        SprayError: no such fluid, or CoolProp has no transport properties for it.
+    Raises SprayError if there is no such fluid, or if CoolProp lacks its transport properties.
     """
     if re.sub(r"[-_ ]", "", name.casefold()) in _ISO_OCTANE_NAMES:
         return _iso_octane()
@@ -64,7 +63,7 @@ def fuel_columns(name: str) -> Columns:
     formula = re.findall(r"([A-Z][a-z]?)_\{(\d+)\}", state.fluid_param_string("formula"))
     if not formula or any(atom not in _ATOMS for atom, _ in formula):
         raise SprayError(
-            f"fuel {name!r}: its diffusivity is known only for molecules of C, H and O"
+            f"fuel {name!r}: the diffusivity model is for molecules of C, H and O only"
         )
     ring = _AROMATIC_RING if fluid.casefold() in _RINGS else 0.0
     low = float(np.ceil(state.Ttriple()))
@@ -81,14 +80,10 @@ def fuel_columns(name: str) -> Columns:
 
 
 def gas_columns(name: str) -> Columns:
-    """Columns of a carrier gas, one of `GASES`.
-
-    Raises:
-        SprayError: another name.
-    """
+    """Columns of a carrier gas; raises SprayError if it is not one of `GASES`."""
     known = name.casefold().replace("-", " ")
     if known not in GASES:
-        raise SprayError(f"gas {name!r}: allowed are {', '.join(GASES)}")
+        raise SprayError(f"gas {name!r}; allowed: {', '.join(GASES)}")
     state = _state(known.title().replace(" ", ""))
     constants = {
         "molar_mass_kg_mol": state.molar_mass(),
@@ -101,15 +96,7 @@ def gas_columns(name: str) -> Columns:
     return Columns(constants, np.empty(0), {}, vapour_K, vapour)
 
 
-_SATURATED = (
-    "ln_psat",
-    "density",
-    "cp",
-    "latent",
-    "conductivity",
-    "viscosity",
-    "tension",
-)
+_SATURATED = ("ln_psat", "density", "cp", "latent", "conductivity", "viscosity", "tension")
 
 
 def _state(fluid: str) -> Any:
@@ -122,7 +109,7 @@ def _coolprop_name(name: str) -> str:
     import CoolProp.CoolProp as coolprop
 
     wanted = name.casefold()
-    known = {"iso-octane": ""}  # never looked up here, but worth a hint
+    known = {"iso-octane": ""}  # only for the hint
     for fluid in coolprop.get_global_param_string("FluidsList").split(","):
         aliases = coolprop.get_fluid_param_string(fluid, "aliases").split(",")
         known |= {alias.strip().casefold(): fluid for alias in [fluid, *aliases] if alias}
@@ -143,7 +130,7 @@ def _saturated(state: Any, temperature_K: float) -> tuple[float, ...]:
         transport = state.conductivity(), state.viscosity(), state.surface_tension()
     except ValueError as error:
         raise SprayError(
-            f"fuel {state.name()}: CoolProp has no transport properties of it ({error})"
+            f"fuel {state.name()}: CoolProp lacks its transport properties ({error})"
         ) from error
     latent = vapour_enthalpy - state.hmass()
     return (np.log(state.p()), state.rhomass(), state.cpmass(), latent, *transport)
@@ -155,7 +142,7 @@ def _dilute(state: Any, low_K: float) -> tuple[Floats, dict[str, Floats]]:
     grid = np.linspace(low_K, _HOTTEST_K, _VAPOUR_POINTS)
     rows = []
     for t in grid:
-        state.update(coolprop.DmassT_INPUTS, 1e-6, t)  # thin enough to be ideal
+        state.update(coolprop.DmassT_INPUTS, 1e-6, t)  # dilute enough to be ideal
         rows.append((state.cp0mass(), state.conductivity(), state.viscosity()))
     return grid, dict(zip(("cp", "conductivity", "viscosity"), np.array(rows).T, strict=True))
 
@@ -167,7 +154,7 @@ def _finished(
     vapour_K: Floats,
     vapour: dict[str, Floats],
 ) -> Columns:
-    """Adds the enthalpies, on one zero."""
+    """Adds the enthalpies, with one zero."""
     heat = integral(liquid_K, liquid["cp"])
     boiling = float(np.interp(np.log(101325.0), liquid["ln_psat"], liquid_K))
     liquid["enthalpy"] = heat - np.interp(boiling, liquid_K, heat)
@@ -181,7 +168,7 @@ _ISO_OCTANE_NAMES = ("isooctane", "ic8h18", "2,2,4trimethylpentane")
 
 
 def _iso_octane() -> Columns:
-    """NSRDS/DIPPR fits (Daubert and Danner), coefficients as OpenFOAM tabulates them (IC8H18)."""
+    """Fits of NSRDS/DIPPR (Daubert and Danner), coefficients as tabulated by OpenFOAM (IC8H18)."""
     critical = 543.96
     low = 166.0
     liquid_K = np.linspace(low, _BELOW_CRITICAL * critical, _LIQUID_POINTS)

@@ -1,14 +1,13 @@
-"""Finite volumes on a staggered grid: what advection and diffusion make of the gas in a step.
+"""Finite volumes on a staggered grid: advection and diffusion of the gas in a step.
 
 Fluxes are third order along each axis, in space and time (QUICKEST: B. P. Leonard, Comput. Methods
-Appl. Mech. Eng. 19, 59 (1979)), under a CFL number, summed over the axes, below 1. What has bounds,
-the mass fractions and enthalpy, is held between its neighbours (total variation diminishing, in
-Sweby's region); velocity, which has none, is not, for the limit flattens every top and so spreads a
-jet that runs across the grid.
+Appl. Mech. Eng. 19, 59 (1979)), for a CFL number, summed over the axes, below 1. Mass fractions and
+enthalpy are limited to the range of their neighbours (total variation diminishing, in Sweby's
+region); velocity is not, since the limiter flattens maxima and so widens a jet across the grid.
 
-One function works out what passes a row of faces, without branches, so that it becomes vector
-instructions; rows are made long by taking whole planes of the grid as one. `first` and `last` are
-the slab of the first axis that a thread does. Indices are as `kernels` has them.
+One function computes the fluxes through a row of faces without branches, for vector instructions;
+whole planes of the grid are one long row. `first` and `last` are the slab of the first axis of a
+thread. Indices are those of `kernels`.
 """
 
 from __future__ import annotations
@@ -23,13 +22,7 @@ Floats = NDArray[np.float64]
 
 @compiled
 def neighbour(i: int, count: int, closed: bool) -> int:
-    """Index of a cell of `count`, where `i` may be beyond the ends of a `closed` or periodic box.
-
-    Args:
-        i: index.
-        count: number of cells.
-        closed: with walls; else periodic.
-    """
+    """Index of one of `count` cells; `i` may be beyond the ends of a closed or periodic box."""
     if closed:
         return min(max(i, 0), count - 1)
     return i % count
@@ -48,14 +41,14 @@ def _passing(
     beyond: Floats,
     result: Floats,
 ) -> None:
-    """What passes the faces of a row, (K,), times the spacing's part in `ratio`.
+    """Fluxes (K,) through the faces of a row, times the spacing's part in `ratio`.
 
-    flux: of mass; mass: density there; share: diffusion, for each difference of the values; ratio:
-    step over spacing; bounded: make no new extremes. Values far, low | high, beyond on both sides
+    flux: of mass; mass: density at the face; share: diffusive flux per difference of the values;
+    ratio: step over spacing; bounded: no new extrema. Values far, low | high, beyond on both sides
     of the face.
     """
     for k in range(result.shape[0]):
-        # Everything is read and worked out on both sides, so that nothing but selections is left.
+        # Both sides are read and computed, so that only selections remain.
         m, rho, d = flux[k], mass[k], share[k]
         t, x, y, z = far[k], low[k], high[k], beyond[k]
         onward = m >= 0.0
@@ -77,27 +70,21 @@ def _passing(
 
 @compiled
 def mean(one: Floats, other: Floats, factor: float, result: Floats) -> None:
-    """Writes `factor` times the mean of `one` and `other`, (K,) or more, into `result` (K,).
-
-    Args:
-        one, other: (K,) or longer.
-        factor: of the mean.
-        result: (K,), overwritten.
-    """
+    """Writes `factor` times the mean of `one` and `other`, (K,) or longer, into `result` (K,)."""
     for k in range(result.shape[0]):
         result[k] = 0.5 * factor * (one[k] + other[k])
 
 
 @compiled
 def _copy(row: Floats, result: Floats) -> None:
-    """A row by its numbers: for arrays that are assigned to slices numba compiles its messages."""
+    """Copies a row element by element: for slices numba would also compile error messages."""
     for k in range(row.shape[0]):
         result[k] = row[k]
 
 
 @compiled
 def _close(plane: Floats, along: int, result: Floats) -> None:
-    """A plane (Y, Z) with its first row (along 0) or column (along 1) once more at the end."""
+    """Repeats the first row (along 0) or column (along 1) of a plane (Y, Z) at the end."""
     ny, nz = plane.shape
     for j in range(ny):
         _copy(plane[j], result[j])
@@ -109,7 +96,7 @@ def _close(plane: Floats, along: int, result: Floats) -> None:
 
 @compiled
 def _rows(plane: Floats, closed: bool, result: Floats) -> None:
-    """A plane (Y, Z) with two more rows at both ends, (Y + 4, Z)."""
+    """Adds two rows at both ends of a plane (Y, Z), (Y + 4, Z)."""
     count = plane.shape[0]
     for j in range(count + 4):
         _copy(plane[neighbour(j - 2, count, closed)], result[j])
@@ -117,13 +104,7 @@ def _rows(plane: Floats, closed: bool, result: Floats) -> None:
 
 @compiled
 def lengthen(plane: Floats, closed: bool, result: Floats) -> None:
-    """A plane with two more values at both ends of its rows.
-
-    Args:
-        plane: (Y, Z).
-        closed: with walls; else periodic.
-        result: (Y, Z + 4), overwritten.
-    """
+    """Adds two values at both ends of the rows of a plane (Y, Z), into `result` (Y, Z + 4)."""
     count = plane.shape[1]
     for n in (0, 1, count + 2, count + 3):
         k = neighbour(n - 2, count, closed)
@@ -135,8 +116,10 @@ def lengthen(plane: Floats, closed: bool, result: Floats) -> None:
 
 @compiled
 def _halves(flat: Floats, stride: int, along: bool, factor: float, result: Floats) -> None:
-    """On the faces of a padded plane, flat: mean of the cells on both sides, times a factor; or
-    for volumes that are moved along the axis the cell itself."""
+    """Means of the cells on both sides of the faces of a flat padded plane, times a factor.
+
+    For volumes shifted along the axis it is the cell itself.
+    """
     count = result.shape[0]
     low = flat[stride : count + stride]
     mean(low, low if along else flat[2 * stride : count + 2 * stride], factor, result)
@@ -153,7 +136,7 @@ def _through(
     stride: int,
     result: Floats,
 ) -> None:
-    """`_passing` for a padded plane, flat; stride: from a value to its neighbour."""
+    """Fluxes as of `_passing` for a flat padded plane; stride: from a value to its neighbour."""
     n = result.shape[0]
     far, low = flat[:n], flat[stride : n + stride]
     high, beyond = flat[2 * stride : n + 2 * stride], flat[3 * stride : n + 3 * stride]
@@ -173,7 +156,7 @@ def carry(
     last: int,
     result: Floats,
 ) -> None:
-    """Adds to `result` what a step brings of S fields, given per mass.
+    """Adds the change of S fields in a step to `result` (S, X, Y, Z).
 
     Args:
         fields: (S, X, Y, Z) per mass.
@@ -191,7 +174,7 @@ def carry(
     rows, ends = np.empty((ny + 4, nz)), np.empty((ny, nz + 4))
     m_rows, m_ends = np.empty((ny + 1, nz)), np.zeros((ny, nz + 4))
     upright, flat = (ny + 1) * nz, ny * (nz + 4) - 3  # faces in such planes
-    below = np.zeros((2, scalars, ny, nz))  # through the faces before this i and the next one
+    below = np.zeros((2, scalars, ny, nz))  # through the lower faces of this i and the next one
     beside, beyond = np.empty((scalars, ny + 1, nz)), np.empty((scalars, ny, nz + 4))
     for i in range(first, last + 1):
         now, face = i & 1, i % nx
@@ -239,7 +222,7 @@ def carry(
 
 @compiled
 def _staggered(flux: Floats, i: int, along: int, result: Floats) -> None:
-    """Mean of the plane i of a face field with itself moved by one cell along an axis, (Y, Z)."""
+    """Mean (Y, Z) of the plane i of a face field and the same shifted by one cell along an axis."""
     ny, nz = result.shape
     if along == 0:
         mean(flux[i].reshape(-1), flux[i - 1].reshape(-1), 1.0, result.reshape(-1))
@@ -268,20 +251,14 @@ def push(
     last: int,
     result: Floats,
 ) -> None:
-    """The mass flux along an axis, which is momentum, after a step.
-
-    Walls slip, and take up what flows into them.
+    """Mass flux along an axis, which is momentum, after a step; walls slip and absorb.
 
     Args:
         along: the axis.
         velocity: (X, Y, Z) of the faces across that axis.
-        flux: (3, X, Y, Z) mass flux through the faces.
-        density: (X, Y, Z).
         viscosity: (X, Y, Z) of the cells [Pa s].
-        given: (X, Y, Z) momentum added.
-        step, spacing: length of the step [s], and of a cell [m].
-        closed: with walls; else periodic.
-        first, last: slab of the first axis.
+        given: (X, Y, Z) added momentum.
+        flux, density, step, spacing, closed, first, last: as in `carry`.
         result: (X, Y, Z), overwritten.
     """
     nx, ny, nz = density.shape
@@ -293,8 +270,8 @@ def push(
     below = np.zeros((2, ny, nz))
     beside, beyond = np.empty((ny + 1, nz)), np.empty((ny, nz + 4))
     speeds = velocity.reshape((nx, size))
-    # Along its own axis a face field goes round, for the wall is its first and its last entry;
-    # a face of its volumes is the middle of the cell below.
+    # Along its own axis a face field is periodic, since the wall is its first and last entry; a
+    # face of its volumes is the middle of the cell below.
     held = (closed and along != 0, closed and along != 1, closed and along != 2)
     for i in range(first, last + 1):
         now, face = i & 1, i % nx

@@ -1,4 +1,4 @@
-"""One step of the parcels in the gas: what they see, what becomes of them, what the gas gets."""
+"""Step of the parcels in the gas: their surroundings, their changes, and the gas's sources."""
 
 from __future__ import annotations
 
@@ -18,13 +18,16 @@ from cldit.spray.flow.injector import Injection
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-TOLERANCE = 1e-2  # of a droplet's step: the gas is not known better
+TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
 
 
 @dataclass(frozen=True)
-class Cloud:
-    """Parcels in flight: of one droplet mass_kg, temperature_K (N,); droplets, hole (N,);
-    position_m, velocity_m_s (N, 3)."""
+class FlyingParcels:
+    """Parcels in flight.
+
+    mass_kg, temperature_K: of one droplet, (N,). droplets, hole: (N,). position_m, velocity_m_s:
+    (N, 3).
+    """
 
     mass_kg: Floats
     temperature_K: Floats
@@ -33,23 +36,25 @@ class Cloud:
     position_m: Floats
     velocity_m_s: Floats
 
-    def where(self, chosen: NDArray[np.bool_]) -> Cloud:
-        """The parcels that are `chosen` (N,)."""
-        return Cloud(**{name: getattr(self, name)[chosen] for name in self.__dataclass_fields__})
-
-    def __add__(self, other: Cloud) -> Cloud:
+    def where(self, chosen: NDArray[np.bool_]) -> FlyingParcels:
+        """Parcels that are `chosen` (N,)."""
         names = self.__dataclass_fields__
-        return Cloud(**{n: np.concatenate([getattr(self, n), getattr(other, n)]) for n in names})
+        return FlyingParcels(**{name: getattr(self, name)[chosen] for name in names})
+
+    def __add__(self, other: FlyingParcels) -> FlyingParcels:
+        names = self.__dataclass_fields__
+        both = {name: [getattr(self, name), getattr(other, name)] for name in names}
+        return FlyingParcels(**{name: np.concatenate(pair) for name, pair in both.items()})
 
     @property
     def liquid_kg(self) -> Floats:
-        """(N,) liquid mass of each parcel."""
+        """Liquid mass of each parcel (N,)."""
         return self.mass_kg * self.droplets
 
 
 @dataclass(frozen=True)
-class Given:
-    """What the gas gets in a step, per volume: mass, enthalpy (X, Y, Z); momentum (3, ...)."""
+class GasSources:
+    """Sources of the gas in a step, per volume: mass, enthalpy (X, Y, Z); momentum (3, ...)."""
 
     mass: Floats
     enthalpy: Floats
@@ -57,8 +62,8 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Liquid:
-    """What does not change: fuel, carrier gas, evaporation model, and the injection."""
+class LiquidModel:
+    """Constant data: fuel, carrier gas, evaporation model, and the injection."""
 
     fuel: Fuel
     carrier: Gas
@@ -67,33 +72,22 @@ class Liquid:
 
 
 def move(
-    cloud: Cloud,
+    cloud: FlyingParcels,
     flow: GasFlow,
     jets: Jets,
-    liquid: Liquid,
+    liquid: LiquidModel,
     *,
     time_s: float,
     step_s: float,
     random: np.random.Generator,
-) -> tuple[Cloud, Given]:
-    """Parcels after a step, with those that vanished still in it (mass 0).
+) -> tuple[FlyingParcels, GasSources]:
+    """Parcels after a step, including those that vanished (mass 0), and the sources of the gas.
 
-    The droplets' surroundings are an estimate of the gas at the end of the step (`_seen`): where
-    there is much liquid, the gas changes faster than steps of the flow are long. What the gas gets
-    is the difference between the liquid before and after, so nothing is lost. Exchange is with the
-    gas where the parcel is, or where the jet that it is in hands over to the grid. `jets` moves on,
-    too.
-
-    Args:
-        cloud: parcels before the step.
-        flow: the gas, which is not changed.
-        jets: the unresolved jets, which move on.
-        liquid: fuel, gas and model.
-        time_s, step_s: present time, and length of the step.
-        random: draws the eddies.
-
-    Returns:
-        The parcels after the step, and what the gas gets.
+    The surroundings of the droplets are an estimate of the gas at the end of the step (`_seen`),
+    because the gas changes faster than a step where there is much liquid. The sources are the
+    difference of the liquid, so that all is conserved. Exchange is with the gas at the parcel, or
+    where the jet of the parcel merges with the grid. `flow` is unchanged, `jets` is advanced, and
+    `random` draws the eddies.
     """
     box = flow.box
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s
@@ -112,15 +106,15 @@ def move(
     mass = cloud.droplets * found.mass_kg
     enthalpy = cloud.droplets * found.enthalpy_J - mass * flow.mixture.zero_J_kg
     momentum = cloud.droplets[:, None] * found.momentum_kg_m_s
-    given = Given(
+    sources = GasSources(
         mass=scatter(box, there, mass),
         enthalpy=scatter(box, there, enthalpy),
         momentum=np.stack([scatter(box, there, momentum[:, a], FACES[a]) for a in range(3)]),
     )
     along = np.einsum("ij,ij->i", momentum, jet.axis)
     jets.push(cloud.hole, jet.along_m, along, step_s)
-    # By the eddies where such a step leads: by those where it starts droplets would gather where
-    # it is calm, which eddies do not do to vapour either.
+    # With the eddies at the end of the displacement: with those at its start, droplets would
+    # accumulate in calm regions, which vapour does not.
     chance = np.sqrt(2 * step_s) * random.standard_normal(half.shape)
     trial = half + np.sqrt(gather(box, half, flow.eddy))[:, None] * chance
     position = cloud.position_m + found.path_m
@@ -132,16 +126,22 @@ def move(
         velocity_m_s=found.droplets.velocity_m_s,
         position_m=position,
     )
-    return moved, given
+    return moved, sources
 
 
 def _seen(
-    cloud: Cloud, at: Floats, flow: GasFlow, liquid: Liquid, jet: _Jet, *, step_s: float
+    cloud: FlyingParcels,
+    at: Floats,
+    flow: GasFlow,
+    liquid: LiquidModel,
+    jet: _JetAtParcels,
+    *,
+    step_s: float,
 ) -> Surroundings:
-    """Gas around each parcel at the end of the step, were all rates linear (point-implicit).
+    """Gas around each parcel at the end of the step, for linear rates (point-implicit).
 
-    With exchange coefficients k of the parcels, summed over the cell and the step per gas, K, the
-    gas becomes (gas + K mean) / (1 + K), where the mean is that of the parcels weighted with k.
+    With the exchange coefficients k of the parcels, and their sum K over the cell and the step per
+    mass of gas, the gas becomes (gas + K mean) / (1 + K), with the mean of the parcels by k.
     """
     box, count = flow.box, len(cloud.mass_kg)
     density = gather(box, at, flow.density)
@@ -163,7 +163,7 @@ def _seen(
     state, surface = film(drop), surface_vapour(drop)
     size = cloud.droplets * np.pi * drop.diameter_m * step_s
     drag = 3 * size * state.viscosity_Pa_s * (1 + 0.15 * state.reynolds**0.687)
-    drag = cloud.liquid_kg * -np.expm1(-drag / cloud.liquid_kg)  # no more than all it has
+    drag = cloud.liquid_kg * -np.expm1(-drag / cloud.liquid_kg)  # at most all of it
     stir = 0.6 * np.sqrt(state.reynolds)
     number = np.where(np.abs(state.transfer) < 1e-9, 1e-9, state.transfer)
     mass = size * state.diffusion_kg_m_s * (2 + stir * np.cbrt(state.schmidt))
@@ -172,7 +172,7 @@ def _seen(
     heat = heat / state.cp_J_kg_K
 
     def sums(weight: Floats, *values: Floats) -> tuple[Floats, list[Floats]]:
-        """K, and the means."""
+        """Coefficient K, and the means."""
         whole = gather(box, at, scatter(box, at, weight))
         safe = np.where(whole > 0, whole, 1.0)
         means = [gather(box, at, scatter(box, at, weight * each)) / safe for each in values]
@@ -189,9 +189,12 @@ def _seen(
 
 
 @dataclass(frozen=True)
-class _Jet:
-    """The gas jet that parcels are in: its axis (N, 3), the distance along it, speed at each and
-    how much of it counts, (N,), and the way to where it hands over to the grid."""
+class _JetAtParcels:
+    """Gas jet around each parcel.
+
+    axis: (N, 3). along_m, speed_m_s, weight: distance along it, its speed at the parcel, and its
+    weight, (N,). ahead_m: distance to where it merges with the grid.
+    """
 
     axis: Floats
     along_m: Floats
@@ -200,21 +203,27 @@ class _Jet:
     ahead_m: Floats
 
     def faster(self, velocity_m_s: Floats) -> Floats:
-        """Velocity of the gas (N, 3): the jet's along its axis, if that is faster."""
+        """Velocity of the gas (N, 3), with that of the jet along its axis if it is faster."""
         along = np.einsum("ij,ij->i", velocity_m_s, self.axis)
         lacking = self.weight * np.maximum(self.speed_m_s - along, 0.0)
         return np.asarray(velocity_m_s + lacking[:, None] * self.axis)
 
 
 def _jet(
-    cloud: Cloud, at: Floats, flow: GasFlow, jets: Jets, injection: Injection, *, time_s: float
-) -> _Jet:
+    cloud: FlyingParcels,
+    at: Floats,
+    flow: GasFlow,
+    jets: Jets,
+    injection: Injection,
+    *,
+    time_s: float,
+) -> _JetAtParcels:
     axis = np.array([hole.axis for hole in injection.holes])[cloud.hole]
     along = np.einsum("ij,ij->i", at, axis)
     off = np.linalg.norm(at - along[:, None] * axis, axis=1)
     over = HANDED_OVER_CELLS * flow.box.spacing_m / HALF_WIDTH
     over = min(over, 0.5 * injection.speed_m_s * max(time_s - injection.start_s, 0.0))  # its head
-    return _Jet(
+    return _JetAtParcels(
         axis=axis,
         along_m=along,
         speed_m_s=jets.speed_m_s(cloud.hole, along, off),

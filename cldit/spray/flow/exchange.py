@@ -1,7 +1,7 @@
-"""Between parcels and grid, cloud in cell (trilinear) both ways with the same weights.
+"""Exchange between parcels and grid: cloud in cell (trilinear), with equal weights both ways.
 
-`shift` is where a field's values lie, in cells from the low corner of theirs: 0.5 along an axis for
-the middle, 0 for the low face.
+`shift` is the position of a field's values, in cells from the lower corner of theirs: 0.5 along an
+axis for the middle, 0 for the lower face.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.gas import Box
+from cldit.spray.flow.gas import FlowGrid
 from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
@@ -20,10 +20,10 @@ FACES = ((0.0, 0.5, 0.5), (0.5, 0.0, 0.5), (0.5, 0.5, 0.0))
 
 @compiled
 def _place(at: float, shift: float, count: int, closed: bool) -> tuple[int, int, float]:
-    """The two neighbours along an axis, and the second's weight."""
+    """Two neighbours along an axis, and the weight of the second."""
     x = at - shift
     if closed:
-        # What is nearer to the wall than the last values goes to these; walls hold none.
+        # Positions between the last values and the wall belong to these; walls have no values.
         first = 0.0 if shift > 0 else 1.0
         x = min(max(x, first), count - 1.0)
     low = int(np.floor(x))
@@ -70,19 +70,9 @@ def _scatter(
 
 
 def gather(
-    box: Box, position_m: Floats, field: Floats, shift: tuple[float, float, float] = CENTRE
+    box: FlowGrid, position_m: Floats, field: Floats, shift: tuple[float, float, float] = CENTRE
 ) -> Floats:
-    """A field's values at positions.
-
-    Args:
-        box: the grid.
-        position_m: (N, 3).
-        field: (X, Y, Z).
-        shift: where the field's values lie.
-
-    Returns:
-        (N,).
-    """
+    """Values (N,) of a field (X, Y, Z) at positions (N, 3)."""
     result = np.empty(len(position_m))
     _gather(
         position_m - box.origin_m, np.array(shift), box.closed, field, 1 / box.spacing_m, result
@@ -91,19 +81,9 @@ def gather(
 
 
 def scatter(
-    box: Box, position_m: Floats, amounts: Floats, shift: tuple[float, float, float] = CENTRE
+    box: FlowGrid, position_m: Floats, amounts: Floats, shift: tuple[float, float, float] = CENTRE
 ) -> Floats:
-    """Amounts at positions, per volume of the cells; what goes in is what comes out.
-
-    Args:
-        box: the grid.
-        position_m: (N, 3).
-        amounts: (N,).
-        shift: where the field's values lie.
-
-    Returns:
-        (X, Y, Z).
-    """
+    """Amounts (N,) at positions (N, 3) as a field (X, Y, Z), per volume; conservative."""
     field = np.zeros(box.shape)
     _scatter(
         position_m - box.origin_m,

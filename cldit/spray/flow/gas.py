@@ -1,19 +1,19 @@
-"""Gas at low Mach number on a coarse Cartesian grid: one pressure, density by temperature and fuel.
+"""Gas at low Mach number on a coarse Cartesian grid, with one pressure.
 
-Mass, fuel, enthalpy and momentum are carried in conservation form (`kernels`). The mass fluxes are
-made, by one projection a step with constant coefficients (cosine or Fourier transforms), such that
-every cell keeps the common pressure: their divergence is what kept it in the last step, plus what
-the droplets just added and what is still amiss. Kinetic energy and molecular diffusion are left out
-(Mach number below 0.3; eddies mix much faster).
+Mass, fuel, enthalpy and momentum have conservation form (`kernels`). One projection per step with
+constant coefficients (cosine or Fourier transforms) corrects the mass fluxes such that every cell
+keeps the common pressure: their divergence is that of the last step, plus the contributions of the
+droplets and of the remaining error. Kinetic energy and molecular diffusion are neglected (Mach
+number below 0.3; eddies mix much faster).
 
-Eddies have a mixing length by Prandtl that is a property of the jets, not of the grid, so that a
-finer grid shows the same flow more finely: l = c x at the distance x from the injector, with which
-a jet spreads as measured. Tollmien's solution for it has its half width at 1.24 c^(2/3) x
-(G. N. Abramovich, The Theory of Turbulent Jets, 1963). What a jet takes up depends on the density
-of the gas around alone, not on its own (F. P. Ricou and D. B. Spalding, J. Fluid Mech. 11, 21
-(1961)): a heavy one is narrower, by sqrt(rho_far/rho), and l shorter, by its power of 3/2.
+Eddies have Prandtl's mixing length, a property of the jets and not of the grid, so that a finer
+grid resolves the same flow: l = c x at the distance x from the injector, with which a jet spreads
+as measured. Tollmien's solution for it has its half width at 1.24 c^(2/3) x (G. N. Abramovich, The
+Theory of Turbulent Jets, 1963). The entrainment of a jet depends only on the density of the
+surrounding gas (F. P. Ricou and D. B. Spalding, J. Fluid Mech. 11, 21 (1961)): a heavy jet is
+narrower, by sqrt(rho_far/rho), and l shorter, by the power 3/2 of it.
 
-The box is closed, its pressure follows from its energy; or it is periodic, for tests.
+The box is closed, and its pressure follows from its energy; or it is periodic, for tests.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MIXING_LENGTH = (HALF_WIDTH / 1.24) ** 1.5  # of the distance from the injector
-TURBULENT_SCHMIDT = 0.7  # and Prandtl number: a round jet's
+TURBULENT_SCHMIDT = 0.7  # and Prandtl number, of a round jet
 CFL = 0.7  # summed over the three axes; the scheme is stable below 1
 DIFFUSION = 0.1  # largest share of a cell that eddies exchange with each neighbour in a step
-EDDY_STEPS = 4  # between two looks at the shear
+EDDY_STEPS = 4  # between two computations of the shear
 THREADS = min(os.cpu_count() or 1, 8)
 
 
 @dataclass(frozen=True)
-class Box:
-    """Where the gas is: `origin_m` (3,) is the lower corner, seen from the injector's tip."""
+class FlowGrid:
+    """Grid of the gas: `origin_m` (3,) is the lower corner, from the injector's tip."""
 
     origin_m: Floats
     spacing_m: float
@@ -54,7 +54,7 @@ class Box:
 
     @property
     def upper_m(self) -> Floats:
-        """(3,) upper corner."""
+        """Upper corner (3,)."""
         return np.asarray(self.origin_m + self.spacing_m * np.array(self.shape))
 
     @property
@@ -64,15 +64,15 @@ class Box:
 
 
 class GasFlow:
-    """State of the gas; `step` moves it on.
+    """State of the gas, which `step` advances.
 
     Attributes are arrays of the box's shape: density, fuel (vapour) kg/m3, enthalpy J/m3 on the
-    zero of the mixture, temperature_K; flux (3, ...) kg/(m2 s) through the low faces, velocity
+    zero of the mixture, temperature_K; flux (3, ...) kg/(m2 s) through the lower faces, velocity
     (3, ...) there; eddy, the turbulent viscosity in m2/s. pressure_Pa is one number.
     """
 
     def __init__(
-        self, box: Box, mixture: GasMixture, *, pressure_Pa: float, temperature_K: float
+        self, box: FlowGrid, mixture: GasMixture, *, pressure_Pa: float, temperature_K: float
     ) -> None:
         shape = box.shape
         self.box, self.mixture, self.pressure_Pa = box, mixture, pressure_Pa
@@ -97,13 +97,13 @@ class GasFlow:
         return np.asarray(self.fuel / self.density)
 
     def longest_step_s(self) -> float:
-        """Longest step by the CFL number, and by how fast eddies mix; infinite in gas at rest."""
+        """Longest step by the CFL number and by the mixing of eddies; infinite in gas at rest."""
         h = self.box.spacing_m
         flowing = CFL * h / self._top if self._top > 0 else np.inf
         return min(flowing, DIFFUSION * h**2 / self._diffusing if self._diffusing > 0 else np.inf)
 
     def step(self, step_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
-        """One step after the droplets have given what they gave in it.
+        """Advances the gas by a step, with the sources of the droplets in it.
 
         Args:
             step_s: length of the step.
@@ -112,7 +112,7 @@ class GasFlow:
             momentum: (3, X, Y, Z) for the faces [kg/(s m2)].
 
         Raises:
-            SprayError: the gas left what is possible; the flow could not be followed.
+            SprayError: the gas is in an impossible state; the flow cannot be computed.
         """
         self.density = self.density + mass
         self.fuel = self.fuel + mass
@@ -132,9 +132,9 @@ class GasFlow:
             self._carry(step_s, viscosity / TURBULENT_SCHMIDT, pool)
             after = self._pressures(None, pool)
         mean = float(after.mean())
-        self.enthalpy += mean - self.pressure_Pa  # compression; energy is then conserved
+        self.enthalpy += mean - self.pressure_Pa  # compression, which conserves energy
         self.pressure_Pa = mean
-        # What the divergence lacked, had it only been known.
+        # Error of the divergence.
         self._amiss = after / mean - 1
         self._kept += self.density * self._amiss / step_s
         kernels.velocities(self.flux, self.density, self.velocity)
@@ -162,7 +162,7 @@ class GasFlow:
     def _push(
         self, step_s: float, viscosity: Floats, momentum: Floats, pool: ThreadPoolExecutor
     ) -> Floats:
-        """Mass fluxes after advection, eddies and the droplets' push, before the projection."""
+        """Mass fluxes after advection, eddies and momentum of the droplets, not yet projected."""
         box, (low, high) = self.box, self._moving
         pushed = self._pushed
         for still in (slice(0, low), slice(high, None)):
@@ -191,7 +191,7 @@ class GasFlow:
         return pushed
 
     def _bounds(self) -> None:
-        """Fastest gas; and the cells, along the first axis, that move."""
+        """Determines the fastest gas, and the moving cells along the first axis."""
         self._top = kernels.busy(self.velocity, self._low, self._high)
         count = self.box.shape[0]
         if self.box.closed:
@@ -201,7 +201,7 @@ class GasFlow:
             self._moving = (0, count)
 
     def _carry(self, step_s: float, exchange: Floats, pool: ThreadPoolExecutor) -> None:
-        """Mass, fuel and enthalpy go with the fluxes, fuel and enthalpy also with the eddies."""
+        """Transports mass, fuel and enthalpy by the fluxes, fuel and enthalpy also by eddies."""
         fields = np.stack([self.fuel / self.density, self.enthalpy / self.density])
         change = np.zeros_like(fields)
         h, closed = self.box.spacing_m, self.box.closed
@@ -220,12 +220,12 @@ class GasFlow:
         self.enthalpy += change[1]
 
     def _pressures(self, chosen: Ints | None, pool: ThreadPoolExecutor | None = None) -> Floats:
-        """Pressure of every cell by itself, or of those chosen (flat); also sets temperatures."""
+        """Pressure of each single cell, or of those chosen (flat); also sets temperatures."""
         every = slice(None) if chosen is None else chosen
         density, fuel = self.density.reshape(-1)[every], self.fuel.reshape(-1)[every]
         if not density.min(initial=1.0) > 0:
             raise SprayError(
-                "the gas flow of the spray broke down: a cell lost all of its gas; a finer "
+                "the gas flow of the spray is unstable: a cell has lost its gas; a finer "
                 "spray.box.spacing_m may help"
             )
         heat, warm = self.enthalpy.reshape(-1)[every], self.temperature_K.reshape(-1)
@@ -245,14 +245,14 @@ class GasFlow:
         low, high = float(found.min(initial=300.0)), float(found.max(initial=300.0))
         if not 100 < low <= high < 1500:
             raise SprayError(
-                f"the gas flow of the spray broke down: temperatures from {low:g} to {high:g} K; "
+                f"the gas flow of the spray is unstable: temperatures from {low:g} to {high:g} K; "
                 "a finer spray.box.spacing_m may help"
             )
         warm[every] = found
         return pressure.reshape(self.box.shape) if chosen is None else pressure
 
     def _project(self, flux: Floats, wanted: Floats) -> None:
-        """Goes to the nearest mass fluxes that have the wanted divergence."""
+        """Projects the mass fluxes on the nearest ones of the wanted divergence."""
         h = self.box.spacing_m
         amiss = np.empty_like(wanted)
         kernels.divergence(flux, h, amiss)
@@ -270,7 +270,7 @@ class GasFlow:
         kernels.subtract_gradient(np.asarray(potential), h, self.box.closed, flux)
 
 
-def _square_distance_m2(box: Box) -> Floats:
+def _square_distance_m2(box: FlowGrid) -> Floats:
     """Square distance of the cells' middles from the injector's tip, of the box's shape."""
     middles = [
         low + (np.arange(count) + 0.5) * box.spacing_m
@@ -279,7 +279,7 @@ def _square_distance_m2(box: Box) -> Floats:
     return np.asarray(sum(each**2 for each in np.meshgrid(*middles, indexing="ij")))
 
 
-def _eigenvalues(box: Box) -> Floats:
+def _eigenvalues(box: FlowGrid) -> Floats:
     """Eigenvalues of the seven-point Laplacian; infinite for the mean, which has no gradient."""
     parts = []
     for axis, count in enumerate(box.shape):

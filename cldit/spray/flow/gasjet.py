@@ -1,21 +1,22 @@
-"""The gas that a plume sets in motion near its hole, where it is narrower than the grid's cells.
+"""Gas jets of the plumes near the holes, where they are narrower than the cells of the grid.
 
-Each plume has one jet of gas that the grid does not see, along the axis of its hole, with the
-profile and the width of a free turbulent jet (J. Abraham, SAE 970051; N. Abani and R. D. Reitz,
-Phys. Fluids 19, 125102 (2007)): u = U / (1 + a r^2)^2, a = 12/(K x)^2, K = 0.457. Those take its
-momentum to be that of the liquid from the hole on; here it is what the droplets have given it. With
-m the momentum for each length,
+Each plume has an unresolved gas jet along the axis of its hole, with the profile and width of a
+free turbulent jet (J. Abraham, SAE 970051; N. Abani and R. D. Reitz, Phys. Fluids 19, 125102
+(2007)): u = U / (1 + a r^2)^2, a = 12/(K x)^2, K = 0.457. In these models the jet has the momentum
+of the liquid from the hole on; here it has the momentum received from the droplets. With m the
+momentum per length,
 
-    dm/dt + dJ/dx = force of the droplets for each length,
+    dm/dt + dJ/dx = force of the droplets per length,
     J = a m^2 / (3 pi rho),   U = a m / (pi rho),
 
-so that jet and droplets have the momentum of the liquid together, and start, head and end of the
-injection come by themselves. Droplets feel this instead of the grid's slower gas.
+so that jet and droplets together have the momentum of the liquid, and start, head and end of the
+injection need no further model. Droplets are exposed to the jet instead of the slower gas of the
+grid.
 
-Where the jet is narrower than a cell, so that neighbouring plumes share cells, the grid would turn
-their momenta into one jet along the injector's axis. There the jet carries what droplets give,
-momentum, vapour and heat, along its own axis and hands that over where it is as wide as a cell; and
-the gas there is what the droplets see.
+Where the jet is narrower than a cell, so that neighbouring plumes share cells, the grid would merge
+their momenta into one jet along the injector's axis. There the jet transports momentum, vapour and
+heat of the droplets along its own axis and merges with the grid where it is as wide as a cell; the
+gas at that place surrounds the droplets.
 """
 
 from __future__ import annotations
@@ -29,18 +30,17 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ENTRAINMENT = 0.457  # K
-HALF_WIDTH = 0.085  # of the distance: where the profile has fallen to one half
-HANDED_OVER_CELLS = 0.5  # half width, in cells, at which the grid takes over
-RESOLVED_CELLS = 1.5  # a jet whose half width is as many cells is left to the grid
+HALF_WIDTH = 0.085  # of the profile, over the distance
+HANDED_OVER_CELLS = 0.5  # half width, in cells, at which the jet merges with the grid
+RESOLVED_CELLS = 1.5  # half width, in cells, from which the grid resolves the jet
 _BIN_M = 0.5e-3
 
 
 class Jets:
-    """One jet for each hole, up to where the grid resolves it.
+    """Jets of the holes, up to where the grid resolves them.
 
-    Args:
-        holes: how many. speed_m_s: of the liquid at the hole. density_kg_m3: of the gas around.
-        spacing_m: of the grid.
+    `holes` is their number, `speed_m_s` that of the liquid at the hole, `density_kg_m3` that of the
+    surrounding gas, and `spacing_m` that of the grid.
     """
 
     def __init__(
@@ -54,15 +54,7 @@ class Jets:
         self._line = np.zeros((holes, count))
 
     def speed_m_s(self, hole: Ints, along_m: Floats, radius_m: Floats) -> Floats:
-        """Speed of the gas in the jets.
-
-        Args:
-            hole: (N,) number of the jet.
-            along_m, radius_m: (N,) distances along the axis from the hole, and from the axis.
-
-        Returns:
-            (N,).
-        """
+        """Speed (N,) of the gas in jets, at distances along the axis and from it (N,)."""
         axis = np.minimum(self._per * self._line, self._fastest)
         place = along_m / _BIN_M - 1.0  # values belong to the far ends of bins
         low = np.clip(np.floor(place).astype(np.int64), 0, axis.shape[1] - 2)
@@ -73,18 +65,14 @@ class Jets:
         return np.where(along_m > 0, centre / profile, 0.0)
 
     def weight(self, along_m: Floats) -> Floats:
-        """How much of a jet counts at a distance (N,); fades in the last third before `reach_m`."""
+        """Weight of a jet at a distance (N,); it decreases to 0 in the last third of `reach_m`."""
         fading = np.clip(3 * (1 - along_m / self.reach_m), 0.0, 1.0)
         return np.asarray(fading * (along_m > 0))
 
     def push(self, hole: Ints, along_m: Floats, momentum: Floats, step_s: float) -> None:
-        """Moves the jets on by a step.
+        """Advances the jets by a step, with the momentum (N,) [kg m/s] of droplets along the axes.
 
-        Args:
-            hole: (N,) number of the jet.
-            along_m: (N,) where along the axis.
-            momentum: (N,) what the droplets gave along the axes [kg m/s].
-            step_s: length of the step.
+        `hole` (N,) is the number of the jet, and `along_m` (N,) the distance along its axis.
         """
         inside = (along_m > 0) & (along_m < self._edges[-1])
         count = self._line.shape[1]

@@ -1,4 +1,4 @@
-"""What leaves the injector: all parcels, drawn before the flow is computed."""
+"""Injection of all parcels, drawn in advance of the flow."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MOST_PARCELS = 2_000_000
 
 @dataclass(frozen=True)
 class Hole:
-    """axis (3,) unit vector; diameter_m of a jet of that flow and speed, without dead rim."""
+    """Hole: axis (3,), a unit vector, and diameter_m of a jet of its flow and speed."""
 
     axis: Floats
     diameter_m: float
@@ -31,11 +31,11 @@ class Hole:
 
 @dataclass(frozen=True)
 class Injection:
-    """All parcels in the order in which they leave.
+    """Parcels in the order of their injection.
 
     time_s, diameter_m, droplets (N,): start, size, real droplets; hole (N,): index into `holes`;
-    position_m, velocity_m_s (N, 3). density_kg_m3: of the liquid.
-    flow_coefficient: of what the holes pass at full speed.
+    position_m, velocity_m_s (N, 3). density_kg_m3: of the liquid. flow_coefficient: ratio to the
+    flow that fills the holes at this speed.
     """
 
     holes: tuple[Hole, ...]
@@ -53,13 +53,11 @@ class Injection:
 
 
 def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
-    """Draws the parcels of `spec`, of this `fuel`, seeded; mass is the injected one to rounding.
+    """Draws the parcels of `spec` with its seed; their mass is the injected one to rounding.
 
-    Speed is Bernoulli's times a velocity coefficient, all the time. Directions fill the cone with
-    the density that `jet.profile` gives.
-
-    Raises:
-        SprayError: the pressure does not drive the mass through the holes; too many parcels.
+    The speed is Bernoulli's times a velocity coefficient, constant in time. Directions fill the
+    cone with the density of `jet.profile`. Raises SprayError if the pressure does not drive the
+    mass through the holes, or if there are too many parcels.
     """
     density = float(fuel.liquid.one("density", spec.fuel_temperature_K))
     drop = spec.injection_pressure_Pa - spec.ambient.pressure_Pa
@@ -77,16 +75,16 @@ def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
     coefficient = top / (len(shares) * area * density * speed)
     if coefficient > 1:
         raise SprayError(
-            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times what "
-            f"the pressure drives through {len(shares)} holes of {spec.hole_diameter_m:g} m in "
-            f"that time; at most {spec.injected_mass_kg / coefficient:.3g}"
+            f"spray.injected_mass_kg: {spec.injected_mass_kg:g} is {coefficient:.3g} times the "
+            f"flow that the pressure drives through {len(shares)} holes of "
+            f"{spec.hole_diameter_m:g} m; at most {spec.injected_mass_kg / coefficient:.3g}"
         )
     typical = float(fuel.mass_kg(mean_diameter_m(spec.droplets, 3, 0), spec.fuel_temperature_K))
     wanted = spec.injected_mass_kg / (typical * spec.droplets_per_parcel)
     if wanted > MOST_PARCELS:
         least = spec.droplets_per_parcel * wanted / MOST_PARCELS
         raise SprayError(
-            f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} makes {wanted:.3g} parcels; "
+            f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} gives {wanted:.3g} parcels; "
             f"at least {least:.3g}"
         )
     random = np.random.default_rng(spec.seed)
@@ -125,7 +123,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
 
 
 def _released(spec: LagrangianSpray) -> tuple[Floats, Floats]:
-    """Times (M,), and the share of all fuel that has left by then."""
+    """Times (M,), and the share of the fuel that is injected until then."""
     if spec.rate.table is not None:
         at, flow = np.array(spec.rate.table, dtype=float).T
     else:
@@ -149,18 +147,18 @@ def _hole(
     release: tuple[Floats, Floats],
     random: np.random.Generator,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Times, diameters, droplets and the hole's index of one hole's parcels: one from each of as
-    many equal parts of the mass, in random order.
+    """Times, diameters, droplets and hole's index of the parcels of one hole.
 
-    By number, most parcels would be of droplets that are gone at once and hold next to nothing, and
-    a few heavy ones would carry what acts on the gas.
+    They are one sample of each of equal parts of the mass, in random order. Sampled by number, most
+    parcels would have negligible droplets that vanish immediately, and a few heavy ones all of the
+    effect on the gas.
     """
     count = max(1, round(wanted))
     level = (random.permutation(count) + random.random(count)) / count
     diameter = quantile_m(spec.droplets, level, by="mass")
     if not diameter.max() < 1e-3:
         raise SprayError(
-            f"spray.droplets: these sizes reach {diameter.max():.3g} m, allowed is less than 1e-3"
+            f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: below 1e-3"
         )
     each = fuel.mass_kg(diameter, spec.fuel_temperature_K)
     droplets = share * spec.injected_mass_kg / count / each
@@ -177,8 +175,10 @@ def _axis(inclination_deg: float, azimuth_deg: float) -> Floats:
 def _spread(
     spec: LagrangianSpray, holes: tuple[Hole, ...], hole: Ints, random: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Where parcels start, on the discs of the holes, and unit vectors of their directions: those
-    that leave a hole after each other fill its cone evenly."""
+    """Initial positions, on the discs of the holes, and directions (unit vectors) of the parcels.
+
+    Consecutive parcels of a hole fill its cone uniformly.
+    """
     axes = np.array([each.axis for each in holes]).reshape(-1, 3)
     helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     first = np.cross(axes, helper)
@@ -199,9 +199,11 @@ def _spread(
 
 
 def _even(hole: Ints, holes: int, random: np.random.Generator) -> Floats:
-    """Two numbers from 0 to 1 for each parcel, (2, N): of each hole those of Kronecker's sequence
-    with the plastic number (ratio^3 = ratio + 1), shifted by chance; in order of time they fill
-    the square more evenly than chance does."""
+    """Two numbers from 0 to 1 for each parcel, (2, N).
+
+    For each hole they are a Kronecker sequence with the plastic number (ratio^3 = ratio + 1) with a
+    random shift, which fills the square more uniformly than random numbers.
+    """
     ratio = 1.324717957244746
     result = np.empty((2, len(hole)))
     for index in range(holes):

@@ -1,10 +1,10 @@
-"""On the staggered grid: divergence, gradient, velocities, shear, and where the gas moves.
+"""Operators on the staggered grid: divergence, gradient, velocities, shear, moving region.
 
-All arrays have the grid's shape. Faces and edges carry the index of the cell above them: entry i of
-a face array along an axis is the face between cells i - 1 and i. In a periodic box face 0 is the
-last one too; in a closed one it is the wall, both the first and the last, through which nothing
-passes: beyond it a neighbour is the cell itself, so that there is no gradient either. So one
-indexing serves both, and what one cell loses another gains.
+All arrays have the shape of the grid. Faces and edges have the index of the cell above them: entry
+i of a face array along an axis is the face between cells i - 1 and i. In a periodic box face 0 is
+also the last one; in a closed one it is the wall, both the first and the last, without flux: a
+neighbour beyond it is the cell itself, so that there is no gradient either. So both have the same
+indices, and the operators are conservative.
 """
 
 from __future__ import annotations
@@ -18,18 +18,12 @@ from cldit.spray.numba_typing import compiled
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STILL_M_S = 0.1  # gas that is slower does not push: it is taken for still
+STILL_M_S = 0.1  # slower gas counts as at rest
 
 
 @compiled
 def divergence(flux: Floats, spacing: float, result: Floats) -> None:
-    """Divergence of a face field, into the cells.
-
-    Args:
-        flux: (3, X, Y, Z).
-        spacing: length of a cell.
-        result: (X, Y, Z), overwritten.
-    """
+    """Divergence of a face field (3, X, Y, Z), into `result` (X, Y, Z)."""
     nx, ny, nz = result.shape
     for i in range(nx):
         ip = i + 1 if i + 1 < nx else 0
@@ -43,14 +37,7 @@ def divergence(flux: Floats, spacing: float, result: Floats) -> None:
 
 @compiled
 def subtract_gradient(potential: Floats, spacing: float, closed: bool, flux: Floats) -> None:
-    """Subtracts a gradient from a face field; not at the walls of a closed box.
-
-    Args:
-        potential: (X, Y, Z).
-        spacing: length of a cell.
-        closed: with walls; else periodic.
-        flux: (3, X, Y, Z), changed in place.
-    """
+    """Subtracts the gradient of a potential (X, Y, Z) from `flux` (3, X, Y, Z), not at walls."""
     nx, ny, nz = potential.shape
     for i in range(nx):
         for j in range(ny):
@@ -66,13 +53,7 @@ def subtract_gradient(potential: Floats, spacing: float, closed: bool, flux: Flo
 
 @compiled
 def velocities(flux: Floats, density: Floats, result: Floats) -> None:
-    """Velocities of the faces.
-
-    Args:
-        flux: (3, X, Y, Z) mass flux.
-        density: (X, Y, Z).
-        result: (3, X, Y, Z), overwritten.
-    """
+    """Velocities of the faces from mass flux (3, X, Y, Z) and density (X, Y, Z), into `result`."""
     nx, ny, nz = density.shape
     for i in range(nx):
         for j in range(ny):
@@ -85,7 +66,7 @@ def velocities(flux: Floats, density: Floats, result: Floats) -> None:
 
 @compiled
 def centred(velocity: Floats, result: Floats) -> None:
-    """Velocity in the cells, into `result` (3, X, Y, Z), from `velocity` (3, X, Y, Z) of faces."""
+    """Velocity in the cells from that of faces (3, X, Y, Z), into `result` of the same shape."""
     nx, ny, nz = result.shape[1:]
     for i in range(nx):
         for j in range(ny):
@@ -107,16 +88,10 @@ def shear(
     last: int,
     result: Floats,
 ) -> None:
-    """Norm of the strain rate, sqrt(2 S_ij S_ij), in the cells, from the velocities there.
+    """Norm of the strain rate, sqrt(2 S_ij S_ij), in the cells, from velocities (3, X, Y, Z).
 
-    Gradients are central differences over two cells, one-sided at walls.
-
-    Args:
-        middle: (3, X, Y, Z) velocities in the cells.
-        spacing: length of a cell.
-        closed: with walls; else periodic.
-        first, last: slab of the first axis.
-        result: (X, Y, Z), overwritten.
+    Gradients are central differences over two cells, one-sided at walls. `first` and `last` are the
+    slab of the first axis to write in `result` (X, Y, Z).
     """
     nx, ny, nz = result.shape
     u, v, w = np.empty((ny, nz + 4)), np.empty((ny, nz + 4)), np.empty((ny, nz + 4))
@@ -145,11 +120,9 @@ def shear(
 
 @compiled
 def busy(velocity: Floats, low: Ints, high: Ints) -> float:
-    """Largest sum of the three speeds of a cell, and where the gas moves.
+    """Largest sum of the three speeds of a cell, from velocities (3, X, Y, Z).
 
-    Args:
-        velocity: (3, X, Y, Z).
-        low, high: (3,), overwritten by the bounds of the cells where a speed is above STILL_M_S.
+    `low` and `high` (3,) receive the bounds of the cells with a speed above STILL_M_S.
     """
     shape = velocity.shape[1:]
     top = 0.0

@@ -1,4 +1,4 @@
-"""How far a computed spray has come, and how large its droplets are: what tables and tests read."""
+"""Penetrations, droplet sizes and other measures of a computed spray."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.spray.droplet.fluids import Fuel
-from cldit.spray.flow.coupling import Cloud
+from cldit.spray.flow.coupling import FlyingParcels
 from cldit.spray.flow.exchange import FACES, gather
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.projection import projected_reach_m
@@ -16,15 +16,18 @@ from cldit.spray.flow.projection import projected_reach_m
 Floats = NDArray[np.float64]
 
 VAPOUR_SHARE = 1e-3  # the vapour's edge, as a mass fraction
-STATION_m = 15e-3  # below the injector: where the ECN has droplets measured
+STATION_m = 15e-3  # below the injector, where the ECN measures droplets
 
 
 @dataclass(frozen=True)
 class History:
-    """Columns against time, (M,). Penetrations are distances from the injector's tip: of the liquid
-    along the injector's axis (`projected_reach_m`), `thin_liquid_m` to the lower of the two edges;
-    of the vapour along the plumes, the mean over them, for the farthest cell of eight varies more
-    from seed to seed. axis_m_s: gas on the axis, `STATION_m` below the injector, away from it."""
+    """Columns over time, (M,).
+
+    Penetrations are distances from the injector's tip: of the liquid along the injector's axis
+    (`projected_reach_m`), `thin_liquid_m` for the lower of the two thresholds; of the vapour along
+    the plumes, as their mean, since the farthest cell of all has more scatter from seed to seed.
+    axis_m_s: gas speed on the axis, `STATION_m` below the injector, away from it.
+    """
 
     time_s: Floats
     injected_kg: Floats
@@ -38,18 +41,8 @@ class History:
     axis_m_s: Floats
 
 
-def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
-    """The columns of `History` after the injected mass.
-
-    Args:
-        cloud: all parcels.
-        flow: the gas.
-        fuel: its tables.
-        axes: (H, 3) of the holes.
-
-    Returns:
-        One number for each column.
-    """
+def measures(cloud: FlyingParcels, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[float, ...]:
+    """Values of `History` from liquid_kg on; `axes` (H, 3) are those of the holes."""
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
     volume = cloud.liquid_kg / fuel.liquid.one("density", cloud.temperature_K)
     liquid, thin = projected_reach_m(cloud.position_m, volume)
@@ -66,8 +59,7 @@ def measures(cloud: Cloud, flow: GasFlow, fuel: Fuel, axes: Floats) -> tuple[flo
 
 
 def axis_m_s(flow: GasFlow) -> float:
-    """Speed of the gas on the injector's axis at `STATION_m`, away from the injector; NaN in a box
-    that ends above."""
+    """Gas speed on the injector's axis at `STATION_m`, away from it; NaN if the box ends above."""
     if flow.box.origin_m[2] > -STATION_m:
         return float("nan")
     there = np.array([[0.0, 0.0, -STATION_m]])
@@ -75,10 +67,10 @@ def axis_m_s(flow: GasFlow) -> float:
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
-    """How far the share `VAPOUR_SHARE` is found in `flow`: mean over plumes that have vapour.
+    """Largest distance of the share `VAPOUR_SHARE`: mean over plumes that have vapour.
 
-    That is in the farthest cell and, from there outwards, linear to what is one cell on. A cell
-    belongs to the plume whose axis, of `axes` (H, 3), points most to it.
+    It is that of the farthest cell, plus a linear interpolation over the next cell outwards. A cell
+    belongs to the plume whose axis, of `axes` (H, 3), is closest to its direction.
     """
     box, share = flow.box, flow.share
     rich = np.argwhere(share >= VAPOUR_SHARE)
@@ -97,15 +89,15 @@ def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
 
 
 def sauter_m(droplets: Floats, diameter_m: Floats) -> float:
-    """Sauter mean diameter of `droplets` (N,) of `diameter_m` (N,); NaN without droplets."""
+    """Sauter mean diameter of droplets (N,) of diameters (N,); NaN without droplets."""
     area = float(np.sum(droplets * diameter_m**2))
     return float(np.sum(droplets * diameter_m**3)) / area if area > 0 else float("nan")
 
 
 def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
-    """Half angle of a cone as wide as the plumes of `flow` are on average, to the vapour's edge.
+    """Half angle of a cone as wide as the mean plume, at the edge of the vapour.
 
-    Between one and two thirds of their length along `axes` (H, 3); NaN without plumes.
+    It is measured from one to two thirds of the length along `axes` (H, 3); NaN without plumes.
     """
     index = np.stack(np.unravel_index(np.flatnonzero(flow.share >= VAPOUR_SHARE), flow.box.shape))
     centre = flow.box.origin_m + (index.T + 0.5) * flow.box.spacing_m
@@ -121,20 +113,14 @@ def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
 
 
 class Station:
-    """Droplets that passed the plane `STATION_m` below the injector, as an instrument there counts
-    them over the whole injection."""
+    """Counter of droplets that cross the plane `STATION_m` below the injector."""
 
     def __init__(self) -> None:
         self._droplets: list[Floats] = []
         self._diameters: list[Floats] = []
 
-    def watch(self, before: Cloud, after: Cloud, fuel: Fuel) -> None:
-        """Takes the droplets that pass in a step.
-
-        Args:
-            before, after: parcels before and after it, in the same order.
-            fuel: its tables.
-        """
+    def watch(self, before: FlyingParcels, after: FlyingParcels, fuel: Fuel) -> None:
+        """Counts the droplets that cross in a step; parcels before and after have one order."""
         passed = (before.position_m[:, 2] > -STATION_m) & (after.position_m[:, 2] <= -STATION_m)
         passed &= after.mass_kg > 0
         self._droplets.append(after.droplets[passed])
@@ -143,7 +129,7 @@ class Station:
 
     @property
     def sauter_m(self) -> float:
-        """Sauter mean diameter of what has passed; NaN if nothing has."""
+        """Sauter mean diameter of the counted droplets; NaN if there are none."""
         if not self._droplets:
             return float("nan")
         return sauter_m(np.concatenate(self._droplets), np.concatenate(self._diameters))

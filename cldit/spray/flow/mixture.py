@@ -1,5 +1,4 @@
-"""The gas as a mixture of carrier and fuel vapour, for the flow solver: ideal, cp of each a
-polynomial of temperature."""
+"""Mixture of carrier gas and fuel vapour: ideal gases, enthalpies as polynomials of temperature."""
 
 from __future__ import annotations
 
@@ -21,10 +20,10 @@ _SCALE_K = 1000.0
 
 @dataclass(frozen=True)
 class GasMixture:
-    """Enthalpies are zero at `reference_K` for both, so that mixing at that temperature keeps it.
+    """Mixture whose enthalpies are 0 at `reference_K` for both gases.
 
     carrier, vapour: (N,) coefficients of the enthalpies (J/kg) in powers of (T - reference) / 1000
-    K, from the first power on. zero_J_kg: what the fuel's own zero differs by.
+    K, from the first power on. zero_J_kg: difference from the zero of the fuel's tables.
     """
 
     reference_K: float
@@ -35,47 +34,26 @@ class GasMixture:
     zero_J_kg: float
 
     def pressure_Pa(self, *, density: Floats, fuel: Floats, temperature_K: Floats) -> Floats:
-        """Ideal gas.
-
-        Args:
-            density: (...,) of the mixture [kg/m3].
-            fuel: (...,) of the vapour in it [kg/m3].
-            temperature_K: (...,).
-
-        Returns:
-            (...,).
-        """
+        """Pressure from the densities of the mixture and of the vapour in it, any shape."""
         part = (density - fuel) * self.carrier_J_kg_K + fuel * self.vapour_J_kg_K
         return np.asarray(part * temperature_K)
 
     def enthalpy_J_kg(self, share: Floats, temperature_K: Floats) -> Floats:
-        """Enthalpy at `temperature_K` with the mass fraction `share` of fuel vapour, any shape."""
+        """Enthalpy for the mass fraction `share` of fuel vapour, any shape."""
         x = (np.asarray(temperature_K) - self.reference_K) / _SCALE_K
         powers = [x ** (n + 1) for n in range(_DEGREE)]
         parts = zip(self.carrier, self.vapour, powers, strict=True)
         return np.asarray(sum(((1 - share) * c + share * v) * x for c, v, x in parts))
 
     def temperature_K(self, share: Floats, enthalpy_J_kg: Floats, guess_K: Floats) -> Floats:
-        """The inverse of `enthalpy_J_kg`, by Newton's method from `guess_K`.
-
-        Args:
-            share, enthalpy_J_kg, guess_K: (...,).
-
-        Returns:
-            (...,).
-        """
+        """Inverse of `enthalpy_J_kg`, any shape, by Newton's method from `guess_K`."""
         return _temperature(
             share, enthalpy_J_kg, guess_K, self.carrier, self.vapour, self.reference_K
         )
 
 
 def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
-    """The mixture of `fuel` vapour and `carrier`, fitted to the tables of both.
-
-    Args:
-        fuel, carrier: tables.
-        reference_K: where enthalpies are 0.
-    """
+    """Mixture of `fuel` vapour and `carrier`, fitted to their tables."""
     low = max(_LOW_K, fuel.vapour.low_K, carrier.vapour.low_K)
     t = np.linspace(low, min(_HIGH_K, fuel.vapour.high_K, carrier.vapour.high_K), 400)
     x = (t - reference_K) / _SCALE_K
@@ -118,7 +96,7 @@ def _newton(
             value *= x
             change = (value - enthalpy[n]) / slope
             x -= change
-            if abs(change) < 1e-5:  # converges quadratically: within 1e-7 K after it
+            if abs(change) < 1e-5:  # quadratic convergence: the error is now below 1e-7 K
                 break
         result[n] = reference + 1000.0 * x
 

@@ -1,10 +1,9 @@
-"""Liquid penetration as the Engine Combustion Network defines it, by projected volume.
+"""Liquid penetration by projected volume, as defined by the Engine Combustion Network.
 
-Its edge is a volume of liquid for each area that is looked at, in the mean of many injections. A
-parcel is one sample of those: its droplets may be anywhere around it that eddies would have brought
-them to. So each is seen as a Gaussian spot, half as wide as a free jet is at its distance from the
-injector; then one injection shows what the mean of many does, and neither the number of parcels nor
-the grid of the gas is seen.
+The threshold is a volume of liquid per projected area, in the mean of many injections. A parcel is
+one sample of those: eddies could have moved its droplets anywhere around it. So each parcel is
+projected as a Gaussian spot, half as wide as a free jet at its distance from the injector; then one
+injection shows the same as the mean of many, for any number of parcels and any grid of the gas.
 """
 
 from __future__ import annotations
@@ -17,27 +16,19 @@ from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
 
-# 2.0e-3 and 0.2e-3 mm3/mm2
-PROJECTED_m = 2.0e-6
+PROJECTED_m = 2.0e-6  # 2.0e-3 mm3/mm2
 THIN_PROJECTED_m = 0.2e-6
 PIXEL_m = 0.5e-3
-SPOT = 0.5 * HALF_WIDTH  # standard deviation, of the distance from the injector
+SPOT = 0.5 * HALF_WIDTH  # standard deviation, over the distance from the injector
 _CUT = 3.0  # standard deviations
 
 
 def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, float]:
-    """How far the liquid reaches along the injector's axis (-z), by projected volume.
+    """Penetration of the liquid along the injector's axis (-z), for both thresholds.
 
-    The farthest distance at which the liquid on a line of sight across the axis, as a volume for
-    each area, is still at an edge, `PROJECTED_m` and `THIN_PROJECTED_m`; 0 where it never is. The
-    mean of two lines of sight, along x and y.
-
-    Args:
-        position_m: (N, 3) of parcels, from the injector's tip.
-        volume_m3: (N,) of their liquid.
-
-    Returns:
-        Both distances [m].
+    It is the largest distance at which the liquid volume (N,) of the parcels at positions (N, 3),
+    per area across a line of sight, reaches `PROJECTED_m` and `THIN_PROJECTED_m`; 0 if it does not.
+    The result is the mean of the lines of sight along x and y.
     """
     seen = (volume_m3 > 0) & (position_m[:, 2] < 0)
     position, volume = position_m[seen], volume_m3[seen]
@@ -50,9 +41,9 @@ def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, flo
     for axis in (0, 1):
         aside = position[:, axis] - (position[:, axis] - _CUT * spot).min() + PIXEL_m
         across = int((aside + _CUT * spot).max() / PIXEL_m) + 2
-        picture = np.zeros((across, rows))
-        _paint(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume / PIXEL_m**2, picture)
-        tops.append(picture.max(axis=0))
+        image = np.zeros((across, rows))
+        _paint(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume / PIXEL_m**2, image)
+        tops.append(image.max(axis=0))
     far, thin = (
         float(np.mean([_farthest(top, edge) for top in tops]))
         for edge in (PROJECTED_m, THIN_PROJECTED_m)
@@ -61,7 +52,7 @@ def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, flo
 
 
 def _farthest(top: Floats, edge: float) -> float:
-    """Where the rows' largest values (R,) last fall below an edge, linear between rows."""
+    """Last distance at which the largest values of rows (R,) reach `edge`, linear between rows."""
     rows = np.flatnonzero(top > edge)
     if not rows.size:
         return 0.0
@@ -72,7 +63,7 @@ def _farthest(top: Floats, edge: float) -> float:
 
 @compiled
 def _spot(at: float, width: float, weights: Floats) -> tuple[int, int]:
-    """First and last pixel of a spot, and the pixels' weights, of sum 1."""
+    """First and last pixel of a spot; writes the weights of its pixels, of sum 1."""
     first = max(int(np.floor(at - _CUT * width)), 0)
     last = min(int(np.floor(at + _CUT * width)), weights.shape[0] - 1)
     total = 0.0
@@ -85,13 +76,13 @@ def _spot(at: float, width: float, weights: Floats) -> tuple[int, int]:
 
 
 @compiled
-def _paint(across: Floats, down: Floats, width: Floats, amount: Floats, picture: Floats) -> None:
-    """Adds spots (N,) to a picture (A, R); lengths in pixels."""
-    aside, deep = np.empty(picture.shape[0]), np.empty(picture.shape[1])
+def _paint(across: Floats, down: Floats, width: Floats, amount: Floats, image: Floats) -> None:
+    """Adds spots (N,) to an image (A, R); lengths in pixels."""
+    aside, deep = np.empty(image.shape[0]), np.empty(image.shape[1])
     for n in range(across.shape[0]):
         first, last = _spot(across[n], width[n], aside)
         top, bottom = _spot(down[n], width[n], deep)
         for i in range(first, last + 1):
             part = amount[n] * aside[i]
             for k in range(top, bottom + 1):
-                picture[i, k] += part * deep[k]
+                image[i, k] += part * deep[k]

@@ -1,4 +1,4 @@
-"""The `lagrangian` spray: parcels and gas, step by step, and what became of them."""
+"""The `lagrangian` spray: time integration of parcels and gas."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cldit.scene.spray import LagrangianSpray
 from cldit.spray.cone.jet import Jet
 from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
-from cldit.spray.flow.coupling import Cloud, Liquid, move
-from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
+from cldit.spray.flow.gas import FlowGrid, GasFlow
 from cldit.spray.flow.gasjet import Jets
 from cldit.spray.flow.injector import Injection, inject
 from cldit.spray.flow.measures import History, Station, measures
@@ -27,35 +27,30 @@ Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
 MOST_CELLS = 2e7
-NEGLIGIBLE = (
-    1e-6  # cells with less vapour than this, as a mass fraction, are left out of the result
-)
+NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
 _AVOGADRO = 6.02214076e23
 _RECORDS = 100
 
 
-Watch = Callable[[float, float, int], None]  # time reached, time of the end, parcels
+Watch = Callable[[float, float, int], None]  # time, end time, number of parcels
 
 
 def simulate_spray(
     spec: LagrangianSpray, *, cache: Path | None = None, watch: Watch | None = None
 ) -> tuple[Spray, History, GasFlow]:
-    """Computes the spray at `spec.time_s`.
+    """Computes the spray at `spec.time_s`, its history, and the gas.
 
     `notes` of the spray: injected, liquid, vapour and wall mass (kg), parcels, steps, cells, speed
-    at the hole, flow coefficient, Sauter mean diameter (of all droplets now, and of those that
-    passed 15 mm below the injector up to now), penetrations, coldest gas, pressure.
+    at the hole, flow coefficient, Sauter mean diameter (of all present droplets, and of those that
+    crossed the plane 15 mm below the injector), penetrations, coldest gas, pressure.
 
     Args:
         spec: the scene's spray.
         cache: folder for property tables.
         watch: called after every step.
 
-    Returns:
-        The spray, how it came there, and the gas.
-
     Raises:
-        SprayError: an impossible combination of values, or a flow that cannot be followed.
+        SprayError: an impossible combination of values, or a flow that cannot be computed.
     """
     fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
     ambient = spec.ambient
@@ -79,7 +74,7 @@ def simulate_spray(
         density_kg_m3=flow.far_density_kg_m3,
         spacing_m=flow.box.spacing_m,
     )
-    liquid = Liquid(fuel=fuel, carrier=carrier, model=model, injection=injection)
+    liquid = LiquidModel(fuel=fuel, carrier=carrier, model=model, injection=injection)
     random = np.random.default_rng([spec.seed, 1])
     each = fuel.mass_kg(injection.diameter_m, np.full(1, spec.fuel_temperature_K))
     cloud = _born(injection, each, spec, 0, 0, 0.0)
@@ -90,10 +85,10 @@ def simulate_spray(
         step = _step_s(spec, injection, flow, cloud, time)
         until = int(np.searchsorted(injection.time_s, time + step, side="left"))
         if len(cloud.mass_kg):
-            moved, given = move(cloud, flow, jets, liquid, time_s=time, step_s=step, random=random)
+            moved, gain = move(cloud, flow, jets, liquid, time_s=time, step_s=step, random=random)
             station.watch(cloud, moved, fuel)
             cloud = moved
-            flow.step(step, mass=given.mass, enthalpy=given.enthalpy, momentum=given.momentum)
+            flow.step(step, mass=gain.mass, enthalpy=gain.enthalpy, momentum=gain.momentum)
             inside = np.all(cloud.position_m > flow.box.origin_m, axis=1)
             inside &= np.all(cloud.position_m < flow.box.upper_m, axis=1)
             wall_kg += float(cloud.liquid_kg[~inside].sum())
@@ -128,8 +123,8 @@ def simulate_spray(
     remarks: tuple[str, ...] = ()
     if wall_kg > 1e-3 * injected:
         remarks = (
-            f"{100 * wall_kg / injected:.2g} % of the fuel left the box of gas as liquid; "
-            "spray.box.width_m and depth_m make it larger",
+            f"{100 * wall_kg / injected:.2g} % of the fuel left the gas box as liquid; increase "
+            "spray.box.width_m and depth_m",
         )
     notes = {name: value for name, value in notes.items() if np.isfinite(value)}
     spray = Spray(
@@ -138,13 +133,10 @@ def simulate_spray(
     return spray, history, flow
 
 
-def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
-    """The box of gas for `spec`, injector tip in the middle of its top, as large as the plumes.
+def make_box(spec: LagrangianSpray, injection: Injection) -> FlowGrid:
+    """Grid of the gas, as large as the plumes, with the injector's tip in the middle of its top.
 
-    `injection` tells how fast they are.
-
-    Raises:
-        SprayError: too many cells.
+    Raises SprayError if there are too many cells.
     """
     h = spec.box.spacing_m
     gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
@@ -171,25 +163,25 @@ def make_box(spec: LagrangianSpray, injection: Injection) -> Box:
     if np.prod(cells) > MOST_CELLS:
         least = h * float(np.prod(cells) / MOST_CELLS) ** (1 / 3)
         raise SprayError(
-            f"spray.box.spacing_m: {h:g} makes {np.prod(cells):.3g} cells of a box of "
+            f"spray.box.spacing_m: {h:g} gives {np.prod(cells):.3g} cells in a box of "
             f"{width:.3g} x {width:.3g} x {depth + spec.box.above_m:.3g} m; at least {least:.2g}"
         )
     across, high = (int(next_fast_len(max(8, int(np.ceil(n))), real=True)) for n in cells[1:])
     above = round(spec.box.above_m / h)
     origin = np.array([-0.5 * across * h, -0.5 * across * h, (above - high) * h])
-    return Box(origin, h, (across, across, high))
+    return FlowGrid(origin, h, (across, across, high))
 
 
 def _step_s(
-    spec: LagrangianSpray, injection: Injection, flow: GasFlow, cloud: Cloud, time: float
+    spec: LagrangianSpray, injection: Injection, flow: GasFlow, cloud: FlyingParcels, time: float
 ) -> float:
-    """Step by the gas's CFL number, in which no parcel passes more than a cell."""
+    """Time step by the CFL number of the gas, in which parcels move by a cell at most."""
     fastest = float(np.abs(cloud.velocity_m_s).max(initial=0.0))
     if time < injection.end_s:
         fastest = max(fastest, injection.speed_m_s)
     free = flow.box.spacing_m / max(fastest, 1e-9)
     left = spec.time_s - time
-    # Even steps up to the end: in a very short last one the gas would have to leap.
+    # Equal steps up to the end, since a very short last step would need large changes of the gas.
     return left / math.ceil(left / min(free, flow.longest_step_s(), LONGEST_STEP_S))
 
 
@@ -200,12 +192,12 @@ def _born(
     first: int,
     last: int,
     time_s: float,
-) -> Cloud:
-    """Parcels that left the holes, where they are at `time_s` had they flown freely."""
+) -> FlyingParcels:
+    """Parcels that left the holes, at their positions at `time_s` after free flight."""
     new = slice(first, last)
     velocity = injection.velocity_m_s[new]
     flown = velocity * (time_s - injection.time_s[new])[:, None]
-    return Cloud(
+    return FlyingParcels(
         mass_kg=each_kg[new],
         temperature_K=np.full(last - first, spec.fuel_temperature_K),
         droplets=injection.droplets[new],
@@ -215,7 +207,7 @@ def _born(
     )
 
 
-def _parcels(cloud: Cloud, fuel: Fuel) -> Parcels | None:
+def _parcels(cloud: FlyingParcels, fuel: Fuel) -> Parcels | None:
     diameter = fuel.diameter_m(cloud.mass_kg, cloud.temperature_K)
     seen = diameter >= 1e-8
     if not seen.any():

@@ -83,7 +83,7 @@ def _with(value: float) -> np.ndarray[Any, Any]:
         ({"spacing_m": np.ones(2)}, r"spacing_m: shape \(2,\), expected \(3,\)"),
         ({"spacing_m": np.array([1.0, 0.0, 1.0])}, r"spacing_m: 0 at \[1\] is outside 1e-09"),
         ({"origin_m": np.array([np.nan, 0, 0])}, r"origin_m: nan at \[0\]"),
-        ({}, "holds no .nx, ny, nz. array"),
+        ({}, "no .nx, ny, nz. array; allowed: "),
         ({"vapour_absorption_per_m": np.ones(4)}, r"shape \(4,\), expected \(nx, ny, nz\)"),
         ({"vapour_absorption_per_m": np.ones((0, 1, 1))}, "each at least 1"),
         (
@@ -117,7 +117,7 @@ def test_files_that_are_no_npz(tmp_path: Path) -> None:
             read_grid(GridSpray(file=file))
     with file.open("wb") as stream:
         np.save(stream, np.ones(3))
-    with pytest.raises(SprayError, match="holds a single array"):
+    with pytest.raises(SprayError, match="a single array; expected"):
         read_grid(GridSpray(file=file))
 
 

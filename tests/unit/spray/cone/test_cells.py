@@ -10,7 +10,7 @@ import pytest
 from cldit.scene import load_scene
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone import spray as cone
-from cldit.spray.cone.nozzle import source_of
+from cldit.spray.cone.nozzle import nozzle_flow
 from cldit.spray.cone.spray import NEGLIGIBLE, _grid, _thinnest, make_cone
 
 
@@ -26,7 +26,7 @@ def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch) -> None
         return made[-1]
 
     monkeypatch.setattr(cone, "_plume", kept)
-    index, mass, _, _ = _grid(spec, source_of(spec), injected=1e-6)
+    index, mass, _, _ = _grid(spec, nozzle_flow(spec), injected=1e-6)
     total = sum(one.mass_fraction for one in spec.plumes)
     found: dict[tuple[int, ...], float] = {}
     for one, (cells, content, _, _) in zip(spec.plumes, made, strict=True):

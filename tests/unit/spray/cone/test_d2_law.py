@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from cldit.scene.sizes import NukiyamaTanasawa
-from cldit.spray.cone.d2_law import d2_law
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
-from cldit.spray.cone.wet_bulb import still, wet_bulb
+from cldit.spray.cone.wet_bulb import d2_law, still, wet_bulb
 from cldit.spray.sizes import strata_m
 
 # p in MPa and T of the gas; lifetime and time to half the mass in us of a droplet of 9 um and 370 K

@@ -142,7 +142,7 @@ def test_a_folder_that_cannot_be_made_costs_only_time(tmp_path: Path) -> None:
         ("n-heptan", "did you mean n-heptane"),
         ("diesel", "neither iso-octane nor a fluid of CoolProp"),
         ("R12", "molecules of C, H and O"),
-        ("DimethylEther", "no transport properties"),
+        ("DimethylEther", "lacks its transport properties"),
     ],
 )
 def test_fuels_that_cannot_be_had(name: str, says: str) -> None:

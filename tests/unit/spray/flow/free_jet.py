@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.gas import FlowGrid, GasFlow
 from cldit.spray.flow.mixture import GasMixture
 
 Floats = NDArray[np.float64]
@@ -48,7 +48,7 @@ def free_jet(
     """
     count = round(_ACROSS_m / spacing_m)
     origin = np.array([-0.5 * count * spacing_m] * 2 + [-_BELOW_m])
-    box = Box(origin, spacing_m, (count, count, round((_BELOW_m + 4e-3) / spacing_m)))
+    box = FlowGrid(origin, spacing_m, (count, count, round((_BELOW_m + 4e-3) / spacing_m)))
     flow = GasFlow(box, mixture, pressure_Pa=0.6e6, temperature_K=573.0)
     x = origin[0] + (np.arange(count) + 0.5) * spacing_m
     z = origin[2] + np.arange(box.shape[2]) * spacing_m  # low faces

@@ -10,8 +10,8 @@ import pytest
 from cldit.scene.spray import Ambient, LagrangianSpray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.flow.coupling import Cloud, Liquid, move
-from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
+from cldit.spray.flow.gas import FlowGrid, GasFlow
 from cldit.spray.flow.gasjet import Jets
 from cldit.spray.flow.injector import inject
 from cldit.spray.flow.mixture import gas_mixture
@@ -36,13 +36,13 @@ def test_mass_momentum_and_energy_of_a_spray_in_a_box(closed: bool, name: str) -
     )
     injection = inject(spec, fuel)
     flow = GasFlow(
-        Box(np.array([-15e-3, -15e-3, -26e-3]), 1.5e-3, (20, 20, 20), closed),
+        FlowGrid(np.array([-15e-3, -15e-3, -26e-3]), 1.5e-3, (20, 20, 20), closed),
         gas_mixture(fuel, carrier, reference_K=700.0),
         pressure_Pa=0.4e6,
         temperature_K=700.0,
     )
     warm = np.full(len(injection.time_s), 370.0)
-    cloud = Cloud(
+    cloud = FlyingParcels(
         mass_kg=fuel.mass_kg(injection.diameter_m, warm),
         temperature_K=warm,
         droplets=injection.droplets,
@@ -50,7 +50,7 @@ def test_mass_momentum_and_energy_of_a_spray_in_a_box(closed: bool, name: str) -
         position_m=injection.position_m - [0.0, 0.0, 1e-3],
         velocity_m_s=injection.velocity_m_s * 0.4,  # none gets to a wall within the time
     )
-    liquid = Liquid(fuel=fuel, carrier=carrier, model=MODELS[name], injection=injection)
+    liquid = LiquidModel(fuel=fuel, carrier=carrier, model=MODELS[name], injection=injection)
     jets = Jets(
         len(injection.holes),
         speed_m_s=injection.speed_m_s,

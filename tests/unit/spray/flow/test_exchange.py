@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from cldit.spray.flow.exchange import CENTRE, FACES, gather, scatter
-from cldit.spray.flow.gas import Box
+from cldit.spray.flow.gas import FlowGrid
 
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize("shift", [CENTRE, *FACES])
 def test_amounts_are_kept(closed: bool, shift: tuple[float, float, float]) -> None:
-    box = Box(np.array([-3e-3, 1e-3, 0.0]), 1e-3, (6, 5, 7), closed)
+    box = FlowGrid(np.array([-3e-3, 1e-3, 0.0]), 1e-3, (6, 5, 7), closed)
     random = np.random.default_rng(3)
     at = box.origin_m + random.random((400, 3)) * 1e-3 * np.array(box.shape)
     at[:4] = box.origin_m, box.upper_m, box.upper_m + 1e-9, box.origin_m - 1e-9
@@ -27,7 +27,7 @@ def test_amounts_are_kept(closed: bool, shift: tuple[float, float, float]) -> No
 
 @pytest.mark.parametrize("shift", [CENTRE, *FACES])
 def test_a_linear_field_is_read_exactly(shift: tuple[float, float, float]) -> None:
-    box = Box(np.array([1.0, 2.0, -4.0]), 0.5, (8, 9, 10))
+    box = FlowGrid(np.array([1.0, 2.0, -4.0]), 0.5, (8, 9, 10))
     place = np.stack(np.meshgrid(*(np.arange(n) for n in box.shape), indexing="ij"), axis=-1)
     where = box.origin_m + (place + np.array(shift)) * 0.5
     slope = np.array([1.0, -2.0, 3.0])
@@ -37,7 +37,7 @@ def test_a_linear_field_is_read_exactly(shift: tuple[float, float, float]) -> No
 
 
 def test_gathering_and_scattering_are_adjoint() -> None:
-    box = Box(np.zeros(3), 1.0, (5, 5, 5))
+    box = FlowGrid(np.zeros(3), 1.0, (5, 5, 5))
     random = np.random.default_rng(5)
     at, amounts = random.random((30, 3)) * 5, random.random(30)
     field = random.random((5, 5, 5))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.flow.gas import MIXING_LENGTH, Box, GasFlow
+from cldit.spray.flow.gas import MIXING_LENGTH, FlowGrid, GasFlow
 from cldit.spray.flow.mixture import GasMixture, gas_mixture
 from tests.unit.spray.flow.free_jet import free_jet
 
@@ -30,7 +30,7 @@ def mixture_573() -> GasMixture:
 
 
 def gas(shape: tuple[int, int, int] = (12, 10, 8), *, closed: bool = True) -> GasFlow:
-    box = Box(np.zeros(3), 1e-3, shape, closed)
+    box = FlowGrid(np.zeros(3), 1e-3, shape, closed)
     return GasFlow(box, mixture(), pressure_Pa=PRESSURE_Pa, temperature_K=TEMPERATURE_K)
 
 
@@ -162,7 +162,7 @@ def test_the_mixing_length_is_the_jets_and_not_the_grids() -> None:
     """Evenly sheared gas: c^2 x^2 |du/dz| on any grid, less in heavier gas by the power of 3/2."""
     for spacing in (1e-3, 0.5e-3):
         count = round(8e-3 / spacing)
-        box = Box(np.array([2e-3, -1e-3, 10e-3]), spacing, (count, count, count), closed=False)
+        box = FlowGrid(np.array([2e-3, -1e-3, 10e-3]), spacing, (count, count, count), closed=False)
         flow = GasFlow(box, mixture(), pressure_Pa=PRESSURE_Pa, temperature_K=TEMPERATURE_K)
         flow.density = flow.density * 2.0
         z = (np.arange(count) + 0.5) * spacing

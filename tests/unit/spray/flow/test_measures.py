@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.flow.coupling import Cloud
-from cldit.spray.flow.gas import Box, GasFlow
+from cldit.spray.flow.coupling import FlyingParcels
+from cldit.spray.flow.gas import FlowGrid, GasFlow
 from cldit.spray.flow.measures import (
     Station,
     axis_m_s,
@@ -50,7 +50,7 @@ def test_adiabatic_saturation(pressure_MPa: float, gas_K: int, kelvin: float, ra
 
 def test_the_vapour_reaches_as_far_as_the_plumes_on_average() -> None:
     fuel, gas = fluids()
-    box = Box(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
+    box = FlowGrid(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
     mixture = gas_mixture(fuel, gas, reference_K=570.0)
     flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
     axes = np.array([[0.6, 0.0, -0.8], [-0.6, 0.0, -0.8], [0.0, 0.6, -0.8]])
@@ -70,7 +70,7 @@ def test_the_vapour_reaches_as_far_as_the_plumes_on_average() -> None:
 
 def test_even_vapour_up_to_the_wall_reaches_the_wall() -> None:
     """Nothing falls there: a cell more than the middle of the farthest, and no division by zero."""
-    box = Box(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
+    box = FlowGrid(np.array([-5e-3, -5e-3, -20e-3]), 1e-3, (10, 10, 20))
     mixture = gas_mixture(*fluids(), reference_K=570.0)
     flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
     flow.fuel[:] = 0.1 * flow.density
@@ -84,7 +84,9 @@ def test_speed_on_the_axis(across: int) -> None:
     """Of gas whose speed rises evenly in all directions, whether a cell or an edge is there."""
     mixture = gas_mixture(*fluids(), reference_K=570.0)
     for deep, wanted in ((20, 7.0 + 3.0), (10, np.nan)):
-        box = Box(np.array([-0.5e-3 * across] * 2 + [-1e-3 * deep]), 1e-3, (across, across, deep))
+        box = FlowGrid(
+            np.array([-0.5e-3 * across] * 2 + [-1e-3 * deep]), 1e-3, (across, across, deep)
+        )
         flow = GasFlow(box, mixture, pressure_Pa=6e5, temperature_K=570.0)
         aside = box.origin_m[0] + 1e-3 * (np.arange(across) + 0.5)
         low = box.origin_m[2] + 1e-3 * np.arange(deep)  # of the faces
@@ -96,10 +98,10 @@ def test_speed_on_the_axis(across: int) -> None:
 def test_the_station_counts_what_passes_once() -> None:
     fuel, _ = fluids()
 
-    def cloud(depth_mm: list[float], diameter_um: list[float]) -> Cloud:
+    def cloud(depth_mm: list[float], diameter_um: list[float]) -> FlyingParcels:
         count = len(depth_mm)
         warm = np.full(count, 350.0)
-        return Cloud(
+        return FlyingParcels(
             mass_kg=fuel.mass_kg(np.array(diameter_um) * 1e-6, warm),
             temperature_K=warm,
             droplets=np.arange(1.0, count + 1),
@@ -164,7 +166,7 @@ def test_the_number_of_parcels_is_not_seen() -> None:
 def test_the_plumes_half_angle() -> None:
     """Two cones of 14 degrees filled with vapour; 4 %: their edges are steps of cells."""
     fuel, gas = fluids()
-    box = Box(np.array([-30e-3, -10e-3, -50e-3]), 0.5e-3, (120, 40, 100))
+    box = FlowGrid(np.array([-30e-3, -10e-3, -50e-3]), 0.5e-3, (120, 40, 100))
     flow = GasFlow(
         box, gas_mixture(fuel, gas, reference_K=570.0), pressure_Pa=6e5, temperature_K=570.0
     )
