@@ -8,7 +8,7 @@
 
 /* BOUNDARY_ENCLOSURE: the background surrounds everything.
    BOUNDARY_DISC: a disc in the plane disc.y faces the camera (normal along y).
-   N_PATCHES: patches stand before it or beside it. */
+   N_PATCHES: patches in front of it or beside it. */
 #if defined(BOUNDARY_ENCLOSURE) == defined(BOUNDARY_DISC)
 #error "define one of BOUNDARY_ENCLOSURE and BOUNDARY_DISC"
 #endif

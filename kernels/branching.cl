@@ -1,13 +1,13 @@
 /* The paper's own ray tracing (Section "Ray Tracing"), the method `branching`. In each cell that
-   scatters, new rays leave random places in random directions: 1000 times the share of the ray that is
-   scattered there, at most 100. These branch in turn, up to the order; light scattered beyond it comes
-   from the walls. A ray ends where it is attenuated to CUTOFF of what it was.
+   scatters, new rays start at random places in random directions: 1000 times the share of the ray that
+   is scattered there, at most 100. These branch in turn, up to the order; light scattered beyond it
+   comes from the walls. A ray ends where its transmission is below CUTOFF.
 
-   A ray waits on a stack, of one place an order, while the rays that it started are followed. Where the
-   rule gives a fraction of a ray, chance decides about it, so that the mean is kept.
+   A ray waits on a stack, of one place an order, while the rays that it started are followed. If the
+   rule gives a fraction of a ray, a random number rounds it up or down, so that the mean is kept.
 
-   Each ray has sums of its own, which it adds to its parent's when it ends: a million small numbers
-   added to a large one would in part be rounded away. */
+   Each ray has its own sums, which it adds to its parent's when it ends: a million small numbers added
+   to a large one would be rounded away in part. */
 
 #include "boundary.h"
 #include "components.h"
@@ -25,10 +25,6 @@
 #ifndef ORDER
 #error "ORDER: most scatterings of a ray"
 #endif
-
-/* Parts of a sum: the components, and what a medium of radiance 1 adds from within. */
-#define WITHIN COMPONENTS
-#define PARTS (COMPONENTS + 1)
 
 #define RAYS_PER_SHARE R(1000)
 #define MOST_RAYS R(100)

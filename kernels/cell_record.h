@@ -7,20 +7,16 @@
 #include "components.h"
 #include "moments.h"
 
-/* Parts of a path's sum: the components, and what a medium of radiance 1 adds from within. */
-#define WITHIN COMPONENTS
-#define PARTS (COMPONENTS + 1)
-
-/* Components in fours, padded with zeros: so they stay in vector registers. */
+/* Components in fours, padded with zeros, so that they stay in vector registers. */
 #define FOURS ((COMPONENTS + 3) / 4)
 typedef real4 four_t __attribute__((aligned(sizeof(real))));
 typedef struct { real4 of[FOURS]; } Light;
 #define FOUR(p, k) (((__global const four_t *)(p))[k])
 
-/* A cell's record: optical depth of its edge; albedo where paths go on in the cell, else 0; in fours, the
-   emission where paths go on; and the source of the final sweeps: S_0 of all components, its angular
-   moments (MOMENT_SOURCE, moments.h), its spatial gradient along x, y, z (LINEAR_SOURCE). Where paths go
-   on the source is the scattered part alone, over the albedo. */
+/* A cell's record: optical depth of its edge; albedo if paths continue in the cell, else 0; in fours, the
+   emission if paths continue; and the source of the final sweeps: S_0 of all components, its angular
+   moments (MOMENT_SOURCE, moments.h), its spatial gradient along x, y, z (LINEAR_SOURCE). If paths
+   continue, the source is the scattered part alone, divided by the albedo. */
 #define DEPTH 0
 #define ALBEDO 1
 #define EMISSION 4
@@ -43,7 +39,7 @@ INLINE Light no_light(void)
     return light;
 }
 
-/* Scores radiance whose components are given; WITHIN gets what the boundary does not bring. */
+/* Scores radiance whose components are given; WITHIN gets 1 less the boundary's components. */
 INLINE void score(real *sum, real weight, __global const real *light)
 {
     real outside = R(0);

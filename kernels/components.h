@@ -1,6 +1,6 @@
-/* Components: the parts of the radiance by origin. All go through the same trace. First come the
-   boundary's: background, wall, and N_PATCHES patches of the enclosure where the scene names any; then
-   the emitters in the medium: vapour and liquid where the scene has them. */
+/* Components: the parts of the radiance by origin. All go through the same trace. First come those of
+   the boundary: background, wall, and N_PATCHES patches of the enclosure; then the emitters in the
+   medium: vapour and liquid, where the scene has them. */
 #ifndef COMPONENTS_H
 #define COMPONENTS_H
 
@@ -22,5 +22,10 @@
 #endif
 
 #define COMPONENTS (BOUNDARIES + EMITTERS)
+
+/* Parts of a ray's sum: the components, and what a medium and an enclosure of radiance 1 add from within
+   the medium. */
+#define WITHIN COMPONENTS
+#define PARTS (COMPONENTS + 1)
 
 #endif

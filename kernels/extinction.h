@@ -1,5 +1,5 @@
-/* Extinction along the crossing of a cell or coarse leaf. All rays that traverse the octree take it from
-   here, so that all methods see the same medium.
+/* Extinction along the crossing of a cell or coarse leaf, for all rays that traverse the octree, so that
+   all methods see the same medium.
 
    LINEAR_COEFFICIENTS: it varies within a cell as k (1 + g . (p - centre)). So the optical depth of a
    straight segment is exactly that at its middle times its length, and a place of given optical depth

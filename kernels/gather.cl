@@ -2,21 +2,22 @@
    Illumination using Photon Maps, Rendering Techniques 1996; stage 5 of `trace_source`).
 
    The sweeps give a cell one source, constant or linear in it. A thick cell scatters more than that back
-   to where it is lit from. So paths start at places in thick cells on the line of sight, along an
+   to where light enters it. So paths start at places in thick cells on the line of sight, along an
    ordinate of the final sweeps, weighted by the phase function. A path segment scores the sources of the
-   thick region's cells that it crosses. It ends at the boundary, or at the first interface to another
-   cell, in the radiance that the final sweeps stored there for each ordinate.
+   cells of the thick region that it crosses. It ends at the boundary, or at the first interface to
+   another cell, in the radiance that the final sweeps stored there for each ordinate.
 
-   Some cells are so thick that a linear source does not do. There a segment scores the emission alone,
-   and the path goes on from one place, with all of the scattered weight, by the phase function itself.
-   It ends where little weight is left, or after MAX_SEGMENTS segments, when light has forgotten where it
-   came in: the sweeps' source there stands for what is left. So every path conserves energy to rounding.
+   In some cells, even thicker, a linear source is too inaccurate. There a segment scores the emission
+   alone, and the path continues from one place, with all of the scattered weight, by the phase function
+   itself. It ends if little weight is left, or after MAX_SEGMENTS segments, when radiance no longer
+   depends on where light entered: the weight left then takes the source of the sweeps. So every path
+   conserves energy to rounding.
 
-   FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. Their directions are no ordinates,
-   whose errors add up over many scatterings. So it is by PHASE_CLASSES, since cells scatter each in their
-   own way.
+   FREE_DIRECTIONS: light diffuses in thick cells, and paths are long. Their directions are not those of
+   ordinates, whose errors would add up over many scatterings. The same holds with PHASE_CLASSES, because
+   each cell has its own phase function.
 
-   COUNTED: in place of WITHIN stands the number of cells that segments crossed. */
+   COUNTED: the number of cells that segments crossed replaces WITHIN. */
 
 #include "simd.h"
 
@@ -238,8 +239,8 @@ __kernel void thick_intervals(
     if (!fill) number[item] = crossed;
 }
 
-/* Mean of so many paths for each chosen ray, with the points from `from_point` on. The first dimension of
-   a point is the share of all that thick cells scatter on the line, up to the path's start. */
+/* Mean of `samples` paths for each chosen ray, with the points from `from_point` on. The first dimension
+   of a point is the share of all that thick cells scatter on the line, up to the path's start. */
 __kernel void gather(
     __global real *means,         /* out: [part][list] */
     __global const int *chosen,   /* in: of the rays */
@@ -295,7 +296,7 @@ __kernel void gather(
     pending.crossed = 0;
 #endif
     for (int c = 0; c < PARTS; ++c) sum[c] = total[c] = pending.sum[c] = R(0);
-    /* The ray's weight may have been all rounding: then it has no interval. */
+    /* A ray whose weight was all rounding has no interval. */
     const int interval_count = first[number + 1] - first[number];
     __global const real *interval = intervals + (size_t)first[number] * INTERVAL;
     const real all =

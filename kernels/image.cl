@@ -7,14 +7,13 @@
    images, of as many sources, share one traversal.
 
    LINEAR_SOURCE: S has a spatial gradient in cells that scatter, since a cell is many pixels wide.
-   LINEAR_COEFFICIENTS: so has the extinction (extinction.h), and S in all cells.
+   LINEAR_COEFFICIENTS: the extinction has a gradient too (extinction.h), and S in all cells.
 
    GATHER: S of thick cells is their emission. The final gather (gather.cl) adds the rest, where the last
    plane is above 0.
 
-   After its components each image has the plane WITHIN: what a medium and an enclosure of radiance 1 add
-   from within the medium. With the boundary's weights it sums to 1 in every pixel where energy is
-   conserved (cldit/transport/energy_balance.py). */
+   The last plane of an image is WITHIN. With the boundary's weights it sums to 1 in every pixel if energy
+   is conserved (cldit/transport/energy_balance.py). */
 
 #include "boundary.h"
 #include "components.h"
@@ -34,10 +33,6 @@
 #ifndef IMAGES
 #error "IMAGES: images that share one traversal"
 #endif
-
-/* Parts of an image's sum: the components, and what a medium of radiance 1 adds from within. */
-#define WITHIN COMPONENTS
-#define PARTS (COMPONENTS + 1)
 
 /* Planes: those of the images; then what is left to the gather. */
 #define LEFT (IMAGES * PARTS)

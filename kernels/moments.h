@@ -1,5 +1,5 @@
 /* Angular moments of radiance without the mean: three of the first order, five of the second. See
-   cldit/transport/angular_moments.py. They serve stages 2, 3 and 5 of `trace_source`. */
+   cldit/transport/angular_moments.py. Stages 2, 3 and 5 of `trace_source` use them. */
 #ifndef MOMENTS_H
 #define MOMENTS_H
 

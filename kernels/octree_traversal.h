@@ -1,6 +1,6 @@
 /* Octree traversal: a straight line from cell to cell through the bricks (3-D DDA: Amanatides and Woo,
-   Eurographics 1987). Every ray takes it but those of the sweeps. It serves the image and the final
-   gather (stages 4 and 5 of `trace_source`) and path tracing.
+   Eurographics 1987), for all rays but those of the sweeps: images, the final gather (stages 4 and 5 of
+   `trace_source`), path tracing.
 
    `directory` holds a brick's slot of stored cells (>= 0), or -1 - the coarse leaf that the brick lies
    in. A coarse leaf has `span` cells along its edge and is crossed at once. Lengths are in finest
@@ -13,7 +13,7 @@
 #define BRICK 8
 #define BRICK_CELLS 512
 
-/* Where things are stored. Cells outside low..high are empty. */
+/* Storage of the cells. Cells outside low..high are empty. */
 typedef struct {
     int coarse;      /* address of coarse leaf 0, which is empty space */
     int bricks;      /* along an edge of the cube */
@@ -146,7 +146,7 @@ INLINE int traversal_advance(Traversal *w, const Crossing *c, const Grid *g)
         w->z = cell_beyond(w->z, c->mask, c->fz, mz, w->pz + w->t * w->dz, w->dz,
                            w->dz < R(0) ? g->high.z - 1 : g->low.z);
     } else {
-        /* No branches: one in three would be taken, which no processor predicts. */
+        /* No branches: one in three would be taken, at random. */
         w->x += mx ? (w->dx < R(0) ? -1 : 1) : 0;
         w->y += my ? (w->dy < R(0) ? -1 : 1) : 0;
         w->z += mz ? (w->dz < R(0) ? -1 : 1) : 0;

@@ -2,9 +2,9 @@
 
    A path segment scores by expected values: the emission of every cell and the boundary at its end, each
    times the transmission up to there. One place of the segment scatters. On the line of sight this is
-   forced: `straight` finds what the line scatters in all, and the samples of a pixel are stratified over
-   it, so that one traversal serves them all. On later segments the extinction draws the place, or none.
-   Russian roulette ends paths of little weight; after the last order the wall is seen. */
+   forced: `straight` determines what the line scatters in all, and the samples of a pixel are stratified
+   over it, so that one traversal serves them all. On later segments the extinction draws the place, or
+   none. Russian roulette ends paths of little weight; beyond the last order a path sees the wall. */
 
 #include "boundary.h"
 #include "components.h"
@@ -20,12 +20,9 @@
 #error "CUTOFF: transmission at which a ray ends"
 #endif
 #ifndef SAMPLES
-#error "SAMPLES: a pixel and batch, a power of two up to 1024"
+#error "SAMPLES: of a pixel and batch, a power of two up to 1024"
 #endif
 
-/* Parts of a path's sum: the components, and what a medium of radiance 1 adds from within. */
-#define WITHIN COMPONENTS
-#define PARTS (COMPONENTS + 1)
 #ifndef ROULETTE
 #error "ROULETTE: weight under which a path may end"
 #endif

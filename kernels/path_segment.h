@@ -25,7 +25,7 @@ typedef struct {
     __global const int *places;    /* number of each cell of a box around the region; -1: outside it */
     __global const int4 *at;       /* place of each cell in the cube */
     __global const int *beside;    /* SIDES a cell */
-    __global const real *depth;    /* optical depth of each cell's edge, below 0 where paths go on */
+    __global const real *depth;    /* optical depth of each cell's edge, below 0 where paths continue */
     __global const real *cells;    /* records, see cell_record.h */
     __global const real *light;    /* stored radiance: [interface][ordinate][RAY_PLANES] */
     __global const real4 *directions; /* ordinates along Hilbert's curve; w: cumulative weight of what
@@ -46,7 +46,7 @@ typedef struct {
 } ThickRegion;
 
 /* Stored radiance that is still to be scored, and the sum of what was. Segments end anywhere in some
-   hundred megabytes: read one by one, a fifth of the time would be waiting for memory. */
+   hundred megabytes: single reads would spend a fifth of the time waiting for memory. */
 typedef struct {
     __global const real *light[PENDING_READS];
     real weight[PENDING_READS];
@@ -103,7 +103,7 @@ typedef struct {
     lane_t t;              /* distance so far */
     lane_t weight, floor;  /* weight, and the weight at which it ends */
     lane_t unscattered;    /* weight without delta-M: of excesses */
-    lane_t scattered;      /* weight scattered so far in cells where paths go on */
+    lane_t scattered;      /* weight scattered so far in cells where paths continue */
     lane_t u;              /* random number that draws one of these cells, and a place in it */
     lane_t x, y, z, share; /* of the cell drawn: where the segment enters it, and the absorbed share */
     lane_i drawn;          /* number of the cell drawn, -1: none */
@@ -164,9 +164,9 @@ INLINE void start_segment(Segments *f, int lane, int cell, real3 p, real3 d, rea
 /* Place in the cell, along one axis, a distance `left` before the far side. */
 #define PLACE(left, rate, up) ((up) ? R(1) - (left) * (rate) : (left) * (rate))
 
-/* Advances each segment by a cell and scores the cell's source. Where paths go on, `scattered` sums the
+/* Advances each segment by a cell and scores the cell's source. Where paths continue, `scattered` sums the
    weight scattered, and one of these cells is drawn in proportion to it (reservoir sampling). Weight
-   scored, weight left and `scattered` sum to the segment's first weight. */
+   scored, weight left and `scattered` sum to the segment's initial weight. */
 INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, const ThickRegion *m)
 {
     const lane_t depth_there = from_table(m->depth, f->cell);
@@ -199,7 +199,7 @@ INLINE SegmentEnd cross_cell(real *sum, PendingScores *pending, Segments *f, con
 #endif
     Light collected = no_light();
     real all = R(0);
-    lane_t albedo = (lane_t)R(0); /* where paths go on */
+    lane_t albedo = (lane_t)R(0); /* where paths continue */
     UNROLL for (int lane = 0; lane < SIMD_WIDTH; ++lane) {
         if (!LANE_I(f->active, lane)) continue;
 #ifdef COUNTED

@@ -1,5 +1,5 @@
-/* Sampling of the phase function: isotropic, or a table of its cumulative distribution. It serves the
-   final sweeps and the final gather (stages 3 and 5 of `trace_source`) and path tracing. */
+/* Sampling of the phase function: isotropic, or a table of its cumulative distribution; for the final
+   sweeps, the final gather (stages 3 and 5 of `trace_source`) and path tracing. */
 #ifndef PHASE_H
 #define PHASE_H
 

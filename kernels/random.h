@@ -1,6 +1,6 @@
 /* Counter-based random numbers, Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1,
-   2, 3", SC 2011), and Sobol points for the first dimensions of a path. They serve the final gather and
-   path tracing. */
+   2, 3", SC 2011), and Sobol points for the first dimensions of a path; for the final gather and path
+   tracing. */
 #ifndef RANDOM_H
 #define RANDOM_H
 

@@ -4,8 +4,8 @@
 
    The largest component of an ordinate is along the layer axis. nu x nv parallel rays cross each layer
    of nu x nv cells, all at the same place in their cells; where one enters the next cell, all do. These
-   places cut a layer into one to three segments, so that in a segment each ray crosses one cell and each
-   cell is crossed by one ray. Rays that leave a row sideways are replaced by rays from the boundary on
+   places divide a layer into one to three segments, so that in a segment each ray crosses one cell and
+   each cell is crossed by one ray. Rays that leave a row sideways are replaced by rays from the boundary on
    its opposite side.
 
    Only the packets of a row that are not empty are swept (cell_packets.h).
@@ -24,7 +24,7 @@
    ANGULAR_MOMENTS: also accumulates the first and second angular moments of I - S (moments.h).
    MOMENT_SOURCE: S has such angular moments too; D is then over S_0, the isotropic part.
    LINEAR_SOURCE: S has a spatial gradient G along x, y, z in some cells. S at a segment's middle then
-   differs from the cell's mean. This sums to 0 over all rays, and is left out of D, where it would only
+   differs from the cell's mean. The difference sums to 0 over all rays; D omits it, because it would only
    be noise.
    BLURRED_BOUNDARY, in a medium scaled by delta-M: the forward peak blurs the boundary
    (blurred_boundary.h).
@@ -100,7 +100,7 @@ INLINE int seen_from(real3 p, real4 back, const Boundary *boundary)
 #ifdef CAMERA_SWEEP
 #include "view_phase.h"
 
-/* In classes of droplet size cells of a vector scatter each in their own way. */
+/* With classes of droplet size, each cell of a vector has its own phase function. */
 #ifdef PHASE_CLASSES
 typedef lane_t weight_t;
 #else
@@ -150,9 +150,9 @@ INLINE void store_interface(
 }
 #endif
 
-/* A work-group sweeps a tile of rows and layers (sweep_schedule.py) along each ordinate of a quadrant, from row
-   to row as rays go. So rays that enter a row within a layer have crossed the row before, and a row's
-   cells stay in the cache for all segments of its layer.
+/* A work-group sweeps a tile of rows and layers (sweep_schedule.py) along each ordinate of a quadrant, from
+   row to row in the direction of the rays. So rays that enter a row within a layer have crossed the
+   previous row, and a row's cells stay in the cache for all segments of its layer.
 
    A ray keeps its slot and its row of rays; cell u has the ray of slot u - shift + origin. So rays shift
    along a row at no cost, those that enter take the next unused slot, and access to a row is contiguous. */

@@ -1,5 +1,5 @@
-/* How a cell scatters to the camera, which looks along +y: the phase function, and the transmission
-   from within the cell. It serves the final sweeps (stage 3 of `trace_source`).
+/* Scattering from a cell to the camera, which looks along +y: the phase function, and the transmission
+   from within the cell; for the final sweeps (stage 3 of `trace_source`).
 
    Light leaves a cell of optical depth `seen` to the camera from the height y (0 at the near face, 1 at
    the far one) with density exp(-seen y) / mean; mean = mean_transmission(seen). */

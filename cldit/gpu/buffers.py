@@ -1,4 +1,4 @@
-"""Arrays on the device, and the time that kernels take."""
+"""Arrays in device memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cldit.gpu.device import Device
 
 
 class Numbers(cl.Buffer):
-    """A buffer that knows the type of its numbers, so that a kernel is given no others."""
+    """A buffer with the type of its numbers, against which a kernel's argument is checked."""
 
     dtype: type[np.generic]
 
@@ -25,11 +25,7 @@ def _buffer(device: Device, flags: Any, dtype: Any, **content: Any) -> Numbers:
 
 
 def check_size(device: Device, what: str, size: int) -> None:
-    """Refuses a buffer of `size` bytes for `what`, where `device` cannot hold it in one piece.
-
-    Raises:
-        DeviceError: names the buffer, its size, and the limit.
-    """
+    """Raises DeviceError, which names `what`, if no buffer of the device holds `size` bytes."""
     if size > device.info.largest_buffer_bytes:
         raise DeviceError(
             f"{what}: {size / 1e9:.2f} GB is more than {device.info.name} takes in one buffer "
@@ -38,12 +34,9 @@ def check_size(device: Device, what: str, size: int) -> None:
 
 
 def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
-    """A device buffer with an array's content; an empty array gets one element of padding.
+    """Copies an array to a new buffer, which has one element of padding if the array is empty.
 
-    Args:
-        device: holds the buffer.
-        what: names the content in the error of `check_size`.
-        array: of any shape.
+    `what` names the content in errors; see `check_size`.
     """
     data = np.ascontiguousarray(array)
     if data.nbytes == 0:
@@ -54,12 +47,9 @@ def upload(device: Device, what: str, array: NDArray[Any]) -> Any:
 
 
 def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
-    """A device buffer whose numbers are undefined until they are written.
+    """Allocates a buffer of `count` numbers, one at least, that are undefined until written.
 
-    Args:
-        device, what: as in `upload`.
-        count: how many numbers; one is allocated at least.
-        dtype: of a number.
+    `what` names the content in errors; see `check_size`.
     """
     size = max(1, count) * np.dtype(dtype).itemsize
     check_size(device, what, size)
@@ -70,40 +60,29 @@ def unset(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any
 
 
 def _poison(dtype: type[np.generic]) -> NDArray[Any]:
-    """A number of the type that shows wherever it is read."""
+    """A number of the type that is conspicuous wherever it is read."""
     number = np.iinfo(dtype).max if issubclass(dtype, np.integer) else np.nan
     return np.full(1, number, dtype)
 
 
 def zeros(device: Device, what: str, count: int, dtype: type[np.generic]) -> Any:
-    """A device buffer of zeros.
-
-    Args:
-        device, what, count, dtype: as in `unset`.
-    """
+    """Allocates a buffer of zeros, otherwise as `unset`."""
     buffer = unset(device, what, count, dtype)
     clear(device, buffer, max(1, count), dtype)
     return buffer
 
 
 def clear(device: Device, buffer: Any, count: int, dtype: type[np.generic]) -> None:
-    """Sets the first `count` numbers of type `dtype` in a `buffer` of `device` to 0."""
+    """Sets the first `count` numbers of a buffer to 0."""
     if count:
         zero = np.zeros(1, np.uint8)
         cl.enqueue_fill_buffer(device.queue, buffer, zero, 0, count * np.dtype(dtype).itemsize)
 
 
 def download(device: Device, buffer: Any, out: NDArray[Any], *, first: int = 0) -> NDArray[Any]:
-    """Copies as much of a buffer as `out` takes, and waits for it.
+    """Fills `out`, a contiguous array of the buffer's type, from number `first` of the buffer on.
 
-    Args:
-        device: holds the buffer.
-        buffer: of numbers in the type of `out`.
-        out: contiguous, of any shape.
-        first: number in the buffer from which it is copied.
-
-    Returns:
-        `out`.
+    Waits until the copy is done, and returns `out`.
     """
     if out.size:
         cl.enqueue_copy(device.queue, out, buffer, src_offset=first * out.itemsize)

@@ -26,7 +26,7 @@ from pyopencl.characterize import has_src_build_cache
 from cldit.gpu.context import Context
 from cldit.gpu.device import Device
 from cldit.gpu.pocl import check_room
-from cldit.gpu.signature import Signature
+from cldit.gpu.signature import Arguments, Signature
 from cldit.io.caches import default_cache
 from cldit.io.files import make_folder, write_bytes
 
@@ -34,16 +34,14 @@ from cldit.io.files import make_folder, write_bytes
 # one: without the second option, scattering in `gdi` takes a sixth longer.
 OPTIONS = ("-cl-std=CL1.2", "-cl-denorms-are-zero", "-cl-kernel-arg-info")
 
-Arguments = Mapping[str, Sequence[tuple[str, str]]]
-
 
 @dataclass(frozen=True)
 class Compiled:
-    """A compiled program of pyopencl, name and type of each kernel's arguments in order, and the
+    """A compiled program of pyopencl, the arguments of its kernels by the kernel's name, and the
     signatures of the kernels that were launched."""
 
     program: Any
-    arguments: Arguments
+    arguments: Mapping[str, Arguments]
     signatures: dict[str, Signature] = field(default_factory=dict)
 
 
@@ -52,12 +50,7 @@ _FILTERS = threading.Lock()
 
 
 def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Compiled:
-    """The program of a source, compiled once for a device.
-
-    Args:
-        device: runs the program.
-        source: in OpenCL C.
-        options: of the compiler, beside `OPTIONS`.
+    """Compiles a source in OpenCL C, once for a device, with options beside `OPTIONS`.
 
     Raises:
         pyopencl.Error: it does not compile.
@@ -74,8 +67,8 @@ def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Compil
 
 
 def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
-    """Processes that want the same program compile it one after the other: PoCL fails now and then
-    when two of them write it at once. Intel's log is never empty, so logs are no warnings."""
+    """Compiles a source, or loads its binary; one process at a time, because PoCL may fail if two
+    write the same program at once. Intel's log is never empty, so logs are no warnings."""
     handle = opened.handle
     platform = handle.platform
     made_by = (platform.vendor, platform.name, platform.version, handle.name, handle.driver_version)
@@ -98,7 +91,7 @@ def _compiled(opened: Context, source: str, options: list[str]) -> Compiled:
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Lets one process in at a time; all of them where the folder takes no lock."""
+    """Holds a lock on the file, if the folder allows one, so that one process at a time runs."""
     with ExitStack() as held:
         with suppress(OSError):
             make_folder(path.parent)
@@ -112,11 +105,10 @@ def _from_source(opened: Context, source: str, options: list[str]) -> Compiled:
     return Compiled(program, {each.function_name: _asked(each) for each in program.all_kernels()})
 
 
-def _asked(kernel: Any) -> list[tuple[str, str]]:
-    """Names and types of a kernel's arguments, as the compiler read them; the source does not show
-    them, because they depend on defines and macros."""
+def _asked(kernel: Any) -> Arguments:
+    """Arguments of a kernel by its compiler; in the source they depend on defines and macros."""
     info, ask = cl.kernel_arg_info, kernel.get_arg_info
-    # PoCL's headers rename arguments that are called as a function of OpenCL C is.
+    # PoCL's headers rename arguments that have the name of a function of OpenCL C.
     return [
         (ask(number, info.NAME).removeprefix("_cl_"), ask(number, info.TYPE_NAME))
         for number in range(kernel.num_args)
@@ -130,7 +122,7 @@ def _keep(path: Path, made: Compiled) -> None:
 
 
 def _loaded(path: Path, opened: Context, options: list[str]) -> Compiled | None:
-    """A program that was kept; None if there is none, it is damaged, or the driver refuses it."""
+    """The stored program; None if there is none, it is damaged, or the driver rejects it."""
     try:
         check, _, content = path.read_bytes().partition(b"\n")
         if check != f"{zlib.crc32(content):08x}".encode():

@@ -1,4 +1,4 @@
-"""OpenCL devices: which there are, which is used, and why."""
+"""OpenCL devices: the list of them, the choice of one, and the reason for it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _NO_DRIVER = (
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """What a user wants to know of a device before choosing it."""
+    """Properties of a device, for the choice of one."""
 
-    index: str  # platform:device, what --device takes
+    index: str  # platform:device, as --device takes it
     platform: str
     name: str
     kind: str  # cpu, gpu, accelerator
@@ -42,11 +42,11 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class Device:
-    """A chosen device, open until `close`; `reason` says why it was chosen.
+    """A device that is open until `close`.
 
-    others: further devices that pictures are shared with. lease: of its context, which every
-    `open_device` of a process shares, and threads may share. poison: fresh buffers hold NaN, or the
-    largest integer, so that tests find what is read and was never written.
+    reason: why it was chosen. others: further devices that share the pixels of an image. lease: of
+    the context, which all uses of the device in a process share, threads included. poison: fresh
+    buffers contain NaN, or the largest integer, so that tests find reads of unwritten memory.
     """
 
     info: DeviceInfo
@@ -57,30 +57,26 @@ class Device:
 
     @property
     def is_cpu(self) -> bool:
-        """Whether it is a CPU."""
+        """True if the device is a CPU."""
         return self.info.kind == "cpu"
 
     @property
     def opened(self) -> Context:
-        """The owner of context, queues and programs.
-
-        Raises:
-            DeviceError: the device was closed, or this process is a fork of the one that opened it.
-        """
+        """Owner of context, queues and programs; raises DeviceError if closed, or in a fork."""
         return self.lease.context
 
     @property
     def context(self) -> Any:
-        """pyopencl's context; raises as `opened`."""
+        """The context of pyopencl."""
         return self.opened.opencl
 
     @property
     def queue(self) -> Any:
-        """pyopencl's queue of this thread; raises as `opened`."""
+        """The queue of pyopencl for this thread."""
         return self.opened.queue
 
     def close(self) -> None:
-        """Gives the device up: its memory is free once no other `open_device` uses it."""
+        """Gives the device up; its memory is freed when no other `open_device` uses it."""
         for device in (self, *self.others):
             device.lease.close()
 
@@ -91,11 +87,11 @@ class Device:
         self.close()
 
     def poisoned(self) -> Device:
-        """The same, and its others, with `poison`."""
+        """The same device, and its others, with `poison`."""
         return replace(self, poison=True, others=tuple(each.poisoned() for each in self.others))
 
 
-# What is open in this process; see context.py for how long.
+# The devices that are open in this process; see context.py for how long.
 _OPEN = OpenDevices()
 
 
@@ -110,7 +106,7 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
         try:
             devices = platform.get_devices()
         except cl.LogicError:
-            continue  # a platform without a device is listed by some loaders
+            continue  # some loaders list platforms without devices
         for d, device in enumerate(devices):
             found.append((_describe(f"{p}:{d}", platform, device), device))
     if not found:
@@ -137,33 +133,30 @@ def _describe(index: str, platform: Any, device: Any) -> DeviceInfo:
 
 
 def list_devices() -> list[DeviceInfo]:
-    """Every OpenCL device of this machine.
+    """All OpenCL devices of this machine.
 
     Raises:
-        DeviceError: there is none; the message says what to install. Or this process was forked
-            from one that had used OpenCL.
+        DeviceError: there is none (the message says what to install), or this process is a fork of
+            one that had used OpenCL.
     """
     return [info for info, _ in _found()]
 
 
 def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
-    """Number in `devices` of the one to use, and the reason.
+    """Chooses a device, and gives its number in `devices` and the reason.
 
     `wanted` is `platform:device`, or part of a device's or platform's name. None chooses the GPU
     with the most memory, or else the device with the most compute units.
-
-    Raises:
-        DeviceError: nothing fits `wanted`; the message lists what there is.
     """
     if wanted is not None:
         for number, info in enumerate(devices):
             if wanted == info.index:
-                return number, f"asked for as {wanted}"
+                return number, f"requested as {wanted}"
         for number, info in enumerate(devices):
             if wanted.lower() in f"{info.platform} {info.name} {info.kind}".lower():
-                return number, f"the first whose name holds {wanted!r}"
+                return number, f"the first whose name contains {wanted!r}"
         known = "; ".join(f"{info.index} {info.name}" for info in devices)
-        raise DeviceError(f"device: {wanted!r} is not here; there is {known}")
+        raise DeviceError(f"device: {wanted!r} does not exist; allowed: {known}")
     gpus = [number for number, info in enumerate(devices) if info.kind == "gpu"]
     if gpus:
         best = max(gpus, key=lambda number: devices[number].memory_bytes)
@@ -173,15 +166,19 @@ def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
 
 
 def open_device(wanted: str | None = None) -> Device:
-    """Opens a device (see `choose`), or several: `0:0,0:1`, of which the first does what is not
-    shared.
+    """Opens a device, or several that share the work.
 
     A process opens each device once and keeps it until `Device.close`, so that many runs, also in
     threads, share its programs.
 
+    Args:
+        wanted: `platform:device`, or part of a device's or platform's name; several with commas,
+            of which the first does all work that is not shared. None chooses the GPU with the most
+            memory, or else the device with the most compute units.
+
     Raises:
-        DeviceError: no device, not the one asked for, or it cannot be opened; or this process was
-            forked from one that had used OpenCL.
+        DeviceError: there is no such device, it cannot be opened, or this process is a fork of one
+            that had used OpenCL.
     """
     found = _found()
     if wanted is not None and "," in wanted:
@@ -189,18 +186,14 @@ def open_device(wanted: str | None = None) -> Device:
         numbers = [choose([info for info, _ in found], name)[0] for name in names]
         if len(set(numbers)) < len(numbers):
             raise DeviceError(f"device: {wanted!r} names one device more than once")
-        first, *others = (_open(*found[number], f"asked for in {wanted}") for number in numbers)
+        first, *others = (_open(*found[number], f"requested in {wanted}") for number in numbers)
         return replace(first, others=tuple(others))
     number, reason = choose([info for info, _ in found], wanted)
     return _open(*found[number], reason)
 
 
 def split(device: Device, counts: Sequence[int]) -> Device:
-    """Divides `device` into several, of `counts` compute units each (clCreateSubDevices).
-
-    Raises:
-        DeviceError: the device cannot be divided so.
-    """
+    """Divides a device into parts of so many compute units each (clCreateSubDevices)."""
     handle = device.opened.handle
     try:
         cut = cl.device_partition_property
@@ -228,10 +221,10 @@ def _open(info: DeviceInfo, handle: Any, reason: str, *, keep: bool = True) -> D
 
 
 def _version(info: DeviceInfo, handle: Any) -> str:
-    """The driver's version, with the processor's right name where PoCL mistakes it."""
+    """The driver's version, with the correct name of the processor if PoCL has a wrong one."""
     flags = instruction_sets()
     mistaken = mistaken_for(handle.platform, handle, flags)
     name = None if mistaken is None else name_processor(handle, mistaken, flags)
-    if mistaken is None or name is None:  # then the first build may say what to do
+    if mistaken is None or name is None:  # in the latter case the first build may explain
         return info.version
     return info.version.removesuffix(mistaken.decode()) + name.decode()

@@ -1,4 +1,4 @@
-"""Kernel sources: includes resolved in Python, so that no path ever reaches the OpenCL compiler."""
+"""Kernel sources with their includes resolved, so that no path reaches the OpenCL compiler."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 
 def read_source(name: str) -> str:
-    """The text of `kernels/name`.
-
-    Raises:
-        KernelError: there is no such file.
-    """
+    """The text of `kernels/name`."""
     entry = resources.files("cldit.kernels").joinpath(name)
     if not entry.is_file():
         raise KernelError(f"kernels/{name}: no such file")
@@ -23,12 +19,9 @@ def read_source(name: str) -> str:
 
 
 def assemble(name: str) -> str:
-    """The source of a kernel with every `#include "x.h"` put in place, each file once.
+    """The source of a kernel with every `#include "x.h"` replaced by the file, once each.
 
-    `#line` directives let the compiler's messages name the right file and line.
-
-    Raises:
-        KernelError: an included file does not exist.
+    `#line` directives make the compiler's messages name the right file and line.
     """
     return "\n".join(_expand(name, read_source(name), set())) + "\n"
 

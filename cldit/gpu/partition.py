@@ -1,4 +1,4 @@
-"""Dividing work between a device and the others that it was opened with."""
+"""Division of work among a device and the others that it was opened with."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cldit.gpu.device import Device
 
 
 def shares(device: Device, count: int) -> list[tuple[Device, range]]:
-    """Which of `count` rows or pixels each device does, by compute units; none, where it is few."""
+    """Range of `count` rows or pixels for each device, in proportion to its compute units."""
     devices = (device, *device.others)
     units = np.cumsum([0, *(one.info.compute_units for one in devices)])
     bounds = [round(count * int(unit) / int(units[-1])) for unit in units]

@@ -1,4 +1,4 @@
-"""Building: one source, specialised by defines, on one device."""
+"""Programs: a kernel source, specialised by defines and built for a device; launches by name."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from cldit.gpu.signature import Signature
 Define = int | float | str
 
 _OLD_POCL = (
-    "\nThis PoCL is older than the processor. A later one (conda-forge has them) or another driver "
-    "for OpenCL will do; `cldit devices` lists what there is."
+    "\nThis PoCL is older than the processor. Install a later one (from conda-forge, say) or "
+    "another OpenCL driver; `cldit devices` lists the devices."
 )
 
 
 @dataclass(frozen=True)
 class Program:
-    """A built program; `defines` are exactly what the compiler was given.
+    """A built program.
 
-    build_s, build_core_s: wall seconds and CPU seconds of this process that building took; next to
-    nothing, where this device has built the same before.
+    defines: exactly those that the compiler was given. build_s, build_core_s: wall and CPU seconds
+    that the build took in this process, near 0 if the program was built before.
     """
 
     device: Device
@@ -44,7 +44,7 @@ class Program:
     _own: threading.local = field(default_factory=threading.local, repr=False, compare=False)
 
     def largest_group(self, kernel: str) -> int:
-        """Work-items of a group of this kernel on this device, at most."""
+        """Largest number of work-items in a group of this kernel on this device."""
         return min(self.device.info.largest_group, self._kernel(kernel)[1].largest_group)
 
     def launch(
@@ -56,17 +56,15 @@ class Program:
         *,
         offset: tuple[int, ...] | None = None,
     ) -> None:
-        """Queues a kernel, with arguments by their names in the source; waits for nothing.
+        """Queues a kernel and returns at once.
 
         Args:
-            size: work-items, at least; rounded up to whole groups.
+            kernel: its name.
+            size: number of work-items, rounded up to whole groups.
             group: work-items of a group; None lets the driver choose.
-            arguments: by name: buffers, arrays for vectors, numbers; those of NumPy in the
-                kernel's own type.
+            arguments: by their names in the source: buffers, arrays for vectors, and numbers, those
+                of NumPy in the kernel's own type. Others raise KernelError.
             offset: of the first work-item.
-
-        Raises:
-            KernelError: an argument is missing, not known, or of another type.
         """
         made, signature = self._kernel(kernel)
         made.set_args(*signature.values(arguments))
@@ -84,15 +82,9 @@ class Program:
         values: Iterable[int],
         arguments: Mapping[str, Any],
     ) -> None:
-        """Queues a kernel once for each size, with one argument that varies; raises as `launch`.
+        """Queues a kernel once for each size, in whole groups, with one argument that varies.
 
-        Args:
-            kernel: its name.
-            sizes: work-items of each launch, in whole groups.
-            group: work-items of a group.
-            varying: name of the argument that varies.
-            values: its value in each launch.
-            arguments: the others by name, as in `launch`.
+        varying, values: its name, and its value in each launch; the rest is as in `launch`.
         """
         made, signature = self._kernel(kernel)
         number, values = signature.place(varying), list(values)
@@ -106,7 +98,7 @@ class Program:
             cl.enqueue_nd_range_kernel(queue, made, (size,), (group,))
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
-        """This thread's kernel, as arguments that are set stay with it; and what it takes."""
+        """The kernel object of this thread (arguments stay set in it), and its signature."""
         kernels: dict[str, tuple[Any, Signature]] = self._own.__dict__
         if name not in kernels:
             arguments, known = self.built.arguments, self.built.signatures
@@ -131,18 +123,12 @@ def _literal(value: Define) -> str:
 
 
 def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
-    """Builds a source of kernels/.
+    """Builds kernels/NAME with these defines, of which floats become single-precision literals.
 
-    Args:
-        device: runs the program.
-        name: of the file in kernels/.
-        defines: by name; floats become single-precision literals.
-
-    Raises:
-        KernelError: the source does not assemble or build; the message holds the compiler's log.
+    Raises KernelError with the compiler's log.
     """
     source = assemble(name)
-    # PoCL keeps what it has built by text and options, whatever processor it took this one for.
+    # PoCL's cache is by text and options, whichever processor the program was compiled for.
     built_for = re.sub(r"\W+", "_", device.info.version)
     options = [f"-D{key}={_literal(value)}" for key, value in sorted(defines.items())]
     options.append(f"-DBUILT_FOR={built_for}")

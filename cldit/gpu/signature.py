@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,9 @@ import numpy as np
 import pyopencl as cl
 
 from cldit.errors import KernelError
+
+Real = type[np.generic]  # the type that kernels call real
+Arguments = Sequence[tuple[str, str]]  # name and type in OpenCL C of each argument in order
 
 _SCALARS: dict[str, type[np.generic]] = {
     "char": np.int8,
@@ -29,8 +33,11 @@ _TYPE = re.compile(r"([a-z]+?)(2|3|4|8|16)?(\*?)")
 
 @dataclass(frozen=True)
 class Argument:
-    """kind: its type in OpenCL C. dtype: of one of its numbers. width: numbers of a vector. buffer:
-    whether it points to memory."""
+    """An argument of a kernel.
+
+    kind: type in OpenCL C. dtype: type of one number. width: numbers in a vector. buffer: True if
+    it points to memory.
+    """
 
     name: str
     kind: str
@@ -39,12 +46,8 @@ class Argument:
     buffer: bool
 
     @classmethod
-    def of(cls, kernel: str, name: str, kind: str, real: type[np.generic]) -> Argument:
-        """The argument of this name and type of a kernel; `real` is what that type is here.
-
-        Raises:
-            KernelError: cldit cannot set an argument of the type.
-        """
+    def of(cls, kernel: str, name: str, kind: str, real: Real) -> Argument:
+        """The argument of this name and type; `real` is the type of that name in the program."""
         match = _TYPE.fullmatch(kind.replace(" ", ""))
         dtype = None if match is None else {**_SCALARS, "real": real}.get(match[1])
         if match is None or dtype is None:
@@ -55,63 +58,45 @@ class Argument:
         return cls(name, kind, dtype, int(match[2] or 1), bool(match[3]))
 
     def value(self, given: Any) -> Any:
-        """What to set for it: the same, or a Python number in the argument's type.
+        """The value to set: `given`, where a Python number gets the argument's type.
 
-        Raises:
-            TypeError: it does not fit; the message says what is expected.
+        Raises TypeError if it does not fit.
         """
+        own, found = np.dtype(self.dtype), getattr(given, "dtype", type(given).__name__)
         if self.buffer:
             if not isinstance(given, cl.MemoryObject):
-                raise TypeError(f"is a {type(given).__name__}; expected is a buffer, {self.kind}")
-            held = getattr(given, "dtype", self.dtype)
-            if held is not self.dtype:
-                raise TypeError(
-                    f"is a buffer of {np.dtype(held)}; expected is {np.dtype(self.dtype)}, "
-                    f"{self.kind}"
-                )
+                raise TypeError(f"is a {found}; expected: a buffer, {self.kind}")
+            if getattr(given, "dtype", self.dtype) is not self.dtype:
+                raise TypeError(f"is a buffer of {np.dtype(found)}; expected: {own}, {self.kind}")
             return given
         if self.width > 1:
-            if getattr(given, "dtype", None) != self.dtype or given.shape != (self.width,):
-                found = f"{getattr(given, 'dtype', type(given).__name__)} {np.shape(given)}"
-                raise TypeError(
-                    f"is {found}; expected is an array of {self.width} {np.dtype(self.dtype)}, "
-                    f"{self.kind}"
-                )
+            if found != self.dtype or given.shape != (self.width,):
+                shape, many = np.shape(given), f"an array of {self.width} {own}"
+                raise TypeError(f"is {found} {shape}; expected: {many}, {self.kind}")
             return given
         if type(given) is self.dtype:
             return given
         whole = issubclass(self.dtype, np.integer)
         if type(given) is int or (type(given) is float and not whole):
-            try:
+            with suppress(OverflowError):
                 out = self.dtype(given)
-            except OverflowError:
-                out = None
-            if out is None or (whole and int(out) != given):
-                raise TypeError(f"is {given}; expected is {np.dtype(self.dtype)}, {self.kind}")
-            return out
-        raise TypeError(
-            f"is a {type(given).__name__}; expected is {np.dtype(self.dtype)}, {self.kind}"
-        )
+                if not whole or int(out) == given:
+                    return out
+            raise TypeError(f"is {given}; expected: {own}, {self.kind}")
+        raise TypeError(f"is a {type(given).__name__}; expected: {own}, {self.kind}")
 
 
 @dataclass(frozen=True)
 class Signature:
-    """A kernel's arguments in their order, and the most work-items of a group that it can have."""
+    """Arguments of a kernel in order, and the largest group that the kernel can have."""
 
     kernel: str
     arguments: tuple[Argument, ...]
     largest_group: int
 
     @classmethod
-    def of(
-        cls,
-        kernel: Any,
-        arguments: Iterable[tuple[str, str]],
-        device: Any,
-        real: type[np.generic],
-    ) -> Signature:
-        """The signature of pyopencl's kernel on pyopencl's device, with arguments of these names
-        and types; raises as `Argument.of`."""
+    def of(cls, kernel: Any, arguments: Arguments, device: Any, real: Real) -> Signature:
+        """The signature of pyopencl's kernel, which has these arguments, on its device."""
         name, limit = kernel.function_name, cl.kernel_work_group_info.WORK_GROUP_SIZE
         return cls(
             name,
@@ -120,31 +105,22 @@ class Signature:
         )
 
     def place(self, name: str) -> int:
-        """Number of an argument.
-
-        Raises:
-            KernelError: there is none of this name.
-        """
+        """Number of the argument of this name."""
         for number, argument in enumerate(self.arguments):
             if argument.name == name:
                 return number
         raise KernelError(f"kernel {self.kernel}: has no argument {name}; {self._takes()}")
 
     def values(self, given: Mapping[str, Any]) -> list[Any]:
-        """In order, as the kernel takes them.
-
-        Raises:
-            KernelError: one is missing, not known, or of another type; the message names the
-                kernel, the argument and what is expected.
-        """
+        """Values of the arguments in order; raises KernelError if one is missing, unknown, or of
+        the wrong type."""
         names = [argument.name for argument in self.arguments]
         if given.keys() != set(names):
             missing = [name for name in names if name not in given]
             unknown = [name for name in given if name not in names]
-            said = f"misses {', '.join(missing)}" if missing else ""
-            said += " and " if missing and unknown else ""
-            said += f"has no argument {', '.join(unknown)}" if unknown else ""
-            raise KernelError(f"kernel {self.kernel}: {said}; {self._takes()}")
+            wrong = [f"misses {', '.join(missing)}"] if missing else []
+            wrong += [f"has no argument {', '.join(unknown)}"] if unknown else []
+            raise KernelError(f"kernel {self.kernel}: {' and '.join(wrong)}; {self._takes()}")
         out = []
         for argument in self.arguments:
             try:

@@ -38,7 +38,7 @@ def test_asked_for(wanted: str, expected: int) -> None:
 
 
 def test_unknown_device_lists_what_there_is() -> None:
-    with pytest.raises(DeviceError, match=r"'5:0' is not here; there is 0:0 some processor"):
+    with pytest.raises(DeviceError, match=r"'5:0' does not exist; allowed: 0:0 some processor"):
         choose([CPU], "5:0")
 
 

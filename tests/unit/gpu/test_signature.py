@@ -82,15 +82,15 @@ def test_one_argument_may_vary(program: Program, arguments: dict[str, Any], devi
             r"kernel fill: misses first; it takes real\* out, real height, int first",
         ),
         ({"begin": 1}, "kernel fill: has no argument begin; it takes"),
-        ({"first": 1.5}, "argument first: is a float; expected is int32, int"),
-        ({"first": 2**31}, "argument first: is 2147483648; expected is int32, int"),
-        ({"first": np.uint32(1)}, "argument first: is a uint32; expected is int32, int"),
-        ({"height": np.float64(1)}, "argument height: is a float64; expected is float32, real"),
-        ({"out": 1.0}, r"argument out: is a float; expected is a buffer, real\*"),
-        ({"shift": np.zeros(4)}, r"shift: is float64 \(4,\); expected is an array of 4 float32"),
+        ({"first": 1.5}, "argument first: is a float; expected: int32, int"),
+        ({"first": 2**31}, "argument first: is 2147483648; expected: int32, int"),
+        ({"first": np.uint32(1)}, "argument first: is a uint32; expected: int32, int"),
+        ({"height": np.float64(1)}, "argument height: is a float64; expected: float32, real"),
+        ({"out": 1.0}, r"argument out: is a float; expected: a buffer, real\*"),
+        ({"shift": np.zeros(4)}, r"shift: is float64 \(4,\); expected: an array of 4 float32"),
         (
             {"shift": np.zeros(3, np.float32)},
-            r"shift: is float32 \(3,\); expected is an array of 4",
+            r"shift: is float32 \(3,\); expected: an array of 4",
         ),
     ],
 )
@@ -106,7 +106,7 @@ def test_buffers_of_other_numbers_are_refused(
     program: Program, arguments: dict[str, Any], device: Device
 ) -> None:
     arguments["out"] = zeros(device, "out", COUNT, np.int32)
-    with pytest.raises(KernelError, match="out: is a buffer of int32; expected is float32"):
+    with pytest.raises(KernelError, match="out: is a buffer of int32; expected: float32"):
         program.launch("fill", (COUNT,), None, arguments)
     with pytest.raises(KernelError, match=r"kernels/fill\.cl: no kernel gill; it has fill"):
         program.launch("gill", (COUNT,), None, arguments)
