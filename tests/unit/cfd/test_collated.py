@@ -111,7 +111,7 @@ def test_damaged_cases(tmp_path: Path, foam: Foam) -> None:
     d = parts[1] / "0.001" / "lagrangian" / "sprayCloud" / "d"
     d.write_bytes(d.read_bytes().replace(b"17\n(", b"16\n("))
     collate(parts, case / "processors3")
-    refused(r"sprayCloud/d, block 1: truncated, or not of the number size")
+    refused(r"sprayCloud/d, block 1: truncated, or its header is wrong")
     shutil.rmtree(case)
     collate(parts, case / "processors3_0-1")
     refused(r"no folder for processor 2 of 3; it has processors3_0-1")
