@@ -69,7 +69,7 @@ class Needs:
 
 
 @dataclass(frozen=True)
-class Box:
+class SweptBox:
     """Box of finest cells that is swept: low..low + shape, both (x, y, z)."""
 
     low: tuple[int, int, int]
@@ -201,20 +201,20 @@ class OpticalCells:
         planes = [self.emitted[name][at].astype(real) for name in self.needs.emitters]
         return np.stack(planes) if planes else np.zeros((0, len(self.depth[at])), real)
 
-    def bounds(self) -> Box:
+    def bounds(self) -> SweptBox:
         """Smallest box around all non-empty space; its lower corner is a brick's."""
         return self._around(self.tree.filled)
 
-    def box(self) -> Box:
+    def box(self) -> SweptBox:
         """Swept box: the smallest around all divided bricks. Its lower corner is a brick's.
 
         Undivided leaves outside it are thinner than the octree's bound; only the image uses them.
         """
         return self._around(self.tree.directory >= 0)
 
-    def _around(self, bricks: NDArray[np.bool_]) -> Box:
+    def _around(self, bricks: NDArray[np.bool_]) -> SweptBox:
         if not bricks.any():
-            return Box(low=(0, 0, 0), shape=(1, 1, 1))
+            return SweptBox(low=(0, 0, 0), shape=(1, 1, 1))
         low, shape = [], []
         for axis, others in enumerate(((0, 1), (0, 2), (1, 2))):  # the remaining axis: x, y, z
             along = np.flatnonzero(bricks.any(axis=others))
@@ -225,7 +225,7 @@ class OpticalCells:
             end = self._occupied(bricks, last, axis)[-1] + 1 if begins else BRICK
             high = min(last * BRICK + int(end), self.tree.frame.cells)
             shape.append(high - low[-1])
-        return Box(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
+        return SweptBox(low=(low[0], low[1], low[2]), shape=(shape[0], shape[1], shape[2]))
 
     def _occupied(self, bricks: NDArray[np.bool_], number: int, axis: int) -> NDArray[np.int64]:
         """Cells along x, y or z that are not empty in layer `number` of `bricks`; all if none is.
@@ -258,7 +258,7 @@ class OpticalCells:
         x, y, z = local.T
         return np.where(slot >= 0, slot * _BRICK_CELLS + (z * BRICK + y) * BRICK + x, -1)
 
-    def dense(self, box: Box, values: NDArray[Any]) -> NDArray[Any]:
+    def dense(self, box: SweptBox, values: NDArray[Any]) -> NDArray[Any]:
         """Values (P,) of stored cells as a dense array [z, y, x] of `box`; 0 in coarse leaves."""
         z, y, x = np.nonzero(self.tree.directory >= 0)
         slot = self.tree.directory[z, y, x]
@@ -271,7 +271,7 @@ class OpticalCells:
         nx, ny, nz = box.shape
         return padded[:nz, :ny, :nx]
 
-    def place(self, box: Box, address: NDArray[np.int64]) -> NDArray[np.int64]:
+    def place(self, box: SweptBox, address: NDArray[np.int64]) -> NDArray[np.int64]:
         """Places (N,) of stored cells, by address (N,), in the flat [z, y, x] order of `box`."""
         x, y, z = (self.positions(address) - np.asarray(box.low)).T
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)

@@ -1,4 +1,4 @@
-"""Phase functions as tables that kernels sample (kernels/phase.h).
+"""Phase functions as tables for the kernels (kernels/phase.h).
 
 A table has the share of light scattered into each bin of the cosine of the scattering angle. The
 phase function is constant in a bin; its integral over the cosine is 1.
@@ -22,7 +22,7 @@ PHASE_STEPS = 1024  # of tables in equal steps of the sine of half the angle
 
 
 class PhaseError(ClditError, ValueError):
-    """An impossible phase function."""
+    """Error of an impossible phase function."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class ScatteringTable:
     """Phase function in M bins.
 
     cosine: (M + 1,) bounds of the bins, from 1 down to -1.
-    cumulative: (M + 1,) share that is scattered into larger cosines, from 0 to 1.
-    classes: phase functions by class of droplet size, of which this is the mean; None: it holds
-        for all cells.
+    cumulative: (M + 1,) share scattered into larger cosines, from 0 to 1.
+    classes: phase functions by class of droplet size, of which this is the mean; None: all cells
+        have this one.
     """
 
     cosine: Floats
@@ -53,7 +53,7 @@ class ScatteringTable:
 
     @property
     def tables(self) -> tuple[ScatteringTable, ...]:
-        """The phase function of each of K classes of droplet size; of one, itself."""
+        """Phase function of each of K classes of droplet size; of one class, itself."""
         return (self,) if self.classes is None else self.classes.tables
 
     @property
@@ -67,7 +67,7 @@ class ScatteringTable:
         return float(self.moments(2)[1])
 
     def to_sample(self) -> Floats:
-        """Table (3 M + 2,) of kernels/phase.h: cosines, cumulative shares, bins of k / M."""
+        """Table (3 M + 2,) for kernels/phase.h: cosines, cumulative shares, bins of k / M."""
         even = np.arange(self.bins) / self.bins
         bins = np.searchsorted(self.cumulative, even, "right") - 1
         return np.concatenate([self.cosine, self.cumulative, np.minimum(bins, self.bins - 1)])
@@ -92,8 +92,8 @@ class SizeClasses:
     """Mean phase functions of droplets in K classes of size.
 
     bounds_m: (K - 1,) rising diameters between the classes.
-    tables: a phase function each, with the same bins.
-    left: how far the phase functions of places in the spray are from what the classes say, see
+    tables: phase function of each class, with the same bins.
+    left: RMS distance of the phase functions in the spray from those of the classes, see
         `size_classes`.
     """
 
@@ -105,7 +105,7 @@ class SizeClasses:
         if len(self.tables) != len(self.bounds_m) + 1 or len(self.tables) < 2:
             raise PhaseError(
                 f"size classes: {len(self.tables)} phase functions for {len(self.bounds_m)} bounds;"
-                " allowed is one bound or more, and a phase function more than bounds"
+                " allowed: one bound or more, and one phase function more than bounds"
             )
 
     def number(self, diameter_m: Floats) -> NDArray[np.intp]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.tuning import Tuning
 
 NONE, OUTSIDE = -1, -2
@@ -48,7 +48,7 @@ class ThickRegion:
     def of(
         cls,
         cells: OpticalCells,
-        box: Box,
+        box: SweptBox,
         *,
         deeper_than: float,
         tuning: Tuning,

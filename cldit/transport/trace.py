@@ -1,7 +1,7 @@
-"""One trace: the octree and the scene's geometry -> weights per pixel, by the scene's method.
+"""Trace: weights per pixel from the octree and the scene's geometry, by the scene's method.
 
 `source` (source_iteration.py), the default, solves for the source of every scattering cell. `path`
-(monte_carlo/path.py) is unbiased Monte Carlo path tracing, the reference of the others.
+(monte_carlo/path.py) is unbiased Monte Carlo path tracing, the reference for the others.
 `branching` (branching.py) is the paper's method, for comparison.
 """
 
@@ -33,14 +33,11 @@ __all__ = ["Settings", "Trace", "settings_for", "trace"]
 
 
 def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
-    """Settings for the accuracy that the scene asks for.
+    """Settings for the scene's accuracy.
 
     With n = `transport.directions`, the final sweeps have 3 n ordinates and the defect correction
-    n / 2. The finer the accuracy below 0.1 K, the thinner are the cells that are gathered.
-
-    Args:
-        mie: mean phase function of the droplets, where the scene's phase is `mie` or left out;
-            None is isotropic.
+    n / 2. For accuracies below 0.1 K thinner cells are gathered too. `mie` is the mean phase
+    function of the droplets, for a scene whose phase is `mie` or not given; None is isotropic.
     """
     spec, tuning = scene.transport, Tuning()
     finer = 0.1 / spec.accuracy_K
@@ -67,7 +64,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         phase=phase,
         gather=spec.gather,
         audit=spec.audit,
-        # A user's grid of coefficients is the medium itself: even in each voxel.
+        # The coefficients of a user's grid are exact: uniform in each voxel.
         linear_coefficients=tuning.linear_coefficients and scene.spray.model != "grid",
         path_depth=tuning.path_depth * deeper ** (2 / 3),
         thick_depth=thick / max(finer, 1.0) ** (1 / 3),
@@ -88,22 +85,22 @@ def trace(
     """Weights of every pixel.
 
     With method `source` and precision `auto`, a source that single precision cannot resolve
-    (optically thick and nearly conservative media) is solved again in double precision where the
-    device has it; `Trace.precision` tells. Where nothing scatters all methods are the same.
+    (optically thick and nearly conservative media) is solved again in double precision if the
+    device has it, see `Trace.precision`. If nothing scatters, all methods are the same.
 
     Args:
         tree, scene: the medium, and its camera and boundary.
-        device: traces, together with its others.
+        device: traces, together with its other parts.
         settings: see `settings_for`.
-        report: takes lines of progress.
+        report: receives lines of progress.
         audit_sample: pixels to audit; None: they are drawn from the trace.
-        pixels: (N,) flat numbers of those that are traced alone, by `source` without audit and
-            `subpixels`, and with rays that are not adaptive: images are one row. None: all.
+        pixels: (N,) flat numbers of the pixels to trace, by `source` without audit, `subpixels` and
+            adaptive rays; images then have one row. None: all.
 
     Raises:
         TransportError: the source did not converge, the medium reaches behind the background, or
             energy is not conserved.
-        DeviceError, KernelError: the device cannot do it.
+        DeviceError, KernelError: the device lacks what the trace needs.
     """
     if settings.precision == "float64" and not device.info.float64:
         raise TransportError(
@@ -113,7 +110,7 @@ def trace(
     if scene.camera.rays_per_pixel != 1 and settings.method != "source":
         raise TransportError(
             f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with method {settings.method}, "
-            "whose samples go through the middle of a pixel; allowed is 1, or method source"
+            "whose samples go through the middle of a pixel; allowed: 1, or method source"
         )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
@@ -126,7 +123,7 @@ def trace(
         if settings.precision != "auto" or not device.info.float64:
             raise
         if report is not None:
-            report("single precision does not resolve this source; again in double precision")
+            report("single precision does not resolve this source; repeating in double precision")
         single = replace(settings, precision="float64")
         result = trace_source(cells, scene, view, device, single, report, pixels)
     return audited(cells, scene, view, device, single, result, audit_sample)

@@ -18,21 +18,21 @@ def _number(value: Any, trades: str, shown_by: str) -> Any:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Frozen, as all data of a trace; `Settings.tuning` holds one.
+    """Numbers of a trace, see `Settings.tuning`.
 
-    A field's metadata has `trades`, what more and less of it cost, and `shown_by`, the command or
-    page that shows it. Optical depths are those of a cell's edge.
+    A field's metadata has `trades`, the effects of a larger or smaller value, and `shown_by`, the
+    command or page that shows them. Optical depths are those of a cell's edge.
     """
 
-    # Accuracy asked for -> ordinates and tolerance (settings_for).
-    ordinates: int = _number(64, "at 0.1 K asked: error of the ordinates, time", ERROR)
+    # Ordinates and tolerance for an accuracy (settings_for).
+    ordinates: int = _number(64, "for 0.1 K: error of the ordinates, time", ERROR)
     ordinates_phase: int = _number(80, "likewise with a phase function", ERROR)
-    tolerance: float = _number(6e-4, "of the source at 0.1 K asked: iterations, its error", SOLVER)
-    tolerance_most: float = _number(3e-4, "largest tolerance, whatever is asked for", SOLVER)
+    tolerance: float = _number(6e-4, "of the source for 0.1 K: iterations, its error", SOLVER)
+    tolerance_most: float = _number(3e-4, "largest tolerance for any accuracy", SOLVER)
 
     # Iteration to a residual.
-    solver_share: float = _number(1 / 8, "ordinates of GMRES: time, defect left over", ABLATION)
-    solver_fewest: int = _number(16, "its fewest ordinates: with 8 slabs err by 0.1 %", ERROR)
+    solver_share: float = _number(1 / 8, "ordinates of GMRES: time, remaining defect", ABLATION)
+    solver_fewest: int = _number(16, "its fewest: the error of 8 in slabs is 0.1 %", ERROR)
     solver_rough: float = _number(1e-2, "RMS error before the defect correction", SOLVER)
     krylov: int = _number(80, "vectors before a restart: memory, iterations", SOLVER)
     krylov_bytes: float = _number(1e9, "of these vectors, beyond the first twelve", MEMORY)
@@ -41,11 +41,11 @@ class Tuning:
 
     # Linear sources of the solver, for diffusion through thick cells (gradients.py).
     diffusion_least: float = _number(0.1, "depth from which diffusion matters", ABLATION)
-    diffusion_most: float = _number(20.0, "depth beyond which the solver would not end", STABILITY)
+    diffusion_most: float = _number(20.0, "largest depth at which the solver ends", STABILITY)
     diffusion_coalbedo: float = _number(0.1, "largest coalbedo of such cells", STABILITY)
-    diffusion_lengths: float = _number(1.7, "their depth in diffusion lengths, at most", STABILITY)
-    linear_lengths: float = _number(3.0, "the same for cells that are linear then", STABILITY)
-    alike: float = _number(2.0, "ratio of depths up to which gradients extrapolate", STABILITY)
+    diffusion_lengths: float = _number(1.7, "their largest depth in diffusion lengths", STABILITY)
+    linear_lengths: float = _number(3.0, "the same for cells that are then linear", STABILITY)
+    alike: float = _number(2.0, "largest ratio of depths for extrapolated gradients", STABILITY)
 
     # Moment source.
     linear_depth: float = _number(
@@ -60,48 +60,48 @@ class Tuning:
 
     # Final sweeps.
     lean: float = _number(0.6, "density of ordinates on the camera's side", ABLATION)
-    spatial_from: int = _number(48, "ordinates from which the sweeps test gradients", ABLATION)
+    spatial_from: int = _number(48, "ordinates from which the sweeps find gradients", ABLATION)
     spatial_from_phase: int = _number(256, "likewise with a phase function", ABLATION)
     gradient_depth: float = _number(4.0, "depth up to which such gradients are used", ABLATION)
 
     # Final gather.
     thick_depth: float = _number(0.5, "depth from which cells are gathered: bias, time", ABLATION)
     thick_depth_phase: float = _number(0.22, "likewise with a phase function", ABLATION)
-    path_depth: float = _number(2.0, "depth from which paths go on in a cell", ABLATION)
-    path_depth_at_K: float = _number(0.05, "accuracy of that depth; less takes deeper cells", ERROR)
-    path_albedo: float = _number(0.8, "albedo from which paths go on at any depth", ABLATION)
-    path_twice: float = _number(0.3, "albedo^2 depth from which they do, over path_depth", ABLATION)
+    path_depth: float = _number(2.0, "depth from which paths continue in a cell", ABLATION)
+    path_depth_at_K: float = _number(0.05, "accuracy of that depth; deeper for coarser", ERROR)
+    path_albedo: float = _number(0.8, "albedo from which paths continue at any depth", ABLATION)
+    path_twice: float = _number(0.3, "smallest albedo^2 depth for it, over path_depth", ABLATION)
     margin: int = _number(1, "cells around thick ones that segments cross", ABLATION)
     end_weight: float = _number(0.03, "weight below which paths end: time, bias", ABLATION)
-    least_transmission: float = _number(0.03, "where segments end, per K asked", ERROR)
-    segments: int = _number(128, "of a path, at most: time, bias", STABILITY)
+    least_transmission: float = _number(0.03, "at which segments end, per K of accuracy", ERROR)
+    segments: int = _number(128, "largest number in a path: time, bias", STABILITY)
     diffuse_depth: float = _number(2.0, "depth from which sweeps have no diffusion", STABILITY)
     diffuse_coalbedo: float = _number(0.2, "their largest coalbedo, of isotropic parts", STABILITY)
-    diffuse_segments: int = _number(2**15, "of a path there, at most: time, bias", STABILITY)
+    diffuse_segments: int = _number(2**15, "largest number in a path there: time, bias", STABILITY)
     diffuse_end_weight: float = _number(0.001, "weight left to the sweeps' source there", STABILITY)
-    first_samples: int = _number(16, "a pixel in the first round, a power of two", ERROR)
-    growth: int = _number(8, "of samples from one round to the next, at most", ERROR)
-    paths: float = _number(1e8, "of an image, at most: core-minutes", ERROR)
+    first_samples: int = _number(16, "per pixel in the first round, a power of two", ERROR)
+    growth: int = _number(8, "largest factor of samples from round to round", ERROR)
+    paths: float = _number(1e8, "largest number in an image: core-minutes", ERROR)
     noise_tile: int = _number(12, "pixels along a tile whose noise is estimated", ERROR)
-    noise_share: float = _number(0.5, "of accuracy_K, which paths may leave", ERROR)
+    noise_share: float = _number(0.5, "of accuracy_K, allowed for the noise of paths", ERROR)
     noise_bright: float = _number(
-        3.0, "of noise before walls as bright as the cells, over the scene's", ERROR
+        3.0, "ratio of noise with walls as bright as the cells to the scene's", ERROR
     )
 
     # Path tracing, and the audit that it makes.
-    path_cutoff: float = _number(1e-6, "transmission at which its rays end, at most", ERROR)
+    path_cutoff: float = _number(1e-6, "largest transmission at which rays end", ERROR)
     path_roulette: float = _number(0.4, "weight below which its paths may end", ERROR)
-    batches: int = _number(4, "of samples for an error estimate, at least", ERROR)
+    batches: int = _number(4, "fewest batches of samples for an error estimate", ERROR)
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
-    audit_samples_least: int = _number(128, "a pixel: error of the audit, time", ERROR)
-    audit_samples_most: int = _number(2048, "a pixel: error of the audit, time", ERROR)
-    audit_share: float = _number(0.03, "of accuracy_K, which it may miss: its error, time", ERROR)
-    audit_even: float = _number(0.1, "share of the chance that is equal for all pixels", ERROR)
-    audit_pixels_least: int = _number(16, "fewer tell too little to be traced", STABILITY)
-    audit_scatterings: float = _number(2e7, "of an audit, in all: its error, time", STABILITY)
+    audit_samples_least: int = _number(128, "per pixel: error of the audit, time", ERROR)
+    audit_samples_most: int = _number(2048, "per pixel: error of the audit, time", ERROR)
+    audit_share: float = _number(0.03, "of accuracy_K, its standard error: error, time", ERROR)
+    audit_even: float = _number(0.1, "uniform share of the inclusion probabilities", ERROR)
+    audit_pixels_least: int = _number(16, "fewest pixels of a useful audit", STABILITY)
+    audit_scatterings: float = _number(2e7, "of an audit, in total: its error, time", STABILITY)
 
-    # Pixels of which many rays tell what those of the picture miss.
-    subpixels: int = _number(256, "such pixels: error of what they tell, time", ERROR)
+    # Sampling error within pixels.
+    subpixels: int = _number(256, "pixels of many rays: error of the estimate, time", ERROR)
 
     # Energy balance.
     closure: float = _number(1e-3, "error of the balance in single precision", STABILITY)

@@ -112,7 +112,7 @@ LEFT: dict[str, int] = {
     "spray": 0,
     "study": 64,
     "testing": 36,
-    "transport": 6,
+    "transport": 0,
 }
 
 

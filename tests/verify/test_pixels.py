@@ -134,7 +134,7 @@ def test_adaptive_comes_near_to_many_rays(run_block: Callable[..., Run]) -> None
 
 @pytest.mark.parametrize("way", [{"method": "path"}, {"method": "branching", "order": 1}])
 def test_rays_go_with_source_alone(run_block: Callable[..., Run], way: dict[str, Any]) -> None:
-    with pytest.raises(TransportError, match=r"camera\.rays_per_pixel: 4 with .* allowed is 1"):
+    with pytest.raises(TransportError, match=r"camera\.rays_per_pixel: 4 with .* allowed: 1"):
         run_block(
             {"droplet_scattering_per_m": 10.0},
             size_m=(0.1,) * 3,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.transport.boundary import boundary_seen, shifted
-from cldit.transport.cells import Box
+from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.view import View
@@ -97,7 +97,7 @@ class BlurredBoundary:
         cls,
         device: Device,
         view: View,
-        box: Box,
+        box: SweptBox,
         directions: Ordinates,
         peak: ForwardPeak,
         *,
@@ -117,7 +117,7 @@ class BlurredBoundary:
 
 
 def blurred_maps(
-    view: View, box: Box, directions: Ordinates, peak: ForwardPeak
+    view: View, box: SweptBox, directions: Ordinates, peak: ForwardPeak
 ) -> tuple[Floats, Floats]:
     """Maps (N, B - 1, SIDE, SIDE) of the blurred boundary over the rays of each ordinate.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.cells import Box, OpticalCells, mean_transmission
+from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
 from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_too
 
 
@@ -39,7 +39,7 @@ class CameraSweep:
     def of(
         cls,
         device: Device,
-        box: Box,
+        box: SweptBox,
         real: type[np.float32] | type[np.float64],
         program: Program,
         medium: OpticalCells,

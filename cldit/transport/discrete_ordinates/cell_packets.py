@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.cells import OpticalCells, SweptBox
 
 PACKET = 8  # cells, as in kernels/cell_packets.h
 
@@ -50,7 +50,7 @@ class CellPackets:
         )
 
     @classmethod
-    def both(cls, cells: OpticalCells, box: Box) -> dict[bool, CellPackets]:
+    def both(cls, cells: OpticalCells, box: SweptBox) -> dict[bool, CellPackets]:
         """Packets of `cells` in `box`: along x in rows [z][y]; turned: along y in rows [x][z]."""
         scatters = np.zeros(len(cells.depth), np.bool_)
         scatters[cells.address] = True

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
-from cldit.transport.cells import Box
+from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.sweep_arrays import Real
 from cldit.transport.discrete_ordinates.sweep_schedule import SweepSchedule, sweep_schedules
@@ -30,7 +30,7 @@ class DeviceOrdinates:
     def of(
         cls,
         device: Device,
-        box: Box,
+        box: SweptBox,
         directions: Ordinates,
         starts: NDArray[np.float64],
         *,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.tuning import Tuning
 
@@ -35,7 +35,7 @@ class Gradients:
     weights: Floats
 
     @classmethod
-    def of(cls, cells: OpticalCells, box: Box, tuning: Tuning) -> Gradients:
+    def of(cls, cells: OpticalCells, box: SweptBox, tuning: Tuning) -> Gradients:
         """Finite differences of the scattering cells in which light diffuses."""
         depth = cells.depth[cells.address]
         lengths = np.sqrt(3.0 * cells.coalbedo) * depth
@@ -76,7 +76,7 @@ def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning:
 def spatial_gradients(
     light: NDArray[np.floating],
     cells: OpticalCells,
-    box: Box,
+    box: SweptBox,
     known: tuple[NDArray[np.intp], NDArray[np.floating]] | None = None,
 ) -> NDArray[np.floating]:
     """Gradient (3, C, N) of the radiance in each scattering cell along x, y, z, per cell.
@@ -109,7 +109,7 @@ def spatial_gradients(
 
 
 def _beside(
-    cells: OpticalCells, box: Box, offsets: Sequence[int], chosen: NDArray[np.bool_]
+    cells: OpticalCells, box: SweptBox, offsets: Sequence[int], chosen: NDArray[np.bool_]
 ) -> Iterator[list[Numbers]]:
     """Yields for x, y and z the numbers (N,) of the chosen cells at these offsets; -1: none."""
     far = max(offsets)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cldit.gpu.buffers import unset, upload
 from cldit.gpu.device import Device
-from cldit.transport.cells import Box
+from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.thick_region import ThickRegion
 
@@ -44,7 +44,7 @@ class InterfaceRadiance:
         cls,
         device: Device,
         thick: ThickRegion,
-        box: Box,
+        box: SweptBox,
         *,
         components: int,
         directions: int,

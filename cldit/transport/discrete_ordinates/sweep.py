@@ -16,7 +16,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.boundary import NONE, shifted
-from cldit.transport.cells import Box, OpticalCells, mean_transmission
+from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.discrete_ordinates.blurred_boundary import BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
@@ -78,7 +78,7 @@ class Sweeper:
         """
         self.device = device
         self.tuning = tuning or Tuning()
-        self.box: Box = cells.box()
+        self.box: SweptBox = cells.box()
         self.count = len(cells.address)
         self.components = len(cells.needs.components)
         self.boundaries = cells.needs.boundaries

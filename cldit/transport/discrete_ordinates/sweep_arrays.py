@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
-from cldit.transport.cells import Box, OpticalCells
+from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.cell_packets import PACKET, CellPackets, turned_too
 
 Real = type[np.float32] | type[np.float64]
@@ -43,7 +43,7 @@ class SweepArrays:
         cls,
         device: Device,
         cells: OpticalCells,
-        box: Box,
+        box: SweptBox,
         packets: CellPackets,
         real: Real,
         *,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.transport.cells import Box
+from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.segments import Segments
@@ -112,7 +112,7 @@ class SweepSchedule:
 
 
 def sweep_schedules(
-    box: Box, directions: Ordinates, starts: Floats, *, together: int, edge: int
+    box: SweptBox, directions: Ordinates, starts: Floats, *, together: int, edge: int
 ) -> Iterator[SweepSchedule]:
     """Yields schedules of a quadrature's N ordinates, one order of axes after the other.
 

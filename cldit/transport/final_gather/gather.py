@@ -23,7 +23,7 @@ from cldit.gpu.partition import shares
 from cldit.gpu.program import Define, Program, build
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.transport.cell_phases import class_shares
-from cldit.transport.cells import Box
+from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.quadrature import (
     NEAREST_SIDE,
@@ -132,7 +132,7 @@ class Gather:
     def __init__(
         self,
         formal_solution: FormalSolution,
-        box: Box,
+        box: SweptBox,
         thick: ThickRegion,
         ends: CellSources,
         settings: Settings,

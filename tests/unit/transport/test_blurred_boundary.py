@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
 from cldit.transport.boundary import NONE
-from cldit.transport.cells import Box
+from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates import blurred_boundary
 from cldit.transport.discrete_ordinates.blurred_boundary import ForwardPeak, blurred_maps
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
@@ -80,7 +80,7 @@ def test_maps_against_legendre_series(
     monkeypatch.setattr(blurred_boundary, "_ANGLES", angles)
     monkeypatch.setattr(blurred_boundary, "_TURNS", turns)
     radius, away = 30.0, 40.0
-    box = Box(low=(8, 16, 24), shape=(1, 1, 1))
+    box = SweptBox(low=(8, 16, 24), shape=(1, 1, 1))
     disc = (8.5, 16.5 + away, 24.5, radius**2)
     angle = np.linspace(0.0, np.pi, 13)
     unit = np.column_stack([np.sin(angle), np.cos(angle), 0 * angle])
@@ -96,7 +96,7 @@ def test_maps_against_legendre_series(
 def test_a_boundary_that_is_all_alike_stays_so() -> None:
     directions = isotropic(7, np.random.default_rng(1))
     view = view_of("ENCLOSURE", (0.0, 0.0, 0.0, 0.0))
-    maps, _ = blurred_maps(view, Box((0, 0, 0), (9, 5, 7)), directions, peak_of(PHASE))
+    maps, _ = blurred_maps(view, SweptBox((0, 0, 0), (9, 5, 7)), directions, peak_of(PHASE))
     np.testing.assert_allclose(maps, 1.0, atol=1e-12)
 
 
@@ -105,7 +105,7 @@ def test_frames_place_the_box_on_the_map() -> None:
     directions = isotropic(20, np.random.default_rng(2))
     shape = np.array([9, 5, 7])
     view = view_of("DISC", (4.0, 60.0, 4.0, 100.0))
-    maps, frames = blurred_maps(view, Box((0, 0, 0), (9, 5, 7)), directions, peak_of(PHASE))
+    maps, frames = blurred_maps(view, SweptBox((0, 0, 0), (9, 5, 7)), directions, peak_of(PHASE))
     side = maps.shape[-1]
     at = np.einsum("nij,j->ni", frames[..., :3], shape / 2) + frames[..., 3]
     np.testing.assert_allclose(at, (side - 1) / 2, atol=1e-12)
