@@ -12,9 +12,9 @@ from cldit.cli.units import device_option
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.scene import load_scene, parse_scene
+from cldit.study.page import write_page
 from cldit.study.scattering.page import scattering_page
 from cldit.study.scattering.run import scattering_study
-from cldit.study.writer import write_page
 
 
 @click.command("scattering")

@@ -16,11 +16,10 @@ from cldit.run import RunCache, default_cache
 from cldit.scene import load_scene
 from cldit.study.grid import Grid, changed
 from cldit.study.lab import QUICK, Lab
-from cldit.study.page import Page
-from cldit.study.registry import STUDIES, run_study
+from cldit.study.page import StudyPage, write_overview, write_page
+from cldit.study.paper import STUDIES, run_study
 from cldit.study.sweep import Progress as Swept
 from cldit.study.sweep import run_sweep
-from cldit.study.writer import write_overview, write_page
 
 
 @click.command()
@@ -64,7 +63,7 @@ def study(
         )
     folder = out or Path("studies")
     lab = Lab(RunCache(cache or default_cache()), quick, open_device(device), say)
-    pages: list[Page] = []
+    pages: list[StudyPage] = []
     wanted = list(STUDIES) if name == "all" else [name]
     start = time.perf_counter()
     for number, each in enumerate(wanted, start=1):
@@ -78,7 +77,7 @@ def study(
     _verdicts(pages)
 
 
-def _verdicts(pages: list[Page]) -> None:
+def _verdicts(pages: list[StudyPage]) -> None:
     table = folded_table("study", "the paper", "found", "agrees if", "")
     for page in pages:
         for each in page.verdicts:

@@ -1,26 +1,94 @@
-"""The page of a study: HTML and Markdown with pictures, verdicts, tables, and what repeats it."""
+"""Page of a study: verdicts, sentences, figures and tables, as HTML, Markdown, JSON and CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from pathlib import Path
+from typing import Any
 
+from cldit.errors import StudyError
+from cldit.io.files import make_folder, write_text
+from cldit.io.plain_data import read_json
 from cldit.scene import Scene, dump_scene
-from cldit.show.report.html import Picture, render
-from cldit.study.verdict import Verdict, summary
+from cldit.show import page as show
+from cldit.show.page import Block, Bullets, Details, Figure, Link, Section, Table
 
 Row = Mapping[str, float | str]
 
+_VERDICTS = ("the paper", "found", "agrees if", "")
+_OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
+
 
 @dataclass(frozen=True, kw_only=True)
-class Page:
-    """What a study found.
+class Verdict:
+    """One statement of the paper and the value that was found, in `unit`.
 
-    about: what it is of, one sentence. command: that makes the page. text: one paragraph, and
-    findings: sentences, all made from the figures. pictures: by file name without its ending.
-    table: rows of equal keys, units in the keys' names; more: further ones by their titles.
+    It agrees if the value is between low and high; None: no limit. NaN agrees with nothing. why:
+    the reason if it does not agree.
+    """
+
+    claim: str
+    value: float
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+    why: str = ""
+
+    @property
+    def agrees(self) -> bool:
+        """True if the value is within the limits."""
+        if not math.isfinite(self.value):
+            return False
+        above = self.low is None or self.value >= self.low
+        return above and (self.high is None or self.value <= self.high)
+
+    @property
+    def found(self) -> str:
+        """Value with its unit."""
+        return _with_unit(self.value, self.unit) if math.isfinite(self.value) else "no value"
+
+    @property
+    def allowed(self) -> str:
+        """Limits with their unit."""
+        if self.low is not None and self.high is not None:
+            if self.low == -self.high:
+                return f"±{_with_unit(self.high, self.unit)}"
+            return f"{self.low:g} to {_with_unit(self.high, self.unit)}"
+        if self.high is not None:
+            return f"at most {_with_unit(self.high, self.unit)}"
+        return f"at least {_with_unit(self.low or 0.0, self.unit)}"
+
+    @property
+    def word(self) -> str:
+        """`agrees` or `disagrees`."""
+        return "agrees" if self.agrees else "disagrees"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}".rstrip()
+
+
+def summary(verdicts: tuple[Verdict, ...]) -> str:
+    """Sentence with the number of statements that agree."""
+    agreed = sum(each.agrees for each in verdicts)
+    if agreed == len(verdicts):
+        return f"All {agreed} statements agree."
+    return f"{agreed} of {len(verdicts)} statements agree."
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyPage:
+    """Results of a study.
+
+    about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
+    sentences. pictures: by file name without its suffix. table: rows of equal keys, with units in
+    their names; more: further tables by title.
     """
 
     name: str
@@ -30,7 +98,7 @@ class Page:
     command: str = ""
     text: str = ""
     findings: Sequence[str] = ()
-    pictures: Mapping[str, Picture]
+    pictures: Mapping[str, Figure]
     table: Sequence[Row]
     more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
@@ -40,8 +108,99 @@ class Page:
 
     @property
     def summary(self) -> str:
-        """The verdicts in a sentence."""
+        """Sentence about the verdicts."""
         return summary(self.verdicts) if self.verdicts else "Nothing is claimed."
+
+    def html(self) -> show.Page:
+        """Page as one file."""
+        tables = {"Numbers": self.table, **self.more}
+        scenes = [Details(name, dump_scene(scene)) for name, scene in self.scenes.items()]
+        made = f"`{self.command}`, cldit {version('cldit')}"
+        content: list[Block] = [
+            self.about,
+            Section("", [*self.pictures.values(), self.text]),
+            Section("Findings", [Bullets(self.findings)] if self.findings else []),
+            Section(f"Against the paper: {self.summary}", [self._verdicts()]),
+            *(Section(title, [_table(rows)]) for title, rows in tables.items()),
+            Section("To repeat it", [made, *scenes]),
+        ]
+        return show.Page(self.title, content)
+
+    def markdown(self, *, tables: bool) -> show.Page:
+        """Page with figures as files beside it; without `tables` the numbers are in its JSON."""
+        figures = [
+            Figure(each.png, each.caption, f"study-{self.name}-{name}.png")
+            for name, each in self.pictures.items()
+        ]
+        content: list[Block] = [
+            f"{self.about} Made by `{self.command}`.",
+            *figures,
+            self.text,
+        ]
+        if self.findings:
+            content.append(Bullets(self.findings))
+        if self.verdicts:
+            content += [self.summary, self._verdicts()]
+        if tables:
+            content += [Section(title, [_table(rows)])
+                        for title, rows in {"": self.table, **self.more}.items()]  # fmt: skip
+        else:
+            content.append(f"All numbers are in `{self.name}.json`.")
+        return show.Page(self.title, content)
+
+    def _verdicts(self) -> Table:
+        return Table(_VERDICTS, [
+            (each.claim, each.found, each.allowed,
+             each.word + (f": {each.why}" if each.why and not each.agrees else ""))
+            for each in self.verdicts
+        ])  # fmt: skip
+
+    def json(self) -> str:
+        """All numbers and sentences."""
+        data = {
+            "study": self.name,
+            "title": self.title,
+            "figure": self.figure,
+            "quick": self.quick,
+            "seconds": round(self.seconds, 1),
+            "summary": self.summary,
+            "text": self.text,
+            "findings": list(self.findings),
+            "verdicts": [
+                {
+                    "claim": each.claim,
+                    "found": each.found,
+                    "value": _plain(each.value),
+                    "unit": each.unit,
+                    "low": each.low,
+                    "high": each.high,
+                    "agrees": each.agrees,
+                }
+                for each in self.verdicts
+            ],
+            "table": _plain_rows(self.table),
+        }
+        if self.more:
+            data["more"] = {title: _plain_rows(rows) for title, rows in self.more.items()}
+        return json.dumps(data, indent=1)
+
+    def csv(self) -> str:
+        """Rows of the table."""
+        stream = io.StringIO()
+        if self.table:
+            writer = csv.DictWriter(stream, list(self.table[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self.table)
+        return stream.getvalue()
+
+
+def _plain(value: float | str) -> float | str | None:
+    """Value for JSON, which has no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _plain_rows(rows: Sequence[Row]) -> list[dict[str, float | str | None]]:
+    return [{key: _plain(value) for key, value in row.items()} for row in rows]
 
 
 def _cell(value: float | str) -> str:
@@ -50,65 +209,64 @@ def _cell(value: float | str) -> str:
     return f"{value:.4g}" if math.isfinite(value) else "–"
 
 
-def _cells(rows: Sequence[Row]) -> list[list[str]]:
-    return [[_cell(value) for value in row.values()] for row in rows]
+def _table(rows: Sequence[Row]) -> Table:
+    titles = list(rows[0]) if rows else []
+    return Table(titles, [[_cell(value) for value in row.values()] for row in rows])
 
 
-def _verdict_rows(page: Page) -> list[list[str]]:
-    return [
-        [
-            each.claim,
-            each.found,
-            each.allowed,
-            each.word + (f": {each.why}" if each.why and not each.agrees else ""),
-        ]
-        for each in page.verdicts
-    ]
+def write_page(page: StudyPage, folder: Path, *, markdown_only: bool = False) -> Path:
+    """Writes NAME.html, .md, .json, .csv, the figures and the scenes; returns the page's path.
+
+    With `markdown_only`, as for docs, only figures, .json and .md, without tables of numbers.
+
+    Raises:
+        StudyError: a file cannot be written.
+    """
+    path = folder / page.name
+    try:
+        make_folder(folder)
+        write_text(path.with_name(f"{page.name}.json"), page.json())
+        markdown = path.with_name(f"{page.name}.md")
+        written = show.write_page(page.markdown(tables=not markdown_only), markdown)
+        if not markdown_only:
+            make_folder(folder / "scenes")
+            for name, scene in page.scenes.items():
+                write_text(folder / "scenes" / f"{page.name}-{name}.yaml", dump_scene(scene))
+            write_text(path.with_name(f"{page.name}.csv"), page.csv())
+            written = show.write_page(page.html(), path.with_name(f"{page.name}.html"))
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written ({error})") from error
+    return written
 
 
-_VERDICTS = ["the paper", "found", "agrees if", ""]
+def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = False) -> Path:
+    """Writes overview.html and .md with a row for each study that is in the folder.
+
+    Raises:
+        StudyError: the file of a page is damaged, or the overview cannot be written.
+    """
+    paths = [folder / f"{name}.json" for name in names]
+    rows = [_overview_row(path) for path in paths if path.is_file()]
+    page = show.Page("The paper's studies", [Table(_OVERVIEW, rows)])
+    endings = ("md",) if markdown_only else ("md", "html")
+    try:
+        written = [show.write_page(page, folder / f"overview.{ending}") for ending in endings]
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written ({error})") from error
+    return written[-1]
 
 
-def page_html(page: Page) -> str:
-    """One file: no other file, no network."""
-    tables = {title: rows for title, rows in {"Numbers": page.table, **page.more}.items() if rows}
-    return render(
-        "study.html",
-        page=page,
-        verdicts=(_VERDICTS, _verdict_rows(page)),
-        tables=[(title, list(rows[0]), _cells(rows)) for title, rows in tables.items()],
-        scenes={name: dump_scene(scene) for name, scene in page.scenes.items()},
-        version=version("cldit"),
+def _overview_row(path: Path) -> tuple[show.Cell, ...]:
+    """Row of a study; raises StudyError."""
+    data: dict[str, Any] = read_json(path, error=StudyError)
+    texts = ("study", "title", "figure", "summary")
+    whole = all(isinstance(data.get(name), str) for name in texts)
+    if not whole or not isinstance(data.get("seconds"), (int, float)) or "quick" not in data:
+        raise StudyError(f"{path}: is damaged; run the study again")
+    return (
+        Link(data["title"], data["study"]),
+        data["figure"],
+        "quick" if data["quick"] else "full",
+        f"{data['seconds']:.0f}",
+        data["summary"],
     )
-
-
-def markdown_table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown, `rows` below their `titles`."""
-
-    def line(cells: Sequence[str]) -> str:
-        return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
-
-    return "\n".join([line(titles), line(["---"] * len(titles)), *map(line, rows)])
-
-
-def page_markdown(page: Page) -> str:
-    """The same with pictures as files beside it."""
-    parts = [f"# {page.title}", f"{page.about} Made by `{page.command}`."]
-    for name, picture in page.pictures.items():
-        parts.append(f"![{picture.caption}]({picture_file(page, name)})")
-    if page.text:
-        parts.append(page.text)
-    if page.findings:
-        parts.append("\n".join(f"- {each}" for each in page.findings))
-    if page.verdicts:
-        parts += [page.summary, markdown_table(_VERDICTS, _verdict_rows(page))]
-    for title, rows in {"": page.table, **page.more}.items():
-        if rows:
-            parts += [f"## {title}"] * bool(title)
-            parts.append(markdown_table(list(rows[0]), _cells(rows)))
-    return "\n\n".join(parts) + "\n"
-
-
-def picture_file(page: Page, name: str) -> str:
-    """Name of the file of a picture `name` of a `page`."""
-    return f"study-{page.name}-{name}.png"

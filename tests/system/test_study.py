@@ -16,9 +16,9 @@ from cldit.errors import EvaluationError
 from cldit.run import RunCache, reevaluated
 from cldit.study.grid import changed
 from cldit.study.lab import Lab
-from cldit.study.paper.walls import all_round
-from cldit.study.registry import STUDIES, run_study
-from cldit.study.writer import write_page
+from cldit.study.page import write_page
+from cldit.study.paper import STUDIES, run_study
+from cldit.study.paper.maps import all_round
 
 # An analytic spray of few cells.
 _TINY = {

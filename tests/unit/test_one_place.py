@@ -25,13 +25,13 @@ PLACES: dict[str, set[str]] = {
     "write": {"files.py"},
     # the journal's own appends, syncs, and a measurement of syncs
     # and members of an archive that files.py writes
-    "open to write": {"files.py", "disk.py", "rig.py", "spray_file.py"},
+    "open to write": {"files.py", "disk.py", "spray_file.py"},
     "os.open": {"files.py", "journal.py", "terminal.py", "pocl.py"},
     "imwrite": {"images.py"},
     "savefig": {"sheet.py"},  # into memory
     # resources of the package, pages that the same command wrote, /proc
     "read_text": {"lazy.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
-    | {"conditions.py", "report.py", "memory.py", "free_memory.py", "child.py"},
+    | {"free_memory.py"},
 }
 
 

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.show.figures.panels import Frame, Panel, panels_picture
-from cldit.show.report.html import Picture
-from cldit.study.page import Page
+from cldit.show.page import Figure
 from cldit.study.page import Row as Cells
+from cldit.study.page import StudyPage
 from cldit.study.scattering.findings import findings
 from cldit.study.scattering.run import LEAST_EMISSIVITY, Error, Row, Study
 
 Floats = NDArray[np.float64]
 
 
-def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Page:
+def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> StudyPage:
     """The page of a study; everything on it follows from the study.
 
     Args:
@@ -32,7 +32,7 @@ def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Page
     told = scene.description.strip().rstrip(".")
     what = f"{told}. " if told else ""
     classes = {name: f"{name}, {_percent(part)}" for name, part in study.classes.items()}
-    return Page(
+    return StudyPage(
         name=f"{scene.name}{'-mie' if mie else ''}",
         title=f"Light of the walls: {scene.name}{', forward scattering' if mie else ''}",
         about=f"{what}{how}. Pixels of emissivity {LEAST_EMISSIVITY:g} and more; walls at "
@@ -40,7 +40,7 @@ def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Page
         command=command,
         findings=findings(study),
         pictures={
-            "errors": Picture(
+            "errors": Figure(
                 scattering_picture(study),
                 "Errors of plain DIT, and with a model whose droplets are 20 % too large; two and "
                 "two share their colours.",

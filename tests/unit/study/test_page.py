@@ -13,11 +13,9 @@ import pytest
 from cldit.errors import StudyError
 from cldit.scene import load_scene
 from cldit.show.figures.sheet import figure_of
-from cldit.show.report.html import Picture
-from cldit.study.page import Page, page_html
+from cldit.show.page import Figure
+from cldit.study.page import StudyPage, Verdict, summary, write_overview, write_page
 from cldit.study.pictures import small_png
-from cldit.study.verdict import Verdict, summary
-from cldit.study.writer import write_overview, write_page
 
 
 @pytest.mark.parametrize(
@@ -41,15 +39,15 @@ def test_verdict(
     assert verdict.word == ("agrees" if agrees else "disagrees")
 
 
-def _page() -> Page:
+def _page() -> StudyPage:
     figure = figure_of(1.0, 1.0)
     figure.subplots().plot([0, 1])
-    return Page(
+    return StudyPage(
         name="walls",
         title="Wall <temperature>",
         command="cldit study walls --quick",
         text="One & only paragraph.",
-        pictures={"maps": Picture(small_png(figure), "caption")},
+        pictures={"maps": Figure(small_png(figure), "caption")},
         table=[{"case": "a|b", "T_app / K": 400.123456}, {"case": "c", "T_app / K": math.nan}],
         verdicts=(
             Verdict(claim="good", value=0.5, unit="K", high=1.0, why="never shown"),
@@ -101,6 +99,6 @@ def test_place_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_without_verdicts() -> None:
-    page = Page(name="n", title="t", figure="f", text="", pictures={}, table=())
-    assert "Against the paper" not in page_html(page)
+    page = StudyPage(name="n", title="t", figure="f", text="", pictures={}, table=())
+    assert "Against the paper" not in page.html().html()
     assert summary(()) == "All 0 statements agree."

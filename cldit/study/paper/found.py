@@ -1,0 +1,67 @@
+"""Pages of the paper's studies: values and figures of a study, sentences of studies.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from cldit.errors import StudyError
+from cldit.io.plain_data import read_mapping
+from cldit.show.page import Figure
+from cldit.study.page import Row, StudyPage, Verdict
+
+Value = float | str
+
+
+@dataclass(frozen=True)
+class Found:
+    """Results of a study: values for its sentences, PNG or whole figures by name, and a table."""
+
+    values: Mapping[str, Value]
+    table: Sequence[Row]
+    pngs: Mapping[str, bytes] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+
+
+@cache
+def sentences() -> dict[str, Any]:
+    """Contents of studies.yaml by study."""
+    return read_mapping(Path(__file__).with_name("studies.yaml"), error=StudyError)
+
+
+def page_of(name: str, found: Found) -> StudyPage:
+    """Page of the study `name`: its sentences with the values filled in."""
+    said, values = sentences()[name], found.values
+
+    def filled(text: str) -> str:
+        return text.format_map(values)
+
+    def number(value: Value | None) -> float | None:
+        return float(values[value]) if isinstance(value, str) else value
+
+    captions = {key: filled(text) for key, text in said.get("pictures", {}).items()}
+    return StudyPage(
+        name=name,
+        title=said["title"],
+        figure=said["figure"],
+        text=filled(said["text"]),
+        pictures={
+            **{key: Figure(png, captions[key]) for key, png in found.pngs.items()},
+            **found.figures,
+        },
+        table=found.table,
+        verdicts=tuple(
+            Verdict(
+                claim=filled(each["claim"]),
+                value=float(values[each["value"]]),
+                unit=each.get("unit", ""),
+                low=number(each.get("low")),
+                high=number(each.get("high")),
+                why=filled(each.get("why", "")),
+            )
+            for each in said["claims"]
+        ),
+    )

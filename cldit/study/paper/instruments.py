@@ -1,0 +1,267 @@
+"""Studies without maps of T_app: optics, visible light, the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize
+from numpy.typing import NDArray
+
+from cldit.camera.sensor import SensorModel
+from cldit.camera.view import SensorView
+from cldit.optics.droplets import droplet_table
+from cldit.optics.liquid import liquid
+from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.run import Run
+from cldit.scene.sizes import Monodisperse
+from cldit.show.figures.optics_figures import optics_picture
+from cldit.show.figures.panels import Frame
+from cldit.show.figures.sheet import figure_of
+from cldit.show.report.optics_summary import FIG4, scene_optics
+from cldit.show.report.spray_report import Projection, liquid_mass
+from cldit.spray.result import Spray
+from cldit.spray.sizes import mean_diameter_m
+from cldit.study.lab import Lab
+from cldit.study.measures import mean_K, root, visible
+from cldit.study.page import Row
+from cldit.study.paper.found import Found
+from cldit.study.pictures import frame_of, small_png, smaller
+
+_UM, _N, _K = 3.4, 1.338, 0.0341  # paper
+_LARGE_M = 0.49e-3
+
+
+def optics(lab: Lab) -> Found:
+    """Tables only: nothing is traced."""
+    scene = lab.shipped("gdi")
+    lab.used["gdi"] = scene
+    data = scene_optics(scene, cache=lab.runs.cache)
+    n, k = (float(value[0]) for value in liquid("n-heptane").index(np.array([_UM]), 300.0))
+    table = droplet_table(wavelength_um=_UM, n=_N, k=_K, cache=lab.runs.cache)
+    extinction = table.efficiencies(np.array([2e-6, 9e-6, _LARGE_M]))[0]
+    rows: list[Row] = []
+    off: list[float] = []
+    for each in FIG4:
+        sizes = each.sizes
+        if isinstance(sizes, Monodisperse):
+            name, means = "all of one size", [sizes.diameter_um] * 2
+        else:
+            name = f"m {sizes.m_um:g} µm, n {sizes.n:g}, p {sizes.p:g}"
+            means = [mean_diameter_m(sizes, *powers) * 1e6 for powers in ((1, 0), (3, 2))]
+        off += [abs(means[0] - each.d10_um), abs(means[1] - each.d32_um)]
+        rows.append(
+            {
+                "distribution": name,
+                "D10 / µm": means[0],
+                "the paper's D10 / µm": each.d10_um,
+                "D32 / µm": means[1],
+                "the paper's D32 / µm": each.d32_um,
+            }
+        )
+    more, less = ("more", "less") if k > _K else ("less", "more")
+    return Found(
+        values={
+            "um": _UM,
+            "k": k,
+            "k_ratio": k / _K,
+            "paper_k": _K,
+            "absorb": more,
+            "scatter": less,
+            "n_change": n - _N,
+            "large": float(extinction[2]),
+            "small_over_middle": float(extinction[0] / extinction[1]),
+            "off_um": max(off),
+        },
+        table=rows,
+        pngs={"optics": smaller(optics_picture(data))},
+    )
+
+
+# MPa, K: pressure alone, temperature alone, and the corners
+_CONDITIONS = ((0.15, 300.0), (0.6, 300.0), (0.3, 500.0), (0.6, 570.0), (0.9, 620.0))
+_TOLD = ((0.15, 300.0), (0.6, 300.0), (0.6, 570.0), (0.9, 620.0))
+_WITHIN = 0.97  # of the liquid's mass
+_DECADES = 3.0
+_HALF_MM = 55.0
+
+
+def projected_m(spray: Spray) -> float:
+    """Radius of the circle, seen from below, that contains 97 % of the liquid's mass."""
+    if spray.parcels is None or not len(spray.parcels.diameter_m):
+        return float("nan")
+    parcels = spray.parcels
+    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    radius = np.hypot(parcels.position_m[:, 0], parcels.position_m[:, 1])
+    order = np.argsort(radius)
+    share = np.cumsum(mass[order]) / mass.sum()
+    return float(radius[order][np.searchsorted(share, _WITHIN)])
+
+
+def visible_light(lab: Lab) -> Found:
+    """Sprays alone, 1.5 ms after the start: nothing is traced."""
+    sprays: dict[str, Spray] = {}
+    rows: list[Row] = []
+    reach: dict[tuple[float, float], float] = {}
+    for pressure_MPa, gas_K in _CONDITIONS:
+        gas = f"{pressure_MPa:g} MPa, {gas_K:g} K"
+        ambient = {"pressure_Pa": pressure_MPa * 1e6, "temperature_K": gas_K}
+        values = {"spray.time_s": 1.5e-3, "spray.ambient": ambient}
+        scene = lab.gdi(f"visible-{pressure_MPa:g}MPa-{gas_K:g}K", values)
+        spray = sprays[gas] = lab.spray(scene)
+        reach[pressure_MPa, gas_K] = projected_m(spray) * 1e3
+        rows.append(
+            {
+                "gas": gas,
+                "projected penetration / mm": projected_m(spray) * 1e3,
+                "penetration / mm": spray.notes["liquid_penetration_m"] * 1e3,
+                "vapour penetration / mm": spray.notes["vapour_penetration_m"] * 1e3,
+                "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
+                "vapour / mg": spray.notes["vapour_mass_kg"] * 1e6,
+            }
+        )
+
+    def seen(at: tuple[float, float]) -> str:
+        row = rows[_CONDITIONS.index(at)]
+        liquid_mg, vapour_mg = float(row["liquid / mg"]), float(row["vapour / mg"])
+        return (
+            f"{float(row['projected penetration / mm']):.1f} mm at {row['gas']}, with "
+            f"{100 * liquid_mg / (liquid_mg + vapour_mg):.0f} % of the fuel still liquid"
+        )
+
+    *most, last = (seen(at) for at in _TOLD)
+    return Found(
+        values={
+            "within": 100 * _WITHIN,
+            "seen": f"{'; '.join(most)}; and {last}",
+            "by_pressure_mm": reach[0.6, 300.0] - reach[0.15, 300.0],
+            "by_temperature_mm": reach[0.6, 570.0] - reach[0.6, 300.0],
+            "hot_over_cold": reach[0.9, 620.0] / reach[0.15, 300.0],
+        },
+        table=rows,
+        pngs={"below": _from_below(sprays)},
+    )
+
+
+def _from_below(sprays: dict[str, Spray]) -> bytes:
+    seen: list[Projection] = [
+        liquid_mass(spray, "below", pixel_m=5e-4) for spray in sprays.values()
+    ]
+    top = max(float(each.image.max(initial=0.0)) for each in seen) or 1.0
+    norm = LogNorm(top * 10**-_DECADES, top)
+    figure = figure_of(11.4, 7.2)
+    grid = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
+    for axes, each, gas in zip(grid, seen, sprays, strict=False):
+        axes.imshow(
+            np.ma.masked_less_equal(each.image, top * 10**-_DECADES),
+            extent=[1e3 * edge for edge in each.edges_m],
+            origin="lower",
+            cmap="viridis",
+            norm=norm,
+            interpolation="nearest",
+        )
+        axes.set_title(gas, fontsize=9)
+        axes.plot(0.0, 0.0, "+", color="black")
+        axes.set_xlabel("x / mm")
+        axes.set_ylabel("y / mm")
+        axes.set_xlim(-_HALF_MM, _HALF_MM)
+        axes.set_ylim(-_HALF_MM, _HALF_MM)
+        axes.set_aspect("equal")
+        axes.label_outer()
+    for axes in grid[len(sprays) - 3 : len(sprays)]:  # with nothing below
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel("x / mm")
+    for axes in grid[len(sprays) :]:
+        axes.set_axis_off()
+    label = "liquid mass / kg m$^{-2}$"
+    figure.colorbar(ScalarMappable(norm, "viridis"), ax=list(grid), label=label)
+    return small_png(figure)
+
+
+_BACKGROUND_K = 443.0
+_CAMERA = {
+    "spray.time_s": 0.3e-3,
+    # The paper gives walls of 415 K; the gas is taken 115 K above them, as at 0.6 MPa.
+    "spray.ambient": {"pressure_Pa": 0.4e6, "temperature_K": 530.0},
+    "walls.temperature_K": 415.0,
+    "background.temperatures_K": [413.0, _BACKGROUND_K, 473.0],
+    "camera.field_m": [0.08, 0.064],
+    "camera.target_m": [0.0, 0.0, -0.025],
+    "camera.sensor.pixels": [640, 512],
+    "camera.sensor.integration_time_s": 25e-6,
+}
+_OPAQUE = 0.3
+_SIGMAS = 2.0
+
+
+def _radiance(run: Run) -> NDArray[np.float64]:
+    around = Surroundings.from_scene(run.scene)
+    bands = [Boundary.of(around, node.radiance, node.pane) for node in run.quadrature.nodes]
+    return picture(run.spectral, bands, background_K=_BACKGROUND_K)
+
+
+def camera(lab: Lab) -> Found:
+    """One trace, one exposure."""
+    pixels = {"camera.pixels": [320, 256] if lab.quick else [1000, 800]}
+    run = lab.run(lab.gdi("camera", {**_CAMERA, **pixels}))
+    sensor = SensorModel.from_scene(run.scene)
+    view = SensorView.from_scene(run.scene)
+    seen = view.image(_radiance(run))
+    raw = sensor.expose(seen, np.random.default_rng(1))
+    calibration = sensor.calibration()
+    traced = calibration.counts(_radiance(run))
+    behind = np.array([run.quadrature.nodes[0].radiance(_BACKGROUND_K)])
+    before = float(calibration.counts(behind)[0])
+    noise = float(np.sqrt(calibration.variance_counts2(np.array([before])))[0])
+    there = visible(run) & (run.maps.emissivity > _OPAQUE)
+    core = float(np.mean(traced[root(run) & there])) if (root(run) & there).any() else np.nan
+    rim = float(np.percentile(traced[there], 99.0)) if there.any() else np.nan
+    hidden = there & (np.abs(traced - before) < _SIGMAS * noise)
+    count, invisible_K = float(np.count_nonzero(hidden)), mean_K(run, hidden)
+    return Found(
+        values={
+            "background_K": _BACKGROUND_K,
+            "before": before,
+            "core": core,
+            "rim": rim,
+            "core_sigma": (before - core) / noise,
+            "rim_sigma": (rim - before) / noise,
+            "hidden": count,
+            "invisible_K": invisible_K,
+            "invisible_change_K": invisible_K - _BACKGROUND_K,
+        },
+        table=[
+            {
+                "background / counts": before,
+                "noise of one exposure / counts": noise,
+                "below the nozzle / counts": core,
+                "brightest rim / counts": rim,
+                "pixels that hide": count,
+                "their T_app / K": invisible_K,
+            }
+        ],
+        pngs={"images": _exposure(raw, traced, Frame(view.pixel_m, view.centre_m), frame_of(run))},
+    )
+
+
+def _exposure(
+    raw: NDArray[np.uint16], traced: NDArray[np.float64], sensor: Frame, ray: Frame
+) -> bytes:
+    low, high = (float(value) for value in np.percentile(traced, [0.1, 99.9]))
+    norm = Normalize(low, high)
+    figure = figure_of(11.5, 4.6)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for axes, image, frame, title in (
+        (panels[0], raw.astype(float), sensor, "camera, one exposure"),
+        (panels[1], traced, ray, "traced"),
+    ):
+        extent = frame.extent_mm(image.shape)
+        axes.imshow(image, extent=extent, cmap="inferno", norm=norm, interpolation="nearest")
+        axes.set_title(title, fontsize=9)
+        axes.set_xlabel("x / mm")
+        axes.plot(0.0, 0.0, marker="v", markersize=5, color="white", markeredgecolor="black")
+    left, right, bottom, top = sensor.extent_mm(raw.shape)
+    panels[0].set_xlim(left, right)
+    panels[0].set_ylim(bottom, top)
+    panels[0].set_ylabel("z / mm")
+    figure.colorbar(ScalarMappable(norm, "inferno"), ax=list(panels), label="counts", extend="both")
+    return small_png(figure)

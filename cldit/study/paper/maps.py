@@ -1,0 +1,348 @@
+"""Studies of maps: methane, conditions, scattering order, walls."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from cldit.io.files import make_folder, read_text, write_text
+from cldit.optics.planck import band_radiance, temperature_of_radiance
+from cldit.optics.vapour import vapour_band
+from cldit.radiance.weights import Weights
+from cldit.run import Run, reevaluated
+from cldit.study.grid import changed
+from cldit.study.lab import Lab
+from cldit.study.measures import (
+    Change,
+    Mask,
+    Phases,
+    droplets_K,
+    mean_emissivity,
+    mean_K,
+    positions_m,
+    reach_m,
+    root,
+    tips,
+    visible,
+)
+from cldit.study.page import Row
+from cldit.study.paper.found import Found
+from cldit.study.pictures import Crop, changes_figure, frame_of, maps_figure
+
+_NAN = float("nan")
+_JET_TIMES_MS = (0.3, 0.6, 0.9)
+_JET_GAS_K = 520.0
+_AXIS_M = 2e-3
+
+
+def _along_axis(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Depth / m and T_app / K in steps of 4 mm on the jet's axis."""
+    x, z = positions_m(run)
+    on_axis = visible(run) & (np.abs(x) < _AXIS_M)
+    depth = np.arange(0.0, 0.12, 4e-3)
+    found = [mean_K(run, on_axis & (z < -top) & (z >= -top - 4e-3)) for top in depth]
+    known = np.isfinite(found)
+    return depth[known] + 2e-3, np.array(found)[known]
+
+
+def methane(lab: Lab) -> Found:
+    """The shipped scene at three times."""
+    runs: dict[str, Run] = {}
+    rows: list[dict[str, float | str]] = []
+    for time_ms in _JET_TIMES_MS:
+        values = {"spray.time_s": time_ms * 1e-3, "name": f"methane-{time_ms:g}ms"}
+        run = runs[f"{time_ms:g} ms"] = lab.run(lab.shipped("methane-jet", values))
+        depth, warm = _along_axis(run)
+        rows.append(
+            {
+                "time": f"{time_ms:g} ms",
+                "largest emissivity": float(np.nanmax(run.maps.emissivity)),
+                "T_app at the nozzle / K": float(warm[0]) if len(warm) else _NAN,
+                "T_app furthest downstream / K": float(warm[-1]) if len(warm) else _NAN,
+                "seen down to / mm": float(depth[-1]) * 1e3 if len(depth) else _NAN,
+            }
+        )
+    last = rows[-1]
+    largest = max(float(row["largest emissivity"]) for row in rows)
+    crop = Crop(-40.0, 40.0, -95.0, 6.0)
+    return Found(
+        values={
+            "most": largest,
+            "largest": largest,
+            "last": last["time"],
+            "nozzle_K": last["T_app at the nozzle / K"],
+            "far_K": last["T_app furthest downstream / K"],
+            "far_mm": last["seen down to / mm"],
+            "core_K": float(last["T_app at the nozzle / K"]) - _JET_GAS_K,
+            "warming": float(spearmanr(depth, warm).statistic) if len(depth) > 2 else _NAN,
+        },
+        table=rows,
+        pngs={"maps": maps_figure(runs, title="methane into 0.4 MPa, 520 K", crop=crop)},
+    )
+
+
+# MPa, K of the gas, K of the walls
+_CONDITIONS = (
+    (0.15, 300.0, 300.0),
+    (0.3, 500.0, 385.0),
+    (0.6, 570.0, 455.0),
+    (0.9, 620.0, 505.0),
+)
+_COLD = {
+    "spray.time_s": 0.3e-3,
+    "spray.ambient": {"pressure_Pa": 0.15e6, "temperature_K": 300.0},
+    "walls.temperature_K": 300.0,
+    "background.temperatures_K": [320.0, 345.0, 370.0, 395.0, 420.0],
+    "camera.sensor.integration_time_s": 25e-6,
+    "plan": {"shots": 19, "references": 19},
+    "optics.preset": "spectral",
+    "optics.compare_paper": False,
+}
+_OPEN_UM = (2.0, 5.0)
+_AVOGADRO = 6.02214076e23
+
+
+def open_vapour(folder: Path) -> Path:
+    """A table of n-heptane's vapour from 2 to 5 um: the shipped C-H band, and nothing beside it.
+
+    Its overtones near 2.3 um, some hundredths of the band's area, are omitted.
+    """
+    band = vapour_band("n-heptane")
+    low, high = band.wavenumber_per_cm
+    number = np.arange(2000.0, 5000.1, 5.0)
+    inside = (number >= low) & (number <= high)
+    text = []
+    for row_K in (200.0, *(float(row) for row in band.rows_K)):
+        values = np.zeros(len(number))
+        values[inside] = band.absorption_m2_mol(number[inside], row_K) * 1e4 / _AVOGADRO
+        head = f"{'n-heptane':>20}{number[0]:10.3f}{number[-1]:10.3f}{len(number):7d}{row_K:7.1f}"
+        cells = [f"{value:10.3E}" for value in values]
+        rows = ["".join(cells[at : at + 10]) for at in range(0, len(cells), 10)]
+        text += [f"{head}{760.0:6.1f}{values.max():10.3E}".ljust(100), *rows]
+    path = folder / "tables" / "n-heptane-2-5um.xsc"
+    make_folder(path.parent)
+    content = "\n".join(text) + "\n"
+    if not path.is_file() or read_text(path) != content:
+        write_text(path, content)
+    return path
+
+
+def _condition_row(case: str, run: Run, walls_K: float) -> Row:
+    errors = run.maps.apparent_temperature_standard_error_K[visible(run)]
+    return {
+        "case": case,
+        "walls / K": walls_K,
+        "reach / mm": reach_m(run) * 1e3,
+        "T_app below the nozzle / K": mean_K(run, root(run)),
+        "T_app at the tips / K": mean_K(run, tips(run)),
+        "largest emissivity": float(np.nanmax(run.maps.emissivity)),
+        "median standard error / K": float(np.nanmedian(errors)) if errors.size else _NAN,
+    }
+
+
+def conditions(lab: Lab) -> Found:
+    """Four conditions at one wavelength; the coldest through the filter and without it."""
+    at: dict[float, Run] = {}
+    runs: dict[str, Run] = {}
+    for MPa, gas_K, walls_K in _CONDITIONS:
+        name = "gdi" if MPa == 0.6 else f"gdi-{MPa:g}MPa-{gas_K:g}K"
+        ambient = {"pressure_Pa": MPa * 1e6, "temperature_K": gas_K}
+        scene = lab.gdi(name, {"spray.ambient": ambient, "walls.temperature_K": walls_K})
+        at[MPa] = runs[f"{MPa:g} MPa, {gas_K:g} K"] = lab.run(scene)
+    open_values = {
+        **_COLD,
+        "optics.filter_um": list(_OPEN_UM),
+        "optics.vapour": str(open_vapour(lab.runs.cache)),
+    }
+    filtered = lab.run(lab.gdi("cold-filter", _COLD))
+    unfiltered = lab.run(lab.gdi("cold-open", open_values))
+    wide = {"filter 3.3 to 3.5 µm": filtered, "no filter, 2 to 5 µm": unfiltered}
+    walls = [row[2] for row in _CONDITIONS] + [300.0, 300.0]
+    rows = [
+        _condition_row(name, run, wall)
+        for (name, run), wall in zip({**runs, **wide}.items(), walls, strict=True)
+    ]
+    contrast = [mean_K(run, root(run)) - mean_K(run, tips(run)) for run in wide.values()]
+    away = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
+    noise = [float(row["median standard error / K"]) for row in rows[-2:]]
+    halo = Phases.of(at[0.6]).vapour_only
+    seen_K = at[0.6].maps.apparent_temperature_K[halo]
+    crop = Crop(-30.0, 30.0, -45.0, 5.0)
+    return Found(
+        values={
+            "filter_K": away[0],
+            "open_K": away[1],
+            "filter_noise_K": noise[0],
+            "open_noise_K": noise[1],
+            "noise_ratio": noise[0] / noise[1],
+            "nearer_K": away[0] - away[1],
+            "contrast_change_K": contrast[0] - contrast[1],
+            "reach_ratio": reach_m(at[0.9]) / reach_m(at[0.15]),
+            "largest_step": max(
+                reach_m(at[after]) / reach_m(at[before])
+                for before, after in ((0.15, 0.3), (0.3, 0.6), (0.6, 0.9))
+            ),
+            "halo_change_K": mean_K(at[0.6], halo) - 570.0,
+            "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
+        },
+        table=rows,
+        pngs={
+            "maps": maps_figure(runs, title="DIT over pressure and temperature", columns=2),
+            "filter": maps_figure(wide, title="0.15 MPa, 300 K, 0.3 ms", crop=crop),
+        },
+    )
+
+
+_TIMES_MS = (0.3, 0.95, 1.5)
+_ORDERS = (0, 1, 2, 3, 5)
+
+
+def _beyond(run: Run) -> Mask:
+    """The visible spray 8 mm and more below the injector's tip."""
+    _, z = positions_m(run)
+    return np.asarray(visible(run) & (z < -8e-3))
+
+
+def _within_1_K(change: Change) -> float:
+    """Percentage of the pixels of `change` that change by 1 K at most."""
+    return 100 * float(np.mean(np.abs(change.within()) <= 1.0))
+
+
+def order(lab: Lab) -> Found:
+    """One spray at each time, one trace for each order and one for all of them."""
+    every: dict[float, Run] = {}
+    runs: dict[tuple[float, int], Run] = {}
+    changes: dict[tuple[float, int], Change] = {}
+    rows: list[Row] = []
+    left: list[str] = []
+    for time_ms in _TIMES_MS:
+        values: dict[str, Any] = {"spray.time_s": time_ms * 1e-3}
+        # The spray of 0.95 ms is that of the other studies, and named after it.
+        name = "gdi" if time_ms == 0.95 else f"gdi-{time_ms:g}ms"
+        all_orders = every[time_ms] = lab.run(lab.gdi(f"{name}-all-orders", values))
+        near, away = root(all_orders), _beyond(all_orders)
+        here: dict[int, Change] = {}
+        for number in _ORDERS:
+            scene = lab.gdi(f"{name}-order-{number}", {**values, "transport.order": number})
+            run = runs[time_ms, number] = lab.run(scene)
+            change = here[number] = changes[time_ms, number] = Change.of(run, all_orders)
+            rows.append(
+                {
+                    "time / ms": time_ms,
+                    "order": f"{number}",
+                    "RMS / K": change.rms(),
+                    "99th percentile / K": change.largest(),
+                    "mean / K": change.mean(),
+                    "RMS below the nozzle / K": change.rms(near),
+                    "RMS beyond 8 mm / K": change.rms(away),
+                    "within 1 K / %": _within_1_K(change),
+                }
+            )
+        left.append(
+            f"{', '.join(f'{here[number].rms():.2g}' for number in _ORDERS)} K at {time_ms:g} ms "
+            f"(order 1: {here[1].rms(near):.2g} K below the nozzle, {here[1].rms(away):.2g} K "
+            "beyond 8 mm)"
+        )
+    first = Change.of(runs[0.95, 0], runs[0.95, 1])
+    third = Change.of(runs[0.95, 1], runs[0.95, 3])
+    near, away = root(every[0.95]), _beyond(every[0.95])
+    none = changes[0.95, 0]
+
+    def why(change: Change) -> str:
+        return (
+            f"it is {change.rms(near):.3g} K 1 to 8 mm below the nozzle, and "
+            f"{change.rms(away):.2g} K beyond (RMS)"
+        )
+
+    shown = {
+        f"order {number}, {time_ms:g} ms": changes[time_ms, number].image
+        for number in _ORDERS[:3]
+        for time_ms in _TIMES_MS
+    }
+    title, crop = "T_app with few orders minus T_app with all", Crop(-40.0, 40.0, -60.0, 6.0)
+    frame = frame_of(every[0.95])
+    return Found(
+        values={
+            "orders": ", ".join(str(number) for number in _ORDERS),
+            "left": "; ".join(left),
+            "first_rms_K": first.rms(),
+            "first_largest_K": first.largest(),
+            "first_why": why(first),
+            "third_rms_K": third.rms(),
+            "third_largest_K": third.largest(),
+            "third_why": why(third),
+            "third_within": _within_1_K(third),
+            "third_beyond_K": third.rms(away),
+            "early_ratio": changes[0.3, 0].rms() / none.rms(),
+            "near_ratio": none.rms(near) / none.rms(),
+            "none_K": none.mean(),
+            "none_near_K": none.mean(near),
+            "none_away_K": none.mean(away),
+        },
+        table=rows,
+        pngs={"changes": changes_figure(shown, frame, title=title, limit_K=10.0, crop=crop)},
+    )
+
+
+_WALLS_K = (0.0, 300.0, 380.0, 455.0, 570.0)
+
+
+def all_round(run: Run) -> Run:
+    """The same trace with the background on all of the enclosure: walls count as background."""
+
+    def joined(weights: Weights) -> Weights:
+        every = sum(weights.patches.values(), weights.background + weights.wall)
+        return replace(weights, background=every, wall=np.zeros_like(every), patches={})
+
+    parts = tuple(joined(each) for each in run.spectral)
+    return reevaluated(replace(run, spectral=parts, reference=joined(run.reference)), run.scene)
+
+
+def walls(lab: Lab) -> Found:
+    """One trace with every wall temperature."""
+    run = lab.run(lab.gdi("gdi"))
+    cases = {"all round": all_round(run)}
+    for wall_K in _WALLS_K:
+        scene = changed(run.scene, {"walls.temperature_K": wall_K})
+        cases[f"walls {wall_K:g} K"] = reevaluated(run, scene)
+    droplets = droplets_K(lab.spray(run.scene), within_m=10e-3)
+    halo = Phases.of(run).vapour_only
+    below = {name: mean_K(case, root(case)) for name, case in cases.items()}
+    around = {name: mean_K(case, halo) for name, case in cases.items()}
+    emissivity = {name: mean_emissivity(case, root(case)) for name, case in cases.items()}
+    round_K, cold_K, hot_K = (below[name] for name in ("all round", "walls 0 K", "walls 570 K"))
+    band = run.quadrature.filter_um
+    half = float(np.mean(band_radiance([400.0, 300.0], filter_um=band)))
+    seen_K = float(temperature_of_radiance(half, filter_um=band))
+    return Found(
+        values={
+            "emissivity_round": emissivity["all round"],
+            "emissivity_cold": emissivity["walls 0 K"],
+            "below_round_K": round_K,
+            "below_cold_K": cold_K,
+            "below_hot_K": hot_K,
+            "around_cold_K": around["walls 0 K"],
+            "around_hot_K": around["walls 570 K"],
+            "around_change_K": abs(around["walls 570 K"] - around["walls 0 K"]),
+            "nearest_K": abs(min((below_K - droplets for below_K in below.values()), key=abs)),
+            "cold_off_K": abs(cold_K - droplets),
+            "cold_change_K": cold_K - round_K,
+            "hot_change_K": hot_K - round_K,
+            "one_droplet": 100.0 * (1.0 - seen_K / 400.0),
+        },
+        table=[
+            {
+                "case": name,
+                "T_app below the nozzle / K": below[name],
+                "emissivity below the nozzle": emissivity[name],
+                "T_app of vapour alone / K": around[name],
+                "droplets below the nozzle / K": droplets,
+            }
+            for name in cases
+        ],
+        pngs={"maps": maps_figure(cases, title="walls of different temperature, one trace")},
+    )
