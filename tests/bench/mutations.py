@@ -104,8 +104,8 @@ MUTATIONS = (
         "found.momentum_kg_m_s", "unit/spray/flow"),
     row("cldit/spray/droplet/gasfilm.py", "np.sqrt(8 * (1 + 1 / heavy))",
         "np.sqrt(8 * (1 + heavy))", "unit/spray/droplet", "unit/spray"),
-    row("cldit/spray/cone/d2_law.py", "self.evaporated[first:]", "self.evaporated[:-first or None]",
-        "unit/spray/cone", "unit/spray"),
+    row("cldit/spray/cone/wet_bulb.py", "self.evaporated[first:]",
+        "self.evaporated[:-first or None]", "unit/spray/cone", "unit/spray"),
     row("cldit/spray/cone/fluid_properties.py", "7.2099e-6 * t * t", "7.2099e-6 * t",
         "unit/spray/cone/test_fluid_properties.py", "unit/spray/cone"),
     # cfd: parcels outside, a weight, a copy, bytes

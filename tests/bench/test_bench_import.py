@@ -26,7 +26,7 @@ def test_every_case_is_measured() -> None:
         assert part.data[0][how]["resident_bytes"] > 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_large_cases_take_no_more_than_they_may() -> None:
     """At most 3 times vtk's memory and 15 times its CPU time, and no more than was said before.
 

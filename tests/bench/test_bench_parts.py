@@ -67,7 +67,7 @@ def test_floor_is_below_what_kernels_take(case: Case, monkeypatch: pytest.Monkey
         assert 0 < line["roofline_s"] < line["core_s"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_growth(tiny: Scene, device: Device, tmp_path: Path) -> None:
     case = Case.of(tiny, device, cache=tmp_path)
     part = growth(case, cache=tmp_path, say=_quiet)
@@ -78,7 +78,7 @@ def test_growth(tiny: Scene, device: Device, tmp_path: Path) -> None:
         assert values == sorted(values)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_memory(tiny: Scene, device: Device) -> None:
     """A run holds more than no run, its buffers among it; compiling anew takes longer."""
     part = memory(tiny, device, say=_quiet)

@@ -40,8 +40,13 @@ def blocks(device: Device, tmp_path: Path) -> Blocks:
     return Blocks(device, tmp_path, tmp_path / "cache")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("long", [False, True])
+@pytest.mark.parametrize(
+    "long",
+    [
+        pytest.param(False, marks=pytest.mark.slow),
+        pytest.param(True, marks=pytest.mark.long),
+    ],
+)
 def test_bounds_hold(device: Device, long: bool) -> None:
     chosen = [case for case in cases(few=True) if long or case.name not in LONG]
     assert long or len(chosen) == len(cases(few=True)) - len(LONG)
@@ -147,7 +152,7 @@ def test_refused_case_is_reported(blocks: Blocks) -> None:
     assert "**light is lost**" in extremes_table([outcome]).markdown()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("case", extremes()[:-1], ids=lambda case: case.name)
 def test_extreme_media_hold(blocks: Blocks, case: Extreme) -> None:
     """All but the million parcels, which take minutes."""

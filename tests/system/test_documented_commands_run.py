@@ -28,7 +28,7 @@ from cldit.optics.planck import band_radiance
 from cldit.scene import dump_scene, load_scene, parse_scene
 
 _ROOT = Path(__file__).parents[2]
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 # Run with small scenes: each takes from some minutes to an hour with gdi as it is.
 SMALL = (

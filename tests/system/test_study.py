@@ -106,7 +106,7 @@ def test_names() -> None:
     assert next(iter(STUDIES)) == "methane"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_quick(tmp_path: Path) -> None:
     """Every study runs, and each of its pictures is small enough for a page."""
     result = CliRunner().invoke(main, ["study", "all", "--quick", "--out", str(tmp_path)])

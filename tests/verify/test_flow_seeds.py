@@ -15,7 +15,7 @@ from cldit.scene import Scene
 from cldit.spray.flow.simulate import simulate_spray
 from cldit.spray.result import Spray
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 def apart_K(one: Any, other: Any) -> float:

@@ -13,7 +13,7 @@ import cldit
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 SEEDS = (1, 2, 3)
 H = 1e-3

@@ -88,7 +88,7 @@ def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> N
     assert 370 < mean_liquid_K(hot.spray) < 386
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("pressure_MPa", "gas_K"), CONDITIONS)
 def test_naber_and_siebers(pressure_MPa: float, gas_K: int) -> None:
     """Within 15 % for what they describe, one plume alone."""
@@ -96,14 +96,14 @@ def test_naber_and_siebers(pressure_MPa: float, gas_K: int) -> None:
     assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("pressure_MPa", "gas_K"), [(0.15, 620), (0.6, 573), (0.9, 300)])
 def test_eight_plumes_are_not_far_from_one(pressure_MPa: float, gas_K: int) -> None:
     found = find(at(pressure_MPa, gas_K), cache=None)
     assert note(found, "vapour_penetration_m") == pytest.approx(found.naber_siebers_m, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["dukowicz", "dukowicz-log", "abramzon-sirignano"])
 def test_spray_g(model: str) -> None:
     """The ECN's largest liquid penetration is 30 mm, within 5; and the gas between the plumes flows
@@ -115,7 +115,7 @@ def test_spray_g(model: str) -> None:
     assert np.all(history.axis_m_s[injecting] < 0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_grid_parcels_and_seed_hardly_matter() -> None:
     """Twice the spacing: 10 %; twice the parcels, or other ones: 5 %; at 0.5 ms and at 0.95 ms."""
     base = at(0.6, 573)
