@@ -1,4 +1,7 @@
-"""What a spray's substances do to the light of one band: of the paper, or of one spectral node."""
+"""Optical properties of a spray in one band: the paper's, or those of one spectral node.
+
+`BandOptics` has the properties of the substances; `emitters` applies them to parcels and gas cells.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +13,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cldit.medium.octree import CellSource, PointSource
 from cldit.optics.droplets import DropletTable, droplet_table
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.scene.optics import Optics
+from cldit.spray.result import Parcels, Prescribed, Spray, Vapour
 
 Floats = NDArray[np.float64]
+
+AVOGADRO_PER_MOL = 6.02214076e23
 
 
 @dataclass(frozen=True)
 class Droplets:
-    """Mie tables of one liquid at rising temperatures (M,), linear in between and held beyond."""
+    """Mie tables of one liquid at rising temperatures (M,): linear in between, constant beyond."""
 
     temperature_K: Floats
     tables: tuple[DropletTable, ...]
 
     def cross_sections(self, diameter_m: Floats, temperature_K: Floats) -> tuple[Floats, Floats]:
-        """C_abs and C_sca [m2], (N,), of droplets of `diameter_m` (N,) at `temperature_K` (N,).
-
-        Raises:
-            DropletError: a diameter is outside the tables.
-        """
+        """C_abs and C_sca [m2], (N,), of droplets of `diameter_m` (N,) at `temperature_K` (N,)."""
         if len(self.tables) == 1:
             return self.tables[0].cross_sections(diameter_m)
         absorption, scattering = np.zeros_like(diameter_m), np.zeros_like(diameter_m)
@@ -47,10 +50,11 @@ class Droplets:
 
 @dataclass(frozen=True)
 class BandOptics:
-    """One band: black-body photon radiance, vapour's molar absorption, and droplets.
+    """Properties of the substances in one band.
 
-    radiance: photons s-1 m-2 sr-1 over temperature. vapour_m2_mol: over temperature, (N,).
-    droplets: None where the spray has none.
+    radiance: of a black body, photons s-1 m-2 sr-1, as a function of temperature.
+    vapour_m2_mol: molar absorption cross section as a function of temperature (N,).
+    droplets: None for a spray without droplets.
     """
 
     radiance: Callable[[ArrayLike], Floats]
@@ -61,13 +65,9 @@ class BandOptics:
     def paper(
         cls, optics: Optics, filter_um: Filter, *, droplets: bool, cache: Path | None
     ) -> BandOptics:
-        """One wavelength, one refractive index, one vapour cross section (paper, Section 2).
+        """The paper's properties: one wavelength, refractive index and vapour cross section.
 
-        Args:
-            optics: the scene's.
-            filter_um: edges of the filter.
-            droplets: whether there are any.
-            cache: folder for the Mie table; None builds it afresh.
+        The Mie table is kept in the folder `cache`, and built anew if that is None.
         """
         table = None
         if droplets:
@@ -86,3 +86,61 @@ class BandOptics:
             ),
             droplets=table,
         )
+
+
+def emitters(spray: Spray, band: BandOptics) -> tuple[PointSource | None, list[CellSource]]:
+    """Cross sections and emission of a spray's droplets (None without any) and gas in one band.
+
+    By Kirchhoff's law each phase emits its absorption times the photon radiance of a black body at
+    its own temperature in the band.
+    """
+    cells = []
+    if spray.vapour is not None and len(spray.vapour.number_density_m3):
+        cells.append(_vapour(spray.vapour, band))
+    if spray.prescribed is not None and len(spray.prescribed.vapour_absorption_per_m):
+        cells.append(_prescribed(spray.prescribed, band))
+    points = None
+    if spray.parcels is not None and band.droplets is not None and len(spray.parcels.diameter_m):
+        points = _droplets(spray.parcels, band, band.droplets)
+    return points, cells
+
+
+def _droplets(parcels: Parcels, band: BandOptics, droplets: Droplets) -> PointSource:
+    absorption, scattering = droplets.cross_sections(parcels.diameter_m, parcels.temperature_K)
+    absorption = absorption * parcels.droplets
+    return PointSource(
+        position_m=parcels.position_m,
+        absorption_m2=absorption,
+        scattering_m2=scattering * parcels.droplets,
+        emission_m2=absorption * band.radiance(parcels.temperature_K),
+        extent=parcels.extent,
+    )
+
+
+def _vapour(vapour: Vapour, band: BandOptics) -> CellSource:
+    cross_section_m2 = band.vapour_m2_mol(vapour.temperature_K) / AVOGADRO_PER_MOL
+    absorption = vapour.number_density_m3 * cross_section_m2
+    none = np.broadcast_to(0.0, absorption.shape)  # stored once, not for each cell
+    return CellSource(
+        lower_m=vapour.cells.lower_m,
+        upper_m=vapour.cells.upper_m,
+        vapour_absorption=absorption,
+        vapour_emission=absorption * band.radiance(vapour.temperature_K),
+        droplet_absorption=none,
+        droplet_scattering=none,
+        droplet_emission=none,
+    )
+
+
+def _prescribed(given: Prescribed, band: BandOptics) -> CellSource:
+    vapour = band.radiance(given.vapour_temperature_K)
+    liquid = band.radiance(given.droplet_temperature_K)
+    return CellSource(
+        lower_m=given.cells.lower_m,
+        upper_m=given.cells.upper_m,
+        vapour_absorption=given.vapour_absorption_per_m,
+        vapour_emission=given.vapour_absorption_per_m * vapour,
+        droplet_absorption=given.droplet_absorption_per_m,
+        droplet_scattering=given.droplet_scattering_per_m,
+        droplet_emission=given.droplet_absorption_per_m * liquid,
+    )

@@ -1,4 +1,4 @@
-"""Bands fitted to a table of n and k, and how far bands are from one.
+"""Fit of bands to a table of n and k.
 
 Bands are added where the misfit of k is largest, a few at a time, and all are refined together by
 least squares with exact derivatives. k counts relative to k + 0.005: by its own size where it
@@ -31,7 +31,7 @@ _LIMITS_PER_CM = (0.05, 400.0)  # of widths
 
 @dataclass(frozen=True)
 class FitError:
-    """k, relative, RMS and largest where it is above 0.005; absolute, largest, elsewhere; n."""
+    """Error of fitted bands: of k, relative where k > 0.005 and absolute elsewhere, and of n."""
 
     strong_rms: float
     strong_largest: float
@@ -48,7 +48,7 @@ class FitError:
 
 
 def fit_error(bands: Bands, table: Table) -> FitError:
-    """How far bands are from a table, at all of its points."""
+    """Error of bands at all points of a table."""
     n, k = bands.at(table.wavelength_um)
     strong = table.k > STRONG_K
     relative = np.abs(k[strong] / table.k[strong] - 1.0) if strong.any() else np.zeros(1)
@@ -66,22 +66,14 @@ def fit_error(bands: Bands, table: Table) -> FitError:
 def fit_bands(
     table: Table, *, bands: int = 40, say: Callable[[str], None] | None = None
 ) -> tuple[Bands, FitError]:
-    """Bands that give a table's k, and by Kramers-Kronig its n. They do not follow temperature.
-
-    Args:
-        table: n and k that are to be met.
-        bands: their number.
-        say: takes lines of progress.
-
-    Returns:
-        The bands, and how far they are from the table.
+    """Fits `bands` bands, which do not depend on temperature, to a table; `say` gets progress.
 
     Raises:
         OpticsError: the table has fewer points than there are unknowns, or nothing absorbs.
     """
     if not 1 <= bands <= len(table.k) // 4:
         raise OpticsError(
-            f"fit: {bands} bands to {len(table.k)} points; allowed are 1..{len(table.k) // 4}"
+            f"fit: {bands} bands to {len(table.k)} points; allowed: 1..{len(table.k) // 4}"
         )
     if not np.any(table.k > 0):
         raise OpticsError("fit: k is 0 everywhere")
@@ -137,7 +129,7 @@ def _slopes(unknowns: Floats, number: Floats) -> Floats:
 
 
 def _peaks(missing: Floats, k: Floats, number: Floats, count: int) -> Floats:
-    """Bands (count, 4) to begin with, where most is missing."""
+    """Initial bands (count, 4) where the misfit is largest."""
     left = missing.copy()
     rows = []
     for _ in range(count):

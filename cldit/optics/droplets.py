@@ -4,13 +4,12 @@ The refractive index is m = n - ik. The table is even in ln x, x = pi d / wavele
 between, and kept on disk if a folder is given.
 
 Error, 0.05 to 500 um at 3.4 um (x up to 460): for k >= 0.002 below 0.1 % of Q_sca and Q_abs and
-0.001 of g at every single diameter, for k >= 0.01 below 0.003 %. Below k = 0.002 whispering gallery
-resonances become finer than any table, and two things are told apart: where all droplets together
-have few diameters (`FEW`; a monodisperse spray), each of them is solved for exactly; where they
-have many, entries are means over 1 % of the diameter (a triangle of +-1 %), which change the mean
-of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those means, Q_abs of
-itself at any k (resonances narrower than the samples: `mie.efficiencies`).
-`cldit optics` prints what is found for a scene, `python -m tests.bench optics` for k from 0 to 10.
+0.001 of g at every diameter, for k >= 0.01 below 0.003 %. Below k = 0.002 whispering gallery
+resonances become finer than any table. Few different diameters (`FEW`; a monodisperse spray) are
+then solved exactly; with more, entries are means over 1 % of the diameter (a triangle of +-1 %),
+which change the mean of a distribution 10 % wide by less than 0.1 %, and are within 0.1 % of those
+means, Q_abs of itself at any k (resonances narrower than the samples: `mie.efficiencies`).
+`cldit optics` prints the error for a scene, `python -m tests.bench optics` for k from 0 to 10.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ Floats = NDArray[np.float64]
 
 SMALLEST_M = 0.05e-6
 LARGEST_M = 500e-6
-POINTWISE_K = 0.002  # from this k on entries hold for single diameters
+POINTWISE_K = 0.002  # from this k on, entries are values at single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
-FEW = 256  # different diameters that are solved for one by one below it
+FEW = 256  # different diameters that are solved one by one below it
 _STEP = 3.3e-4  # in ln x
 _COARSER = 8  # steps from one solution to the next, with a cubic spline between, ...
 _SMOOTH = 0.015  # ... from this k / n on
@@ -79,7 +78,7 @@ class DropletTable:
         return q_sca + q_abs, q_sca, g
 
     def _efficiencies(self, d: Floats, columns: tuple[Floats, ...]) -> list[Floats]:
-        """Of the columns (absorption, scattering, asymmetry), those that are given."""
+        """Values of the given columns, of (absorption, scattering, asymmetry)."""
         if d.size and not (d.min() > 0 and d.max() <= self.largest_m * (1 + 1e-9)):
             bad = d[~((d > 0) & (d <= self.largest_m))].reshape(-1)[0]
             raise DropletError(
@@ -110,8 +109,7 @@ class DropletTable:
     def cross_sections(self, diameter_m: ArrayLike) -> tuple[Floats, Floats]:
         """C_abs and C_sca in m2, shaped as `diameter_m`; raises as `efficiencies`.
 
-        Where k < 0.002 and no more than `FEW` different diameters are given, those of these very
-        spheres; otherwise as the table has them.
+        Exact if k < 0.002 and at most `FEW` diameters differ, otherwise from the table.
         """
         d = np.asarray(diameter_m, dtype=float)
         q_abs, q_sca = self._efficiencies(d, (self.absorption, self.scattering))
@@ -140,17 +138,14 @@ def _between(values: Floats, cell: NDArray[np.intp], part: Floats) -> Floats:
 def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | None) -> DropletTable:
     """The table for droplets of refractive index n - ik, from 0.05 um to 500 um and below.
 
-    Args:
-        wavelength_um: in vacuum.
-        n, k: refractive index n - ik.
-        cache: folder in which tables are kept by content, made if need be; None keeps nothing.
+    Tables are kept by content in the folder `cache`; None keeps none.
 
     Raises:
-        DropletError: wavelength, n or k is impossible, or beyond what `mie` solves.
+        DropletError: wavelength, n or k is impossible, or beyond the range of `mie`.
     """
     if not (wavelength_um > 0 and n > 0 and k >= 0 and np.isfinite(wavelength_um + n + k)):
         raise DropletError(
-            f"droplet optics: wavelength {wavelength_um:g} um, n = {n:g}, k = {k:g}; allowed are "
+            f"droplet optics: wavelength {wavelength_um:g} um, n = {n:g}, k = {k:g}; allowed: "
             "finite numbers, wavelength and n above 0, k not below 0"
         )
     arrays = cached(
@@ -165,10 +160,7 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
 
 
 def scaled(x: Floats, solved: mie.Efficiencies) -> tuple[Floats, Floats, Floats]:
-    """Q_sca and Q_abs over their Rayleigh forms, and g, (N,): of order one at every size `x` (N,).
-
-    `solved` is what Mie's series gives at these sizes.
-    """
+    """Q_sca and Q_abs over their Rayleigh forms, and g, (N,), of the solution at sizes `x` (N,)."""
     x4 = x**4
     scattering = solved.scattering * (1 + x4) / x4
     return scattering, solved.absorption * np.sqrt(1 + x * x) / x, solved.asymmetry
@@ -229,26 +221,16 @@ class TableError:
 def resolved(*, n: float, k: float, span: float, least: int) -> int:
     """Number of samples over a span of ln x that resolve any resonance of the index n - ik.
 
-    Two to its half width k / n: means of Mie's solutions are then exact. Below k = 1e-7 that is too
-    many, and `mie.efficiencies` has to be told the spacing.
-
-    Args:
-        n, k: refractive index.
-        span: of ln x.
-        least: samples at least.
+    With two per half width k / n, means of Mie's solutions are exact. Below k = 1e-7 that is too
+    many, and `mie.efficiencies` needs the spacing. `least` is the smallest number.
     """
     return max(least, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else least)
 
 
 def table_error(table: DropletTable, *, samples: int = 400, seed: int = 1) -> TableError:
-    """The table against Mie's solution at random diameters, even in ln d over its whole range.
+    """Error of a table against Mie's solution at random diameters, even in ln d.
 
     Below `POINTWISE_K` the solution is averaged as the entries are, at fewer diameters.
-
-    Args:
-        table: to be checked.
-        samples: number of diameters.
-        seed: of their draw.
     """
     random = np.random.default_rng(seed)
     low = table.log_x_start

@@ -3,7 +3,7 @@
     n(v) = n(v0) + (2 / pi) P int v' k(v') [1 / (v'^2 - v^2) - 1 / (v'^2 - v0^2)] dv'
 
 with v the wavenumber: the relation with one subtraction, at an anchor (v0, n(v0)) that is known.
-The difference of the two kernels falls as v'^-3, so what the table leaves out matters little near
+The difference of the two kernels falls as v'^-3, so k beyond the table has little influence near
 the anchor. Between its points k is taken linear in v, and each piece is integrated in closed form.
 """
 
@@ -34,19 +34,19 @@ def n_from_k(wavelength_um: ArrayLike, k: ArrayLike, *, anchor: tuple[float, flo
         (N,) n.
 
     Raises:
-        OpticsError: lengths differ, something is not finite, k is negative, wavelengths are not in
+        OpticsError: lengths differ, a number is not finite, k is negative, wavelengths are not in
             order or not positive, or the anchor lies outside them.
     """
     wavelength = np.asarray(wavelength_um, dtype=float)
     absorbed = np.asarray(k, dtype=float)
     if wavelength.ndim != 1 or wavelength.shape != absorbed.shape or wavelength.size < 3:
         raise OpticsError(
-            f"Kramers-Kronig: {wavelength.shape} wavelengths and {absorbed.shape} k; needed are "
-            "as many of one as of the other, 3 or more"
+            f"Kramers-Kronig: {wavelength.shape} wavelengths and {absorbed.shape} k; allowed: "
+            "equal numbers, 3 or more"
         )
     if not np.all(np.isfinite(absorbed)) or absorbed.min() < 0:
         bad = absorbed[~(absorbed >= 0) | ~np.isfinite(absorbed)][0]
-        raise OpticsError(f"Kramers-Kronig: k = {bad:g}; allowed are finite numbers from 0")
+        raise OpticsError(f"Kramers-Kronig: k = {bad:g}; allowed: finite numbers from 0")
     step = np.diff(wavelength)
     in_order = np.all(step > 0) or np.all(step < 0)
     if not (np.all(np.isfinite(wavelength)) and wavelength.min() > 0 and in_order):

@@ -1,7 +1,7 @@
-"""What the camera sees along lines through a spray, and what DIT makes of it.
+"""Radiance along lines of sight through a spray, and T_app from it.
 
-An estimate, not a trace: each line is on its own, and what droplets turn towards the camera is
-closed by the chance that light has a free way into the spray.
+This is an estimate, not a trace: lines are independent, and the light that droplets scatter towards
+the camera is estimated from the probability of an unobstructed way into the spray.
 """
 
 from __future__ import annotations
@@ -22,22 +22,14 @@ Groups = NDArray[np.intp]
 
 
 def belongs(groups: Groups) -> Floats:
-    """(S, K), 1 where a sample is in a group.
-
-    Args:
-        groups: (S,) number of each sample's group.
-    """
+    """(S, K), 1 where a sample is in a group; `groups` (S,) has the number of its group."""
     return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), float)
 
 
 def emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Floats]]:
-    """What lines let through, and how much of its slices reaches the camera.
+    """Transmission (L, S) of lines, and weights (L, Y, S) of the light from three processes.
 
-    Args:
-        depths: (L, Y, S) of vapour absorption, droplet absorption and what droplets turn away.
-
-    Returns:
-        Transmission (L, S); and the weights (L, Y, S) of what each of the three sends.
+    The optical depths (L, Y, S) are those of vapour absorption, droplet absorption and scattering.
     """
     total = depths[0] + depths[1] + depths[2]
     behind = np.cumsum(total, axis=1)
@@ -46,9 +38,9 @@ def emitted(depths: list[Floats] | tuple[Floats, ...]) -> tuple[Floats, list[Flo
 
 
 def _escaping(total: Floats) -> Floats:
-    """Chance (L, Y, S) that light from the middle of a slice leaves the spray unhindered.
+    """Probability (L, Y, S) that light from the middle of a slice leaves the spray directly.
 
-    Plumes are about as wide as deep, so that it is the mean of the ways to both ends of the line.
+    Plumes are about as wide as deep, so the mean over both directions along the line is taken.
     """
     front = np.cumsum(total, axis=1) - total / 2.0
     rear = total.sum(axis=1, keepdims=True) - front
@@ -67,13 +59,7 @@ class Glow:
 
     @classmethod
     def of(cls, scene: Scene, lines: Sightlines, fine: Quadrature) -> Glow:
-        """Radiances of a scene.
-
-        Args:
-            scene: gives walls and backgrounds.
-            lines: give the temperatures of the fuel.
-            fine: a node a sample.
-        """
+        """Radiances in a scene at the temperatures of `lines`; `fine` has one node per sample."""
         spline = fine.shares
         low, high = np.exp(spline.x[[0, -1]])
 
@@ -83,7 +69,7 @@ class Glow:
             return np.asarray(whole[..., None] * shares)
 
         coldest, hottest = (f(scene.background.temperatures_K) for f in (min, max))
-        if hottest <= coldest:  # a single background: DIT before another one
+        if hottest <= coldest:  # a single background: assume a second one
             hottest = coldest + 50.0
         return cls(
             vapour=black(lines.vapour_K),
@@ -93,29 +79,18 @@ class Glow:
         )
 
     def gathered(self, groups: Groups) -> Glow:
-        """The sums over the samples of each group.
-
-        Args:
-            groups: (S,) of each sample.
-        """
+        """Sums over the samples of each group, whose numbers are `groups` (S,)."""
         each = belongs(groups)
         return Glow(*(x @ each for x in (self.vapour, self.droplets, self.walls, self.ends)))
 
     def apparent(
         self, depths: tuple[Floats, Floats, Floats], filter_um: Filter
     ) -> tuple[Floats, Floats]:
-        """DIT of lines of these optical depths.
+        """T_app [K] and emissivity, (L,), of lines with optical depths as in `emitted`.
 
-        The light Q that droplets turn to the camera came from the walls, where it had a free way
-        into the spray (chance E); else from fuel like that of its slice, which emits j and turns a
-        share a of the light in its turn: Q = E W + (1 - E) (j + a Q).
-
-        Args:
-            depths: as in `emitted`.
-            filter_um: of the camera.
-
-        Returns:
-            T_app [K] and emissivity, (L,).
+        Light Q that droplets scatter towards the camera comes from the walls with probability E;
+        otherwise from fuel like that of its slice, which emits j and scatters the share a of
+        incident light: Q = E W + (1 - E) (j + a Q).
         """
         cold, hot = self.ends
         through, (vapour, liquid, scattered) = emitted(depths)

@@ -3,11 +3,11 @@
 Shipped liquids are sums of Voigt bands (a Gaussian spread of Lorentz oscillators, as in Brendel
 and Bormann, J. Appl. Phys. 71, 1 (1992)), fitted to published tables. With w the Faddeeva function
 and z = (v - v_j + i g_j) / (sqrt(2) s_j), a band gives k = h_j Re w and n = -h_j Im w, mirrored at
--v_j: both are one analytic function, so n follows from k by Kramers-Kronig without quadrature. What
-lies outside the table (electrons, bending bands) adds c0 + c1 (v / 3000)^2 + c2 (3000 / v)^2 to n.
+-v_j: both are one analytic function, so n follows from k by Kramers-Kronig without quadrature.
+Transitions outside the table (electrons, bending) add c0 + c1 (v / 3000)^2 + c2 (3000 / v)^2 to n.
 
-Off the temperature of the data k follows the density and n a constant dn/dT. Both are assumptions:
-nobody has measured these bands in the heat of a spray.
+At other temperatures than that of the data, k is assumed to scale with the density and n by a
+constant dn/dT; these bands have not been measured at the temperatures of a spray.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _REFERENCE_PER_CM = 3000.0
 
 @dataclass(frozen=True)
 class Bands:
-    """A sum of bands, and what it needs to follow the temperature.
+    """A sum of bands with its dependence on temperature.
 
     bands: (B, 4): height of k, centre, Lorentz half width at half height, Gaussian standard
     deviation, the last three in 1/cm. background: c0, c1, c2.
@@ -80,11 +80,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Liquid:
-    """A liquid's refractive index, where it comes from and where it holds.
+    """Refractive index of a liquid, with its source and range.
 
-    status: `measured`, `estimate` (nobody measured it; the source says how it was had) or `user`.
-    temperature_K: that of the data; None if the source does not say. fit: how far the bands are
-    from the source's table.
+    status: `measured`, `estimate` (derived as the source states) or `user`.
+    temperature_K: of the data; None if unknown. fit: error of the bands against the source's table.
     """
 
     name: str
@@ -98,9 +97,7 @@ class Liquid:
     licence: str = ""
 
     def index(self, wavelength_um: ArrayLike, temperature_K: float) -> tuple[Floats, Floats]:
-        """n and k, shaped as `wavelength_um`, at `temperature_K`.
-
-        A user's table is used as it is at every temperature.
+        """n and k, shaped as `wavelength_um`, at `temperature_K`; a user's table is constant.
 
         Raises:
             OpticsError: a wavelength or the temperature is outside the range of the data.
@@ -128,22 +125,22 @@ class Liquid:
 
 
 def liquids() -> tuple[str, ...]:
-    """The names that `liquid` knows."""
+    """Names of the shipped liquids."""
     names = (entry.name for entry in resources.files(_DATA).iterdir())
     ours = (name for name in names if name.startswith(_PREFIX) and name.endswith(".yaml"))
     return tuple(sorted(name[len(_PREFIX) : -len(".yaml")] for name in ours))
 
 
 def liquid(name: str) -> Liquid:
-    """A liquid that is shipped: n-heptane (an estimate), n-octane or iso-octane (measured).
+    """A shipped liquid: n-heptane (an estimate), n-octane or iso-octane (measured).
 
     Raises:
         OpticsError: the name is unknown.
     """
     if name not in liquids():
         raise OpticsError(
-            f"{name}: no refractive index is shipped for it; there are {', '.join(liquids())}, "
-            "and tables can be read from files"
+            f"{name}: no refractive index is shipped; allowed: {', '.join(liquids())}, "
+            "or a table in a file"
         )
     file = resources.files(_DATA).joinpath(f"{_PREFIX}{name}.yaml")
     data: dict[str, Any] = parse_yaml(file.read_text(encoding="utf-8"), source=name)

@@ -1,4 +1,4 @@
-"""Refractive indices that users bring: CSV with three columns, or refractiveindex.info's YAML."""
+"""Users' refractive indices: CSV with three columns, or YAML of refractiveindex.info."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ _COLUMNS = ("wavelength_um", "n", "k")
 
 
 def read_liquid_table(path: Path) -> Liquid:
-    """n and k over wavelength from a file; its values are used as they are at any temperature.
+    """Reads n and k over wavelength from a file; they apply at any temperature.
 
-    CSV: wavelength_um, n, k; a heading is optional, lines that begin with # are skipped. YAML: the
-    form of refractiveindex.info, with `tabulated nk`, or `tabulated k` beside `tabulated n`,
-    `formula 1` or `formula 2` (Sellmeier). Wavelengths may fall; they are sorted.
+    CSV: wavelength_um, n, k, with an optional heading and comments that begin with #. YAML: the
+    form of refractiveindex.info, with `tabulated nk`, or `tabulated k` with `tabulated n`,
+    `formula 1` or `formula 2` (Sellmeier). Wavelengths may rise or fall.
 
     Raises:
-        OpticsError: the file cannot be read, has no n or no k, k < 0 or n <= 0, numbers are
-            missing or not finite, a wavelength occurs twice, or wavelengths are not in um.
+        OpticsError: the file cannot be read, or its numbers are no refractive index over um.
     """
     try:
         text = read_text(path)
@@ -62,10 +61,10 @@ def _from_csv(text: str, path: Path) -> Table:
                 raise OpticsError(f"{path}: {','.join(row)} is not three numbers") from None
             if heading[:3] != _COLUMNS:
                 raise OpticsError(
-                    f"{path}: columns {', '.join(heading)}; expected are {', '.join(_COLUMNS)}"
+                    f"{path}: columns {', '.join(heading)}; allowed: {', '.join(_COLUMNS)}"
                 ) from None
     if any(len(row) != 3 for row in rows):
-        raise OpticsError(f"{path}: every line must hold {', '.join(_COLUMNS)}")
+        raise OpticsError(f"{path}: every line must have {', '.join(_COLUMNS)}")
     return _table(np.array(rows, dtype=float).reshape(-1, 3), path)
 
 
@@ -91,11 +90,11 @@ def _from_yaml(text: str, path: Path) -> tuple[Table, str, float | None]:
             n = part
         else:
             raise OpticsError(
-                f"{path}: DATA of type {kind!r}; allowed are tabulated nk, tabulated n, "
+                f"{path}: DATA of type {kind!r}; allowed: tabulated nk, tabulated n, "
                 "tabulated k, formula 1 and formula 2"
             )
     if n is None or k is None:
-        hint = "; cldit.optics.kramers_kronig.n_from_k makes n from k" if n is None else ""
+        hint = "; cldit.optics.kramers_kronig.n_from_k computes n from k" if n is None else ""
         raise OpticsError(f"{path}: has no {'n' if n is None else 'k'}{hint}")
     wavelength, absorbed = k
     if isinstance(n, dict):
@@ -117,7 +116,7 @@ def _columns(part: dict[str, Any], count: int, path: Path) -> Floats:
         raise OpticsError(f"{path}: {part.get('type')}: not numbers in columns ({error})") from None
     rows = [row for row in rows if row]
     if not rows or any(len(row) != count for row in rows):
-        raise OpticsError(f"{path}: {part.get('type')}: every line must hold {count} numbers")
+        raise OpticsError(f"{path}: {part.get('type')}: every line must have {count} numbers")
     return np.array(rows)
 
 
@@ -149,7 +148,7 @@ def _temperature_K(data: dict[str, Any]) -> float | None:
 
 def _table(rows: Floats, path: Path) -> Table:
     if len(rows) < 2:
-        raise OpticsError(f"{path}: {len(rows)} lines of numbers; needed are 2 or more")
+        raise OpticsError(f"{path}: {len(rows)} lines of numbers; allowed: 2 or more")
     if not np.all(np.isfinite(rows)):
         line = int(np.argmin(np.all(np.isfinite(rows), axis=1)))
         raise OpticsError(f"{path}: line {line + 1} of the numbers is not finite")
@@ -163,18 +162,14 @@ def _table(rows: Floats, path: Path) -> Table:
         if not np.all(sound):
             bad = int(np.argmin(sound))
             raise OpticsError(
-                f"{path}: {name} = {column[bad]:g} at {wavelength[bad]:g} um; allowed are "
+                f"{path}: {name} = {column[bad]:g} at {wavelength[bad]:g} um; allowed: "
                 f"{'n > 0' if name == 'n' else 'k >= 0 (m = n - ik)'}"
             )
     return Table(wavelength, n, k)
 
 
 def check_um(wavelength_um: Floats, *, what: str) -> None:
-    """Refuses wavelengths (N,) whose size says that they are not in um, with a guess at the unit.
-
-    Args:
-        wavelength_um: (N,).
-        what: named by the error.
+    """Checks that wavelengths (N,) can be in um; the error for `what` guesses their unit.
 
     Raises:
         OpticsError: one is outside 0.1..200 um.
@@ -182,12 +177,12 @@ def check_um(wavelength_um: Floats, *, what: str) -> None:
     low, high = float(np.min(wavelength_um)), float(np.max(wavelength_um))
     if _UNIT_UM[0] <= low and high <= _UNIT_UM[1]:
         return
-    hint = "something else than um"
+    hint = "another unit than um"
     if 0 < low and high < 1e-3:
         hint = "m (multiply by 1e6)"
     elif low >= 100.0:
         hint = "nm (divide by 1000), or wavenumbers in 1/cm (1e4 divided by them gives um)"
     raise OpticsError(
-        f"{what}: wavelengths {low:g}..{high:g} look like {hint}; allowed are "
+        f"{what}: wavelengths {low:g}..{high:g} look like {hint}; allowed: "
         f"{_UNIT_UM[0]:g}..{_UNIT_UM[1]:g} um"
     )

@@ -36,19 +36,12 @@ class Efficiencies:
 
 
 def terms(x: float) -> int:
-    """How many terms of the series a sphere needs."""
+    """Number of terms of the series for a sphere of size parameter `x`."""
     return int(x + 4.05 * np.cbrt(x) + 2) + 1
 
 
 def check(*, n: float, k: float, x: ArrayLike) -> Floats:
-    """Checks the arguments of Mie's solution.
-
-    Args:
-        n, k: refractive index n - ik.
-        x: size parameters, any shape.
-
-    Returns:
-        (S,) size parameters.
+    """Checks the arguments of Mie's solution, and returns the size parameters, flattened to (S,).
 
     Raises:
         DropletError: n is not in 0.1..10, k not in 0..10, or a size parameter not in 1e-4..1e4.
@@ -56,7 +49,7 @@ def check(*, n: float, k: float, x: ArrayLike) -> Floats:
     sizes = np.atleast_1d(np.asarray(x, dtype=float)).ravel()
     if not (0.1 <= n <= 10 and 0 <= k <= LARGEST_K):
         raise DropletError(
-            f"Mie: n = {n:g}, k = {k:g}; allowed are n in 0.1..10 and k in 0..{LARGEST_K:g} "
+            f"Mie: n = {n:g}, k = {k:g}; allowed: n in 0.1..10 and k in 0..{LARGEST_K:g} "
             "(m = n - ik)"
         )
     low, high = SIZE_PARAMETERS
@@ -71,13 +64,13 @@ def check(*, n: float, k: float, x: ArrayLike) -> Floats:
 def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> Efficiencies:
     """Efficiencies of spheres, flattened to (S,).
 
-    To 1e-8 of the series in 50 digits, of Q_abs too: it is no difference, whatever k is.
+    They agree with the series in 50 digits to 1e-8, Q_abs too, which is not a difference.
 
     Args:
         n, k: refractive index n - ik.
         x: size parameters pi d / wavelength, any shape.
-        spacing: of ln x, for means over sizes: resonances that are too narrow for sizes this far
-            apart absorb what they do, over widths that are seen (`_Order.seen`). 0: single spheres.
+        spacing: of ln x, for means over sizes: resonances narrower than this are widened, with
+            their absorption preserved (`_Order.seen`). 0: single spheres.
 
     Raises:
         DropletError: as `check`.
@@ -97,7 +90,7 @@ def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> E
 
 
 def _chunk(rising: Floats) -> int:
-    """How many of rising sizes to solve together: much the same number of terms, and memory."""
+    """Number of rising sizes to solve together, with similar numbers of terms and in memory."""
     most = max(1, int(_BYTES / (64 * terms(float(rising[0])))))
     alike = int(np.searchsorted(rising, 1.15 * rising[0] + 2, side="right"))
     if rising[0] < _SMALL:
@@ -107,7 +100,7 @@ def _chunk(rising: Floats) -> int:
 
 @dataclass(frozen=True)
 class _Series:
-    """Of each order and sphere, (terms, S): a_n, b_n, and Re a - |a|^2 + Re b - |b|^2."""
+    """Coefficients a_n, b_n and Re a - |a|^2 + Re b - |b|^2 by order and sphere, (terms, S)."""
 
     a: Complex
     b: Complex
@@ -133,14 +126,9 @@ def _sums(series: _Series, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def coefficients(*, n: float, k: float, x: Floats) -> tuple[Complex, Complex]:
-    """Mie's coefficients, with zeros beyond what each sphere needs.
+    """Mie's coefficients a_n and b_n, (terms, S) each, 0 beyond the terms that a sphere needs.
 
-    Args:
-        n, k: refractive index n - ik.
-        x: (S,) size parameters of like size.
-
-    Returns:
-        a_n and b_n, (terms, S) each.
+    The size parameters `x` (S,) should be similar.
     """
     series = _solve(n=n, k=k, x=x)
     return series.a, series.b
@@ -204,7 +192,7 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
 
 
 def _absorbed(matched: Complex, wave: Complex) -> Floats:
-    """Re a - |a|^2: by the Wronskian of psi and chi -Im(m^power D) / |wave|^2, no difference."""
+    """Re a - |a|^2 without cancellation: -Im(m^power D) / |wave|^2, by the Wronskian."""
     return np.asarray(-matched.imag / (wave.real**2 + wave.imag**2))
 
 
@@ -212,8 +200,8 @@ def _absorbed(matched: Complex, wave: Complex) -> Floats:
 class _Order:
     """The field outside spheres x (S,) in one order: the outgoing wave xi, and xi of order - 1.
 
-    Electric and magnetic fields are told apart by the `power`, -1 and 1, of the index m by which
-    the logarithmic derivative D of the field inside is matched: m^power D = xi' / xi at resonance.
+    The logarithmic derivative D of the field inside is matched with a power of the index m, -1 for
+    the electric and 1 for the magnetic field: m^power D = xi' / xi at resonance.
     """
 
     order: int
@@ -225,10 +213,9 @@ class _Order:
         return np.asarray((matched + self.order / self.x) * self.xi - self.xi_before)
 
     def seen(self, lost: Floats, more: Floats, m: complex, larger_k: float, power: int) -> Floats:
-        """`lost`, or where a resonance is too narrow, `more` for the larger k times the areas'
-        ratio.
+        """`lost`, or `more`, of the larger k, times the ratio of areas if a resonance is narrow.
 
-        The area of a resonance whose widths are f by radiation and k e by absorption is as
+        The area of a resonance of widths f by radiation and k e by absorption is proportional to
         k e f / (f + k e); f = |Im xi' / xi| = 1 / |xi|^2 and e = -d(m^power D) / dm, by the
         Riccati equation D' = n (n + 1) / z^2 - 1 - D^2.
         """
@@ -244,14 +231,11 @@ class _Order:
 
 
 def intensity(a: Complex, b: Complex, cosine: Floats) -> Floats:
-    """(|S1|^2 + |S2|^2) / 2 of unpolarised light.
+    """(|S1|^2 + |S2|^2) / 2 of unpolarised light, (M, S).
 
     Args:
         a, b: (terms, S) coefficients.
-        cosine: (M,) of the angle of scattering.
-
-    Returns:
-        (M, S).
+        cosine: (M,) of the scattering angle.
     """
     count = len(a)
     order = np.arange(1, count + 1)

@@ -1,8 +1,8 @@
-"""How many spectral nodes are enough: the smallest number from which the error stays small.
+"""Number of spectral nodes: the smallest from which the error stays within a bound.
 
-The error does not fall evenly with the number of nodes. By chance it is small at one of them, and
-larger again at the next: that is no reason to trust it. So what is stated of a number of nodes is
-the largest error of it and all larger numbers that were tried.
+The error does not decrease monotonically with the number of nodes: by chance it may be small for
+one number and larger for the next. The error stated for a number of nodes is therefore the largest
+of its own and those of all larger numbers tried.
 """
 
 from __future__ import annotations
@@ -17,24 +17,15 @@ AHEAD = 8
 
 
 def stays_K(errors_K: Sequence[float], count: int) -> float:
-    """What the error stays below from `count` nodes on.
-
-    Args:
-        errors_K: of 1, 2, .. nodes.
-        count: at least 1, at most as many as there are errors.
-    """
+    """Largest error from `count` nodes on; `errors_K` are those of 1, 2, .. nodes."""
     return float(max(errors_K[count - 1 :]))
 
 
 def enough(errors_K: Sequence[float], *, bound_K: float, most: int) -> int:
-    """The smallest number of nodes from which the error stays within a bound.
+    """The smallest number of nodes, up to `most`, from which the error stays within a bound.
 
-    Where no number does, it is the smallest number whose error stays as small as that of `most`.
-
-    Args:
-        errors_K: of 1, 2, .. nodes; the more there are beyond `most`, the surer is the choice.
-        bound_K: what the error is to stay within.
-        most: nodes at most.
+    If there is none, it is the smallest number whose error stays as small as that of `most`. Errors
+    of 1, 2, .. nodes beyond `most` make the choice more certain.
     """
     stays = np.maximum.accumulate(np.asarray(errors_K, float)[::-1])[::-1][:most]
     return 1 + int(np.flatnonzero(stays <= max(bound_K, float(stays[-1])))[0])

@@ -1,9 +1,9 @@
-"""Phase functions of droplets over size: where scattered light goes, per steradian.
+"""Mie phase functions of droplets over size, per steradian.
 
-A phase function of x is a polynomial in cos(angle) of degree 2 N, N being the terms of the Mie
-series; it is kept at the Gauss-Legendre nodes that integrate it exactly for the largest droplet of
-the table. Entries are means, by scattering cross section, over a hat one step wide to both sides:
-what interpolation and a distribution of sizes see, not the lobes of a single droplet.
+The phase function of a sphere is a polynomial in cos(angle) of degree 2 N, with N terms of the Mie
+series; it is stored at the Gauss-Legendre nodes that integrate it exactly for the largest droplet
+of the table. Entries are means, weighted by scattering cross section, over a triangle of one step
+to both sides: they suit interpolation and size distributions, not single droplets.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class PhaseTable:
     scattering_m2: Floats
 
     def mean(self, diameter_m: ArrayLike, number: ArrayLike) -> PhaseFunction:
-        """Mean over `number` (N,) droplets of each `diameter_m` (N,), by what they scatter.
+        """Mean over `number` (N,) droplets of each `diameter_m` (N,), weighted by scattering.
 
-        Below 0.05 um the smallest entry, Rayleigh's, is used.
+        Below 0.05 um the smallest entry, the Rayleigh limit, is used.
 
         Raises:
             DropletError: a diameter is not positive or above the table, or nothing scatters.
@@ -99,11 +99,7 @@ class PhaseTable:
 
 
 def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
-    """Phase function of one sphere, exactly.
-
-    Args:
-        x: size parameter.
-        n, k: refractive index n - ik.
+    """Exact phase function of one sphere of size parameter `x` and index n - ik.
 
     Raises:
         DropletError: as `mie.check`, or n = 1 and k = 0, which scatters nothing.
@@ -119,13 +115,7 @@ def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
 def phase_table(
     *, wavelength_um: float, n: float, k: float, cache: Path | None, largest_m: float = 100e-6
 ) -> PhaseTable:
-    """Phase functions from 0.05 um to `largest_m`.
-
-    Args:
-        wavelength_um: in vacuum.
-        n, k: refractive index n - ik.
-        cache: folder in which tables are kept by content; None keeps nothing.
-        largest_m: largest diameter.
+    """Phase functions from 0.05 um to `largest_m`, kept by content in the folder `cache`, if any.
 
     Raises:
         DropletError: as `mie.check`, or the largest diameter is not above 0.05 um.
@@ -133,7 +123,7 @@ def phase_table(
     if not (wavelength_um > 0 and SMALLEST_M * 2 <= largest_m < np.inf):
         raise DropletError(
             f"phase functions: wavelength {wavelength_um:g} um, largest diameter {largest_m:g} m; "
-            f"allowed are wavelengths above 0 and diameters from {2 * SMALLEST_M:g} m"
+            f"allowed: wavelengths above 0 and diameters from {2 * SMALLEST_M:g} m"
         )
     arrays = cached(
         cache,

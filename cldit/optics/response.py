@@ -1,8 +1,8 @@
-"""What a camera counts of the light at each wavelength: its filter, and its quantum efficiency.
+"""Spectral response of a camera: its filter and its quantum efficiency.
 
-A filter is either the two edges of a rectangle, in which everything counts, or a `Response`. All
-radiances "in the filter" are integrals of photon radiance times this response. A quantum efficiency
-that is one number stays with the sensor; a tabulated one is part of the response.
+A filter is either the two edges of a rectangle with a response of 1, or a `Response`. All radiances
+"in the filter" are integrals of photon radiance times this response. A quantum efficiency given as
+one number belongs to the sensor; a tabulated one is part of the response.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Response:
-    """Values from 0 to 1 over rising wavelengths; straight lines between, nothing beyond.
+    """Values from 0 to 1 over rising wavelengths; linear in between, 0 beyond.
 
     Raises:
         SceneError: as `cldit.scene.curves.check_curve`.
@@ -45,7 +45,7 @@ Filter = tuple[float, float] | Response
 
 
 def edges_um(filter_um: Filter) -> tuple[float, float]:
-    """The lowest and highest wavelength that counts.
+    """The lowest and highest wavelength of the filter.
 
     Raises:
         SceneError: the filter is empty or not positive.
@@ -58,22 +58,14 @@ def edges_um(filter_um: Filter) -> tuple[float, float]:
     low, high = filter_um
     if not 0.0 < low < high < np.inf:
         raise SceneError(
-            f"filter_um: {low:g} to {high:g} is no filter; allowed is a lower and a higher "
+            f"filter_um: {low:g} to {high:g} is no filter; allowed: a lower and a higher "
             "wavelength, both above 0"
         )
     return low, high
 
 
 def cut(filter_um: Filter, low_um: float, high_um: float) -> tuple[tuple[float, float], ...]:
-    """Cuts a part out of a response.
-
-    Args:
-        filter_um: edges of the filter, or a `Response`.
-        low_um, high_um: ends of the part, within the filter's edges.
-
-    Returns:
-        (wavelength [um], value) pairs, with both ends.
-    """
+    """Pairs (wavelength [um], value) of a response between two wavelengths, both included."""
     if not isinstance(filter_um, Response):
         return ((low_um, 1.0), (high_um, 1.0))
     inside = [pair for pair in filter_um.pairs if low_um < pair[0] < high_um]
@@ -111,9 +103,9 @@ def _as_filter(given: tuple[float, float] | tuple[tuple[float, float], ...]) -> 
 
 
 def product(filter_um: Filter, other: Response) -> Response:
-    """`filter_um` times the response `other`: straight lines between 8 points in each common piece.
+    """`filter_um` times the response `other`, with 8 linear pieces in each common piece.
 
-    The product of two straight lines is a parabola; eight chords leave 1/64 of its bow.
+    The product of two linear pieces is a parabola; eight chords leave 1/64 of its deviation.
 
     Raises:
         SceneError: they have no wavelength in common.
@@ -122,8 +114,8 @@ def product(filter_um: Filter, other: Response) -> Response:
     low, high = max(low, start), min(high, end)
     if not low < high:
         raise SceneError(
-            f"camera.sensor.quantum_efficiency: covers {start:g} to {end:g} um, nothing of "
-            "optics.filter_um; allowed is a table that covers the filter"
+            f"camera.sensor.quantum_efficiency: covers {start:g} to {end:g} um, no part of "
+            "optics.filter_um; allowed: a table that covers the filter"
         )
     known = [low, high, *(wavelength for wavelength, _ in other.pairs)]
     if isinstance(filter_um, Response):
@@ -144,7 +136,7 @@ def to_plain(filter_um: Filter) -> list[float] | list[list[float]]:
 
 
 def from_plain(data: Any) -> Filter:
-    """What `to_plain` wrote.
+    """Reads the result of `to_plain`.
 
     Raises:
         SceneError, TypeError, ValueError: it is no filter.

@@ -1,8 +1,8 @@
-"""A sample of the lines along which the camera looks through a spray, as columns of fuel.
+"""A sample of lines of sight through a spray, as columns of fuel.
 
-The lines are beams as wide as the finest cells of the trace, side by side, so that they see the
-spray as the trace does. What fills a box is shared among beams and slices by overlap; what lies in
-a point is in one beam. Columns times areas of the beams add up to all that there is.
+The lines are adjacent beams as wide as the finest cells of the trace, so that they resolve the
+spray as the trace does. The content of a box is shared among beams and slices by overlap, that of a
+point is in one beam. Columns times beam areas add up to the whole content.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot arou
 _SIZES = 6
 _MOLE = 6.02214076e23
 _TYPICAL_m2_mol = 30.0  # to sort lines by thickness; any fuel's C-H band, in order of magnitude
-_THIN = 0.05  # optical depth below which a line is left out, unless all are
+_THIN = 0.05  # optical depth below which a line is ignored, unless all are
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,7 @@ class Sightlines:
 
     @classmethod
     def through(cls, spray: Spray, *, width_m: float) -> Sightlines:
-        """Lines through a spray with parcels or vapour.
-
-        Args:
-            spray: of which at least one droplet or molecule is left.
-            width_m: of the beams, the finest cells of the trace; wider where the spray is too wide.
-        """
+        """Lines through a spray with fuel, along beams of `width_m`, or wider for a large spray."""
         gas, drops = _Gas.of(spray.vapour), _Drops.of(spray.parcels)
         beams = Beams.around(
             np.concatenate([gas.lower_m, drops.lower_m]),
@@ -102,16 +97,11 @@ class Beams:
 
     @classmethod
     def around(cls, lower_m: Floats, upper_m: Floats, *, width_m: float) -> Beams:
-        """Beams through all of some boxes or points.
-
-        Args:
-            lower_m, upper_m: (N, 3) corners.
-            width_m: of a beam, and of a slice at least.
-        """
+        """Beams of `width_m` or wider through boxes or points with corners (N, 3)."""
         low, high = lower_m.min(axis=0), upper_m.max(axis=0)
         most = np.array([_ACROSS, _SLICES, _ACROSS])
         shape = np.clip(np.floor((high - low) / width_m + 1e-6).astype(int), 1, most)
-        # What is narrower than a beam has it around itself, as it lies in one cell of the trace.
+        # Content narrower than a beam is at its centre, as it would be in one cell of the trace.
         pitch = np.maximum((high - low) / shape, width_m)
         middle = (low + high) / 2.0
         return cls(
@@ -119,14 +109,11 @@ class Beams:
         )
 
     def columns(self, lower_m: Floats, upper_m: Floats, amounts: Sequence[Floats]) -> list[Floats]:
-        """Every amount per area of the beams.
+        """Each amount per beam area, (beams, slices); with Z beams along z, number is x * Z + z.
 
         Args:
-            lower_m, upper_m: (N, 3) corners of boxes that are filled evenly; alike for points.
+            lower_m, upper_m: (N, 3) corners of boxes with uniform content; equal for points.
             amounts: (N,) each.
-
-        Returns:
-            (beams, slices) each; of Z beams along z, one is number x * Z + z.
         """
         nx, ny, nz = self.shape
         sums = [np.zeros(nz * ny * nx) for _ in amounts]
@@ -147,7 +134,7 @@ class Beams:
         ]
 
     def _share(self, boxes: PlacedBoxes, amounts: list[Floats], sums: list[Floats]) -> None:
-        """Adds every amount, spread evenly over its box, to sums in [z, y, x]."""
+        """Adds every amount, uniform in its box, to sums in [z, y, x]."""
         nx, ny, nz = self.shape
         lattice = Lattice.of(boxes.lower, boxes.upper)
         if lattice is None:
@@ -163,14 +150,14 @@ class Beams:
                 total.reshape(nz, ny, nx)[z, y : y + rows, x : x + columns] += plane
 
     def _place(self, cell: NDArray[np.generic]) -> NDArray[np.int64]:
-        """(N,) flat [z, y, x] of cells (N, 3); rounding on the faces of the whole stays inside."""
+        """Flat indices (N,) in [z, y, x] of cells (N, 3), clipped to the beams."""
         x, y, z = np.clip(cell.astype(np.int64), 0, np.array(self.shape) - 1).T
         return np.asarray((z * self.shape[1] + y) * self.shape[0] + x)
 
 
 @dataclass(frozen=True)
 class _Gas:
-    """Cells that hold fuel: corners (N, 3), moles and temperature (N,)."""
+    """Cells with fuel: corners (N, 3), moles and temperature (N,)."""
 
     lower_m: Floats
     upper_m: Floats
@@ -189,8 +176,8 @@ class _Gas:
 
 @dataclass(frozen=True)
 class _Drops:
-    """Parcels with droplets: corners (N, 3), alike for points; cross section, diameter, temperature
-    (N,). What a parcel stands for fills its box evenly."""
+    """Parcels with droplets: corners (N, 3) of boxes with uniform content, equal for points; cross
+    section, diameter and temperature (N,)."""
 
     lower_m: Floats
     upper_m: Floats
@@ -212,8 +199,8 @@ class _Drops:
 
 
 def _half_edges(parcels: Parcels, held: NDArray[np.bool_]) -> Floats:
-    """Half of the edges (N, 3) of the boxes that parcels fill. A cloud's box has its variance along
-    each axis, for an even box of edge h has h^2 / 12."""
+    """Half edges (N, 3) of the parcels' boxes; a cloud's box has the variance of the cloud along
+    each axis, that of a uniform box of edge h being h^2 / 12."""
     count = int(np.count_nonzero(held))
     match parcels.extent:
         case Box(edge_m):
@@ -225,7 +212,7 @@ def _half_edges(parcels: Parcels, held: NDArray[np.bool_]) -> Floats:
 
 
 def _mean(weighted: Floats, weight: Floats) -> Floats:
-    """Weighted temperatures over their weights; 300 K where there is nothing to weigh."""
+    """Weighted temperatures over their weights; 300 K where the weight is 0."""
     return np.where(weight > 0, weighted / np.where(weight > 0, weight, 1.0), 300.0)
 
 

@@ -1,10 +1,10 @@
-"""The filter as a sum over a few nodes, each traced on its own.
+"""Spectral quadrature: the filter as a sum over a few nodes, each traced separately.
 
-A node gathers parts of the filter in which the spray looks alike, neighbours or not: the filter is
-cut into narrow intervals, and each interval's light belongs to one node, or in shares to several
-(where lines within it are too narrow to resolve, as a k-distribution gives them). A node's black
-body radiance is the sum over its parts at every temperature, so the nodes' radiances add up to the
-filter's exactly.
+A node consists of parts of the filter, adjacent or not, in which the optical properties of the
+spray are similar. The filter is divided into narrow intervals; the light of an interval belongs to
+one node, or is shared among several by a k-distribution where spectral lines are narrower. The
+black body radiance of a node is the sum over its parts at every temperature, so the nodes'
+radiances add up to that of the filter exactly.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from cldit.scene.vessel import Window
 
 Floats = NDArray[np.float64]
 
-_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # shares are smooth; colder, they stay as at 50 K
+_KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # shares are smooth; constant below 50 K
 
 
 def reference_temperature_K(background_temperatures_K: Sequence[float]) -> float:
-    """The middle background, for whose light means over the filter are taken."""
+    """Median background temperature, for whose light means over the filter are taken."""
     return float(np.median(background_temperatures_K))
 
 
 @dataclass(frozen=True)
 class Quadrature:
-    """Which light of a filter belongs to which node.
+    """Assignment of the light of a filter to nodes.
 
-    edges_um: J + 1 rising wavelengths that cut the filter. members: (K, J), share of interval j
-    that node k has; columns add up to 1. reference_K: temperature of the light for which means
-    over a node are taken.
+    edges_um: J + 1 rising wavelengths that divide the filter. members: (K, J), share of interval j
+    that belongs to node k; columns add up to 1. reference_K: temperature of the light for which
+    means over a node are taken.
 
     Raises:
         SceneError: the edges do not cover the filter, or the shares do not add up.
@@ -66,7 +66,7 @@ class Quadrature:
 
     @classmethod
     def grey(cls, filter_um: Filter, *, reference_K: float) -> Quadrature:
-        """One node: all of `filter_um`; shares are told at `reference_K`."""
+        """One node for all of `filter_um`, with means at `reference_K`."""
         return cls(filter_um, edges_um(filter_um), ((1.0,),), reference_K)
 
     @property
@@ -110,7 +110,7 @@ class Quadrature:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Quadrature:
-        """Reads what `to_dict` wrote.
+        """Reads the result of `to_dict`.
 
         Raises:
             SceneError, KeyError, TypeError, ValueError: it is damaged.
@@ -142,7 +142,7 @@ class SpectralNode:
 
     @property
     def intervals_um(self) -> tuple[tuple[float, float], ...]:
-        """The parts of the filter that it has light of, neighbours joined."""
+        """The parts of the filter in the node, with adjacent ones joined."""
         edges = self.quadrature.edges_um
         joined: list[tuple[float, float]] = []
         for share, low, high in zip(
@@ -171,9 +171,5 @@ class SpectralNode:
         return np.asarray(whole * self.share(temperature_K))
 
     def pane(self, window: Window) -> Pane:
-        """The window's mean shares in the node.
-
-        Raises:
-            SceneError: the filter reaches beyond what is known of the window.
-        """
+        """The window's mean transmission and reflection in the node."""
         return mean_pane(window, self.quadrature.middles_um, self._light)

@@ -1,8 +1,8 @@
-"""A spray's optical properties over a filter, finely: from which the few nodes are made.
+"""Finely resolved optical properties of a spray over a filter, from which nodes are made.
 
-Samples are narrow intervals of the filter; where a vapour's lines are narrower still, every
-interval is divided further by a k-distribution, whose groups are taken to be the same lines at
-every temperature (correlated k).
+Samples are narrow intervals of the filter. For a vapour with narrower lines, every interval is
+divided by a k-distribution, whose groups are assumed to be the same lines at every temperature
+(correlated k).
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ from cldit.spray.result import Spray
 
 Floats = NDArray[np.float64]
 
-_STEP_per_cm = (
-    2.0  # a sixth of the narrowest bands of liquid n-heptane and of its vapour's estimate
-)
+_STEP_per_cm = 2.0  # a sixth of the narrowest bands of n-heptane, liquid and vapour
 _MOST = 400
 _GROUPS = 16  # of a k-distribution, in every 25 1/cm: 3.5e-3 of transmission at worst
 _VAPOUR_KNOTS = 5
@@ -36,18 +34,14 @@ _ROOM_Pa = 101325.0
 
 @dataclass(frozen=True)
 class Substances:
-    """What the spray is made of; None where it has no such phase."""
+    """Liquid and vapour of a spray; None for a phase that is absent."""
 
     liquid: Liquid | None
     vapour: VapourBand | None
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray) -> Substances:
-        """Those that the scene names, or the spray's fuel.
-
-        Raises:
-            OpticsError: no such substance, or a table that cannot be read.
-        """
+        """The substances that the scene names, or the spray's fuel."""
         fuel = getattr(scene.spray, "fuel", "n-heptane")
         found = None
         if spray.parcels is not None and len(spray.parcels.diameter_m):
@@ -67,7 +61,7 @@ class Substances:
 class Spectrum:
     """S samples of J intervals.
 
-    edges_um (J + 1,); interval (S,): where a sample lies; part (S,): its part of that interval.
+    edges_um (J + 1,); interval (S,): that of a sample; part (S,): its share of that interval.
     vapour_K (M,), vapour_m2_mol (M, S); liquid_K (P,), n and k (P, S). M, P = 0 without the phase.
     """
 
@@ -93,12 +87,7 @@ class Spectrum:
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
-        """The spectrum over all of the filter.
-
-        Args:
-            scene: names the substances.
-            spray: gives their temperatures.
-            filter_um: which is covered.
+        """Spectrum over `filter_um` of the scene's substances at the spray's temperatures.
 
         Raises:
             OpticsError: the filter or a temperature lies outside a substance's data.
@@ -125,7 +114,7 @@ class Spectrum:
 
 
 def _knots(temperature_K: Floats, count: int) -> Floats:
-    """Temperatures that span those given; one where they are all alike."""
+    """Temperatures that span those given; one if they differ by less than 1 K."""
     if not temperature_K.size:
         return np.array([300.0])
     low, high = float(temperature_K.min()), float(temperature_K.max())
@@ -163,7 +152,7 @@ def _vapour(
     part: list[float] = []
     columns: list[Floats] = []
     for number, (low, high) in enumerate(pairwise(edges)):
-        # Away from the edges by rounding, so that one bin is not taken for two.
+        # Moved inwards by rounding, so that one bin does not count as two.
         inner = (float(low) * (1.0 + 1e-9), float(high) * (1.0 - 1e-9))
         groups = [
             band.k_distribution(

@@ -1,17 +1,17 @@
 """Absorption of fuel vapour around the C-H stretching band, 3 to 3.9 um.
 
-n-heptane has so many lines that they merge. RadCal fits each 25 1/cm with a Malkmus fine structure
-of 0.3 to 0.9 at 1 atm in the strong part; it grows as the pressure, so at the 0.6 MPa of a spray an
-optical depth of 1 acts as 0.9, and most of that is the shape of the band within 25 1/cm, which the
-table here resolves. It is therefore taken as a smooth spectrum, without fine structure.
+The lines of n-heptane overlap. RadCal fits each 25 1/cm with a Malkmus fine structure of 0.3 to 0.9
+at 1 atm in the strong part, proportional to the pressure. At the 0.6 MPa of a spray an optical
+depth of 1 then acts as 0.9, mostly due to the shape of the band within 25 1/cm, which the table
+here resolves. The spectrum is therefore smooth, without fine structure.
 
-Methane's lines stand apart, and the mean over them must never go into Beer-Lambert. RadCal
-(Grosshandler 1993) models each 25 1/cm by Elsasser's band, equal Lorentz lines of half width g at
-spacing d (Phys. Rev. 54, 126 (1938)):
+Methane has separate lines, so Beer-Lambert does not apply to their mean. RadCal (Grosshandler 1993)
+models each 25 1/cm by Elsasser's band, equal Lorentz lines of half width g at spacing d (Phys. Rev.
+54, 126 (1938)):
 
     k(z) = S sinh(2 pi y) / (cosh(2 pi y) - cos(2 pi z)),   y = g / d,  0 <= z <= 1
 
-S being the mean. With tan(pi z) = T tan(u), T = tanh(pi y), this is k = S (cos^2 u / T + T sin^2 u)
+with the mean S. With tan(pi z) = T tan(u), T = tanh(pi y), this is k = S (cos^2 u / T + T sin^2 u)
 with dz = S / k du / pi: periodic and analytic in u, so equal steps in u converge exponentially.
 """
 
@@ -45,10 +45,9 @@ _WEAKEST = 1e-5  # of the mean: absorbs 0.1 % where the mean's optical depth is 
 
 @dataclass(frozen=True)
 class KDistribution:
-    """The spectrum within a filter, sorted by absorption: share of it, and absorption there.
+    """Absorption within a filter, sorted: (P,) weights, of sum 1, of (P,) rising values.
 
-    weights: (P,), sum 1. absorption_m2_mol: (P,), rising. Light is lost as
-    sum of weights * exp(-absorption * column), column in mol/m2.
+    The transmission is the sum of weights * exp(-absorption * column), column in mol/m2.
     """
 
     weights: Floats
@@ -74,12 +73,7 @@ class Elsasser:
     def fine_structure(
         self, *, temperature_K: float, pressure_Pa: float, mole_fraction: float
     ) -> float:
-        """y, the half width over the spacing of the lines.
-
-        Args:
-            temperature_K, pressure_Pa: of the gas.
-            mole_fraction: of the species, which broadens its own lines more.
-        """
+        """y, the half width over the spacing of the lines, in a gas with this mole fraction."""
         warm = temperature_K / 273.0
         pressure = pressure_Pa / _ATMOSPHERE_Pa * (1 + self.self_share * mole_fraction)
         return float(self.at_atm * pressure * np.exp(self.growth * (warm - 1)) / np.sqrt(warm))
@@ -87,11 +81,11 @@ class Elsasser:
 
 @dataclass(frozen=True)
 class VapourBand:
-    """Absorption of one species, with what is known of its source.
+    """Absorption of one species, with its source.
 
-    wavenumber_per_cm: where it holds. temperatures_K: likewise; below the first row of the table
-    that row is held. number_per_cm (N,): points, linear in between, or the lower edges of bins of
-    `bin_per_cm`. rows_K: (T,). table_m2_mol: (T, N).
+    wavenumber_per_cm, temperatures_K: range of validity; below its first row the table is constant.
+    number_per_cm (N,): points, linear in between, or the lower edges of bins of `bin_per_cm`.
+    rows_K: (T,). table_m2_mol: (T, N).
     """
 
     species: str
@@ -106,9 +100,7 @@ class VapourBand:
     lines: Elsasser | None = None
 
     def absorption_m2_mol(self, wavenumber_per_cm: ArrayLike, temperature_K: float) -> Floats:
-        """Napierian molar cross section at `temperature_K`, shaped as `wavenumber_per_cm`.
-
-        It is the mean over the lines.
+        """Napierian molar cross section, the mean over lines, shaped as `wavenumber_per_cm`.
 
         Raises:
             OpticsError: outside the range of wavenumbers or temperatures.
@@ -128,7 +120,7 @@ class VapourBand:
         return np.asarray(row[self._bin(number)])
 
     def area_km_mol(self, temperature_K: float) -> float:
-        """Integral over the wavenumber."""
+        """Integral of the absorption over the wavenumber."""
         row = self._row(temperature_K) * 1e4
         if self.bin_per_cm is not None:
             return float(np.sum(row) * self.bin_per_cm * 1e-5)
@@ -144,7 +136,7 @@ class VapourBand:
         mole_fraction: float = 0.0,
         weight: Callable[[Floats], Floats] | None = None,
     ) -> KDistribution:
-        """The absorption within a filter as at most `points` values with weights.
+        """Absorption within a filter as at most `points` values with weights.
 
         The mean absorption is exact. Error of the transmission of methane, 3.3 to 3.5 um, optical
         depths of 0.01 to 100, 1 kPa to 10 MPa, 300 to 600 K: 1.7e-2 with 8 points, 2.1e-3 with 16,
@@ -152,14 +144,13 @@ class VapourBand:
 
         Args:
             filter_um: edges of the filter.
-            temperature_K, pressure_Pa: of the gas.
-            points: number of values at most.
-            mole_fraction: of the species in the gas, where it broadens its own lines.
-            weight: relative importance of wavelengths (M,) in um; uniform if left out.
+            temperature_K, pressure_Pa: state of the gas.
+            points: largest number of values.
+            mole_fraction: of the species, which broadens its own lines.
+            weight: relative importance of wavelengths (M,) in um; None: uniform.
 
         Raises:
-            OpticsError: the filter is empty or reaches outside the range, or temperature, pressure,
-                mole fraction, weights or number of points are impossible.
+            OpticsError: an argument is impossible or outside the range of the data.
         """
         low, high = filter_um
         if not 0 < low < high:
@@ -167,7 +158,7 @@ class VapourBand:
         if not (0 < pressure_Pa < np.inf and 0 <= mole_fraction <= 1 and points >= 1):
             raise OpticsError(
                 f"k-distribution: pressure {pressure_Pa:g} Pa, mole fraction {mole_fraction:g}, "
-                f"{points} points; allowed are pressures above 0, 0..1, and 1 or more"
+                f"{points} points; allowed: pressures above 0, 0..1, and 1 or more"
             )
         wavelength = low + (high - low) * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         self.absorption_m2_mol([1e4 / low, 1e4 / high], temperature_K)  # refuses what is outside
@@ -218,10 +209,10 @@ def _elsasser(y: float) -> tuple[Floats, Floats]:
 
 
 def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
-    """Two values for each of points / 2 groups, which keep its first three moments.
+    """Two values for each of points / 2 groups, which preserve its first three moments.
 
-    The groups' density in ln k is the cube root of the spectrum's, which is best for one value in
-    each (Panter and Dite 1951) and good for two.
+    The density of groups in ln k is the cube root of the spectrum's, which is optimal for one value
+    per group (Panter and Dite 1951) and good for two.
     """
     mean = float(k @ share)
     order = np.argsort(k)
@@ -256,30 +247,26 @@ def _grouped(k: Floats, share: Floats, points: int) -> KDistribution:
 
 
 def vapours() -> tuple[str, ...]:
-    """The names that `vapour_band` knows."""
+    """Names of the shipped vapours."""
     names = (entry.name for entry in resources.files(_DATA).iterdir())
     ours = (name for name in names if name.startswith(_PREFIX) and name.endswith(".yaml"))
     return tuple(sorted(name[len(_PREFIX) : -len(".yaml")] for name in ours))
 
 
 def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand:
-    """A vapour that is shipped.
+    """A shipped vapour, one of `vapours()`.
 
     `n-heptane`: an estimate of the resolved band, of 503 km/mol; RadCal's 761 km/mol is about
-    50 % above two other sources. `n-heptane-radcal`: RadCal's bins as published. `methane`.
-
-    Args:
-        species: a key of `vapours()`.
-        area_km_mol: integrated absorption at the first temperature of the table; that of the source
-            if left out. Other temperatures are scaled by the same factor.
+    50 % above two other sources. `n-heptane-radcal`: RadCal's bins as published. `methane`. With
+    `area_km_mol` all cross sections are scaled to this integral at the table's first temperature.
 
     Raises:
         OpticsError: the name is unknown, or the area is not a number above 0.
     """
     if species not in vapours():
         raise OpticsError(
-            f"{species}: no vapour absorption is shipped for it; there are "
-            f"{', '.join(vapours())}, and HITRAN cross sections (.xsc) can be read from files"
+            f"{species}: no vapour absorption is shipped; allowed: {', '.join(vapours())}, or a "
+            "file of HITRAN cross sections (.xsc)"
         )
     folder = resources.files(_DATA)
     text = folder.joinpath(f"{_PREFIX}{species}.yaml").read_text(encoding="utf-8")
@@ -306,7 +293,7 @@ def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand
     if area_km_mol is None:
         return band
     if not 0 < area_km_mol < np.inf:
-        raise OpticsError(f"{species}: an area of {area_km_mol:g} km/mol; allowed is above 0")
+        raise OpticsError(f"{species}: an area of {area_km_mol:g} km/mol; allowed: above 0")
     factor = area_km_mol / band.area_km_mol(float(rows_K[0]))
     return replace(
         band,

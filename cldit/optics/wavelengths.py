@@ -1,11 +1,11 @@
-"""How many spectral nodes a spray needs, and which: chosen by what they do to its own picture.
+"""Choice of the spectral nodes of a spray, by their error of T_app along lines of sight.
 
-Samples of the filter are put into groups in which lines of sight through this very spray look
-alike. Once in order of wavelength and once in order of opacity (lines that absorb alike, wherever
-they lie), the filter is cut into K groups so that the transmission and emission of a dozen lines
-of sight vary least within them (exact, by dynamic programming). The properties of a group are
-means over its light. DIT of some fifty lines of sight, with K nodes and
-with all samples then says how far T_app is off, and the smallest K that meets the bound is taken.
+Samples of the filter are grouped so that lines of sight through the spray have similar transmission
+and emission within a group. The samples, once in order of wavelength and once in order of opacity,
+are divided into K groups with the least variance over a dozen lines of sight (exactly, by dynamic
+programming). The properties of a group are means over its light. T_app of some fifty lines of sight
+with K nodes and with all samples gives the error of K nodes, and the smallest K within the bound is
+chosen.
 """
 
 from __future__ import annotations
@@ -43,10 +43,9 @@ _TYPICAL = 12  # lines of sight that groups are made by
 
 @dataclass(frozen=True)
 class Wavelengths:
-    """The chosen nodes with what the spray does in each.
+    """The chosen nodes with the optical properties in each.
 
-    errors_K: RMS error in T_app of the spray's own lines of sight with 1, 2, .. nodes; empty where
-    one node is exact.
+    errors_K: RMS error of T_app along lines of sight with 1, 2, .. nodes; empty if one is exact.
     """
 
     quadrature: Quadrature
@@ -60,20 +59,19 @@ class Wavelengths:
 
     @property
     def error_K(self) -> float:
-        """Estimated RMS error in T_app of the nodes; 0 where one is exact."""
+        """Estimated RMS error of T_app due to the nodes; 0 if one node is exact."""
         return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
 
 
 def wavelengths(
     scene: Scene, spray: Spray, *, cache: Path | None, paper: bool = False
 ) -> Wavelengths:
-    """Nodes for a scene: one with the preset `paper` and where coefficients are given (grey).
+    """Nodes for a scene: one with the preset `paper` and for sprays given as coefficients (grey).
 
     Args:
-        scene: what is to be traced.
-        spray: its spray.
-        cache: folder for Mie tables; None builds them afresh.
-        paper: take the paper's properties whatever the scene's preset is.
+        scene, spray: the scene and its spray.
+        cache: folder for Mie tables; None builds them anew.
+        paper: True: the paper's properties, whatever the preset of the scene.
 
     Raises:
         OpticsError: the filter or a temperature lies outside a substance's data.
@@ -106,7 +104,7 @@ def wavelengths(
 
 
 def _content(scene: Scene, spray: Spray, spectrum: Spectrum, asymmetry: float | None) -> str:
-    """All that the choice of wavelengths depends on, in short."""
+    """Digest of everything that the choice of wavelengths depends on."""
     arrays = [*vars(spectrum).values()]
     if spray.parcels is not None:
         p = spray.parcels
@@ -179,7 +177,7 @@ class _Means:
         )
 
     def band(self, number: int, node: SpectralNode, *, cache: Path | None) -> BandOptics:
-        """What emitters need of group `number`."""
+        """Optical properties of group `number`."""
         droplets = None
         if len(self.liquid_K):
             tables = [
@@ -222,8 +220,8 @@ def _efficiencies(
 ) -> tuple[Floats, Floats]:
     """Q_abs and (1 - g) Q_sca (D, S) of the lines' sizes, one refractive index a wavelength.
 
-    What goes on forward is not lost from a line: by similarity, droplets scatter as those of
-    (1 - g) Q_sca that scatter evenly. asymmetry: g; None is Mie's.
+    Light scattered forward is not lost from a line: by similarity, droplets scatter like isotropic
+    ones of (1 - g) Q_sca. asymmetry: g; None: by Mie's theory.
     """
     absorbed, turned = np.zeros((2, len(lines.diameter_m), len(wavelength_um)))
     for sample, index in enumerate(zip(wavelength_um, n, k, strict=True)):
@@ -258,7 +256,7 @@ def _index_absorbing(
 def _depths(
     spectrum: Spectrum, lines: Sightlines, asymmetry: float | None
 ) -> tuple[Floats, Floats, Floats]:
-    """Optical depths (L, Y, S): vapour absorption, droplet absorption, what droplets turn away."""
+    """Optical depths (L, Y, S) of vapour absorption, droplet absorption and scattering."""
     count = len(spectrum.part)
     vapour = np.zeros((*lines.vapour_mol_m2.shape, count))
     if len(spectrum.vapour_K):
@@ -318,17 +316,17 @@ def _chosen(
 
 
 def _looks(depths: list[Floats]) -> Floats:
-    """(F, S): what the typical lines do to each sample."""
+    """(F, S): transmission and emission of typical lines in each sample."""
     through, (vapour, liquid, scattered) = emitted(depths)
     rows = [through, *vapour, *liquid, scattered.sum(axis=1)]
     return np.concatenate(rows)
 
 
 def _cuts(looks: Floats, light: Floats, most: int) -> list[list[int]]:
-    """Where the samples, as they are ordered, are best cut into 1 .. `most` groups.
+    """Best divisions of ordered samples into 1 .. `most` groups.
 
-    Entry K lists the first sample of each of K groups (entry 0 is empty). Within groups, the
-    light-weighted squared departures of `looks` (F, S) from their means are least; exact.
+    Entry K lists the first sample of each of K groups (entry 0 is empty). They minimise the
+    light-weighted squared deviations of `looks` (F, S) from the groups' means exactly.
     """
     count = len(light)
     weight = np.concatenate([[0.0], np.cumsum(light)])

@@ -1,10 +1,10 @@
-"""Plane windows: what they transmit, reflect and absorb (and so emit).
+"""Transmission, reflection and emission of plane windows.
 
-Coated ones, and other materials, as a measured table says; uncoated ones as follows.
+Coated windows and other materials follow a measured table; uncoated ones are computed as follows.
 
-Both surfaces, all reflections between them, added without interference (a window is far thicker
-than the coherence length behind any filter), at normal incidence. The light is not polarised;
-sapphire is taken to be cut across its axis, so that only the ordinary ray occurs.
+Reflections between the two surfaces are added without interference (a window is far thicker than
+the coherence length behind any filter), at normal incidence. The light is unpolarised; sapphire is
+cut perpendicular to its axis, so that only the ordinary ray occurs.
 
 Refractive index: Sellmeier equations, CaF2 of Malitson (Appl. Opt. 2, 1103, 1963) at 297 K,
 sapphire of Malitson and Dodge (ordinary ray, 293 K), as refractiveindex.info tabulates them (CC0).
@@ -53,7 +53,7 @@ class Pane:
 
 @dataclass(frozen=True)
 class Material:
-    """Sellmeier terms (B, C in um) at `at_K`; `range_um`: where both are known."""
+    """Sellmeier terms (B, C in um) at `at_K`, and k; both are known within `range_um`."""
 
     sellmeier: tuple[tuple[float, float], ...]
     at_K: float
@@ -111,13 +111,7 @@ def slab(
     passage, the reflections between the surfaces add up to geometric series:
     T = (1 - r)^2 a / (1 - r^2 a^2), R = r (1 + a T).
 
-    Args:
-        n, k: index n - ik, any common shape.
-        wavelength_um: in vacuum, of that shape.
-        thickness_m: of the slab.
-
-    Returns:
-        Transmission and reflection, of that shape.
+    The index n - ik, the wavelength in vacuum and both results have the same shape.
     """
     n, k = np.asarray(n, float), np.asarray(k, float)
     surface = ((n - 1.0) ** 2 + k * k) / ((n + 1.0) ** 2 + k * k)
@@ -139,8 +133,8 @@ def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Flo
     low, high = material.range_um
     if wavelength.size and not (wavelength.min() >= low and wavelength.max() <= high):
         raise SceneError(
-            f"windows: {window.material} is known from {low:g} to {high:g} um, the filter reaches "
-            f"from {wavelength.min():g} to {wavelength.max():g} um"
+            f"windows: {window.material} is known from {low:g} to {high:g} um, the filter covers "
+            f"{wavelength.min():g} to {wavelength.max():g} um"
         )
     return slab(
         material.index(wavelength, window.temperature_K),
@@ -159,7 +153,7 @@ def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
         ):
             raise SceneError(
                 f"windows: {name} of the {window.side} window is given from {known_um[0]:g} to "
-                f"{known_um[-1]:g} um, the filter reaches from {wavelength_um.min():g} to "
+                f"{known_um[-1]:g} um, the filter covers {wavelength_um.min():g} to "
                 f"{wavelength_um.max():g} um"
             )
         found.append(np.asarray(np.interp(wavelength_um, known_um, share)))
@@ -167,33 +161,12 @@ def _tabled(window: Window, wavelength_um: Floats) -> tuple[Floats, Floats]:
 
 
 def band_pane(window: Window, filter_um: Filter, *, reference_K: float) -> Pane:
-    """Means over a filter, for light of a black body at `reference_K`.
-
-    Args:
-        window: the pane.
-        filter_um: edges of the filter, or a `Response`.
-        reference_K: of the light.
-
-    Raises:
-        SceneError: the filter reaches beyond the material's data.
-    """
+    """Means over a filter for light of a black body at `reference_K`."""
     return band_panes(window, filter_um, reference_K=np.array([reference_K]))[0]
 
 
 def band_panes(window: Window, filter_um: Filter, *, reference_K: Floats) -> tuple[Pane, ...]:
-    """Means as `band_pane` gives them, for light of each of several black bodies.
-
-    Args:
-        window: the pane.
-        filter_um: edges of the filter, or a `Response`.
-        reference_K: (N,) of the light.
-
-    Returns:
-        N panes.
-
-    Raises:
-        SceneError: the filter reaches beyond the material's data.
-    """
+    """N means over a filter, for light of black bodies at `reference_K` (N,)."""
     low, high = edges_um(filter_um)
     edges = np.linspace(low, high, _PARTS + 1)
     middles = (edges[1:] + edges[:-1]) / 2.0
@@ -203,18 +176,12 @@ def band_panes(window: Window, filter_um: Filter, *, reference_K: Floats) -> tup
             for a, b in pairwise(edges)
         ]
     )
-    window_shares(window, edges)  # refuses a filter that reaches too far
+    window_shares(window, edges)  # refuses a filter beyond the data
     return tuple(mean_pane(window, middles, one) for one in light.T)
 
 
 def mean_pane(window: Window, wavelength_um: Floats, light: Floats) -> Pane:
-    """Means over wavelengths of what a window does.
-
-    Args:
-        window: the pane.
-        wavelength_um: (N,).
-        light: (N,) weights.
-    """
+    """Means over wavelengths (N,) with the weights `light` (N,)."""
     transmission, reflection = window_shares(window, wavelength_um)
     share = light / light.sum()
     return Pane(float(share @ transmission), float(share @ reflection))

@@ -1,9 +1,8 @@
-"""Absorption cross sections in HITRAN's .xsc form (Kochanov et al., JQSRT 230, 172 (2019)).
+"""Reader of HITRAN absorption cross sections, .xsc (Kochanov et al., JQSRT 230, 172 (2019)).
 
-Each block: a head of 100 characters (molecule 20, first and last wavenumber 10 each, number of
-points 7, temperature 7, pressure in Torr 6, largest value 10, ...), then ten values of ten
-characters a line, cm2 per molecule at equal steps. Blocks of one pressure may follow each other,
-one for each temperature.
+A block has a head of 100 characters (molecule 20, first and last wavenumber 10 each, number of
+points 7, temperature 7, pressure in Torr 6, largest value 10, ...), then lines of ten values of ten
+characters, cm2 per molecule at equal steps. A file has one block for each temperature.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ class _Block:
 
 
 def read_xsc(path: Path) -> VapourBand:
-    """A vapour's absorption from a HITRAN cross-section file, smooth between its points.
+    """Reads the absorption of a vapour, linear between the points of the file.
 
-    Blocks of other temperatures are brought to the first one's wavenumbers. Outside the
-    temperatures of the file the band is refused; a file with one temperature holds at 100..1500 K.
+    Blocks are interpolated to the wavenumbers of the first. The band is valid between the
+    temperatures of the file, or at 100..1500 K if it has one.
 
     Raises:
         OpticsError: the file cannot be read, is not of this form, is cut short, has values that
@@ -55,7 +54,7 @@ def read_xsc(path: Path) -> VapourBand:
         block, at = _block(lines, at, path)
         blocks.append(block)
     if not blocks:
-        raise OpticsError(f"{path}: holds no cross sections")
+        raise OpticsError(f"{path}: has no cross sections")
     blocks.sort(key=lambda block: block.temperature_K)
     temperatures = np.array([block.temperature_K for block in blocks])
     if np.any(np.diff(temperatures) <= 0):
@@ -104,7 +103,7 @@ def _block(lines: list[str], at: int, path: Path) -> tuple[_Block, int]:
     except ValueError as error:
         raise OpticsError(f"{path}: after line {at + 1}: {error}") from None
     if len(values) < count:
-        raise OpticsError(f"{path}: line {at + 1} says {count} points, {len(values)} are there")
+        raise OpticsError(f"{path}: line {at + 1} has {count} points, {len(values)} were found")
     if not np.all(np.isfinite(values)) or values.min() < -_NOISE * max(values.max(), 0.0):
         raise OpticsError(f"{path}: after line {at + 1}: cross sections not finite, or negative")
     number = np.linspace(low, high, count)

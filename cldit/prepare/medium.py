@@ -12,8 +12,7 @@ from cldit.io.provenance import FileRead
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, Sources, build_octrees
-from cldit.optics.band import BandOptics
-from cldit.optics.emitters import emitters
+from cldit.optics.band import BandOptics, emitters
 from cldit.optics.scene_phase import scene_phase
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.prepare.case_fit import misfits

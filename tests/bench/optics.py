@@ -18,6 +18,7 @@ from cldit.bench.case import changed
 from cldit.bench.report import Part, Table
 from cldit.io.files import make_folder, write_bytes
 from cldit.optics import mie
+from cldit.optics.band import emitters
 from cldit.optics.droplets import (
     AVERAGED,
     DropletTable,
@@ -26,7 +27,6 @@ from cldit.optics.droplets import (
     resolved,
     table_error,
 )
-from cldit.optics.emitters import emitters
 from cldit.optics.wavelengths import wavelengths
 from cldit.prepare.phases import droplets_content, mean_phase
 from cldit.prepare.spray_factory import make_spray

@@ -102,7 +102,7 @@ LEFT: dict[str, int] = {
     "io": 36,
     "kernels": 4,
     "medium": 0,
-    "optics": 44,
+    "optics": 0,
     "prepare": 46,
     "radiance": 4,
     "rig": 46,

@@ -85,7 +85,7 @@ def test_bad_tables_are_refused() -> None:
     for table, message in (
         ((wavelength, -k), "k = -0.1"),
         ((wavelength, [0, np.nan, 0]), "k = nan"),
-        ((wavelength[:2], k), "as many"),
+        ((wavelength[:2], k), "equal numbers"),
         (([3.0, 3.4, 3.2], k), "rise or fall"),
         (([0.0, 3.2, 3.4], k), "positive"),
     ):

@@ -19,7 +19,7 @@ from cldit.dit.evaluate import evaluate_radiance
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import build_octree, build_octrees
-from cldit.optics.emitters import emitters
+from cldit.optics.band import emitters
 from cldit.optics.planck import band_radiance
 from cldit.optics.spectral import Quadrature
 from cldit.optics.vapour import vapour_band

@@ -126,7 +126,7 @@ def _table(section: Schema, places: dict[str, _Place]) -> str:
         ranges = list(dict.fromkeys(text for part in _parts(value) for text in _ranges(part)))
         cells = [f"`{key}`", " or ".join(kinds), ", ".join(ranges)]
         about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
-        cells += ["needed" if key in needed else _default(value), about]
+        cells += ["required" if key in needed else _default(value), about]
         rows += "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |\n"
     return rows
 
@@ -170,7 +170,7 @@ def _default(value: Schema) -> str:
     if isinstance(default, dict) or "default" not in value:
         return "its defaults"
     if default is None:
-        return "left out"
+        return "null"
     if isinstance(default, list) and default and isinstance(default[0], dict):
         return f"{len(default)} of them"
     if isinstance(default, list):

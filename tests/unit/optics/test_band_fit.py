@@ -58,7 +58,7 @@ def test_command(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_fitted_is_refused() -> None:
-    with pytest.raises(OpticsError, match=r"allowed are 1\.\.50"):
+    with pytest.raises(OpticsError, match=r"allowed: 1\.\.50"):
         fit_bands(table_of(GIVEN), bands=51)
     with pytest.raises(OpticsError, match="0 everywhere"):
         fit_bands(Table(WAVELENGTH, 0 * WAVELENGTH + 1.4, 0 * WAVELENGTH), bands=3)

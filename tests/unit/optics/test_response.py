@@ -134,7 +134,7 @@ def test_product_with_a_quantum_efficiency() -> None:
     # A chord over h leaves a b h^2 / 4 of the product of slopes a, b: 5, 0.5 per um, 0.15 um / 8.
     np.testing.assert_allclose(both.at(um), TRAPEZE.at(um) * efficiency.at(um), atol=2.3e-4)
     assert edges_um(both) == (3.2, 3.6)
-    with pytest.raises(SceneError, match="nothing of"):
+    with pytest.raises(SceneError, match="no part of"):
         product(TRAPEZE, Response(((5.0, 0.5), (6.0, 1.0))))
 
 

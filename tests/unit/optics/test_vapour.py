@@ -158,9 +158,9 @@ def test_smooth_spectrum_sorts_itself() -> None:
         ({"temperature_K": 0.0}, "0 K is outside"),
         ({"temperature_K": float("nan")}, "nan K is outside"),
         ({"temperature_K": 900.0}, "900 K is outside"),
-        ({"pressure_Pa": 0.0}, "allowed are pressures"),
-        ({"mole_fraction": 1.5}, "allowed are pressures"),
-        ({"points": 0}, "allowed are pressures"),
+        ({"pressure_Pa": 0.0}, "allowed: pressures"),
+        ({"mole_fraction": 1.5}, "allowed: pressures"),
+        ({"points": 0}, "allowed: pressures"),
         ({"weight": lambda at: 0 * at}, "not all 0"),
     ],
 )
@@ -206,9 +206,9 @@ def test_xsc_file(tmp_path: Path) -> None:
 def test_damaged_xsc_files_are_refused(tmp_path: Path) -> None:
     good = _xsc(300.0, 1e-18 * np.ones(30))
     cases = {
-        "holds no": "\n",
+        "has no": "\n",
         "is no head": "wavelength,k\n3.4,0.1\n",
-        "30 points, 20 are there": "\n".join(good.splitlines()[:-1]),
+        "30 points, 20 were found": "\n".join(good.splitlines()[:-1]),
         "several blocks": good + good,
         "negative": _xsc(300.0, 1e-18 * np.array([1.0, -1.0])),
     }
