@@ -12,7 +12,6 @@ import csv
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ from cldit.cfd.mapping.file import (
     CellColumns,
     ColumnMap,
     ParcelColumns,
-    Table,
     columns_of,
     read_column_map,
     without_unit,
@@ -89,7 +87,7 @@ def list_tables(spec: CfdSpray) -> Listing:
 def _size(file: Path) -> Size:
     """Estimate from the mean length of the first lines: ten columns of numbers, and boxes."""
     if file.suffix == ".parquet":
-        rows = parquet_rows(file)
+        rows = int(_opened(file).metadata.num_rows)
         return Size(rows, 0, 200.0 * rows)
     try:
         with open_regular(file) as stream:
@@ -135,11 +133,13 @@ def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
 
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
     """Names in the header of a table; `wanted` gives the header's line and delimiter."""
-    if file.suffix == ".parquet":
-        return parquet_names(file)
-    if file.suffix == ".dpm":
-        return dpm_names(file)
-    return _header(file, wanted)[0]
+    readers = {".parquet": parquet_names, ".dpm": dpm_names}
+    names = readers[file.suffix](file) if file.suffix in readers else _header(file, wanted)[0]
+    twice = sorted({name for name in names if name and names.count(name) > 1})
+    if twice or not any(names):
+        what = f"the column {twice[0]!r} twice" if twice else "no names of columns"
+        raise SprayError(f"{file}: its header has {what}")
+    return names
 
 
 def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str], str]:
@@ -153,13 +153,7 @@ def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str],
         raise SprayError(f"{file}: cannot be read ({error})") from error
     header = lines[-1].strip("\r\n ").lstrip("#").lstrip()
     delimiter = wanted.delimiter or _delimiter(header)
-    parts = _split(header, delimiter)
-    names = [part.strip().strip('"').strip() for part in parts]
-    twice = sorted({name for name in names if name and names.count(name) > 1})
-    if twice or not any(names):
-        what = f"the column {twice[0]!r} twice" if twice else "no names of columns"
-        raise SprayError(f"{file}: line {wanted.header_line} has {what}")
-    return names, delimiter
+    return [part.strip().strip('"').strip() for part in _split(header, delimiter)], delimiter
 
 
 def _delimiter(header: str) -> str:
@@ -178,38 +172,45 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     """Reads the columns of a table that the mapping `wanted` uses; the others are only named."""
-    if file.suffix in (".parquet", ".dpm"):
-        return _of_program(file, wanted)
-    names, delimiter = _header(file, wanted)
-    if delimiter == wanted.decimal:
-        raise SprayError(
-            f"{file}: {delimiter!r} is both the delimiter and the decimal mark; allowed "
-            "delimiters: ; tab space"
-        )
-    used = _used(names, wanted)
-    with open_regular(file) as stream:
-        stream.seek(0, 2)
-        stream.seek(max(stream.tell() - 1, 0))
-        if stream.read() not in (b"\n", b"\r"):
-            raise SprayError(f"{file}: its last line has no end: the file is cut off")
+    names = table_names(file, wanted)
+    mapped = columns_of(wanted)
+    used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
     if not used:
         raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
-    rows = _numbers(file, names, delimiter, used, wanted)
-    if not len(rows):
-        raise SprayError(f"{file}: no row below its header")
+    if file.suffix == ".parquet":
+        read = parquet_columns(file, [names[place] for place in used])
+    elif file.suffix == ".dpm":
+        read = dpm_columns(file)
+    else:
+        rows = _numbers(file, names, used, wanted)
+        read = {
+            names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
+            for place in used
+        }
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
-    for place in used:
-        columns[names[place]] = replace(columns[names[place]], values=rows[str(place)])
-    return Source(str(file), columns, len(rows))
+    columns |= {names[place]: read[names[place]] for place in used}
+    count = len(columns[names[used[0]]].values)
+    if not count:
+        raise SprayError(f"{file}: no row below its header")
+    return Source(str(file), columns, count)
 
 
 def _numbers(
-    file: Path, names: list[str], delimiter: str, used: list[int], wanted: Table
+    file: Path, names: list[str], used: list[int], wanted: CellColumns | ParcelColumns
 ) -> NDArray[Any]:
     """Rows (N,) with the `used` columns as numbers, the others as one character of text.
 
     NumPy refuses rows of another length than the header; which line it is takes a second reading.
     """
+    _, delimiter = _header(file, wanted)
+    if delimiter == wanted.decimal:
+        what = f"{delimiter!r} is both the delimiter and the decimal mark"
+        raise SprayError(f"{file}: {what}; allowed delimiters: ; tab space")
+    with open_regular(file) as stream:
+        stream.seek(0, 2)
+        stream.seek(max(stream.tell() - 1, 0))
+        if stream.read() not in (b"\n", b"\r"):
+            raise SprayError(f"{file}: its last line has no end: the file is cut off")
     kinds = [(str(place), "f8" if place in used else "U1") for place in range(len(names))]
     count = 0
 
@@ -256,26 +257,6 @@ def _numbers(
     return rows
 
 
-def _of_program(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """Columns of a table that is no text with a delimiter."""
-    names = table_names(file, wanted)
-    columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names}
-    use = [names[place] for place in _used(names, wanted)]
-    if not use:
-        raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
-    read = parquet_columns(file, use) if file.suffix == ".parquet" else dpm_columns(file)
-    rows = len(read[use[0]].values)
-    if not rows:
-        raise SprayError(f"{file}: no row in it")
-    return Source(str(file), columns | {name: read[name] for name in use}, rows)
-
-
-def _used(names: list[str], wanted: CellColumns | ParcelColumns) -> list[int]:
-    """Indices of the columns that the mapping uses, by name with or without the unit."""
-    used = columns_of(wanted)
-    return [n for n, name in enumerate(names) if name in used or without_unit(name) in used]
-
-
 DENSITY = "mass-density"  # of a droplet: mass over volume, as Fluent gives none
 _ROW = re.compile(r"\(\(([^()]*)\)\s*([^()\s]*)\s*\)\s*$")
 
@@ -294,8 +275,6 @@ def _named(file: Path, lines: list[str]) -> list[str]:
     names = head[1][1:-1].split()
     if names[-1] == "name":
         names.pop()
-    if len(set(names)) < len(names):
-        raise SprayError(f"{file}: line 2 names a column twice")
     return [*names, *([DENSITY] if {"mass", "diameter"} <= set(names) else [])]
 
 
@@ -314,10 +293,8 @@ def dpm_columns(file: Path) -> dict[str, Column]:
         except ValueError:
             row = []
         if len(row) != len(written):
-            raise SprayError(
-                f"{file}: line {number}: expected: {len(written)} numbers in double parentheses, "
-                "and a name"
-            )
+            what = f"{len(written)} numbers in double parentheses, and a name"
+            raise SprayError(f"{file}: line {number}: expected: {what}")
         rows.append(row)
     if not rows or not text.endswith("\n"):
         raise SprayError(f"{file}: " + ("no parcel in it" if not rows else "is cut off"))
@@ -330,9 +307,8 @@ def dpm_columns(file: Path) -> dict[str, Column]:
         diameter = found["diameter"].values
         if not np.all(diameter > 0):
             bad = int(np.argmin(diameter > 0))
-            raise SprayError(
-                f"{found['diameter'].label}: {diameter[bad]:g} (entry {bad}) is not a size"
-            )
+            label = found["diameter"].label
+            raise SprayError(f"{label}: {diameter[bad]:g} (entry {bad}) is not a size")
         density = found["mass"].values / (np.pi / 6 * diameter**3)
         found[DENSITY] = Column(f"{file}: columns mass and diameter", density)
     return found
@@ -358,17 +334,7 @@ def _opened(file: Path) -> Any:
 
 def parquet_names(file: Path) -> list[str]:
     """Names of the columns."""
-    names = [str(name) for name in _opened(file).schema_arrow.names]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice or not names:
-        what = f"the column {twice[0]!r} twice" if twice else "no columns"
-        raise SprayError(f"{file}: has {what}")
-    return names
-
-
-def parquet_rows(file: Path) -> int:
-    """Number of rows."""
-    return int(_opened(file).metadata.num_rows)
+    return [str(name) for name in _opened(file).schema_arrow.names]
 
 
 def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:

@@ -24,7 +24,7 @@ from cldit.cfd.mapping.file import (
     first_of,
     gas_names,
 )
-from cldit.cfd.mesh.faces import Mesh, join
+from cldit.cfd.mesh.faces import Mesh, join, turned_faces
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import EmptyCloud, SprayError
@@ -97,10 +97,14 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 
 
 def _by_time(path: Path) -> dict[float | None, list[Path]]:
-    """Files of each time."""
+    """Files by their OUTPUT_TIME in s (None: not stated): `path`, or all .h5 files of a folder."""
     found: dict[float | None, list[Path]] = {}
-    for file in post_files(path):
-        found.setdefault(time_of(file), []).append(file)
+    for each in sorted(path.glob("*.h5")) if path.is_dir() else [path]:
+        with open_hdf(each) as file:
+            value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
+        found.setdefault(float(value[0]) if len(value) else None, []).append(each)
+    if not found:
+        raise SprayError(f"{path}: no .h5 file in it")
     return found
 
 
@@ -121,23 +125,27 @@ def _with_fuel(
     return fuelled, (f"{path}: streams without {fuel_field} were omitted: {others}.",)
 
 
+# bytes for each number; a corner is held as it is stored and as a label
+_HELD = {
+    "CONNECTIVITY/POLYGON_TO_VERTEX": 12,
+    "CONNECTIVITY/POLYGON_OFFSET": 44,
+    "VERTEX_COORDINATES/X": 48,
+}
+
+
 def _size(streams: list[Any]) -> Size:
-    """Estimate from the shapes of the arrays; a corner is held as it is stored and as a label."""
+    """Estimate from the shapes of the arrays."""
 
     def count(group: Any, name: str) -> int:
         return int(group[name].size) if name in group else 0
 
-    corners = sum(count(stream, "CONNECTIVITY/POLYGON_TO_VERTEX") for stream in streams)
-    faces = sum(count(stream, "CONNECTIVITY/POLYGON_OFFSET") for stream in streams)
-    points = sum(count(stream, "VERTEX_COORDINATES/X") for stream in streams)
+    held = sum(count(stream, name) * each for stream in streams for name, each in _HELD.items())
     cells = sum(
         max((int(each.size) for each in stream.get("CELL_CENTER_DATA", {}).values()), default=0)
         for stream in streams
     )
-    parcels = sum(
-        count(group, "PARCEL_X") for stream in streams for group in cloud_groups(stream).values()
-    )
-    return Size(cells, parcels, 12 * corners + 44 * faces + 48 * points + 40 * cells)
+    groups = [group for stream in streams for group in cloud_groups(stream).values()]
+    return Size(cells, sum(count(group, "PARCEL_X") for group in groups), held + 40 * cells)
 
 
 def _chosen_among(path: Path, available: list[str], given: CellColumns) -> Iterator[str]:
@@ -192,10 +200,9 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
 def parcel_names(columns: Container[str]) -> ParcelColumns:
     """Names of CONVERGE that are among the columns of parcels."""
     default: dict[str, Any] = {key: first_of(known, columns) for key, known in _PARCEL.items()}
-    for name in _VELOCITY:
-        if all(f"{name}_{letter}" in columns for letter in "XYZ"):
-            default["velocity"] = Vector(columns=(f"{name}_X", f"{name}_Y", f"{name}_Z"))
-            break
+    vectors = [(f"{name}_X", f"{name}_Y", f"{name}_Z") for name in _VELOCITY]
+    velocity = next((each for each in vectors if all(name in columns for name in each)), None)
+    default["velocity"] = None if velocity is None else Vector(columns=velocity)
     return ParcelColumns(**default)
 
 
@@ -215,21 +222,6 @@ def list_converge(spec: CfdSpray) -> Listing:
     return known, sorted(fields), clouds
 
 
-def post_files(path: Path) -> list[Path]:
-    """File itself, or all .h5 files of a folder."""
-    found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-    if not found:
-        raise SprayError(f"{path}: no .h5 file in it")
-    return found
-
-
-def time_of(path: Path) -> float | None:
-    """Value of OUTPUT_TIME in s, if the file has it."""
-    with open_hdf(path) as file:
-        value = np.asarray(file.attrs.get("OUTPUT_TIME", [])).reshape(-1)
-    return float(value[0]) if len(value) else None
-
-
 def post_mesh(path: Path, stream: Any) -> Mesh:
     """Mesh of a stream, which is a group of the file."""
     x = array(path, stream, "VERTEX_COORDINATES/X")
@@ -244,14 +236,9 @@ def post_mesh(path: Path, stream: Any) -> Mesh:
     if np.any((first < 0) & (second < 0)):
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
     # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
-    turned = np.flatnonzero(first < 0)
-    size = start[turned + 1] - start[turned]
-    step = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-    begin = np.repeat(start[turned], size)
-    corners[begin + step] = corners[begin + np.repeat(size, size) - 1 - step]
     return Mesh(
         points_m=np.stack([x, y, z], axis=1),
-        corners=corners,
+        corners=turned_faces(corners, start, first < 0),
         start=start,
         owner=np.where(first < 0, second, first),
         neighbour=np.where((first < 0) | (second < 0), np.int32(-1), second),

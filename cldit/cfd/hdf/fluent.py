@@ -17,7 +17,8 @@ from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, labels, open_hdf, stored
 from cldit.cfd.mapping.columns import read_gas
 from cldit.cfd.mapping.file import ColumnMap, gas_names
-from cldit.cfd.mesh.faces import Mesh
+from cldit.cfd.mesh.cells import Labels
+from cldit.cfd.mesh.faces import Mesh, turned_faces
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
@@ -54,7 +55,8 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             if name in file:
                 raise SprayError(f"{case}: {what} ({name}), which is not read; {_WAY}")
         cells = _count(case, mesh_group, "cellCount")
-        check_room(case, _size(case, mesh_group, cells))
+        faces, nodes = (_count(case, mesh_group, name) for name in ("faceCount", "nodeCount"))
+        check_room(case, Size(cells, 0, (4 * 12 + 44) * faces + 24 * nodes + 40 * cells))
         watch("reading the mesh", 0, 1)
         mesh = _mesh(case, mesh_group, cells)
     with open_hdf(data) as file:
@@ -119,11 +121,6 @@ def _count(path: Path, group: Any, name: str) -> int:
     return count
 
 
-def _size(path: Path, mesh: Any, cells: int) -> Size:
-    faces, nodes = (_count(path, mesh, name) for name in ("faceCount", "nodeCount"))
-    return Size(cells, 0, (4 * 12 + 44) * faces + 24 * nodes + 40 * cells)
-
-
 def _sections(path: Path, group: Any) -> list[tuple[int, int, Any]]:
     """First and last index (from 1) of each section of ids, and its group."""
     parts = [group[name] for name in sorted(group) if name.isdigit()]
@@ -182,7 +179,7 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
     return Mesh(point, _outwards(mesh), start, owner, neighbour, cells, str(path))
 
 
-def _outwards(mesh: Mesh) -> NDArray[Any]:
+def _outwards(mesh: Mesh) -> Labels:
     """Corners, reversed for each face whose normal does not point out of its owner.
 
     Decided by geometry, face by face: away from the mean of the owner's face centres, which lies
@@ -206,6 +203,4 @@ def _outwards(mesh: Mesh) -> NDArray[Any]:
         [np.bincount(cell, centre[of, axis], mesh.cells) / sides for axis in range(3)], axis=1
     )
     turned = np.einsum("ij,ij->i", normal, centre - middle[mesh.owner]) < 0
-    place = np.arange(len(mesh.corners))
-    mirrored = (mesh.start[:-1] + mesh.start[1:] - 1)[face] - place
-    return np.asarray(mesh.corners[np.where(turned[face], mirrored, place)])
+    return turned_faces(mesh.corners, mesh.start, turned)

@@ -110,6 +110,14 @@ class JoinedMesh(CellMesh):
                 yield here[place], found
 
 
+def turned_faces(corners: Labels, start: Labels, turned: NDArray[np.bool_]) -> Labels:
+    """Corners of all faces, in reverse order for the faces (F,) that are `turned`."""
+    face = np.repeat(np.arange(len(turned)), np.diff(start))
+    place = np.arange(len(corners))
+    mirrored = (start[:-1] + start[1:] - 1)[face] - place
+    return np.asarray(corners[np.where(turned[face], mirrored, place)])
+
+
 def join(meshes: Sequence[CellMesh]) -> CellMesh:
     """Joins several meshes to one, cells in order."""
     return meshes[0] if len(meshes) == 1 else JoinedMesh(meshes)

@@ -110,16 +110,13 @@ def find_step(spec: CfdSpray) -> Step:
 
 def _times(root: Path, region: str) -> dict[float, list[Path]]:
     """Times with results: folders that have a field in addition to the mesh."""
-    found = {
-        time: [each for each in folders if _results(each / region)]
-        for time, folders in time_folders(root).items()
-    }
-    return {time: folders for time, folders in found.items() if folders}
-
-
-def _results(folder: Path) -> bool:
-    """True if there is a field or a cloud; a starting time may lack temperature and fuel."""
-    return folder.is_dir() and any(each.is_file() for each in folder.iterdir())
+    found = {}
+    for time, folders in time_folders(root).items():
+        # a starting time may lack temperature and fuel
+        some = [each for each in folders if any(map(Path.is_file, (each / region).glob("*")))]
+        if some:
+            found[time] = some
+    return found
 
 
 def _newest(folder: Path) -> float:

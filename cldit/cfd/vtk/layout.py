@@ -112,8 +112,7 @@ def _foam(folder: Path, path: Path) -> Layout:
         own = step_of(path.relative_to(folder))
         named = [each for each in steps.get(own, []) if path in each.pieces]
         if named:  # no other file of its kind
-            rest = [each for each in steps[own] if each.cloud != named[0].cloud]
-            steps[own] = [*named, *rest]
+            steps[own] = named + [each for each in steps[own] if each.cloud != named[0].cloud]
     return Layout(steps, times, listed, read=tuple(sorted(lists)), own=own)
 
 
@@ -125,21 +124,12 @@ def _folder(folder: Path) -> Layout:
             raise SprayError(f"{file}: has several times in it; give this file as the case")
     if lists := [each for each in files if each.suffix == ".pvd"]:
         layout = _pvd(lists)
-        taken = {
-            each
-            for found in layout.steps.values()
-            for entry in found
-            for each in (*entry.pieces, *entry.named_by)
-        }
+        every = [entry for found in layout.steps.values() for entry in found]
+        taken = {each for entry in every for each in (*entry.pieces, *entry.named_by)}
         return replace(layout, left_out=tuple(each for each in files if each not in taken))
     found = {file: entries(file) for file in files}
-    named = {
-        piece
-        for each in found.values()
-        for entry in each
-        if entry.named_by
-        for piece in (*entry.pieces, *entry.named_by[1:])
-    }
+    listing = [entry for each in found.values() for entry in each if entry.named_by]
+    named = {piece for entry in listing for piece in (*entry.pieces, *entry.named_by[1:])}
     steps: dict[str, list[Entry]] = {}
     for file, each in found.items():
         if file not in named:

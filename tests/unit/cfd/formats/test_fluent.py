@@ -202,7 +202,7 @@ def test_incomplete(tmp_path: Path, foam: Foam) -> None:
         ("(outflow", "outflow", "does not begin with Fluent's two lines"),
         ("((", "(", "line 3: expected: 10 numbers"),
         ("injection-0:16)\n", "injection-0:16)", "is cut off"),
-        ("(x y z", "(x x z", "line 2 names a column twice"),
+        ("(x y z", "(x x z", "its header has the column .x. twice"),
     ],
 )
 def test_damaged_particles(tmp_path: Path, foam: Foam, old: str, new: str, match: str) -> None:
