@@ -1,10 +1,10 @@
-"""Pixels of a large picture that pilots trace, drawn by chance, and what they say of the rest.
+"""Drawn pixels of a large image, which stand for all in coarse traces.
 
-What two pictures differ by may lie in a hundredth of the pixels that see the medium, and the medium
-in a hundredth of the picture. So most pixels are drawn from those that are likely to see it, and a
-tenth from all before the background. A sum over the picture is that over the drawn ones, each over
-its chance (Horvitz and Thompson, J. Am. Stat. Assoc. 47, 663, 1952): without bias, whatever the
-chances are.
+Most of the difference between two images may lie in a hundredth of the pixels that see the medium,
+and the medium in a hundredth of the image. So most pixels are drawn from those that are likely to
+see it, and a tenth from all in front of the background. A sum over the image is that over the drawn
+pixels, each over its chance (Horvitz and Thompson, J. Am. Stat. Assoc. 47, 663, 1952), which is
+unbiased whatever the chances are.
 """
 
 from __future__ import annotations
@@ -22,18 +22,15 @@ from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 Floats = NDArray[np.float64]
 
-_WHOLE = 90_000  # pixels of a picture, up to which all of them are traced
+_WHOLE = 90_000  # pixels of an image, up to which all of them are traced
 _MOST = 10_000  # else so many are drawn: the squares of a hundredth of them are known to a seventh
-_EVEN = 0.1  # of the chance, which is equal for all pixels before the background
-_LIKELY = 0.5  # of the emissivity of which a pixel has a T_app, as larger cells smear it
+_EVEN = 0.1  # of the chance, which is equal for all pixels in front of the background
+_LIKELY = 0.5  # of the least emissivity with a T_app, since larger cells smear it
 
 
 @dataclass(frozen=True)
 class DrawnPixels:
-    """Some pixels of a picture.
-
-    shape: rows and columns of the picture. sample: the pixels, with the chance of each.
-    """
+    """Pixels, with the chance of each, of an image whose `shape` is (rows, columns)."""
 
     shape: tuple[int, int]
     sample: PixelSample
@@ -44,10 +41,8 @@ class DrawnPixels:
     ) -> DrawnPixels:
         """Draws pixels.
 
-        Args:
-            before_background: (H, W), pixels that may have a T_app.
-            emissivity: (h, w) of the medium, by a coarse picture of the same field.
-            seed: of the draw.
+        `before_background` (H, W) are the pixels that may have a T_app, and `emissivity` (h, w) is
+        that of a coarse image of the same field.
         """
         rows, columns = before_background.shape
         near = maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
@@ -67,25 +62,21 @@ class DrawnPixels:
 
     @property
     def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row and column in the picture, each (N,)."""
+        """Row and column in the image, each (N,)."""
         row, column = np.divmod(self.sample.pixels, self.shape[1])
         return row, column
 
     def pick(self, image: Image | NDArray[np.bool_]) -> Any:
-        """These pixels (1, N) of an image (H, W)."""
+        """Picks these pixels (1, N) of an image (H, W)."""
         return self.sample.pick(image)
 
     def spread(self, values: Floats) -> Floats:
-        """An image (H, W) of values (1, N): NaN where none was drawn."""
+        """An image (H, W) of values (1, N), NaN elsewhere."""
         out = np.full(self.shape, np.nan)
         out.flat[self.sample.pixels] = values[0]
         return out
 
 
 def all_are_traced(pixels: tuple[int, int]) -> bool:
-    """Whether a picture is so small that pilots trace all of its pixels.
-
-    Args:
-        pixels: columns and rows.
-    """
+    """True if an image of (columns, rows) is so small that all of its pixels are traced."""
     return pixels[0] * pixels[1] <= _WHOLE

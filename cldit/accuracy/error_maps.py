@@ -1,44 +1,34 @@
-"""Maps of the standard error of T_app in every pixel, of each cause and of all together.
+"""Maps of the standard error of T_app in every pixel, by source and in total.
 
-A difference of two pictures is one draw of an error: in single pixels it is small by chance. The
-map of a cause is the RMS of its differences nearby, and scaled so that the RMS over all pixels that
-have a T_app is the error that the run states.
+A difference of two images is one sample of an error, small by chance in some pixels. The map of a
+source is therefore the local RMS of its differences, scaled so that the RMS over all pixels with a
+T_app is the error that the run states.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from cldit.accuracy.errors import Errors
-from cldit.io.files import make_folder
-from cldit.io.images import read_image, write_image
+from cldit.accuracy.image_pair import Floats
 
 Image = NDArray[np.float32]
 TOTAL = "total"
-_NEARBY = 0.05  # of the picture's edge: that of the square around a pixel that counts as nearby
+_NEARBY = 0.05  # of the image's edge: edge of the square of the local RMS
 
 
 def error_maps(
-    errors: Errors,
-    differences_K: Mapping[str, NDArray[np.float64]],
-    counted: NDArray[np.bool_],
+    errors: Errors, differences_K: Mapping[str, Floats], counted: NDArray[np.bool_]
 ) -> dict[str, Image]:
-    """Standard errors by cause; NaN in pixels that do not count.
+    """Standard errors (H, W) float32 by source, and their total; NaN in pixels that do not count.
 
-    Causes without a map have the same error everywhere in the total, and none of their own.
-
-    Args:
-        errors: what the run states.
-        differences_K: (H, W) sizes of differences by the cause's name; NaN where unknown.
-        counted: (H, W), pixels that have a T_app.
-
-    Returns:
-        (H, W) float32 for each cause with a map, and the total; nothing where no pixel counts.
+    `differences_K` are sizes of differences (H, W) by source, NaN where unknown; `counted` (H, W)
+    are the pixels with a T_app. Sources without a map have the same error everywhere in the total,
+    and no map of their own.
     """
     if not counted.any() or errors.total_K is None:
         return {}
@@ -60,10 +50,8 @@ def error_maps(
     return out
 
 
-def _nearby(
-    difference_K: NDArray[np.float64], counted: NDArray[np.bool_]
-) -> NDArray[np.float64] | None:
-    """Local RMS of a map; None where nothing of it is known."""
+def _nearby(difference_K: Floats, counted: NDArray[np.bool_]) -> Floats | None:
+    """Local RMS of a map; None if nothing of it is known."""
     known = np.isfinite(difference_K) & counted
     if not known.any():
         return None
@@ -73,29 +61,3 @@ def _nearby(
     mean = float(np.mean(difference_K[known] ** 2))
     local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0
-
-
-def save_maps(maps: Mapping[str, Image], folder: Path, *, pixel_m: tuple[float, float]) -> None:
-    """Writes each map as float32 TIFF, `total.tif`, `cells.tif`, ..
-
-    Args:
-        maps: by name.
-        folder: is made where there is something to write.
-        pixel_m: width and height of a pixel.
-    """
-    for name, image in maps.items():
-        make_folder(folder)
-        what = "standard error of the apparent temperature"
-        what += "" if name == TOTAL else f" by {name}"
-        path = folder / f"{name.replace(' ', '_')}.tif"
-        write_image(path, image, name=what, unit="K", pixel_m=pixel_m)
-
-
-def load_maps(folder: Path) -> dict[str, Image]:
-    """What `save_maps` wrote; nothing where there is no such folder.
-
-    Raises:
-        RunFolderError: a file is damaged.
-    """
-    files = sorted(folder.glob("*.tif"))
-    return {file.stem.replace("_", " "): read_image(file)[0] for file in files}

@@ -1,19 +1,23 @@
-"""The error of the picture: what each cause adds to T_app, and how that is known."""
+"""Errors of T_app by source: estimates, what a run states, and the remark where it is too much."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
+
+from cldit.accuracy.image_pair import Floats, ImageDifference
+
+NO_PIXEL = "no pixel has a T_app on either"
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One cause of error.
+    """Error by one source, as a run states it.
 
-    error_K: RMS of T_app over the pixels that have one; None where nobody knows. how: what was
-    compared, or why it is unknown. fixed: by a key of the scene, which names it. at_most: whether
-    the error is an upper bound.
+    error_K: RMS of T_app over the pixels that have one; None: unknown. how: what was compared, or
+    why the error is unknown. fixed: key of the scene that fixes it. at_most: True for an upper
+    bound.
     """
 
     name: str
@@ -24,7 +28,7 @@ class Cause:
 
     def __post_init__(self) -> None:
         if self.error_K is not None and not self.error_K >= 0.0:
-            raise ValueError(f"{self.name}: error_K {self.error_K}; allowed is 0 or more, or None")
+            raise ValueError(f"{self.name}: error_K {self.error_K}; allowed: 0 or more, or None")
 
     @property
     def text(self) -> str:
@@ -33,11 +37,61 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Errors:
-    """All causes of the simulation together.
+class Estimate:
+    """Estimated error of one source, and how it depends on a size.
 
-    Causes are taken for independent of each other: their squares add up. model: the spread of the
-    model itself (which evaporation, which n and k), which is beside them and never in the sum.
+    cause: as it is stated. map_K: (H, W) size of the difference in each pixel; None: unknown. The
+    error is proportional to `size` to the power `order`: a cell's edge, or one over a number.
+    """
+
+    cause: Cause
+    map_K: Floats | None = None
+    order: float = 1.0
+    size: float = 1.0
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        found: ImageDifference,
+        how: str,
+        fixed: str,
+        *,
+        at_most: bool = False,
+        order: float = 1.0,
+        size: float = 1.0,
+    ) -> Estimate:
+        """Takes the difference of two images; unknown where no pixel has a T_app."""
+        if found.error_K is None:
+            return cls.unknown(name, NO_PIXEL, fixed)
+        return cls(Cause(name, found.error_K, how, fixed, at_most), found.map_K, order, size)
+
+    @classmethod
+    def unknown(cls, name: str, why: str, fixed: str = "") -> Estimate:
+        """An error that nobody knows, and the reason."""
+        return cls(Cause(name, None, why, fixed))
+
+    @property
+    def error_K(self) -> float | None:
+        """The error; None: unknown."""
+        return self.cause.error_K
+
+    def at(self, size: float) -> Estimate:
+        """The estimate for another size."""
+        if self.error_K is None or self.map_K is None:
+            return self
+        how, factor = self.cause.how, (size / self.size) ** self.order
+        if abs(size / self.size - 1) > 1e-9:
+            how += f"; scaled to {size / self.size:.2g} of that size"
+        cause = replace(self.cause, error_K=factor * self.error_K, how=how)
+        return replace(self, cause=cause, map_K=factor * self.map_K, size=size)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of the simulation by source, independent of each other: their squares add up.
+
+    model: the spread of the model itself (evaporation, n and k), which is never in the sum.
     """
 
     causes: tuple[Cause, ...]
@@ -45,35 +99,35 @@ class Errors:
 
     @property
     def total_K(self) -> float | None:
-        """RMS of all causes that are known; None where none is, or there is no cause."""
+        """RMS of all known errors; None where none is known, or there is no source."""
         known = [cause.error_K for cause in self.causes if cause.error_K is not None]
         return sum(error**2 for error in known) ** 0.5 if known else None
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Names of causes that nobody knows: with one, `total_K` is a lower bound."""
+        """Names of sources whose error is unknown: with one, `total_K` is a lower bound."""
         return tuple(cause.name for cause in self.causes if cause.error_K is None)
 
     @property
     def text(self) -> str:
-        """`1.2 K`, `at least 1.2 K`, `unknown`, or that there is nothing to be wrong in."""
+        """`1.2 K`, `at least 1.2 K`, `unknown`, or that there is no source of error."""
         if not self.causes:
             return "none: nothing is in the way"
         if self.total_K is None:
             return "unknown"
         return f"at least {self.total_K:.2g} K" if self.unknown else f"{self.total_K:.2g} K"
 
-    def exceed(self, wanted_K: float) -> bool:
-        """Whether the known sum, as it is printed, is more than `wanted_K`."""
-        return self.total_K is not None and float(f"{self.total_K:.2g}") > wanted_K
+    def exceed(self, tolerance_K: float) -> bool:
+        """True if the known sum, as printed, exceeds the tolerance."""
+        return self.total_K is not None and float(f"{self.total_K:.2g}") > tolerance_K
 
     def largest(self) -> Cause | None:
-        """The cause that adds most; None where none is known."""
+        """The largest contribution; None where none is known."""
         known = [cause for cause in self.causes if cause.error_K is not None]
         return max(known, key=lambda cause: cause.error_K or 0.0, default=None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, the sum beside the causes; `from_dict` reads it."""
+        """Plain data for JSON, with the sum; `from_dict` reads it."""
         return {
             "total_K": self.total_K,
             "at_least": bool(self.unknown),
@@ -83,81 +137,13 @@ class Errors:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Errors:
-        """Reads what `to_dict` made.
-
-        Args:
-            data: of run.json.
-        """
+        """Reads the result of `to_dict` from run.json."""
         causes, model = (
             tuple(Cause(**cause) for cause in data.get(name, ())) for name in ("causes", "model")
         )
         return cls(causes, model)
 
     @classmethod
-    def of(cls, causes: Iterable[Cause | None], model: Iterable[Cause] = ()) -> Errors:
-        """Of those causes that the scene has.
-
-        Args:
-            causes: None stands for one that the scene has not.
-            model: the spread of the model itself.
-        """
-        return cls(tuple(cause for cause in causes if cause is not None), tuple(model))
-
-    def remarks(self, wanted_K: float, limits: Mapping[str, str] | None = None) -> tuple[str, ...]:
-        """Where the error is larger than was asked for: by what, and what can be done.
-
-        Args:
-            wanted_K: `transport.accuracy_K`.
-            limits: why a cause cannot be made smaller, and what is allowed instead, by its name.
-
-        Returns:
-            One text; none where the error is as asked for.
-        """
-        largest = self.largest()
-        if largest is None or not self.exceed(wanted_K):
-            return ()
-        held = f", held by {largest.fixed}" if largest.fixed else ""
-        why = f"{held}; allowed is {_allowed(largest)}"
-        if limits and largest.name in limits:
-            why = f", for {limits[largest.name]}"
-        return (
-            f"stated error {self.text} RMS, more than transport.accuracy_K: {wanted_K:g} asks for: "
-            f"{largest.name} make{'s' if largest.name in _ONE else ''} {largest.text}{why}",
-        )
-
-
-_ONE = ("trace", "deposit width", "gas grid", "pixel sampling")
-_MORE_PARCELS = (
-    "a smaller spray.droplets_per_parcel (run time grows as the number of parcels), or more "
-    "parcels in the file"
-)
-_FIX = {
-    "cells": "a smaller domain.leaf_edge_m",
-    "trace": "more transport.directions or a larger transport.max_samples, or, for what only the "
-    "audit finds, transport.method: path, or domain.leaf_edge_m of half the voxels of a grid",
-    "wavelengths": "more optics.wavelengths",
-    "parcels": _MORE_PARCELS,
-    "deposit width": _MORE_PARCELS,
-    "size classes": "more spray.size_classes",
-    "gas grid": "a smaller spray.spacing_m",
-    "pixel sampling": "more camera.pixels, or camera.rays_per_pixel: 4 or more",
-}
-# Where another key than the usual one holds the cause.
-_OF_KEY = {
-    "domain.rule": "domain.rule: need, or a smaller domain.leaf_edge_m",
-    "optics.spectral_error_K": "a smaller optics.spectral_error_K",
-    "spray.box.spacing_m": "a smaller spray.box.spacing_m (half takes up to 16 times as long)",
-}
-_CHOSEN = (  # by the run, where the scene leaves them out
-    "domain.leaf_edge_m",
-    "optics.wavelengths",
-    "optics.spectral_error_K",
-    "spray.size_classes",
-    "spray.spacing_m",
-)
-
-
-def _allowed(cause: Cause) -> str:
-    fix = _FIX.get(cause.name, "a larger transport.accuracy_K")
-    fix = _OF_KEY.get(cause.fixed, fix)
-    return f"{fix}, or none, so that the run chooses" if cause.fixed in _CHOSEN else fix
+    def of(cls, causes: Iterable[Cause], model: Iterable[Cause] = ()) -> Errors:
+        """Collects causes, and the spread of the model beside them."""
+        return cls(tuple(causes), tuple(model))

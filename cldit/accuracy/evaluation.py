@@ -1,4 +1,4 @@
-"""Maps of a trace without noise, and the sensor that they are made for."""
+"""Maps of a trace without noise, and the sensor whose noise they assume."""
 
 from __future__ import annotations
 
@@ -16,10 +16,7 @@ def sensor_of(
 ) -> SensorModel:
     """The scene's sensor, set so that its hottest background does not saturate it.
 
-    Args:
-        scene: what was traced.
-        quadrature: its nodes.
-        seen: weights of the nodes with spray, and the one without.
+    `seen` are the weights of the nodes with spray, and the one without.
     """
     sensor = SensorModel.from_scene(scene)
     if scene.camera.sensor.integration_time_s is not None:
@@ -42,16 +39,12 @@ def evaluated(
     reference: Weights,
     sensor: SensorModel,
 ) -> Maps:
-    """DIT of a trace without noise; where the scene has one background, maps that say so.
+    """DIT of a trace without noise; for a single background, empty maps with the reason.
 
-    Args:
-        scene: what was traced.
-        quadrature, spectral: its nodes, and weights (H, W) of each.
-        reference: weights without spray.
-        sensor: whose noise the standard errors are of.
+    `spectral` are the weights (H, W) of each node of `quadrature`, `reference` those without spray;
+    the standard errors are those of the sensor's noise.
     """
     if len(set(scene.background.temperatures_K)) < 2:
-        # A trace is of use without DIT; the maps say why they are empty.
         return Maps.unevaluated(reference.background.shape, Reason.TOO_FEW_BACKGROUNDS)
     return evaluate_radiance(
         spectral,

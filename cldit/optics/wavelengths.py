@@ -30,6 +30,7 @@ from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum
 from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.scene.optics import Optics
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
@@ -64,7 +65,12 @@ class Wavelengths:
 
 
 def wavelengths(
-    scene: Scene, spray: Spray, *, cache: Path | None, paper: bool = False
+    scene: Scene,
+    spray: Spray,
+    *,
+    cache: Path | None,
+    paper: bool = False,
+    tolerance_K: float | None = None,
 ) -> Wavelengths:
     """Nodes for a scene: one with the preset `paper` and for sprays given as coefficients (grey).
 
@@ -72,6 +78,7 @@ def wavelengths(
         scene, spray: the scene and its spray.
         cache: folder for Mie tables; None builds them anew.
         paper: True: the paper's properties, whatever the preset of the scene.
+        tolerance_K: RMS error of T_app that the nodes may leave; None: that of the scene.
 
     Raises:
         OpticsError: the filter or a temperature lies outside a substance's data.
@@ -85,15 +92,18 @@ def wavelengths(
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))
     spectrum = Spectrum.of(scene, spray, filter_um)
     asymmetry = scene_phase(scene, spray, "spectral").asymmetry
+    optics = scene.optics
+    if tolerance_K is not None:
+        optics = optics.model_copy(update={"spectral_error_K": tolerance_K})
 
     def choose() -> Arrays:
         lines = Sightlines.through(spray, width_m=scene.domain.leaf_m)
         light = _light(spectrum, filter_um, reference_K)
-        groups, errors_K = _chosen(scene, lines, spectrum, light, asymmetry)
+        groups, errors_K = _chosen(scene, optics, lines, spectrum, light, asymmetry)
         means = _Means.of(spectrum, lines, groups, light)
         return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
 
-    content = _content(scene, spray, spectrum, asymmetry)
+    content = _content(scene, optics, spray, spectrum, asymmetry)
     arrays = cached(cache, kind="wavelengths", text=content, make=choose)
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
@@ -103,7 +113,9 @@ def wavelengths(
     return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()))
 
 
-def _content(scene: Scene, spray: Spray, spectrum: Spectrum, asymmetry: float | None) -> str:
+def _content(
+    scene: Scene, optics: Optics, spray: Spray, spectrum: Spectrum, asymmetry: float | None
+) -> str:
     """Digest of everything that the choice of wavelengths depends on."""
     arrays = [*vars(spectrum).values()]
     if spray.parcels is not None:
@@ -112,8 +124,8 @@ def _content(scene: Scene, spray: Spray, spectrum: Spectrum, asymmetry: float | 
     if spray.vapour is not None:
         gas = spray.vapour
         arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
-    optics, sensor = scene.optics.model_dump(), scene.camera.sensor
-    where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
+    sensor = scene.camera.sensor
+    where = (optics.model_dump(), sensor.quantum_efficiency, scene.background.temperatures_K)
     further = (scene.walls.temperature_K, scene.domain.leaf_m, asymmetry)
     return f"{_FORM} {where!r} {further!r} {digest(*arrays)}"
 
@@ -276,6 +288,7 @@ def _depths(
 
 def _chosen(
     scene: Scene,
+    optics: Optics,
     lines: Sightlines,
     spectrum: Spectrum,
     light: Floats,
@@ -311,7 +324,7 @@ def _chosen(
         errors.append(error)
     wanted = scene.optics.wavelengths
     if wanted is None:
-        wanted = enough(errors, bound_K=scene.optics.bound_K, most=most)
+        wanted = enough(errors, bound_K=optics.bound_K, most=most)
     return found[min(wanted, most) - 1], errors
 
 

@@ -47,6 +47,8 @@ class Stages:
         """Times what is done within; texts that are appended to the list are noted with it."""
         self.tell(name)
         note: list[str] = []
-        start = time.perf_counter()
+        start, before = time.perf_counter(), len(self.done)
         yield note
-        self.done.append(Stage(name, time.perf_counter() - start, "; ".join(note)))
+        inner = sum(stage.seconds for stage in self.done[before:])
+        seconds = max(time.perf_counter() - start - inner, 0.0)
+        self.done.append(Stage(name, seconds, "; ".join(note)))

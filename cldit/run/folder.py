@@ -11,13 +11,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from cldit.accuracy.error_maps import load_maps, save_maps
+from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, RunFolderError, SceneError
 from cldit.io.files import make_folder, write_text, written
+from cldit.io.images import read_image, write_image
 from cldit.io.plain_data import read_json, read_mapping
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
@@ -268,3 +270,21 @@ def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path
         raise RunFolderError(f"{path}: is damaged ({error}); trace the run again") from error
     names = tuple(folder / f"node_{number:02d}" for number in range(len(quadrature.members)))
     return quadrature, names
+
+
+def save_maps(
+    maps: Mapping[str, NDArray[np.float32]], folder: Path, *, pixel_m: tuple[float, float]
+) -> None:
+    """Writes each map of an error as float32 TIFF, `total.tif`, `cells.tif`, .."""
+    for name, image in maps.items():
+        make_folder(folder)
+        what = "standard error of the apparent temperature"
+        what += "" if name == TOTAL else f" by {name}"
+        path = folder / f"{name.replace(' ', '_')}.tif"
+        write_image(path, image, name=what, unit="K", pixel_m=pixel_m)
+
+
+def load_maps(folder: Path) -> dict[str, NDArray[np.float32]]:
+    """Reads the files of `save_maps`; nothing without a folder. Raises RunFolderError."""
+    files = sorted(folder.glob("*.tif"))
+    return {file.stem.replace("_", " "): read_image(file)[0] for file in files}

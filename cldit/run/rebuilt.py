@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from cldit.accuracy.plan import Plan
-from cldit.accuracy.spectral import SpectralInfo, node_settings
+from cldit.accuracy.node_traces import node_settings
+from cldit.accuracy.resolution import Resolution
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.provenance import FileRead
@@ -24,6 +24,7 @@ from cldit.prepare.medium import prepare
 from cldit.prepare.spray_factory import make_spray
 from cldit.prepare.stages import Say, Stages
 from cldit.run.result import Run
+from cldit.run.spectral import SpectralInfo
 from cldit.scene import Scene
 from cldit.spray.result import Spray
 from cldit.transport.trace import Settings
@@ -68,18 +69,26 @@ def rebuilt(
     if run.info.plan is None:
         raise RunFolderError(f"{_name(run)}: run.json holds no plan; run the scene again")
     try:
-        plan = Plan(**run.info.plan)
-    except TypeError as error:
+        resolution = Resolution.from_dict(run.info.plan)
+    except KeyError as error:
         raise RunFolderError(f"{_name(run)}: run.json: plan is damaged ({error})") from error
-    chosen = plan.scene(run.scene)
-    # what is made to measure errors only is not wanted
-    bare = chosen.with_(**{"transport.audit": False, "optics.compare_paper": False})
+    scene = run.scene.with_(**{"optics.compare_paper": False})
     _check_files(run)
     stages = Stages(say)
-    spray = make_spray(bare.spray, cache=cache)
+    cone = resolution.cone(scene)
+    spray = make_spray(cone or scene.spray, cache=cache)
     _check_figures(run, "spray", run.info.spray, spray.notes)
-    prepared = prepare(bare, device, stages, cache, spray, lattice_of_m=plan.lattice_of_m)
-    medium = prepared.grown(stages, None if plan.lattice_of_m is not None else plan.depth)
+    prepared = prepare(
+        scene,
+        device,
+        stages,
+        cache,
+        spray,
+        cone=cone,
+        cube_m=resolution.cube_m,
+        spectral_K=resolution.spectral_K,
+    )
+    medium = prepared.grown(stages, None if resolution.cube_m is not None else resolution.depth)
     quadrature = medium.properties.chosen.quadrature
     nodes = SpectralInfo.of(quadrature, (), None).nodes
     for number_, (kept, made) in enumerate(zip(_nodes(run), nodes, strict=False)):
@@ -88,12 +97,14 @@ def rebuilt(
     if len(_nodes(run)) != len(nodes):
         raise _other(run, "nodes", len(_nodes(run)), len(nodes))
     remarks = tuple(_check_octree(run, medium.integrals, stages))
-    settings = node_settings(chosen, quadrature, medium.properties.phases)[number]
+    settings = node_settings(
+        scene, quadrature, medium.properties.phases, tolerance_K=resolution.ordinates_K
+    )[number]
     precision: Literal["float32", "float64"] = (
         "float64" if run.info.precision == "float64" else "float32"
     )
     return Rebuilt(
-        scene=chosen,
+        scene=scene,
         number=number,
         tree=medium.trees[number],
         settings=replace(settings, precision=precision),

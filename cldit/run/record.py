@@ -1,77 +1,52 @@
-"""What is put down of a run: its stages, and how it came about."""
+"""Metadata stored with a run: stage timings, resolution, errors, provenance."""
 
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 
-from cldit.accuracy.errors import Errors
-from cldit.accuracy.plan import Plan
-from cldit.accuracy.spectral import NodeTraces, SpectralInfo
-from cldit.accuracy.trace_error import StatedError
-from cldit.gpu.device import Device
+from cldit.accuracy.converge import Result
+from cldit.accuracy.problem import Problem
 from cldit.io.origin import Origin, versions
 from cldit.io.provenance import FileRead, files_read
-from cldit.prepare.stages import Stages
 from cldit.run.content import named_files
+from cldit.run.model_spread import model_spread
 from cldit.run.result import RunInfo
+from cldit.run.spectral import Difference, SpectralInfo
 from cldit.scene import Scene, dump_scene
 
 
-def run_info(
-    device: Device,
-    result: NodeTraces,
-    stages: Stages,
-    *,
-    stated: StatedError | None,
-    notes: dict[str, float],
-    files: tuple[FileRead, ...],
-    integrals: tuple[dict[str, float], ...],
-    phase: str,
-    integration_time_s: float,
-    spectral: SpectralInfo,
-    errors: Errors | None,
-    plan: Plan,
-    scene: Scene,
-) -> RunInfo:
-    """How a run came about.
-
-    Args:
-        device, result, stages: that traced, what it traced, and what was done.
-        stated: error of the trace.
-        notes: figures of the spray.
-        files: what the spray was read from.
-        integrals: of each node's medium.
-        phase: how droplets scatter, in words.
-        integration_time_s: of the sensor.
-        spectral: how the filter was resolved.
-        errors: of the picture, by cause.
-        plan: what was chosen.
-        scene: as the user wrote it.
-    """
-    last = result.traces[-1]  # all are compiled alike
+def run_info(problem: Problem, result: Result, from_paper: Difference | None) -> RunInfo:
+    """Metadata of a run; `from_paper` is the difference from the paper's optical properties."""
+    device, stages, scene, medium = problem.device, problem.stages, problem.scene, result.medium
+    last = result.traces.traces[-1]  # all are compiled alike
+    errors = result.errors
+    if errors is not None:
+        errors = replace(errors, model=model_spread(scene, from_paper))
+    trace_error = result.trace_error
     return RunInfo(
         device=f"{device.info.index} {device.info.name} ({device.info.platform})",
         device_reason=device.reason,
         stages=tuple(stages.done),
-        accuracy_K=None if stated is None else stated.whole_K,
-        spray=notes,
-        files=files,
-        integrals=integrals,
-        phase=phase,
-        counts=result.counts,
+        accuracy_K=None if trace_error is None else trace_error.whole_K,
+        spray=medium.notes,
+        files=medium.files,
+        integrals=medium.integrals,
+        phase=medium.properties.phase,
+        counts=result.traces.counts,
         defines={program.name: dict(program.defines) for program in last.programs},
         precision=last.precision,
-        closure=result.closure,
+        closure=result.traces.closure,
         remarks=tuple(stages.remarks),
-        integration_time_s=integration_time_s,
-        spectral=spectral,
+        integration_time_s=result.sensor.integration_time_s,
+        spectral=SpectralInfo.of(result.quadrature, medium.properties.chosen.errors_K, from_paper),
         versions={
             **versions(),
             "opencl": f"{device.info.version}, driver {device.info.driver}",
         },
         errors=errors,
-        plan=plan.to_dict(),
-        origin=origin_of(scene, files),
+        plan=result.plan,
+        origin=origin_of(scene, medium.files),
     )
 
 

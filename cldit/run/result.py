@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.accuracy.errors import Errors
-from cldit.accuracy.spectral import (
-    SpectralInfo,
-)
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile, profile_of
@@ -27,6 +24,7 @@ from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights
 from cldit.run.labelled import labelled
+from cldit.run.spectral import SpectralInfo
 from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
 

@@ -9,21 +9,24 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from cldit.accuracy.attempt import Attempts
+from cldit.accuracy.converge import Result, converge
 from cldit.accuracy.evaluation import evaluated, sensor_of
+from cldit.accuracy.problem import Problem
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.io.progress import Watch, silent
-from cldit.optics.spectral import reference_temperature_K
+from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.prepare.stages import Say, Stages
 from cldit.radiance.effective import effective_weights
 from cldit.run.content import trace_content
 from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
+from cldit.run.spectral import Difference
 from cldit.scene import Scene, load_scene
 from cldit.spray.result import Spray
+from cldit.transport.trace import settings_for, trace
 
 
 def simulate(
@@ -61,37 +64,38 @@ def simulate(
             return stored
     device = device or open_device()
     stages = Stages(progress, watch)
-    attempts = Attempts(scene, device, stages, cache or default_cache(), spray)
-    last = attempts.best()
-    from_paper = attempts.against_paper(last)
+    problem = Problem(scene, device, stages, cache or default_cache(), spray)
+    result = converge(problem, scene.transport.accuracy_K)
+    from_paper = _against_paper(problem, result)
     run = Run(
         scene=scene,
-        weights=last.result.weights,
-        reference=last.reference,
-        maps=last.maps,
-        info=run_info(
-            device,
-            last.result,
-            stages,
-            stated=last.stated,
-            notes=last.medium.notes,
-            files=last.medium.files,
-            integrals=last.medium.integrals,
-            phase=last.medium.properties.phase,
-            integration_time_s=last.sensor.integration_time_s,
-            spectral=last.spectral(from_paper),
-            errors=last.with_model(from_paper),
-            plan=last.plan,
-            scene=scene,
-        ),
-        quadrature=last.quadrature,
-        spectral=last.result.spectral,
-        error_maps=last.error_maps,
+        weights=result.traces.weights,
+        reference=result.reference,
+        maps=result.maps,
+        info=run_info(problem, result, from_paper),
+        quadrature=result.quadrature,
+        spectral=result.traces.spectral,
+        error_maps=result.error_maps,
         folder=folder,
     )
     if folder is not None:
         save_run(run, folder)
     return run
+
+
+def _against_paper(problem: Problem, result: Result) -> Difference | None:
+    """Difference from the paper's optical properties; None where it is not wanted."""
+    paper, scene = result.medium.paper, problem.scene
+    if paper is None:
+        return None
+    with problem.stages.stage("the paper's properties"):
+        phase = result.medium.properties.paper_phase
+        grey = settings_for(scene, phase, tolerance_K=result.resolution.ordinates_K)
+        other = trace(paper, scene, problem.device, grey).weights
+        chosen = result.quadrature
+        one = Quadrature.grey(chosen.filter_um, reference_K=chosen.reference_K)
+        maps = evaluated(scene, one, (other,), result.reference, result.sensor)
+        return Difference.of(result.maps, maps)
 
 
 def reevaluated(run: Run, scene: Scene) -> Run:

@@ -32,15 +32,18 @@ from cldit.transport.view import View
 __all__ = ["Settings", "Trace", "settings_for", "trace"]
 
 
-def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
-    """Settings for the scene's accuracy.
+def settings_for(
+    scene: Scene, mie: ScatteringTable | None = None, *, tolerance_K: float | None = None
+) -> Settings:
+    """Settings for an RMS error of T_app: `tolerance_K`, or None: `transport.accuracy_K`.
 
     With n = `transport.directions`, the final sweeps have 3 n ordinates and the defect correction
     n / 2. For accuracies below 0.1 K thinner cells are gathered too. `mie` is the mean phase
     function of the droplets, for a scene whose phase is `mie` or not given; None is isotropic.
     """
     spec, tuning = scene.transport, Tuning()
-    finer = 0.1 / spec.accuracy_K
+    accuracy_K = spec.accuracy_K if tolerance_K is None else tolerance_K
+    finer = 0.1 / accuracy_K
     phase = mie
     if spec.phase is not None and not (named := named_phase(spec.phase)).mie:
         phase = None if named.cumulative is None else ScatteringTable.of(named.cumulative)
@@ -49,7 +52,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         wanted, thick = tuning.ordinates_phase, tuning.thick_depth_phase
     few = int(np.clip(8 * round(wanted // 8 * finer), 16, 512))
     directions = spec.directions or few
-    deeper = float(np.clip(spec.accuracy_K / tuning.path_depth_at_K, 1.0, 3.0))
+    deeper = float(np.clip(accuracy_K / tuning.path_depth_at_K, 1.0, 3.0))
     return Settings(
         directions=max(8, directions // 2),
         final_directions=3 * directions,
@@ -59,7 +62,7 @@ def settings_for(scene: Scene, mie: ScatteringTable | None = None) -> Settings:
         precision=spec.precision,
         seed=spec.seed,
         method=spec.method,
-        accuracy_K=spec.accuracy_K,
+        accuracy_K=accuracy_K,
         max_samples=spec.max_samples,
         phase=phase,
         gather=spec.gather,

@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from cldit.accuracy.attempt import Attempts
+from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.drawn_pixels import DrawnPixels
-from cldit.accuracy.picture import Step
-from cldit.accuracy.pilot import Pilot, looked, temperature_of
-from cldit.accuracy.plan import Plan
+from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.problem import Problem
+from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.sources.wavelengths import spectral_K
+from cldit.accuracy.variant_tracer import VariantTracer, preview, temperature_of
 from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
@@ -29,24 +31,13 @@ from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene
 
 
-class _Made(Exception):
-    """Holds the pilot of a run that goes no further."""
-
-
-class _UpToPilot(Attempts):
-    def _settled(self, plan: Plan, pilot: Pilot) -> Plan:
-        raise _Made(pilot)
-
-
-def pilot_of(scene: Scene) -> Pilot:
-    """The pilot of a scene's first attempt."""
-    attempts = _UpToPilot(scene, open_device(), Stages(None), default_cache(), None)
-    try:
-        attempts._made(Plan.first(scene))
-    except _Made as made:
-        found: Pilot = made.args[0]
-        return found
-    raise AssertionError("the scene's cells are not left to choice")
+def tracer_of(scene: Scene) -> VariantTracer:
+    """The tracer of a scene's first coarse images."""
+    problem = Problem(scene, open_device(), Stages(None), default_cache(), None)
+    allocation = Allocation.of(scene, scene.transport.accuracy_K)
+    asked_K = spectral_K(scene, allocation["wavelengths"])
+    first = Resolution.first(scene, ordinates_K=allocation["trace"], spectral_K=asked_K)
+    return problem.tracer(first)[1]
 
 
 def main() -> None:
@@ -64,24 +55,24 @@ def main() -> None:
         transport={"accuracy_K": 1.0},
         optics={"compare_paper": False},
     )
-    pilot = pilot_of(scene)
+    tracer = tracer_of(scene)
     whole = replace(
-        pilot, drawn=None, temperature=temperature_of(pilot.scene, pilot.probed), kept={}
+        tracer, drawn=None, temperature=temperature_of(tracer.scene, tracer.prepared), levels={}
     )
     whole = replace(whole, settings=replace(whole.settings, subpixels=False))
-    seen = looked(pilot.scene, pilot.device, pilot.settings, pilot.probed)
+    seen = preview(tracer.scene, tracer.device, tracer.settings, tracer.prepared)
     before = whole.temperature.before_background
     draws = [DrawnPixels.of(before, seen, seed=seed) for seed in range(given.draws)]
     print("cells, mm          all, K   drawn: least, mean, most   below all")
     for coarse, fine in pairwise(given.halvings):
         two = whole.level(fine), whole.level(coarse)
-        true_K = whole.step(*two).error_K or 0.0
+        true_K = whole.difference(*two).error_K or 0.0
         stated = []
         for drawn in draws:
-            one, other = (picture.map(drawn.pick) for picture in two)
+            one, other = (image.map(drawn.pick) for image in two)
             temperature = whole.temperature.picked(drawn.sample.pixels)
-            stated.append(Step.between(temperature, one, other, drawn).error_K or 0.0)
-        mm = [1e3 * pilot.probed.frame.at(depth).cell_m for depth in (coarse, fine)]
+            stated.append(ImageDifference.between(temperature, one, other, drawn).error_K or 0.0)
+        mm = [1e3 * tracer.prepared.cube.at(depth).cell_m for depth in (coarse, fine)]
         print(
             f"{mm[0]:7.3g} to {mm[1]:5.3g} {true_K:10.3f}   {min(stated):.3f}, "
             f"{np.mean(stated):.3f}, {max(stated):.3f}   {sum(one < true_K for one in stated)}",

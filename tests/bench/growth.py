@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from cldit.accuracy.spectral import trace_nodes
+from cldit.accuracy.node_traces import trace_nodes
 from cldit.bench.case import Case, Say, changed, clocked
 from cldit.bench.report import Part, Table
 from cldit.medium.octree import Octree

@@ -34,7 +34,7 @@ from tests.bench.wavelengths import imported
 
 Floats = NDArray[np.float64]
 
-_OF_WIDTH = 4.0 / 3.0  # as in cldit.accuracy.budget
+_OF_WIDTH = 4.0 / 3.0  # as in cldit.accuracy.sources.parcels
 _ORDINATES = 32
 
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy import pixels as pixels_of_run
-from cldit.accuracy.picture import Picture
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.sources import pixel_sampling
 from cldit.bench.case import Case, changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
@@ -75,11 +75,11 @@ def measured(case: Case, *, pixels: int, rays: int) -> Sampled:
     apart = one.temperature_K(result.weights) - one.temperature_K(true)
     both = np.isfinite(apart) & visible(result.weights) & visible(true)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pixels_of_run, "temperature_of", lambda *_: one._temperature)
-        cause, _ = pixels_of_run.pixel_error(one.scene, _NO_MEDIUM, Picture.of(result))
-    assert cause.error_K is not None
+        patch.setattr(pixel_sampling, "temperature_of", lambda *_: one._temperature)
+        found = pixel_sampling.pixel_error(one.scene, _NO_MEDIUM, ImagePair.of(result))
+    assert found.error_K is not None
     true_K = float(np.sqrt(np.mean(apart[both] ** 2)))
-    return Sampled(pixels, rays, cause.error_K, true_K, cost.core_s)
+    return Sampled(pixels, rays, found.error_K, true_K, cost.core_s)
 
 
 def main() -> None:

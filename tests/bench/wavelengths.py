@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.accuracy.spectral import node_settings, trace_nodes
+from cldit.accuracy.node_traces import node_settings, trace_nodes
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device, open_device

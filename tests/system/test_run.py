@@ -194,7 +194,7 @@ def test_methane_runs_no_scattering_code() -> None:
     assert "HAS_SCATTERING" not in run.info.defines["image.cl"]
     assert not np.any(run.weights.liquid)
     scattering = next(stage for stage in run.info.stages if stage.name == "scattering")
-    assert "left out" in scattering.note
+    assert "skipped" in scattering.note
 
 
 def test_one_background_can_be_traced_but_not_evaluated(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.accuracy.spectral import NodeTraces, node_settings, trace_nodes
+from cldit.accuracy.node_traces import NodeTraces, node_settings, trace_nodes
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame

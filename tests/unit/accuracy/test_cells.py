@@ -1,4 +1,4 @@
-"""The choice of cells by pilots, on pictures whose error is known."""
+"""The choice of cells by coarse traces, on images whose error is known."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.cells import Refined, choose_cells, error_at, foretold_cells
-from cldit.accuracy.picture import Step
+from cldit.accuracy.cell_choice import choose_cells
+from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.richardson import RichardsonEstimate, error_at, predicted_error
 from cldit.errors import MediumError, SprayError
+from cldit.medium.frame import Frame
 
 
-class KnownPilot:
-    """Pictures that err by `factor` times the cell's edge (mm) to the power `order`."""
+class KnownTracer:
+    """Images with an error of `factor` times the cell's edge (mm) to the power `order`."""
 
     def __init__(
         self,
@@ -30,8 +32,8 @@ class KnownPilot:
     ) -> None:
         self.order, self.factor, self.ends = order, factor, ends
         self.coarsest, self.finest = coarsest, finest
-        frame = SimpleNamespace(edge_m=0.2)
-        self.probed = SimpleNamespace(frame=frame, on_lattice=on_lattice)
+        cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=0)
+        self.prepared = SimpleNamespace(cube=cube, on_lattice=on_lattice)
         self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.16, 0.16)))
         self.traced: list[int] = []
 
@@ -50,51 +52,54 @@ class KnownPilot:
         coarsest = self.level(depth - 2)
         return (2.0, self.level(depth - 1)), (4.0, coarsest)
 
-    def step(self, one: float, other: float) -> Step:
-        return Step(abs(one - other), np.full((2, 2), abs(one - other)))
+    def difference(self, one: float, other: float) -> ImageDifference:
+        return ImageDifference(abs(one - other), np.full((2, 2), abs(one - other)))
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
 def test_error_is_that_of_the_finest(order: float) -> None:
-    pilot: Any = KnownPilot(order)
-    found = error_at(pilot, 8)
+    tracer: Any = KnownTracer(order)
+    found = error_at(tracer, 8)
     assert found is not None
     assert found.order == pytest.approx(order)
-    assert found.step.error_K == pytest.approx(pilot.true_K(8))
+    assert found.difference.error_K == pytest.approx(tracer.true_K(8))
 
 
 def test_orders_are_bounded() -> None:
     """A step that is small by chance is no proof of a high order, nor a large one of none."""
     one = np.ones((1, 1))
-    lucky = Refined.of(Step(8.0, one), Step(0.1, one))
-    assert lucky.order == 1.0 and lucky.step.error_K == 0.1 and lucky.most_K == 8.0 / (4 - 2)
-    assert Refined.of(Step(8.0, one), Step(2.0, one)).order == 2.0
-    assert Refined.of(Step(1.0, one), Step(2.0, one)).order == 1.0
-    assert Refined.of(Step(1.0, one), Step(0.0, one)).step.error_K == 0.0
+    lucky = RichardsonEstimate.of(ImageDifference(8.0, one), ImageDifference(0.1, one))
+    assert lucky.order == 1.0 and lucky.difference.error_K == 0.1 and lucky.bound_K == 8.0 / (4 - 2)
+    assert RichardsonEstimate.of(ImageDifference(8.0, one), ImageDifference(2.0, one)).order == 2.0
+    assert RichardsonEstimate.of(ImageDifference(1.0, one), ImageDifference(2.0, one)).order == 1.0
+    none = RichardsonEstimate.of(ImageDifference(1.0, one), ImageDifference(0.0, one))
+    assert none.difference.error_K == 0.0
 
 
 @pytest.mark.parametrize("order", [1.0, 1.4, 2.0])
 @pytest.mark.parametrize(("once", "twice"), [(2.0, 4.0), (1.5, 4.5), (2.86, 5.0)])
 def test_order_by_any_sizes(order: float, once: float, twice: float) -> None:
     error_K = [0.7 * size**order for size in (1.0, once, twice)]
-    steps = [Step(finer - coarser, np.ones((1, 1))) for coarser, finer in pairwise(error_K)]
-    found = Refined.of(steps[1], steps[0], once=once, twice=twice)
+    steps = [
+        ImageDifference(finer - coarser, np.ones((1, 1))) for coarser, finer in pairwise(error_K)
+    ]
+    found = RichardsonEstimate.of(steps[1], steps[0], once=once, twice=twice)
     assert found.order == pytest.approx(order, abs=1e-5)
-    assert found.step.error_K == pytest.approx(error_K[0], rel=1e-4)
+    assert found.difference.error_K == pytest.approx(error_K[0], rel=1e-4)
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
 @pytest.mark.parametrize("wanted_K", [2.0, 0.5, 0.1])
 def test_largest_cells_that_do(order: float, wanted_K: float) -> None:
     """And none finer than one level above them is traced on the way."""
-    pilot: Any = KnownPilot(order)
-    chosen = choose_cells(pilot, lambda _: wanted_K, lambda _: None)
+    tracer: Any = KnownTracer(order)
+    chosen = choose_cells(tracer, lambda _: wanted_K, lambda _: None)
     assert chosen is not None and not chosen.limited
-    assert pilot.true_K(chosen.depth) <= wanted_K * (1 + 1e-9)
-    assert chosen.error_K == pytest.approx(pilot.true_K(chosen.depth))
+    assert tracer.true_K(chosen.depth) <= wanted_K * (1 + 1e-9)
+    assert chosen.error_K == pytest.approx(tracer.true_K(chosen.depth))
     least = math.ceil(math.log2(200.0 / wanted_K ** (1 / order)))
     assert chosen.depth == max(least, 8)
-    assert max(pilot.traced) <= max(chosen.depth - 1, 8)
+    assert max(tracer.traced) <= max(chosen.depth - 1, 8)
 
 
 @pytest.mark.parametrize(("wanted_K", "depth"), [(5.0, 8), (0.7, 9), (0.5, 9), (0.2, 11)])
@@ -105,27 +110,27 @@ def test_cells_that_miss_what_finer_ones_see(wanted_K: float, depth: int) -> Non
     cells are traced, and err by 0.5 K of first order.
     """
     true_K = {6: 9.1, 7: 1.1, 8: 1.0, 9: 0.5, 10: 0.25, 11: 0.125}
-    pilot: Any = KnownPilot(1.0)
-    pilot.true_K = true_K.__getitem__
-    found = error_at(pilot, 8)
-    assert found is not None and found.order == 1.0 and found.most_K == pytest.approx(4.0)
-    chosen = choose_cells(pilot, lambda _: wanted_K, lambda _: None)
+    tracer: Any = KnownTracer(1.0)
+    tracer.true_K = true_K.__getitem__
+    found = error_at(tracer, 8)
+    assert found is not None and found.order == 1.0 and found.bound_K == pytest.approx(4.0)
+    chosen = choose_cells(tracer, lambda _: wanted_K, lambda _: None)
     assert chosen is not None and chosen.depth == depth
 
 
 def test_memory_ends_it() -> None:
-    pilot: Any = KnownPilot(1.0, finest=9)
-    chosen = choose_cells(pilot, lambda _: 0.01, lambda _: None)
+    tracer: Any = KnownTracer(1.0, finest=9)
+    chosen = choose_cells(tracer, lambda _: 0.01, lambda _: None)
     assert chosen is not None and chosen.depth == 9
-    assert chosen.error_K == pytest.approx(pilot.true_K(9))
-    assert chosen.limited.startswith(f"memory does not hold cells of {200 / 2**10:.3g} mm; allowed")
+    assert chosen.error_K == pytest.approx(tracer.true_K(9))
+    assert chosen.limited.startswith(f"{200 / 2**10:.3g} mm cells exceed memory; allowed")
 
 
 def test_halvings_end() -> None:
-    pilot: Any = KnownPilot(1.0)
-    chosen = choose_cells(pilot, lambda _: 1e-3, lambda _: None)
+    tracer: Any = KnownTracer(1.0)
+    chosen = choose_cells(tracer, lambda _: 1e-3, lambda _: None)
     assert chosen is not None and chosen.depth == 12
-    assert "halved 12 times at most; allowed is a smaller domain.edge_m" in chosen.limited
+    assert "halved 12 times at most; allowed: a smaller domain.edge_m" in chosen.limited
 
 
 @pytest.mark.parametrize("order", [1.0, 1.4])
@@ -135,41 +140,41 @@ def test_a_lattice_takes_any_edge(order: float, wanted_K: float) -> None:
 
     Orders are known up to 1.4, beyond which none is trusted for what is foretold.
     """
-    pilot: Any = KnownPilot(order, on_lattice=True)
-    chosen = choose_cells(pilot, lambda _: wanted_K, lambda _: None)
+    tracer: Any = KnownTracer(order, on_lattice=True)
+    chosen = choose_cells(tracer, lambda _: wanted_K, lambda _: None)
     assert chosen is not None and not chosen.limited
-    at_K = pilot.true_K(chosen.depth) * chosen.less**order
+    at_K = tracer.true_K(chosen.depth) * chosen.less**order
     assert at_K == pytest.approx(0.92 * wanted_K) == pytest.approx(chosen.error_K)
     assert 0.35 <= chosen.less <= 1.0
-    assert max(pilot.traced) == chosen.depth
+    assert max(tracer.traced) == chosen.depth
 
 
 def test_coarse_lattices_that_no_cone_takes_are_passed_over() -> None:
-    pilot: Any = KnownPilot(1.0, on_lattice=True, coarsest=8)
-    chosen = choose_cells(pilot, lambda _: 0.2, lambda _: None)
-    assert chosen is not None and min(pilot.traced) == 8
-    assert pilot.true_K(chosen.depth) * chosen.less == pytest.approx(0.92 * 0.2)
-    none: Any = KnownPilot(1.0, on_lattice=True, coarsest=13)
+    tracer: Any = KnownTracer(1.0, on_lattice=True, coarsest=8)
+    chosen = choose_cells(tracer, lambda _: 0.2, lambda _: None)
+    assert chosen is not None and min(tracer.traced) == 8
+    assert tracer.true_K(chosen.depth) * chosen.less == pytest.approx(0.92 * 0.2)
+    none: Any = KnownTracer(1.0, on_lattice=True, coarsest=13)
     with pytest.raises(SprayError):
         choose_cells(none, lambda _: 1.0, lambda _: None)
 
 
 def test_a_lattice_too_fine_for_the_cone_is_wanted_all_the_same() -> None:
     """The run steps back from it, to the finest that the cone takes; memory is not to blame."""
-    pilot: Any = KnownPilot(1.0, on_lattice=True, finest=9, ends=SprayError)
-    chosen = choose_cells(pilot, lambda _: 0.01, lambda _: None)
+    tracer: Any = KnownTracer(1.0, on_lattice=True, finest=9, ends=SprayError)
+    chosen = choose_cells(tracer, lambda _: 0.01, lambda _: None)
     assert chosen is not None and not chosen.limited
-    assert chosen.depth == 10 and chosen.error_K == pytest.approx(pilot.true_K(10))
+    assert chosen.depth == 10 and chosen.error_K == pytest.approx(tracer.true_K(10))
 
 
-def test_fixed_cells_are_foretold_by_coarser_ones() -> None:
-    pilot: Any = KnownPilot(1.5)
-    assert foretold_cells(pilot, 9).error_K == pytest.approx(pilot.true_K(9))
-    assert max(pilot.traced) == 8
-    assert foretold_cells(pilot, 2).error_K is None
+def test_errors_of_fixed_cells_are_predicted_by_coarser_ones() -> None:
+    tracer: Any = KnownTracer(1.5)
+    assert predicted_error(tracer, 9)[0] == pytest.approx(tracer.true_K(9))
+    assert max(tracer.traced) == 8
+    assert predicted_error(tracer, 2)[0] is None
 
 
-def test_a_lattice_no_coarser_than_a_pilot() -> None:
-    pilot: Any = KnownPilot(1.0, on_lattice=True)
-    chosen = choose_cells(pilot, lambda _: 50.0, lambda _: None)
-    assert chosen is not None and chosen.less == 1.0 and max(pilot.traced) == chosen.depth
+def test_a_lattice_no_coarser_than_a_tracer() -> None:
+    tracer: Any = KnownTracer(1.0, on_lattice=True)
+    chosen = choose_cells(tracer, lambda _: 50.0, lambda _: None)
+    assert chosen is not None and chosen.less == 1.0 and max(tracer.traced) == chosen.depth

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.accuracy.error_maps import error_maps, load_maps, save_maps
+from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Cause, Errors
+from cldit.run.folder import load_maps, save_maps
 
 
 def found() -> tuple[Errors, dict[str, np.ndarray], np.ndarray]:

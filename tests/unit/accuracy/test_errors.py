@@ -6,12 +6,13 @@ import json
 
 import pytest
 
-from cldit.accuracy.cells import too_fine, too_many
 from cldit.accuracy.errors import Cause, Errors
+from cldit.accuracy.remarks import too_large
+from cldit.accuracy.resolution import too_fine, too_many
 
 
 def test_squares_add_up() -> None:
-    errors = Errors.of([Cause("cells", 3.0, "coarser"), None, Cause("ordinates", 4.0, "halves")])
+    errors = Errors.of([Cause("cells", 3.0, "coarser"), Cause("ordinates", 4.0, "halves")])
     assert errors.total_K == pytest.approx(5.0)
     assert errors.text == "5 K"
     assert not errors.unknown
@@ -32,12 +33,12 @@ def test_nothing_is_wrong_where_nothing_is() -> None:
     errors = Errors.of([])
     assert errors.text == "none: nothing is in the way"
     assert errors.total_K is None and not errors.unknown and not errors.exceed(0.0)
-    assert errors.remarks(0.1) == ()
+    assert too_large(errors, 0.1) == ()
 
 
 @pytest.mark.parametrize("error_K", [-1.0, float("nan")])
 def test_no_error_is_negative_or_nan(error_K: float) -> None:
-    with pytest.raises(ValueError, match=r"cells: error_K .*; allowed is 0 or more, or None"):
+    with pytest.raises(ValueError, match=r"cells: error_K .*; allowed: 0 or more, or None"):
         Cause("cells", error_K, "coarser")
 
 
@@ -60,28 +61,30 @@ def test_errors_of_runs_before_the_model_had_a_spread() -> None:
 def test_more_than_asked_says_what_and_how() -> None:
     """The largest cause, the key that holds it, and what is allowed; as it is printed."""
     errors = Errors.of([Cause("cells", 1.4, "x", "domain.leaf_edge_m"), Cause("trace", 0.2, "x")])
-    (text,) = errors.remarks(1.0)
+    (text,) = too_large(errors, 1.0)
     assert text.startswith("stated error 1.4 K RMS, more than transport.accuracy_K: 1 asks for")
-    said = "cells make 1.4 K, held by domain.leaf_edge_m; allowed is a smaller domain.leaf_edge_m"
+    said = (
+        "cells contribute 1.4 K, set by domain.leaf_edge_m; allowed: a smaller domain.leaf_edge_m"
+    )
     assert text.endswith(f"{said}, or none, so that the run chooses")
-    assert errors.remarks(1.4) == ()
-    assert Errors.of([Cause("cells", None, "x")]).remarks(1.0) == ()
+    assert too_large(errors, 1.4) == ()
+    assert too_large(Errors.of([Cause("cells", None, "x")]), 1.0) == ()
 
 
 @pytest.mark.parametrize(
     ("why", "allowed"),
     [
-        (too_many(1e-4), "memory does not hold cells of 0.1 mm; allowed is a machine of more"),
-        (too_fine(1.4e-4), "the cone takes no lattice finer than 0.14 mm; allowed is a larger"),
+        (too_many(1e-4), "0.1 mm cells exceed memory; allowed: a machine with more"),
+        (too_fine(1.4e-4), "the cone allows no lattice finer than 0.14 mm; allowed: a larger"),
     ],
 )
 def test_limits_say_what_helps_there(why: str, allowed: str) -> None:
     """A key that the limit overrules is no advice."""
     errors = Errors.of([Cause("cells", 0.64, "x")])
-    (text,) = errors.remarks(0.5, {"cells": why})
-    assert f"cells make 0.64 K, for {allowed}" in text
-    assert text.count("allowed is") == 1 and "leaf_edge_m" not in text
-    (other,) = Errors.of([Cause("trace", 0.64, "x")]).remarks(0.5, {"cells": why})
+    (text,) = too_large(errors, 0.5, {"cells": why})
+    assert f"cells contribute 0.64 K; {allowed}" in text
+    assert text.count("allowed:") == 1 and "leaf_edge_m" not in text
+    (other,) = too_large(Errors.of([Cause("trace", 0.64, "x")]), 0.5, {"cells": why})
     assert why not in other
 
 
@@ -98,6 +101,6 @@ def test_limits_say_what_helps_there(why: str, allowed: str) -> None:
 )
 def test_advice_names_the_key_that_helps(name: str, key: str, allowed: str) -> None:
     """To leave a key out is advice only where the scene sets it, and the run would choose."""
-    (text,) = Errors.of([Cause(name, 2.0, "x", key)]).remarks(1.0)
-    assert f"; allowed is {allowed}" in text
+    (text,) = too_large(Errors.of([Cause(name, 2.0, "x", key)]), 1.0)
+    assert f"; allowed: {allowed}" in text
     assert text.endswith("so that the run chooses") == (key not in ("", "domain.rule"))

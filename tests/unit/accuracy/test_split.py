@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from cldit.accuracy.split import Effort, split
+from cldit.accuracy.allocation import split
+
+
+def source(power: float, share: float = 1.0) -> Any:
+    return SimpleNamespace(cost_power=power, cost_share=share)
 
 
 def test_squares_sum_to_the_whole() -> None:
-    shares = split(2.0, {"a": Effort(3.0), "b": Effort(1.5), "c": Effort(1.0, share=0.1)})
+    shares = split(2.0, {"a": source(3.0), "b": source(1.5), "c": source(1.0, 0.1)})
     assert sum(one**2 for one in shares.values()) == pytest.approx(4.0)
     assert shares["a"] ** 2 == pytest.approx(2 * shares["b"] ** 2)
     assert split(1.0, {}) == {}
@@ -17,7 +24,7 @@ def test_squares_sum_to_the_whole() -> None:
 
 def test_factors_cost_least() -> None:
     """Cells and ordinates multiply: no other split of the same error costs less."""
-    efforts = {"cells": Effort(3.0), "trace": Effort(1.5)}
+    efforts = {"cells": source(3.0), "trace": source(1.5)}
     best = split(1.0, efforts)
 
     def cost(cells_K: float) -> float:
@@ -33,5 +40,5 @@ def test_terms_cost_least() -> None:
     first, second = 4.0 / ways, 1.0 / (1 - ways**2)
     least = int(np.argmin(first + second))
     whole = first[least] + second[least]
-    efforts = {"a": Effort(1.0, first[least] / whole), "b": Effort(2.0, second[least] / whole)}
+    efforts = {"a": source(1.0, first[least] / whole), "b": source(2.0, second[least] / whole)}
     assert split(1.0, efforts)["a"] == pytest.approx(ways[least], abs=2e-3)

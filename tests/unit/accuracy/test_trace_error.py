@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.spectral import summed
-from cldit.accuracy.trace_error import StatedError
+from cldit.accuracy.node_traces import summed
+from cldit.accuracy.trace_error import TraceError
 from cldit.dit.maps import Maps, Reason
 from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
@@ -26,17 +26,22 @@ from cldit.transport.result import Audit
 @pytest.mark.parametrize(
     ("halves", "audit", "asked", "said"),
     [
-        (0.05, 0.24, {}, "audit by path tracing finds it, where directions and chains make some 0"),
-        (0.05, 0.24, {"directions": 16}, "allowed is more transport.directions for that part"),
-        (0.4, 0.24, {}, "directions and chains make it; allowed is a smaller transport.accuracy_K"),
-        (0.24, 0.24, {"directions": 16}, "make it; allowed is more transport.directions"),
-        (0.24, None, {"method": "path"}, "allowed is a larger transport.max_samples"),
+        (
+            0.05,
+            0.24,
+            {},
+            "by the audit with path tracing, where directions and chains contribute some 0",
+        ),
+        (0.05, 0.24, {"directions": 16}, "allowed: more transport.directions for that part"),
+        (0.4, 0.24, {}, "by directions and chains; allowed: a smaller transport.accuracy_K"),
+        (0.24, 0.24, {"directions": 16}, "chains; allowed: more transport.directions"),
+        (0.24, None, {"method": "path"}, "allowed: a larger transport.max_samples"),
     ],
 )
 def test_more_than_asked(
     halves: float, audit: float | None, asked: dict[str, Any], said: str
 ) -> None:
-    (text,) = StatedError(halves, audit).remarks(Transport(accuracy_K=0.1, **asked))
+    (text,) = TraceError(halves, audit).remarks(Transport(accuracy_K=0.1, **asked))
     assert text.startswith("stated error 0.24 K RMS, more than transport.accuracy_K: 0.1 asks for:")
     assert said in text
 
@@ -44,24 +49,24 @@ def test_more_than_asked(
 @pytest.mark.parametrize(("halves", "told"), [(0.0, 0), (0.1, 0), (0.1049, 0), (0.1051, 1)])
 def test_as_asked(halves: float, told: int) -> None:
     """As it is printed, with two digits."""
-    assert len(StatedError(halves).remarks(Transport(accuracy_K=0.1))) == told
+    assert len(TraceError(halves).remarks(Transport(accuracy_K=0.1))) == told
 
 
 def test_audit_is_stated() -> None:
     """It is of the picture; halves have the error of half of the ordinates, and miss a part."""
-    assert StatedError(0.2, 0.1).error_K == 0.1
-    assert StatedError(0.1, 0.2).error_K == 0.2
-    assert StatedError(0.2).error_K == 0.2
+    assert TraceError(0.2, 0.1).error_K == 0.1
+    assert TraceError(0.1, 0.2).error_K == 0.2
+    assert TraceError(0.2).error_K == 0.2
 
 
 def test_unknown() -> None:
     """Is said, with what is known; it is never a number, nor less than was asked for."""
-    assert StatedError(None, unknown="why").error_K is None
-    (text,) = StatedError(None, unknown="why").remarks(Transport())
+    assert TraceError(None, unknown="why").error_K is None
+    (text,) = TraceError(None, unknown="why").remarks(Transport())
     assert text == "error of the trace in T_app: unknown (why)"
-    (text,) = StatedError(0.05, unknown="why").remarks(Transport(accuracy_K=0.1))
+    (text,) = TraceError(0.05, unknown="why").remarks(Transport(accuracy_K=0.1))
     assert text.startswith("error of the trace in T_app: at least 0.05 K RMS")
-    assert len(StatedError(0.2, unknown="why").remarks(Transport(accuracy_K=0.1))) == 2
+    assert len(TraceError(0.2, unknown="why").remarks(Transport(accuracy_K=0.1))) == 2
 
 
 @pytest.mark.parametrize("audit_K", [0.0, 0.3, 0.8, 2.0])
@@ -73,7 +78,7 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
     square is theirs together; which part is whose, nobody knows.
     """
     halves_K = 0.2
-    found = StatedError(halves_K, audit_K).beyond(cells_K)
+    found = TraceError(halves_K, audit_K).beyond(cells_K)
     assert found.whole_K == audit_K
     trace_K = found.error_K
     assert trace_K is not None and trace_K >= min(halves_K, audit_K)
@@ -84,8 +89,8 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
 
 
 def test_unknown_cells_explain_nothing() -> None:
-    assert StatedError(0.2, 0.5).beyond(None) == StatedError(0.2, 0.5)
-    assert StatedError(0.2, None).beyond(1.0).error_K == 0.2
+    assert TraceError(0.2, 0.5).beyond(None) == TraceError(0.2, 0.5)
+    assert TraceError(0.2, None).beyond(1.0).error_K == 0.2
 
 
 def flat(value: float) -> Weights:
@@ -112,7 +117,7 @@ def node(difference: float, audit: float | None, *, noise: float = 0.0) -> Any:
     )
 
 
-def stated(scene: Scene, *traces: Any) -> StatedError | None:
+def stated(scene: Scene, *traces: Any) -> TraceError | None:
     """Of nodes of equal light."""
     at_K = 450.0
     maps = replace(
@@ -122,7 +127,7 @@ def stated(scene: Scene, *traces: Any) -> StatedError | None:
     )
     nodes = [SimpleNamespace(share=lambda _: 1 / len(traces)) for _ in traces]
     quadrature: Any = SimpleNamespace(nodes=nodes, reference_K=at_K)
-    return StatedError.of(scene, summed(traces, quadrature, scene), maps)
+    return TraceError.of(scene, summed(traces, quadrature, scene), maps)
 
 
 def test_wavelengths_add_as_they_do_in_the_picture() -> None:

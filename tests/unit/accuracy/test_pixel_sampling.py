@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.accuracy import pixels
-from cldit.accuracy.picture import Picture
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.sources import pixel_sampling
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights
@@ -70,7 +70,7 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
     to err by 2.6 times the truth."""
     scene = scene_of(rays)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixels, "temperature_of", lambda *_: temperature)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_: temperature)
 
     def of(across: int) -> Weights:
         """Means over so many points across each pixel."""
@@ -83,14 +83,14 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
     sample = drawn(temperature(seen), tuning=Tuning(), seed=seed)
     assert len(sample.pixels) < COUNT**2 / 10
     some = many.map(lambda image: image.reshape(1, -1)[:, sample.pixels])
-    probed: Any = SimpleNamespace()
-    picture = Picture(seen, subpixels=Subpixels(sample, 4 * across, some, None))
-    cause, step = pixels.pixel_error(scene, probed, picture)
+    prepared: Any = SimpleNamespace()
+    picture = ImagePair(seen, subpixels=Subpixels(sample, 4 * across, some, None))
+    found = pixel_sampling.pixel_error(scene, prepared, picture)
     true = float(np.sqrt(np.mean((temperature(seen) - temperature(mean)) ** 2)))
-    assert step is not None and step.map_K.shape == (COUNT, COUNT)
-    assert cause.error_K is not None
-    assert 0.75 < cause.error_K / true < 1.4
-    assert float(np.sqrt(np.mean(step.map_K**2))) == pytest.approx(cause.error_K)
+    assert found.map_K is not None and found.map_K.shape == (COUNT, COUNT)
+    assert found.error_K is not None
+    assert 0.75 < found.error_K / true < 1.4
+    assert float(np.sqrt(np.mean(found.map_K**2))) == pytest.approx(found.error_K)
 
 
 def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +101,7 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     scene = scene_of(1)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixels, "temperature_of", lambda *_: temperature)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_: temperature)
     rng = np.random.default_rng(5)
 
     def noisy(shape: tuple[int, int]) -> tuple[Weights, Weights]:
@@ -115,9 +115,9 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 400
     sample = PixelSample(np.arange(count) * 9, np.full(count, 1 / 9))
     some, apart = noisy((1, count))
-    probed: Any = SimpleNamespace()
-    picture = Picture(mean, half, Subpixels(sample, 4, some, apart))
-    error_K = pixels.pixel_error(scene, probed, picture)[0].error_K
+    prepared: Any = SimpleNamespace()
+    picture = ImagePair(mean, half, Subpixels(sample, 4, some, apart))
+    error_K = pixel_sampling.pixel_error(scene, prepared, picture).error_K
     assert error_K is not None and error_K**2 < 4 * 0.07
 
 
@@ -137,7 +137,7 @@ def test_pixels_at_edges_are_drawn() -> None:
 def test_nothing_to_see_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(1)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixels, "temperature_of", lambda *_: temperature)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_: temperature)
     clear = Weights(*(np.ones((COUNT, COUNT), np.float32),) * 4)
-    probed: Any = SimpleNamespace()
-    assert pixels.pixel_error(scene, probed, Picture(clear))[0].error_K is None
+    prepared: Any = SimpleNamespace()
+    assert pixel_sampling.pixel_error(scene, prepared, ImagePair(clear)).error_K is None

@@ -1,14 +1,13 @@
-"""A traced picture with its halves, and how far two pictures' T_app are apart beyond their noise.
+"""An image with its independent halves, and the difference of two images' T_app beyond noise.
 
-Ordinates and paths err by chance, and in cells of another size they err otherwise. So the
-difference of two pictures holds the noise of both. Each picture is the mean of two halves, A and B,
-whose ordinates and paths are independent. So the product of the differences of the A and of the B
-has the square of the true difference for its mean, whatever the noise is. With d the difference of
-the pictures and e that of half of A - B, the product is (d + e)(d - e).
+Ordinates and paths have random errors, which differ with the size of the cells. So the difference
+of two images contains the noise of both. Each image is the mean of two halves, A and B, whose
+ordinates and paths are independent. The product of the difference of the A and that of the B
+therefore has the square of the true difference as its mean, whatever the noise is. With d the
+difference of the images and e that of half of A - B, the product is (d + e)(d - e).
 
-Pictures may be of drawn pixels (`cldit.accuracy.drawn_pixels`). A sum of theirs has an error of
-sampling as well: where a few pixels hold most of a square, the sum is large or small by which were
-drawn.
+Images may be of drawn pixels (`cldit.accuracy.drawn_pixels`). A sum over these also has a sampling
+error: where a few pixels hold most of a square, the sum depends on whether they were drawn.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ from cldit.transport.result import Subpixels, Trace
 
 Floats = NDArray[np.float64]
 
-_NEARBY = 0.05  # of the picture's edge: that of a block whose pixels may err together
+_NEARBY = 0.05  # of the image's edge: size of a block whose pixels may have a common error
 
 
 @dataclass(frozen=True)
-class Picture:
-    """Weights (H, W) of one wavelength.
+class ImagePair:
+    """Weights (H, W) of one wavelength, as the mean of two independent halves.
 
-    difference: half the difference of the images by either half; None where nothing is by chance.
-    subpixels: some of its pixels by many more rays; None: it was not asked for.
+    difference: half the difference of the halves; None where nothing is random. subpixels: some
+    pixels by many more rays; None: not asked for.
     """
 
     weights: Weights
@@ -44,22 +43,22 @@ class Picture:
     subpixels: Subpixels | None = None
 
     @classmethod
-    def of(cls, result: Trace) -> Picture:
-        """What a trace holds of it."""
+    def of(cls, result: Trace) -> ImagePair:
+        """The images of a trace."""
         return cls(result.weights, result.weights_difference, result.subpixels)
 
     @property
     def visible(self) -> NDArray[np.bool_]:
-        """(H, W) which pixels have an emissivity above 0.05."""
+        """(H, W) pixels with an emissivity above 0.05."""
         return np.asarray(1.0 - self.weights.background > VISIBLE_EMISSIVITY)
 
-    def map(self, change: Callable[[Image], Any]) -> Picture:
-        """`change` of every image, which is not of the same pixels then."""
+    def map(self, change: Callable[[Image], Any]) -> ImagePair:
+        """Applies `change` to every image; the result has other pixels, and no subpixels."""
         difference = None if self.difference is None else self.difference.map(change)
-        return Picture(self.weights.map(change), difference)
+        return ImagePair(self.weights.map(change), difference)
 
     def noise_K(self, temperature: NodeTemperature) -> Floats:
-        """(H, W) half the difference of the halves' T_app: the picture's own error is as large."""
+        """(H, W) half the difference of the halves' T_app, an estimate of the mean's error."""
         if self.difference is None:
             return np.zeros(self.weights.background.shape)
         mean, half = self.weights.images, self.difference.images
@@ -72,12 +71,7 @@ class Picture:
     def error_K(
         self, temperature: NodeTemperature, drawn: DrawnPixels | None = None
     ) -> float | None:
-        """RMS of `noise_K` over the pixels of emissivity above 0.05; None: there is none.
-
-        Args:
-            temperature: of the scene and wavelength.
-            drawn: the pixels that the picture is of; None: all.
-        """
+        """RMS of `noise_K` over the visible pixels, all or drawn; None if there is none."""
         noise = self.noise_K(temperature)
         known = np.isfinite(noise) & self.visible
         if not known.any():
@@ -87,41 +81,36 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Step:
-    """Difference of T_app of two pictures.
+class ImageDifference:
+    """Difference of T_app between two images.
 
-    error_K: RMS over the pixels of emissivity above 0.05 in both, without the pictures' noise, and
-    one standard error of its square added; None: there is no pixel. map_K: (H, W) size of the
-    difference in each of them that was traced, noise and all, NaN elsewhere.
+    error_K: RMS over the pixels that are visible in both, without noise, plus one standard error
+    of its square; None: no such pixel. map_K: (H, W) size of the difference in each of them,
+    noise included, NaN elsewhere.
     """
 
     error_K: float | None
     map_K: Floats
 
-    def times(self, factor: float) -> Step:
-        """The difference, scaled."""
+    def times(self, factor: float) -> ImageDifference:
+        """Scales the difference."""
         error_K = None if self.error_K is None else factor * self.error_K
-        return Step(error_K, factor * self.map_K)
+        return ImageDifference(error_K, factor * self.map_K)
 
     @classmethod
     def between(
         cls,
         temperature: NodeTemperature,
-        one: Picture,
-        other: Picture,
+        one: ImagePair,
+        other: ImagePair,
         drawn: DrawnPixels | None = None,
-    ) -> Step:
-        """Compares two pictures.
+    ) -> ImageDifference:
+        """Compares two images of the same pixels, all of an image or drawn.
 
-        The square of (A^2 - B^2) / 2, summed over pixels that err together, has the variance of the
-        sum of A B for its mean where there is noise alone. Of pixels that are drawn with a chance
-        of p, the sum of (1 - p) (A B - mean)^2 / p^2 is the variance by which were drawn; what
-        noise adds to it is in the first sum already, and is taken off.
-
-        Args:
-            temperature: of the scene and wavelength.
-            one, other: of the same pixels.
-            drawn: these pixels; None: all of the picture.
+        For noise alone, the square of (A^2 - B^2) / 2, summed over pixels with a common error, has
+        the variance of the sum of A B as its mean. For pixels drawn with chance p, the sum of
+        (1 - p) (A B - mean)^2 / p^2 is the variance by the draw; the contribution of noise to it
+        is already in the first sum, and is subtracted.
         """
         apart = temperature(one.weights) - temperature(other.weights)
         noise = one.noise_K(temperature) - other.noise_K(temperature)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.accuracy.drawn_pixels import DrawnPixels
-from cldit.accuracy.picture import Picture, Step
+from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.radiance.weights import Weights
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
@@ -22,7 +22,7 @@ def temperature(weights: Weights) -> NDArray[np.float64]:
     return 10.0 * weights.liquid.astype(float)
 
 
-def picture(level: Any, noise_K: float, rng: np.random.Generator, *, shared: Any = 0.0) -> Picture:
+def pair(level: Any, noise_K: float, rng: np.random.Generator, *, shared: Any = 0.0) -> ImagePair:
     """Of T_app `level`, plus a noise of `noise_K` RMS in blocks of 3 x 3 pixels, and `shared`."""
     half = rng.normal(0.0, noise_K * 2**0.5, (2, EDGE // 3, EDGE // 3))
     one, other = half.repeat(3, 1).repeat(3, 2) + shared
@@ -32,15 +32,15 @@ def picture(level: Any, noise_K: float, rng: np.random.Generator, *, shared: Any
         image = (kelvin / 10.0).astype(np.float32)
         return Weights(np.full_like(image, background), nothing, nothing, image)
 
-    return Picture(weights(level + (one + other) / 2, 0.5), weights((one - other) / 2, 0.0))
+    return ImagePair(weights(level + (one + other) / 2, 0.5), weights((one - other) / 2, 0.0))
 
 
-def step(true_K: float, noise_K: float, seed: int, *, shared_K: float = 0.0) -> Step:
+def step(true_K: float, noise_K: float, seed: int, *, shared_K: float = 0.0) -> ImageDifference:
     rng = np.random.default_rng(seed)
     shared = rng.normal(0.0, shared_K, (2, 1, 1))
-    one, other = (picture(level, noise_K, rng, shared=shared) for level in (400.0 + true_K, 400.0))
+    one, other = (pair(level, noise_K, rng, shared=shared) for level in (400.0 + true_K, 400.0))
     kelvin: Any = temperature
-    return Step.between(kelvin, one, other)
+    return ImageDifference.between(kelvin, one, other)
 
 
 def squares(**given: float) -> NDArray[np.float64]:
@@ -68,23 +68,23 @@ def test_noise_that_both_pictures_share_cancels() -> None:
 
 def test_without_halves_it_is_the_difference() -> None:
     rng = np.random.default_rng(1)
-    one, other = (Picture(picture(level, 1.0, rng).weights) for level in (401.0, 400.0))
+    one, other = (ImagePair(pair(level, 1.0, rng).weights) for level in (401.0, 400.0))
     kelvin: Any = temperature
-    found = Step.between(kelvin, one, other)
+    found = ImageDifference.between(kelvin, one, other)
     assert found.error_K == pytest.approx(float(np.sqrt(np.nanmean(found.map_K**2))))
 
 
 def test_own_noise() -> None:
     """Half the difference of the halves is as large as the error of their mean."""
     kelvin: Any = temperature
-    one = picture(400.0, 1.5, np.random.default_rng(2))
+    one = pair(400.0, 1.5, np.random.default_rng(2))
     assert one.error_K(kelvin) == pytest.approx(1.5, rel=4 / (2 * 400) ** 0.5)
-    assert Picture(one.weights).error_K(kelvin) == 0.0
+    assert ImagePair(one.weights).error_K(kelvin) == 0.0
     thin = one.map(lambda image: image)
-    clear = Picture(Weights(*(np.ones((EDGE, EDGE), np.float32),) * 4))
+    clear = ImagePair(Weights(*(np.ones((EDGE, EDGE), np.float32),) * 4))
     assert thin.error_K(kelvin) == one.error_K(kelvin)
     assert clear.error_K(kelvin) is None
-    assert Step.between(kelvin, clear, one).error_K is None
+    assert ImageDifference.between(kelvin, clear, one).error_K is None
 
 
 def drawn_of(seed: int) -> DrawnPixels:
@@ -114,9 +114,9 @@ def test_few_pixels_that_hold_the_square(noise_K: float) -> None:
     found = []
     for seed in range(40):
         rng = np.random.default_rng(100 + seed)
-        one, other = (picture(400.0 + level, noise_K, rng) for level in (true, 0.0))
+        one, other = (pair(400.0 + level, noise_K, rng) for level in (true, 0.0))
         drawn = drawn_of(seed)
-        step = Step.between(kelvin, one.map(drawn.pick), other.map(drawn.pick), drawn)
+        step = ImageDifference.between(kelvin, one.map(drawn.pick), other.map(drawn.pick), drawn)
         assert step.map_K.shape == (EDGE, EDGE) and step.error_K is not None
         assert np.count_nonzero(np.isfinite(step.map_K)) == len(drawn.sample.pixels)
         found.append(step.error_K**2)
@@ -131,7 +131,7 @@ def test_noise_of_drawn_pixels() -> None:
     noise = rng.normal(0.0, np.where(np.arange(EDGE) < EDGE // 2, 0.1, 0.3), (EDGE, EDGE))
     nothing = np.zeros((EDGE, EDGE), np.float32)
     mean = Weights(*(np.full_like(nothing, 0.5),) * 2, nothing, np.full_like(nothing, 40.0))
-    whole = Picture(mean, Weights(nothing, nothing, nothing, noise.astype(np.float32)))
+    whole = ImagePair(mean, Weights(nothing, nothing, nothing, noise.astype(np.float32)))
     drawn = drawn_of(1)
     found = whole.map(drawn.pick).error_K(kelvin, drawn)
     assert found == pytest.approx(5**0.5, rel=4 / (2 * 400) ** 0.5)

@@ -1,26 +1,18 @@
-"""The model's own spread: how far T_app moves with what is chosen, not computed.
+"""Spread of the model itself: how far T_app moves with what is assumed, not computed.
 
-It is no error of the simulation, and stands beside that: never in the sum.
+It is no error of the simulation, and is stated beside it, never in the sum.
 """
 
 from __future__ import annotations
 
 from cldit.accuracy.errors import Cause
-from cldit.accuracy.spectral import Difference
+from cldit.run.spectral import Difference
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 
 def model_spread(scene: Scene, from_paper: Difference | None) -> tuple[Cause, ...]:
-    """What a run knows of it without another run.
-
-    Args:
-        scene: what was traced.
-        from_paper: against the paper's optical properties, where these were traced as well.
-
-    Returns:
-        The spread by the spray model, and by optical data.
-    """
+    """Spread by the spray model, and by optical data where the paper's were traced as well."""
     if isinstance(scene.spray, ConeSpray | LagrangianSpray):
         how = (
             "which spray model: compare `cldit run gdi` and `cldit run gdi-flow`, or `cldit study`"

@@ -10,14 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.budget import Budget, without_chance
 from cldit.accuracy.errors import Errors
-from cldit.accuracy.picture import Step
+from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.remarks import too_large
+from cldit.accuracy.sources.base import Measurement
+from cldit.accuracy.sources.gas_grid import (
+    GAS_GRID,
+    CoarserGas,
+    coarser_gas,
+    within,
+    without_chance,
+)
 from cldit.errors import MediumError, SprayError
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, PointSource, Sources, build_octrees
 from cldit.prepare import medium
-from cldit.prepare.gas_grid import GasGrid, coarser_gas, within
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, parse_scene
 from cldit.scene.spray import LagrangianSpray
@@ -39,6 +46,10 @@ def vapour(h_m: float = H, *, long: int = 24) -> Vapour:
     return Vapour(cells, 1e24 * one, 480.0 * one, 0.1)
 
 
+def prepared(gas: Vapour, resprayed: Any) -> Any:
+    return SimpleNamespace(spray=SimpleNamespace(vapour=gas), cube=CUBE, resprayed=resprayed)
+
+
 def gas(lower: list[list[float]], edge_m: float, absorption: float = 1.0) -> CellSource:
     low = np.array(lower)
     some, none = np.full(len(low), absorption), np.zeros(len(low))
@@ -50,8 +61,8 @@ def droplets(place: list[list[float]]) -> PointSource:
     return PointSource(np.array(place), one, 3 * one, 2 * one, None, (one,))
 
 
-def step(error_K: float | None) -> Step:
-    return Step(error_K, np.full((2, 2), np.nan if error_K is None else error_K))
+def difference(error_K: float | None) -> ImageDifference:
+    return ImageDifference(error_K, np.full((2, 2), np.nan if error_K is None else error_K))
 
 
 def test_the_same_spray_on_cells_twice_as_large() -> None:
@@ -63,13 +74,13 @@ def test_the_same_spray_on_cells_twice_as_large() -> None:
         return sources
 
     spec = LagrangianSpray(seed=7)
-    found = coarser_gas(spec, vapour(), CUBE, made)
+    found = coarser_gas(prepared(vapour(), made), spec)
     (other,) = asked
     assert other.box.spacing_m == 2 * spec.box.spacing_m
     data = other.model_dump()
     data["box"]["spacing_m"] = spec.box.spacing_m
     assert data == spec.model_dump()
-    assert found.sources is not None and found.fixed == "spray.box.spacing_m"
+    assert found.sources is not None
     assert "2 to 1 mm" in found.how
 
 
@@ -86,7 +97,7 @@ def test_no_spray_where_none_tells(spacing_m: float, here: Vapour, why: str) -> 
         raise AssertionError("made")
 
     spec = LagrangianSpray(box={"spacing_m": spacing_m})
-    found = coarser_gas(spec, here, CUBE, never)
+    found = coarser_gas(prepared(here, never), spec)
     assert found.sources is None and why in found.how
 
 
@@ -94,7 +105,7 @@ def test_a_flow_that_cannot_be_followed() -> None:
     def fails(_: LagrangianSpray) -> Sources:
         raise SprayError("the gas is too fast")
 
-    found = coarser_gas(LagrangianSpray(), vapour(), CUBE, fails)
+    found = coarser_gas(prepared(vapour(), fails), LagrangianSpray())
     assert found.sources is None and "too fast" in found.how
 
 
@@ -124,7 +135,7 @@ def test_too_much_outside_is_no_answer() -> None:
     for absorption, known in ((500.0, False), (1100.0, True)):
         inside = gas([[0.0, 0.0, 0.0]], 2e-3, absorption)
         sources: Sources = (None, [_both(inside, beside)])
-        found = coarser_gas(LagrangianSpray(), vapour(), CUBE, lambda _, s=sources: s)  # type: ignore[misc]
+        found = coarser_gas(prepared(vapour(), lambda _, s=sources: s), LagrangianSpray())
         assert (found.sources is not None) == known
         assert known or "0.2 % of the spray" in found.how
 
@@ -140,71 +151,72 @@ def _both(one: CellSource, other: CellSource) -> CellSource:
 
 def test_chance_is_taken_out_where_it_is_the_smaller_part() -> None:
     """9 K and 1.5 K for each of two sprays: the root of 81 - 2 x 2.25, and the map with it."""
-    less, how = without_chance(step(9.0), 1.5)
+    less, how = without_chance(difference(9.0), 1.5)
     assert less.error_K == pytest.approx(76.5**0.5) == pytest.approx(less.map_K[0, 0])
-    assert "taken out" in how
+    assert "subtracted" in how
     for sampling_K in (None, 4.6):  # 2 x 4.6^2 is more than half of 81
-        whole, how = without_chance(step(9.0), sampling_K)
+        whole, how = without_chance(difference(9.0), sampling_K)
         assert whole.error_K == 9.0 and how.startswith("at most")
-    assert without_chance(step(None), 1.0)[0].error_K is None
+    assert without_chance(difference(None), 1.0)[0].error_K is None
 
 
 @dataclass
-class Pilot:
-    """Pictures are numbers here, and their differences are plain."""
+class Tracer:
+    """Images are numbers here, and their differences are plain."""
 
-    probed: Any
+    prepared: Any
     coarser_K: float | Exception
 
-    def variant(self, name: str, sources: Any, depth: int) -> float:
-        assert (name, sources, depth) == ("gas grid", "sources", 6)
+    def variant(self, name: str, make: Any, depth: int) -> float:
+        assert (name, make(), depth) == ("gas grid", "sources", 6)
         if isinstance(self.coarser_K, Exception):
             raise self.coarser_K
         return self.coarser_K
 
     def level(self, depth: int) -> float:
-        assert depth == 6  # the picture's own cells
+        assert depth == 6  # the image's own cells
         return 500.0
 
-    def step(self, one: float, other: float) -> Step:
-        return step(abs(one - other))
+    def difference(self, one: float, other: float) -> ImageDifference:
+        return difference(abs(one - other))
 
 
-def errors_of(gas: GasGrid | None, coarser_K: float | Exception = 509.0) -> Errors:
-    pilot: Any = Pilot(SimpleNamespace(parcels=None, gas=gas), coarser_K)
-    found = Budget(scene(audit=True), pilot, 6, lambda _: None).of_sources()
-    return Errors.of(cause for cause, _ in found)
+def errors_of(gas: CoarserGas | None, coarser_K: float | Exception = 509.0) -> Errors:
+    prepared = SimpleNamespace(
+        cone=None,
+        made=SimpleNamespace(parcels=None),
+        spray=SimpleNamespace(vapour=gas),
+        variant=lambda *_: gas,
+    )
+    tracer: Any = Tracer(prepared, coarser_K)
+    at = Measurement(scene(), tracer, Stages(None), depth=6, coarse=5)
+    return Errors.of(one.cause for one in GAS_GRID.estimate(at))
 
 
-def test_the_budget_states_it() -> None:
-    known: Any = GasGrid("sources", "step", "spray.box.spacing_m")  # type: ignore[arg-type]
+def test_the_error_is_stated() -> None:
+    known: Any = CoarserGas("sources", "step")  # type: ignore[arg-type]
     (cause,) = errors_of(known).causes
     assert (cause.name, cause.error_K, cause.fixed) == ("gas grid", 9.0, "spray.box.spacing_m")
-    (remark,) = errors_of(known).remarks(1.0)
-    assert "gas grid makes 9 K" in remark and "allowed is a smaller spray.box.spacing_m" in remark
+    (remark,) = too_large(errors_of(known), 1.0)
+    assert "gas grid contributes 9 K" in remark
+    assert "allowed: a smaller spray.box.spacing_m" in remark
     assert errors_of(None).causes == ()
-    (cause,) = errors_of(GasGrid(None, "one grid alone")).causes
+    (cause,) = errors_of(CoarserGas(None, "one grid alone")).causes
     assert cause.error_K is None and cause.how == "one grid alone"
     (cause,) = errors_of(known, MediumError("more than memory holds")).causes
     assert cause.error_K is None and "more than memory holds" in cause.how
 
 
-def scene(*, audit: bool) -> Scene:
+def scene() -> Scene:
     return parse_scene(
-        {
-            "name": "s",
-            "spray": {"model": "lagrangian"},
-            "optics": {"compare_paper": False},
-            "transport": {"audit": audit},
-        }
+        {"name": "s", "spray": {"model": "lagrangian"}, "optics": {"compare_paper": False}}
     )
 
 
-@pytest.mark.parametrize("audit", [True, False])
-def test_a_second_spray_is_made_for_the_audit_alone(
-    audit: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_a_second_spray_is_made_for_the_estimate_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It is deposited as the spray is, comes from the same cache, and is a stage of the run."""
+    """It is deposited as the spray is, comes from the same cache, once, and is a stage."""
     asked: list[tuple[float, Path]] = []
     place = np.random.default_rng(1).normal(0, 1e-3, (50, 3))
     one = np.ones(50)
@@ -219,14 +231,21 @@ def test_a_second_spray_is_made_for_the_audit_alone(
     info = SimpleNamespace(memory_bytes=2**31, largest_buffer_bytes=2**30)
     device: Any = SimpleNamespace(info=info)
     stages = Stages(None)
-    prepared = medium.prepare(scene(audit=audit), device, stages, tmp_path)
-    named = [stage.name for stage in stages.done]
-    if not audit:
-        assert asked == [(H, tmp_path)] and prepared.probed is None
-        assert named == ["spray", "optics"]
-        return
+    prepared = medium.prepare(scene(), device, stages, tmp_path)
+    assert asked == [(H, tmp_path)]
+    assert [stage.name for stage in stages.done] == ["spray", "optics"]
+    traced: list[Sources] = []
+
+    def variant(_: str, made: Any, __: int) -> float:
+        traced.append(made())
+        return 1.0
+
+    tracer: Any = SimpleNamespace(
+        prepared=prepared, variant=variant, level=lambda _: 0.0, difference=lambda *_: difference(1)
+    )
+    for _ in range(2):
+        GAS_GRID.estimate(Measurement(scene(), tracer, stages, depth=6, coarse=5))
     assert asked == [(H, tmp_path), (2 * H, tmp_path)]
+    named = [stage.name for stage in stages.done]
     assert named == ["spray", "optics", "spray on cells of gas twice as large"]
-    assert prepared.probed is not None and prepared.probed.gas is not None
-    sources = prepared.probed.gas.sources
-    assert sources is not None and sources[0] is not None and sources[0].extent is not None
+    assert traced[-1][0] is not None and traced[-1][0].extent is not None

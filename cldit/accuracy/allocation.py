@@ -1,0 +1,186 @@
+"""Error allocation: the tolerance is divided among the sources by what a smaller error costs.
+
+Sources that the scene fixes take no share. They bound what is worth the cost: if they alone exceed
+the tolerance, free sources that add little to them are small enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from cldit.accuracy.errors import Estimate
+from cldit.accuracy.sources import BY_NAME, SOURCES
+from cldit.accuracy.sources.base import ErrorSource
+from cldit.scene import Scene
+
+# The trace and the wavelengths usually end up below their shares. Cells can only be halved, at
+# eight times the cost, so they may have what others are likely to leave.
+_LIKELY = 0.6
+# Predicted errors may leave cells next to nothing. At half of its share they are eight times as
+# many; an error that is still too large is stated.
+_LEAST_OF_SHARE = 0.5
+_CLOSE = 1.1  # in squares: not worth another spray
+# Contribution of the free sources to the square of the fixed ones. By the cost powers of all
+# sources the cost grows as the error to the power -5.5. The sum is then 5 % above the fixed
+# errors alone, and one per cent of it costs (1 + 10) times as much as without fixed errors.
+_IN_VAIN = 0.1
+
+
+def split(tolerance_K: float, sources: Mapping[str, ErrorSource]) -> dict[str, float]:
+    """Error allowed to each source at the least total cost; the squares sum to the tolerance's.
+
+    Independent errors add up in squares, sum(e_i^2) = E^2. With a Lagrange multiplier m for that
+    constraint, the cost C is least where -dC/de_i = 2 m e_i. With p_i the cost power of source i,
+    and C_i the part of the cost that it scales, -dC/de_i = p_i C_i / e_i, so e_i^2 is proportional
+    to p_i C_i. Sources that multiply each other's cost all scale the whole of it: for these e_i^2
+    is proportional to p_i alone.
+    """
+    whole = sum(one.cost_power * one.cost_share for one in sources.values())
+    return {
+        name: tolerance_K * (one.cost_power * one.cost_share / whole) ** 0.5
+        for name, one in sources.items()
+    }
+
+
+def shares_of(left_K2: float, errors_K: Mapping[str, float]) -> dict[str, float]:
+    """Shares of a sum of squares; a source within its share leaves the rest to the others."""
+    shares_K, open_ = dict(errors_K), set(errors_K)
+    while open_:
+        wanted = split(left_K2**0.5, {name: BY_NAME[name] for name in open_})
+        within = {name for name in open_ if errors_K[name] <= wanted[name]}
+        if not within:
+            return shares_K | wanted
+        left_K2 -= sum(errors_K[name] ** 2 for name in within)
+        open_ -= within
+    return shares_K
+
+
+def free_sources(scene: Scene) -> tuple[str, ...]:
+    """Names of the sources whose error the scene leaves to choice."""
+    return tuple(one.name for one in SOURCES if one.is_free(scene))
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """Errors that the sources of a scene may have.
+
+    tolerance_K: RMS error of T_app asked for. free_K: error that all free sources may have
+    together; shares_K: each of them. predicted_K: errors that sources will have, whatever their
+    share. fixed: those of them that no resolution makes smaller, True for an upper bound; None
+    before they are known.
+    """
+
+    tolerance_K: float
+    free_K: float
+    shares_K: Mapping[str, float]
+    predicted_K: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, bool] | None = None
+
+    @classmethod
+    def of(cls, scene: Scene, tolerance_K: float) -> Allocation:
+        """All of the tolerance to the free sources."""
+        return cls(tolerance_K, tolerance_K, _shares(scene, tolerance_K))
+
+    def __getitem__(self, name: str) -> float:
+        """Share of a source; the error of all free sources where it has none."""
+        return self.shares_K.get(name, self.free_K)
+
+    @property
+    def target_K(self) -> float:
+        """Total error that is worth its cost: the tolerance, or the fixed errors with little added.
+
+        With F the fixed errors and R the rest, their sum falls by R^2 / (F^2 + R^2) per cent if R
+        falls by one, while the cost grows by as many per cent whatever F is. Upper bounds do not
+        count as F.
+        """
+        measured_K2, bounds_K2 = self._fixed_K2
+        return float(max(self.tolerance_K, ((1.0 + _IN_VAIN) * measured_K2 + bounds_K2) ** 0.5))
+
+    @property
+    def _fixed_K2(self) -> tuple[float, float]:
+        """Squares of the fixed errors: measured, and upper bounds."""
+        each = {name: self.predicted_K.get(name, 0.0) ** 2 for name in self.fixed or {}}
+        bounds = sum(each[name] for name, at_most in (self.fixed or {}).items() if at_most)
+        return sum(each.values()) - bounds, bounds
+
+    def with_known(self, scene: Scene, estimates: Iterable[Estimate]) -> Allocation:
+        """Adds the estimates of sources that are not free.
+
+        No resolution includes pixels, nor ordinates that the scene sets; their predicted errors
+        count as fixed, too.
+        """
+        errors_K, fixed = {}, {"pixel sampling": False}
+        for one in estimates:
+            if one.error_K is not None:
+                errors_K[one.cause.name], fixed[one.cause.name] = one.error_K, one.cause.at_most
+        if "trace" not in free_sources(scene):
+            fixed["trace"] = False
+        return replace(self, predicted_K={**self.predicted_K, **errors_K}, fixed=fixed)
+
+    def allocated(self, scene: Scene) -> Allocation:
+        """Shares of what the known errors leave, never less than before."""
+        left_K2 = self.target_K**2 - sum(error_K**2 for error_K in self.predicted_K.values())
+        free_K = max(left_K2, self.tolerance_K**2) ** 0.5
+        return replace(self, free_K=free_K, shares_K=_shares(scene, free_K))
+
+    @property
+    def cells_K(self) -> float:
+        """Error that the cells may have: what the other sources are likely to leave."""
+        least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
+        return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
+
+    def _left_K2(self, *names: str) -> float:
+        """Part of the square of `target_K` that other sources are likely to leave to these."""
+        likely_K = {name: _LIKELY * one for name, one in self.shares_K.items()}
+        likely_K.update(self.predicted_K)
+        return self.target_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
+
+    def beside_cells(
+        self, scene: Scene, cells_K: float | None, errors_K: Mapping[str, float]
+    ) -> Allocation:
+        """Shares of the sources that the spray is made with, for what the cells leave.
+
+        `errors_K` has their errors; unknown errors of cells count as none. Errors that are small
+        enough keep the allocation as it is.
+        """
+        free = set(free_sources(scene))
+        left = self._left_K2("cells", *SPRAY) - (cells_K or 0.0) ** 2
+        left -= sum(e**2 for name, e in errors_K.items() if name not in free)
+        mine = {name: e for name, e in errors_K.items() if name in free}
+        if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
+            return self
+        return replace(self, shares_K={**self.shares_K, **shares_of(left, mine)})
+
+    def remark(self) -> tuple[str, ...]:
+        """Remark that fixed errors exceed the tolerance, so the others were relaxed, or nothing."""
+        measured_K2, bounds_K2 = self._fixed_K2
+        left_K2 = self.tolerance_K**2 - measured_K2 - bounds_K2
+        rest_K2, fixed_K = _IN_VAIN * measured_K2, (measured_K2 + bounds_K2) ** 0.5
+        if rest_K2 <= max(left_K2, (_LEAST_OF_SHARE * self.tolerance_K) ** 2):
+            return ()
+        known_K = {name: self.predicted_K.get(name, 0.0) for name in self.fixed or {}}
+        most = sorted(known_K, key=lambda name: -known_K[name])[:2]
+        named = ", ".join(f"{name} {known_K[name]:.2g} K" for name in most)
+        return (
+            f"fixed error sources contribute {fixed_K:.2g} K on coarse cells ({named}), beyond "
+            f"transport.accuracy_K: {self.tolerance_K:g}: the others were set to "
+            f"{rest_K2**0.5:.2g} K",
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for run.json."""
+        return {
+            "wanted_K": self.tolerance_K,
+            "shares_K": dict(self.shares_K),
+            "foretold_K": dict(self.predicted_K),
+            "fixed": None if self.fixed is None else dict(self.fixed),
+        }
+
+
+SPRAY = tuple(one.name for one in SOURCES if one.of_spray)
+
+
+def _shares(scene: Scene, free_K: float) -> dict[str, float]:
+    return split(free_K, {name: BY_NAME[name] for name in free_sources(scene)})

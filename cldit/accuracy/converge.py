@@ -1,0 +1,212 @@
+"""Solve, estimate, refine: until the error of T_app is within the tolerance, or cannot be reduced.
+
+This is the loop of adaptive finite elements. `predict` starts it with a resolution from coarse
+traces; `solve` traces the image and estimates its error by source; `refine` chooses a finer
+resolution by the same rule of allocation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.accuracy import remarks
+from cldit.accuracy.allocation import Allocation, free_sources, shares_of
+from cldit.accuracy.error_maps import error_maps
+from cldit.accuracy.errors import Errors, Estimate
+from cldit.accuracy.evaluation import evaluated, sensor_of
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.node_traces import NodeTraces, trace_nodes, traced_stages
+from cldit.accuracy.predict import predict
+from cldit.accuracy.problem import Problem
+from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.sources import BY_NAME, SOURCES
+from cldit.accuracy.sources.base import Excess, Measurement, Solved
+from cldit.accuracy.sources.cells import CELLS
+from cldit.accuracy.trace_error import TraceError
+from cldit.accuracy.variant_tracer import VariantTracer
+from cldit.camera.sensor import SensorModel
+from cldit.dit.maps import Maps
+from cldit.medium.octree import build_octree
+from cldit.optics.spectral import Quadrature
+from cldit.prepare.medium import Medium
+from cldit.radiance.weights import Weights
+from cldit.transport.trace import settings_for, trace
+
+MAX_REFINEMENTS = 2
+_MOST_RATIO = 4.0  # of an error to its share, in one refinement: a smaller share is not worth it
+
+
+@dataclass(frozen=True)
+class Result:
+    """The solution of a problem at one resolution.
+
+    trace_error: None if nothing scatters. estimates: by source, and errors, their sum: None without
+    audit. error_maps: of `errors` (H, W), by source.
+    """
+
+    resolution: Resolution
+    allocation: Allocation
+    medium: Medium
+    traces: NodeTraces
+    reference: Weights
+    maps: Maps
+    sensor: SensorModel
+    trace_error: TraceError | None
+    estimates: tuple[Estimate, ...] = ()
+    errors: Errors | None = None
+    error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    refinements: int = 0
+
+    @property
+    def quadrature(self) -> Quadrature:
+        """The nodes that were traced."""
+        return self.medium.properties.chosen.quadrature
+
+    def limited(self, why: str) -> Result:
+        """The result with the reason why its cells cannot be smaller; empty: none."""
+        return replace(self, resolution=self.resolution.limited("cells", why))
+
+    @property
+    def plan(self) -> dict[str, Any]:
+        """Resolution and allocation as plain data for run.json."""
+        chosen = {**self.allocation.to_dict(), **self.resolution.to_dict()}
+        return {**chosen, "refinements": self.refinements}
+
+
+def converge(problem: Problem, tolerance_K: float) -> Result:
+    """Traces until the error is within the tolerance, or cannot be reduced.
+
+    Raises:
+        ClditError: as `cldit.simulate`.
+    """
+    result = solve(problem, *predict(problem, tolerance_K))
+    for number in range(1, 1 + MAX_REFINEMENTS):
+        result, finer = refine(problem, result)
+        if finer is None:
+            break
+        problem.stages.remark(remarks.refinement(result.errors, number, MAX_REFINEMENTS))
+        better = solve(problem, *finer)
+        if _exceeds(better, result):  # memory did not hold the finer resolution
+            problem.stages.remark(remarks.kept(result.errors, better.errors))
+            result = result.limited(better.resolution.limits.get("cells", ""))
+            break
+        result = replace(better, refinements=number)
+    problem.stages.remark(tuple(remarks.final(problem.scene, result)))
+    return result
+
+
+def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> Result:
+    """Traces the image, evaluates it, and estimates its error by source."""
+    scene, device, stages = problem.scene, problem.device, problem.stages
+    resolution, prepared, medium = problem.medium(resolution)
+    tracer = problem.tracer(resolution)[1] if scene.transport.audit else None
+    frame = medium.trees[0].frame
+    quadrature = prepared.properties.chosen.quadrature
+    settings = problem.settings(resolution, prepared)
+    traces = trace_nodes(medium.trees, quadrature, scene, device, settings, report=stages.say)
+    grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
+    nothing = build_octree(frame, None, [], optical_depth_split=1.0)
+    reference = trace(nothing, scene, device, grey).weights
+    stages.done += traced_stages(traces, scene.transport.order)
+    with stages.stage("evaluation"):
+        sensor = sensor_of(scene, quadrature, (traces.spectral, reference))
+        maps = evaluated(scene, quadrature, traces.spectral, reference, sensor)
+    trace_error = TraceError.of(scene, traces, maps)
+    result = Result(resolution, allocation, medium, traces, reference, maps, sensor, trace_error)
+    if tracer is None:
+        return result
+    with stages.stage("errors"):
+        return _estimated(problem, tracer, result)
+
+
+def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Result:
+    """The result with the error of each source."""
+    if problem.is_clear(tracer.prepared):
+        return replace(result, errors=Errors.of([]))
+    scene, traces, depth = problem.scene, result.traces, result.resolution.depth
+    assert depth is not None
+    image = ImagePair.of(traces.traces[tracer.prepared.number])
+    by_path = scene.transport.method == "path"
+    if scene.transport.method == "source":
+        tracer.levels[depth] = tracer.picked(image)
+        exact = not traces.scatters or scene.transport.order == 0
+        by_path = exact or traces.audit is not None
+    at = Measurement(
+        scene,
+        tracer,
+        problem.stages,
+        depth=depth,
+        coarse=max(depth - 1, 0),
+        resolution=result.resolution,
+        solved=Solved(image, by_path, result.trace_error),
+        predicted=problem.predicted,
+        found=dict(problem.estimates),
+    )
+    estimates = tuple(one for source in SOURCES for one in at.of(source))
+    problem.estimates = {one.name: at.of(one) for one in SOURCES if one.of_spray}
+    errors = Errors.of(one.cause for one in estimates)
+    maps_K = {one.cause.name: one.map_K for one in estimates if one.map_K is not None}
+    trace_error = result.trace_error
+    return replace(
+        result,
+        trace_error=None if trace_error is None else trace_error.beyond(at.error_K(CELLS)),
+        estimates=estimates,
+        errors=errors,
+        error_maps=error_maps(errors, maps_K, result.maps.has_temperature),
+    )
+
+
+def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, Allocation] | None]:
+    """A finer resolution and its allocation; None if the error is small enough, or cannot be
+    reduced. The result comes back with the limits that were found."""
+    finer = _finer(problem, result)
+    if finer is not None:
+        limited = problem.hardly_finer(finer[0], result.resolution)
+        if limited:
+            result = result.limited(limited)
+            finer = _finer(problem, result)
+    return result, finer
+
+
+def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | None:
+    """Allocates anew the part of the tolerance that irreducible errors leave."""
+    tolerance_K = result.allocation.tolerance_K
+    if result.errors is None or not result.errors.exceed(tolerance_K):
+        return None
+    known = {one.cause.name: one for one in result.estimates if one.error_K is not None}
+    errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
+    reducible = _reducible(problem, result)
+    free = [name for name in known if name in reducible]
+    left_K2 = tolerance_K**2 - sum(e**2 for name, e in errors_K.items() if name not in free)
+    if not free or left_K2 <= 0:
+        return None
+    shares_K = shares_of(left_K2, {name: errors_K[name] for name in free})
+    resolution = result.resolution
+    for name in free:
+        if errors_K[name] > shares_K[name]:
+            ratio = min(errors_K[name] / shares_K[name], _MOST_RATIO)
+            excess = Excess(shares_K[name], ratio, known[name].order)
+            resolution = BY_NAME[name].finer(resolution, excess)
+    return resolution, replace(result.allocation, shares_K=shares_K)
+
+
+def _reducible(problem: Problem, result: Result) -> set[str]:
+    """Names of the sources that another resolution can make smaller."""
+    free = set(free_sources(problem.scene)) - set(result.resolution.limits)
+    error = result.trace_error
+    if error is None or not error.can_shrink or result.traces.short:
+        free.discard("trace")
+    return free
+
+
+def _exceeds(result: Result, before: Result) -> bool:
+    """True if the error of a result is known to exceed that of the one before."""
+    if result.errors is None or before.errors is None:
+        return False
+    now_K, then_K = result.errors.total_K, before.errors.total_K
+    return now_K is not None and then_K is not None and now_K > then_K

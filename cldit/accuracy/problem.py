@@ -1,0 +1,174 @@
+"""The scene that is solved, and the parts that different resolutions share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from cldit.accuracy.errors import Estimate
+from cldit.accuracy.node_traces import node_settings
+from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_many
+from cldit.accuracy.variant_tracer import VariantTracer
+from cldit.errors import MediumError, SprayError
+from cldit.gpu.device import Device
+from cldit.prepare.cell_choice import finest_lattice_m
+from cldit.prepare.medium import Medium, Prepared, prepare
+from cldit.prepare.stages import Stages
+from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
+from cldit.spray.result import Spray
+from cldit.transport.trace import Settings
+
+_COARSER = 1.15  # steps to the finest lattice that suits a cone, or fits the memory
+_HARDLY = 0.9  # of an edge: cells that are not smaller than that have nearly the same error
+_LEAST_DEPTH = 3
+
+
+@dataclass
+class Problem:
+    """A scene with its device; keeps what a change of resolution leaves as it is.
+
+    predicted: estimates made before the first image, by source. estimates: of the present spray,
+    by source.
+    """
+
+    scene: Scene
+    device: Device
+    stages: Stages
+    cache: Path
+    spray: Spray | None
+    predicted: dict[str, Estimate] = field(default_factory=dict)
+    estimates: dict[str, Sequence[Estimate]] = field(default_factory=dict)
+    _prepared: tuple[tuple[Any, ...], Prepared] | None = None
+    _tracer: tuple[tuple[Any, ...], VariantTracer] | None = None
+
+    def prepared(self, resolution: Resolution) -> tuple[Resolution, Prepared]:
+        """Spray and optics; kept if the resolution does not change them.
+
+        A lattice that is too fine for the cone, or the memory, becomes as fine as it can be.
+        """
+        given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
+        while True:
+            resolution = self._clamp_to_memory(resolution)
+            if self._prepared is not None and self._prepared[0] == resolution.prepared_key:
+                return resolution, self._prepared[1]
+            try:
+                prepared = prepare(
+                    self.scene,
+                    self.device,
+                    self.stages,
+                    self.cache,
+                    self.spray,
+                    cone=resolution.cone(self.scene),
+                    cube_m=resolution.cube_m,
+                    spectral_K=resolution.spectral_K,
+                )
+            except SprayError:
+                tried_m = resolution.spacing_m
+                if tried_m is None or tried_m == given_m:
+                    raise
+                if tried_m > given_m:  # a short plume: the lattice to learn from is too coarse
+                    resolution = replace(resolution, spacing_m=given_m)
+                    continue
+                coarser_m = min(_COARSER * tried_m, given_m)
+                limited = "gas grid"
+                if resolution.cube_m is not None:
+                    resolution, limited = resolution.on_lattice(coarser_m), "cells"
+                resolution = replace(resolution, spacing_m=coarser_m)
+                resolution = resolution.limited(limited, too_fine(coarser_m))
+                continue
+            self._prepared = resolution.prepared_key, prepared
+            self.estimates.clear()
+            return resolution, prepared
+
+    def _clamp_to_memory(self, resolution: Resolution) -> Resolution:
+        """The resolution with a lattice whose parcels fit the memory, by those of the last one."""
+        if self._prepared is None:
+            return resolution
+        return clamp_to_memory(resolution, self._prepared[1])
+
+    def settings(self, resolution: Resolution, prepared: Prepared) -> list[Settings]:
+        """Settings of each wavelength's trace; some pixels of one are traced by more rays."""
+        properties = prepared.properties
+        settings = node_settings(
+            self.scene,
+            properties.chosen.quadrature,
+            properties.phases,
+            tolerance_K=resolution.ordinates_K,
+        )
+        if self.scene.transport.audit:
+            number = prepared.number
+            settings[number] = replace(settings[number], subpixels=True)
+        return settings
+
+    def tracer(self, resolution: Resolution) -> tuple[Resolution, VariantTracer]:
+        """Traces variants of the medium; kept if the resolution changes its cells alone."""
+        resolution, prepared = self.prepared(resolution)
+        key = (resolution.ordinates_K, *resolution.prepared_key)
+        if self._tracer is None or self._tracer[0] != key:
+            before = None if self._tracer is None else self._tracer[1]
+            mine = self.settings(resolution, prepared)[prepared.number]
+            self._tracer = (
+                key,
+                VariantTracer.of(
+                    self.scene,
+                    self.device,
+                    mine,
+                    prepared,
+                    key=(resolution.ordinates_K, resolution.spectral_K, resolution.size_classes),
+                    before=before,
+                ),
+            )
+        return resolution, self._tracer[1]
+
+    def medium(self, resolution: Resolution) -> tuple[Resolution, Prepared, Medium]:
+        """Octrees; on larger cells where those of the resolution do not fit the memory."""
+        while True:
+            resolution, prepared = self.prepared(resolution)
+            on_lattice = resolution.cube_m is not None  # cells and lattice are made together
+            depth = None if on_lattice else resolution.depth
+            try:
+                return resolution, prepared, prepared.grown(self.stages, depth)
+            except MediumError:
+                depth = resolution.depth
+                if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):
+                    raise
+                if not on_lattice:
+                    why = too_many(prepared.frame.at(depth).cell_m)
+                    resolution = resolution.at_depth(depth - 1).limited("cells", why)
+                    continue
+                assert resolution.spacing_m is not None
+                why = resolution.limits.get("cells") or too_many(resolution.spacing_m)
+                coarser = resolution.on_lattice(_COARSER * resolution.spacing_m)
+                resolution = coarser.limited("cells", why)
+
+    def is_clear(self, prepared: Prepared) -> bool:
+        """True if there is no medium and no patch in front of the camera, so no source of error."""
+        return prepared.is_empty and not self.scene.patches
+
+    def hardly_finer(self, finer: Resolution, than: Resolution) -> str:
+        """Reason why the cells of a finer resolution are not worth a trace; empty: they are."""
+        possible = self._clamp_to_memory(finer)
+        if possible is finer or possible.spacing_m is None or than.spacing_m is None:
+            return ""
+        hardly = possible.spacing_m >= _HARDLY * than.spacing_m
+        return possible.limits.get("cells", "") if hardly else ""
+
+
+def clamp_to_memory(resolution: Resolution, prepared: Prepared) -> Resolution:
+    """The resolution with a lattice whose parcels fit the memory, by those that were made."""
+    cone, sources = prepared.cone, prepared.properties.sources
+    spacing_m = resolution.spacing_m
+    if resolution.cube_m is None or spacing_m is None or cone is None or sources[0][0] is None:
+        return resolution
+    classes = (resolution.size_classes or cone.classes) / cone.classes
+    finest_m = finest_lattice_m(
+        cone.lattice_m,
+        parcels=classes * len(sources[0][0].position_m),
+        wavelengths=len(sources),
+    )
+    if spacing_m >= finest_m:
+        return resolution
+    return resolution.on_lattice(finest_m).limited("cells", too_many(spacing_m))

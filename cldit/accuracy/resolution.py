@@ -1,0 +1,141 @@
+"""Resolution of a run: all numbers that a scene leaves to choice, and never written into it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray, GridSpray
+
+_FIRST_LATTICE_m = 1e-3
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Numerical resolution of one solution.
+
+    ordinates_K, spectral_K: errors of T_app asked of the ordinates and of the choice of
+    wavelengths. size_classes, spacing_m: classes of droplet size and lattice of a cone; None: the
+    spray is no cone. domain_m: edge of the domain. depth: number of times that the cube is halved;
+    None: not chosen yet. cube_m: edge of the cube whose cells are the cone's lattice as well, where
+    the scene leaves both to choice; spacing_m then follows depth. limits: why a source cannot be
+    made smaller, and what would help, by its name.
+    """
+
+    ordinates_K: float
+    spectral_K: float
+    size_classes: int | None
+    spacing_m: float | None
+    domain_m: float
+    depth: int | None = None
+    cube_m: float | None = None
+    limits: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def first(cls, scene: Scene, *, ordinates_K: float, spectral_K: float) -> Resolution:
+        """The resolution before anything is known of the spray."""
+        cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
+        classes, spacing_m = (None, None) if cone is None else (cone.classes, cone.lattice_m)
+        edge_m, cube_m = scene.domain.edge_m, None
+        if lattice_is_cells(scene):  # a first lattice, to learn from
+            cube_m, spacing_m = edge_m, _FIRST_LATTICE_m
+        return cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
+
+    @property
+    def prepared_key(self) -> tuple[Any, ...]:
+        """The part that spray and optics depend on."""
+        return (self.spectral_K, self.size_classes, self.spacing_m)
+
+    def cone(self, scene: Scene) -> ConeSpray | None:
+        """The scene's cone with these classes of size and this lattice; None: it has no cone."""
+        if not isinstance(scene.spray, ConeSpray):
+            return None
+        update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
+        return scene.spray.model_copy(update=update)
+
+    def at_depth(self, depth: int) -> Resolution:
+        """The cube halved `depth` times, and the lattice that goes with it."""
+        if self.cube_m is not None:
+            return self.on_lattice(math.ldexp(self.cube_m, -depth))
+        return replace(self, depth=depth)
+
+    def on_lattice(self, spacing_m: float) -> Resolution:
+        """A lattice, and the cells that go with it.
+
+        The cube may become larger than the domain, by less than twice, so that halving it ends in
+        cells of the lattice.
+        """
+        assert self.cube_m is not None
+        edge_m = spacing_m
+        depth = 0
+        while edge_m < self.domain_m * (1 - 1e-9):
+            edge_m, depth = 2 * edge_m, depth + 1
+        return replace(self, depth=depth, spacing_m=spacing_m, cube_m=edge_m)
+
+    def limited(self, source: str, why: str) -> Resolution:
+        """Notes why a source cannot be made smaller; with an empty text, that it can."""
+        limits = {name: text for name, text in self.limits.items() if name != source}
+        return replace(self, limits=limits | ({source: why} if why else {}))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for run.json, with the keys of `from_dict`."""
+        return {
+            "trace_K": self.ordinates_K,
+            "spectral_K": self.spectral_K,
+            "size_classes": self.size_classes,
+            "spacing_m": self.spacing_m,
+            "domain_m": self.domain_m,
+            "depth": self.depth,
+            "lattice_of_m": self.cube_m,
+            "limited": self.limits.get("cells", ""),
+            "finest_lattice": "gas grid" in self.limits,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Resolution:
+        """Reads the `plan` of a run.json, also of version 0.1.0."""
+        return cls(
+            ordinates_K=data["trace_K"],
+            spectral_K=data["spectral_K"],
+            size_classes=data["size_classes"],
+            spacing_m=data["spacing_m"],
+            domain_m=data["domain_m"],
+            depth=data["depth"],
+            cube_m=data["lattice_of_m"],
+        )
+
+
+def cells_are_free(scene: Scene) -> bool:
+    """True if the scene leaves its cells to choice. A grid given by the user is its own cells."""
+    domain = scene.domain
+    given = isinstance(scene.spray, GridSpray)
+    return domain.leaf_edge_m is None and domain.rule == "need" and not given
+
+
+def lattice_is_cells(scene: Scene) -> bool:
+    """True if the cone's lattice is that of the cells: the scene leaves both to choice."""
+    return (
+        isinstance(scene.spray, ConeSpray)
+        and scene.spray.spacing_m is None
+        and cells_are_free(scene)
+        and scene.transport.audit
+    )
+
+
+def too_many(cell_m: float) -> str:
+    """Limit of cells that do not fit the memory."""
+    return (
+        f"{1e3 * cell_m:.3g} mm cells exceed memory; allowed: a machine with more memory, or a "
+        "larger transport.accuracy_K"
+    )
+
+
+def too_fine(spacing_m: float) -> str:
+    """Limit of the lattice that suits a cone."""
+    return (
+        f"the cone allows no lattice finer than {1e3 * spacing_m:.3g} mm; allowed: a larger "
+        "transport.accuracy_K"
+    )

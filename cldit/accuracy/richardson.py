@@ -1,0 +1,90 @@
+"""Richardson extrapolation: the error that is left on the finest of three grids.
+
+If the error is C h^p, the difference d(h) between the images at 2 h and h falls by 2^p when h is
+halved. So the order is p = log2(d(2 h) / d(h)), and the error at h is d(h) / (2^p - 1) (Roache, J.
+Fluids Eng. 116, 405, 1994); other ratios of size likewise. Orders are limited to the range from 1,
+that of constant cells, to 2, that of linear ones. If the difference falls faster than second
+order, the coarsest grid is outside the asymptotic range; no order is inferred, and first order is
+assumed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.optimize import brentq
+
+from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.variant_tracer import VariantTracer
+from cldit.errors import SprayError, TransportError
+
+_ORDERS = (1.0, 2.0)
+
+
+@dataclass(frozen=True)
+class RichardsonEstimate:
+    """Error of the finest of three images.
+
+    order: of convergence. difference: the error, with its map. sizes: of the three images' cells
+    over that of the finest. bound_K: outside the asymptotic range, the larger error by first order
+    from either difference; else None.
+    """
+
+    order: float
+    difference: ImageDifference
+    sizes: tuple[float, float, float] = (1.0, 2.0, 4.0)
+    bound_K: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        before: ImageDifference,
+        last: ImageDifference,
+        *,
+        once: float = 2.0,
+        twice: float = 4.0,
+    ) -> RichardsonEstimate:
+        """Takes two differences of images on cells of h, `once` h and `twice` h.
+
+        With an error of C h^p, `before` (`twice` h against `once` h) is C h^p (twice^p - once^p),
+        and `last` (`once` h against h) is C h^p (once^p - 1).
+        """
+        order, bound_K = _ORDERS[0], None
+        if before.error_K and last.error_K:
+            ratio = before.error_K / last.error_K
+
+            def above(p: float) -> float:
+                return float((twice**p - once**p) / (once**p - 1.0)) - ratio
+
+            low, high = _ORDERS
+            if above(high) < -1e-6 * ratio:
+                bound_K = max(last.error_K / (once - 1.0), before.error_K / (twice - once))
+            elif above(high) <= 0.0:
+                order = high
+            elif above(low) < 0.0:
+                order = float(brentq(above, low, high, xtol=1e-6))
+        found = last.times(1.0 / (once**order - 1.0))
+        return cls(order, found, (1.0, once, twice), bound_K)
+
+
+def error_at(tracer: VariantTracer, depth: int) -> RichardsonEstimate | None:
+    """Error of the cells of a cube that is halved `depth` times; None: it cannot be estimated."""
+    if depth < 2:
+        return None
+    fine = tracer.level(depth)
+    try:
+        (once, coarser), (twice, coarsest) = tracer.coarser(depth)
+    except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
+        return None
+    before, last = tracer.difference(coarser, coarsest), tracer.difference(fine, coarser)
+    if last.error_K is None:
+        return None
+    return RichardsonEstimate.of(before, last, once=once, twice=twice)
+
+
+def predicted_error(tracer: VariantTracer, depth: int) -> tuple[float | None, bool]:
+    """Error of cells as coarser ones predict it, None if unknown; True for an upper bound."""
+    found = error_at(tracer, depth - 1)
+    if found is None or found.difference.error_K is None:
+        return None, False
+    return found.difference.error_K / 2**found.order, found.bound_K is not None

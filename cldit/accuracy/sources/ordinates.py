@@ -1,0 +1,63 @@
+"""Error by ordinates, iteration and final gather, from halves of the trace and its audit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+from cldit.accuracy.errors import Cause, Estimate
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
+from cldit.accuracy.sources.cells import CELLS
+from cldit.scene import Scene
+
+
+class _Ordinates(ErrorSource):
+    """The ordinates of a trace, or its random samples."""
+
+    name = "trace"
+    cost_power = 1.5  # the error falls with the number of ordinates to the power -2/3
+    remedy: ClassVar = {
+        "": "more transport.directions or a larger transport.max_samples, or, for the part that "
+        "only the audit shows, transport.method: path, or domain.leaf_edge_m of half the voxels of "
+        "a grid"
+    }
+
+    def key(self, scene: Scene) -> str:
+        return "" if scene.transport.directions is None else "transport.directions"
+
+    def is_free(self, scene: Scene) -> bool:
+        droplets = getattr(scene.spray, "droplets", True) is not None
+        return scene.transport.directions is None and droplets
+
+    def of_image(self, at: Measurement, image: ImagePair) -> float | None:
+        noise_K = at.tracer.noise_K(image)
+        if not noise_K:
+            return noise_K
+        # Each wavelength has ordinates of its own, whose errors are independent.
+        assert at.resolution is not None
+        return noise_K * (at.resolution.ordinates_K / at.tracer.settings.accuracy_K)
+
+    def estimate(self, at: Measurement) -> list[Estimate]:
+        assert at.solved is not None
+        found = at.solved.trace_error
+        if found is None:
+            return []
+        key = self.key(at.scene)
+        found = found.beyond(at.error_K(CELLS))
+        if found.error_K is None:
+            return [Estimate.unknown(self.name, found.unknown, key)]
+        how = "half the difference of two images, each by half of the ordinates or samples"
+        if found.audit_K is not None:
+            how = "some pixels traced by `path` as well, one standard error added, less the cells'"
+        how += "; contains ordinates, iteration and gather"
+        out = [Estimate(Cause(self.name, found.error_K, how, key), found.map_K)]
+        return out + ([Estimate.unknown("audit", found.unknown, key)] if found.unknown else [])
+
+    def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
+        finer = excess.ratio**self.cost_power
+        return replace(resolution, ordinates_K=resolution.ordinates_K / finer)
+
+
+ORDINATES = _Ordinates()

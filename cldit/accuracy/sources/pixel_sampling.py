@@ -1,0 +1,98 @@
+"""Error by the rays that sample the area of a pixel, measured in some of the pixels.
+
+`cldit.transport.subpixels` draws the pixels and traces them by many more rays.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from cldit.accuracy.errors import Cause, Estimate
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.sources.base import ErrorSource, Measurement
+from cldit.accuracy.variant_tracer import temperature_of
+from cldit.optics.visible import VISIBLE_DISC
+from cldit.prepare.medium import Prepared
+from cldit.radiance.weights import Weights
+from cldit.scene import Scene
+from cldit.transport.subpixels import contrast_K
+
+
+class _PixelSampling(ErrorSource):
+    """Pixels and their rays, which no resolution includes."""
+
+    name = "pixel sampling"
+    remedy: ClassVar = {"": "more camera.pixels, or camera.rays_per_pixel: 4 or more"}
+
+    def key(self, scene: Scene) -> str:
+        return "camera.rays_per_pixel"
+
+    def of_image(self, at: Measurement, image: ImagePair) -> float | None:
+        if at.tracer.drawn is not None:  # single pixels far apart do not show it
+            return None
+        return pixel_error(at.tracer.scene, at.prepared, image).error_K
+
+    def estimate(self, at: Measurement) -> list[Estimate]:
+        assert at.solved is not None
+        if at.scene.transport.method != "source":
+            why = "not known from an image of random samples; transport.method: source estimates it"
+            return [Estimate.unknown(self.name, why, self.key(at.scene))]
+        return [pixel_error(at.scene, at.prepared, at.solved.image)]
+
+
+PIXEL_SAMPLING = _PixelSampling()
+
+
+def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
+    """Error of T_app by pixel sampling, from an image (H, W) with its `subpixels`.
+
+    Two halves of the sample have the image's error with independent noise; their product has its
+    square as its mean, and one standard error of that is added. The map is the contrast of pixels
+    with their neighbours, by which they were drawn, scaled to the RMS error.
+    """
+    name, key = PIXEL_SAMPLING.name, PIXEL_SAMPLING.key(scene)
+    found = image.subpixels
+    temperature = temperature_of(scene, prepared)
+    apparent_K = temperature(image.weights)
+    seen = np.isfinite(apparent_K) & image.visible
+    if found is None or not seen.any():
+        return Estimate.unknown(name, "no pixel has a T_app", key)
+    pixels = found.sample.pixels
+    few = temperature.picked(pixels)
+
+    here = image.map(found.sample.pick)
+    there = ImagePair(found.weights, found.difference)
+    if found.references is not None:
+        one, other = found.references
+        here, there = _evaluated(here, one), _evaluated(there, other)
+    apart = few(here.weights) - few(there.weights)
+    noise = here.noise_K(few) - there.noise_K(few)
+    both = np.isfinite(apart) & np.isfinite(noise) & here.visible & there.visible
+    first, second = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
+    square, doubt = found.sample.mean_square(first, second, count=int(np.count_nonzero(seen)))
+    error_K = (max(square, 0.0) + doubt) ** 0.5
+    map_K = contrast_K(np.where(seen, apparent_K, np.nan))
+    rms_K = float(np.sqrt(np.nanmean(map_K**2)))
+    map_K *= error_K / rms_K if rms_K > 0 else 0.0
+    how = f"the image's rays against {found.across**2}, in each of {len(pixels)} pixels"
+    return Estimate(Cause(name, error_K, how, key), map_K)
+
+
+def _evaluated(image: ImagePair, reference: Weights) -> ImagePair:
+    """An image (1, N) as DIT evaluates it: its excess over the reference, per visible disc.
+
+    Its weights give T_app like those of pixels that see the background alone; NaN where less of
+    the disc is visible than DIT needs.
+    """
+    seen = reference.background
+    # A fit of just half of the background ends above or below it by rounding.
+    whole = np.where(seen > VISIBLE_DISC, seen, np.float32(np.nan)).astype(np.float32)
+    beyond = reference.images | {"background": np.zeros_like(seen)}
+    images = image.weights.images
+    mean = Weights.of({name: (one - beyond[name]) / whole for name, one in images.items()})
+    difference = image.difference
+    return ImagePair(
+        mean, None if difference is None else difference.map(lambda each: each / whole)
+    )

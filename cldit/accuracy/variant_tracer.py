@@ -1,0 +1,212 @@
+"""Traces of variants of a medium at one wavelength, and the difference of their T_app.
+
+All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
+rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
+are drawn (`cldit.accuracy.drawn_pixels`), the same for all traces of a run.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
+from cldit.accuracy.image_pair import Floats, ImageDifference, ImagePair
+from cldit.errors import MediumError, TransportError
+from cldit.gpu.device import Device
+from cldit.medium.frame import Frame
+from cldit.medium.octree import Octree, Sources, build_octrees
+from cldit.medium.resolution import on_grid
+from cldit.prepare.cell_choice import finest_lattice_m
+from cldit.prepare.medium import Prepared
+from cldit.radiance.apparent_temperature import NodeTemperature
+from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
+from cldit.transport.cells import OpticalCells
+from cldit.transport.trace import Settings, trace
+from cldit.transport.view import View
+
+_PREVIEW, _PREVIEW_CELLS = 256, 256  # pixels, and cells, along an edge of the preview
+_LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
+
+
+@dataclass(frozen=True)
+class VariantTracer:
+    """Traces variants of a prepared medium.
+
+    drawn: the pixels that are traced; None: all. temperature: T_app of these pixels. levels: images
+    of the medium itself by number of halvings. earlier: images of the same spray on other lattices
+    and their cells, by the cells' edge in m. variants: other images by name and halvings. key: all
+    that the images depend on, except the lattice.
+    """
+
+    scene: Scene
+    device: Device
+    settings: Settings
+    prepared: Prepared
+    drawn: DrawnPixels | None
+    temperature: NodeTemperature
+    levels: dict[int, ImagePair] = field(default_factory=dict)
+    earlier: Mapping[float, ImagePair] = field(default_factory=dict)
+    variants: dict[tuple[str, int], ImagePair] = field(default_factory=dict)
+    key: Any = None
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        device: Device,
+        settings: Settings,
+        prepared: Prepared,
+        key: Any = None,
+        before: VariantTracer | None = None,
+    ) -> VariantTracer:
+        """A tracer for a medium with the `settings` of its wavelength `prepared.node`.
+
+        Pixels drawn by `before` are kept, and so are its images if its `key` is the same.
+        """
+        mine = replace(settings, method="source", audit=False, subpixels=False)
+        temperature = temperature_of(scene, prepared)
+        camera, drawn = scene.camera, None
+        # Adaptive rays depend on the whole image.
+        if camera.rays_per_pixel != "adaptive" and not all_are_traced(camera.pixels):
+            drawn = None if before is None else before.drawn
+            if drawn is None:
+                emissivity = preview(scene, device, mine, prepared)
+                background = temperature.before_background
+                drawn = DrawnPixels.of(background, emissivity, seed=mine.seed)
+            temperature = temperature.picked(drawn.sample.pixels)
+        return cls(
+            scene=scene,
+            device=device,
+            settings=replace(mine, subpixels=drawn is None),
+            prepared=prepared,
+            drawn=drawn,
+            temperature=temperature,
+            earlier={} if before is None else before._reusable(key, prepared),
+            key=key,
+        )
+
+    def _reusable(self, key: Any, prepared: Prepared) -> dict[float, ImagePair]:
+        """Images by the cells' edge in m, if only the cone's lattice differs. Wavelengths are
+        chosen for each spray, so the wavelength must be the same."""
+        mine = self.prepared
+        if not mine.on_lattice or self.key != key or mine.node != prepared.node:
+            return {}
+        levels = {mine.cube.at(depth).cell_m: image for depth, image in self.levels.items()}
+        return {**self.earlier, **levels}
+
+    def coarser(self, depth: int) -> tuple[tuple[float, ImagePair], tuple[float, ImagePair]]:
+        """Images on two coarser grids, about twice and four times the cell size at `depth`.
+
+        Earlier images are used where their size fits. Each comes with the ratio of its cell size,
+        the finer first. Raises MediumError without enough memory, SprayError if no cone has such a
+        lattice.
+        """
+        cell_m = self.prepared.cube.at(depth).cell_m
+        sizes_m: list[float] = []
+        for _ in range(2):
+            finer_m = sizes_m[-1] if sizes_m else cell_m
+            like = [one for one in self.earlier if _LEAST <= one / finer_m <= _MOST]
+            if not like:
+                break
+            sizes_m.append(min(like))
+        if len(sizes_m) == 2:
+            first, second = ((one / cell_m, self.earlier[one]) for one in sizes_m)
+            return first, second
+        second, first = ((2.0**up, self.level(depth - up)) for up in (2, 1))
+        return first, second
+
+    def level(self, depth: int) -> ImagePair:
+        """Image of the medium itself, its cube halved `depth` times; raises as `coarser`."""
+        if depth not in self.levels:
+            sources = self.prepared.sources
+            if self.prepared.on_lattice:
+                cone = self.cone_at(depth)
+                self._refuse_large(cone)
+                sources = self.prepared.resprayed(cone)
+            self.levels[depth] = self._traced(sources, depth, self.settings)
+        return self.levels[depth]
+
+    def _refuse_large(self, wanted: ConeSpray) -> None:
+        points, cone = self.prepared.sources[0], self.prepared.cone
+        if points is None or cone is None:
+            return
+        finest_m = finest_lattice_m(cone.lattice_m, parcels=len(points.position_m), wavelengths=1)
+        if wanted.lattice_m < finest_m:
+            raise MediumError(
+                f"spray.spacing_m: {wanted.lattice_m:.3g}; the finest lattice whose parcels fit "
+                f"the memory is {finest_m:.3g}"
+            )
+
+    def cone_at(self, depth: int) -> ConeSpray:
+        """The cone on the lattice of the cells."""
+        assert self.prepared.cone is not None
+        spacing_m = self.prepared.cube.at(depth).cell_m
+        return self.prepared.cone.model_copy(update={"spacing_m": spacing_m})
+
+    def variant(self, name: str, make: Callable[[], Sources], depth: int) -> ImagePair:
+        """Image of other sources in the same cube, made and traced once for a name and depth."""
+        if (name, depth) not in self.variants:
+            settings = replace(self.settings, subpixels=False)
+            self.variants[name, depth] = self._traced(make(), depth, settings)
+        return self.variants[name, depth]
+
+    def _traced(self, sources: Sources, depth: int, settings: Settings) -> ImagePair:
+        frame = self.prepared.cube.at(depth)
+        if self.prepared.on_lattice:
+            frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
+        tree = _tree(self.scene, self.prepared, sources, frame)
+        pixels = None if self.drawn is None else self.drawn.sample.pixels
+        return ImagePair.of(trace(tree, self.scene, self.device, settings, pixels=pixels))
+
+    def picked(self, image: ImagePair) -> ImagePair:
+        """The drawn pixels of an image of the whole run."""
+        return image if self.drawn is None else image.map(self.drawn.pick)
+
+    def difference(self, one: ImagePair, other: ImagePair) -> ImageDifference:
+        """Difference of two images of the drawn pixels; its map is that of the whole image."""
+        return ImageDifference.between(self.temperature, one, other, self.drawn)
+
+    def noise_K(self, image: ImagePair) -> float | None:
+        """RMS error of an image of the drawn pixels by its halves; None: no pixel has one."""
+        return image.error_K(self.temperature, self.drawn)
+
+
+def temperature_of(scene: Scene, prepared: Prepared) -> NodeTemperature:
+    """T_app of a scene's image at the wavelength `prepared.node`."""
+    names = tuple(patch.name for patch in scene.patches)
+    nothing = build_octrees(prepared.cube.at(0), [(None, [])], optical_depth_split=1.0)
+    view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
+    return NodeTemperature.of(scene, prepared.node, view.before_background)
+
+
+def _tree(scene: Scene, prepared: Prepared, sources: Sources, frame: Frame) -> Octree:
+    return build_octrees(
+        frame,
+        [sources],
+        optical_depth_split=scene.domain.optical_depth_split,
+        max_cells=prepared.limit,
+    )[0]
+
+
+def preview(scene: Scene, device: Device, settings: Settings, prepared: Prepared) -> Floats:
+    """Emissivity (h, w) of the medium in few pixels, on coarse cells without scattering."""
+    cube, camera = prepared.cube, scene.camera
+    finest_m = max(camera.field_m) / _PREVIEW_CELLS
+    coarse = min(cube.depth, max(3, math.ceil(math.log2(cube.edge_m / finest_m))))
+    columns, rows = (min(count, _PREVIEW) for count in camera.pixels)
+    few = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
+    seen = scene.model_copy(update={"camera": few})
+    for depth in range(coarse, cube.depth + 1):
+        tree = _tree(scene, prepared, prepared.sources, cube.at(depth))
+        try:
+            found = trace(tree, seen, device, replace(settings, order=0, gather=False))
+        except TransportError:  # cells so large reach behind a patch
+            continue
+        return np.asarray(1.0 - found.weights.background, float)
+    return np.ones((rows, columns))  # the medium may be anywhere

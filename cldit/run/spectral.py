@@ -1,0 +1,84 @@
+"""Spectral resolution of a run, and the difference of two maps of one scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cldit.dit.maps import Maps
+from cldit.optics.node_count import stays_K
+from cldit.optics.spectral import Quadrature
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Difference of two maps of one scene, over the pixels of emissivity above 0.05 in both."""
+
+    rms_K: float
+    mean_K: float
+    mean_emissivity: float
+    pixels: int
+
+    @classmethod
+    def of(cls, maps: Maps, other: Maps) -> Difference | None:
+        """`maps` minus `other`; None where no pixel has a temperature in both."""
+        here = (maps.emissivity > VISIBLE_EMISSIVITY) & (other.emissivity > VISIBLE_EMISSIVITY)
+        difference_K = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
+        here &= np.isfinite(difference_K)
+        if not here.any():
+            return None
+        emissivity = maps.emissivity.astype(float) - other.emissivity
+        return cls(
+            rms_K=float(np.sqrt(np.mean(difference_K[here] ** 2))),
+            mean_K=float(np.mean(difference_K[here])),
+            mean_emissivity=float(np.mean(emissivity[here])),
+            pixels=int(here.sum()),
+        )
+
+
+@dataclass(frozen=True)
+class SpectralInfo:
+    """Spectral resolution of the filter.
+
+    errors_K: estimated RMS error in T_app with 1, 2, .. nodes, on lines of sight through the spray;
+    empty where one node is exact. nodes: mean wavelength, um, and share of the light at
+    `reference_K`. from_paper: this run minus the same scene with the paper's optical properties.
+    """
+
+    reference_K: float
+    nodes: tuple[tuple[float, float], ...]
+    errors_K: tuple[float, ...] = ()
+    from_paper: Difference | None = None
+
+    @property
+    def error_K(self) -> float:
+        """Estimated error of the nodes that were traced: the largest from their number on."""
+        return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
+
+    @classmethod
+    def of(
+        cls, quadrature: Quadrature, errors_K: Sequence[float], from_paper: Difference | None
+    ) -> SpectralInfo:
+        """From the nodes, the errors of each number of nodes, and the difference from the paper."""
+        at = quadrature.reference_K
+        nodes = tuple((node.wavelength_um, float(node.share(at))) for node in quadrature.nodes)
+        return cls(at, nodes, tuple(errors_K), from_paper)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; `from_dict` reads it."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> SpectralInfo:
+        """Reads the result of `to_dict`."""
+        other = data["from_paper"]
+        return cls(
+            float(data["reference_K"]),
+            tuple((float(um), float(share)) for um, share in data["nodes"]),
+            tuple(float(error) for error in data["errors_K"]),
+            None if other is None else Difference(**other),
+        )

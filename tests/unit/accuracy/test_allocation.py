@@ -1,0 +1,318 @@
+"""What an allocation leaves to each source, and how a resolution is refined."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cldit.accuracy.allocation import Allocation, free_sources
+from cldit.accuracy.converge import Result, refine
+from cldit.accuracy.errors import Cause, Errors, Estimate
+from cldit.accuracy.problem import Problem
+from cldit.accuracy.resolution import Resolution, lattice_is_cells
+from cldit.accuracy.sources import BY_NAME
+from cldit.accuracy.sources.base import Excess
+from cldit.accuracy.sources.wavelengths import spectral_K
+from cldit.prepare.stages import Stages
+from cldit.scene import Scene, load_scene, parse_scene
+
+NOTHING: Any = None
+
+
+def scene_of(name: str = "gdi", **sections: dict[str, Any]) -> Scene:
+    data = load_scene(name).model_dump(mode="json")
+    for section, values in sections.items():
+        data[section].update(values)
+    return parse_scene(data)
+
+
+def allocation_of(scene: Scene) -> Allocation:
+    return Allocation.of(scene, scene.transport.accuracy_K)
+
+
+def first(scene: Scene) -> Resolution:
+    allocation = allocation_of(scene)
+    return Resolution.first(
+        scene,
+        ordinates_K=allocation["trace"],
+        spectral_K=spectral_K(scene, allocation["wavelengths"]),
+    )
+
+
+def refined(
+    resolution: Resolution,
+    scene: Scene,
+    errors_K: dict[str, float],
+    *,
+    fixed: tuple[str, ...] = (),
+    orders: dict[str, float] | None = None,
+) -> Resolution | None:
+    """The next resolution for these errors; sources in `fixed` have reached a limit."""
+    estimates = []
+    for name, error_K in errors_K.items():
+        order = (orders or {}).get(name, 1.0)
+        estimates.append(Estimate(Cause(name, error_K, "x"), order=order))
+    for name in fixed:
+        resolution = resolution.limited(name, "a limit")
+    result = Result(
+        resolution=resolution,
+        allocation=allocation_of(scene),
+        medium=NOTHING,
+        traces=SimpleNamespace(short=()),  # type: ignore[arg-type]
+        reference=NOTHING,
+        maps=NOTHING,
+        sensor=NOTHING,
+        trace_error=SimpleNamespace(can_shrink=True),  # type: ignore[arg-type]
+        estimates=tuple(estimates),
+        errors=Errors.of(one.cause for one in estimates),
+    )
+    finer = refine(Problem(scene, NOTHING, Stages(None), Path(), None), result)[1]
+    return None if finer is None else finer[0]
+
+
+def test_all_that_is_left_out_is_free() -> None:
+    assert free_sources(scene_of()) == ("trace", "cells", "size classes")  # lattice: the cells'
+    own = scene_of(domain={"leaf_edge_m": 1e-3})
+    assert free_sources(own) == ("trace", "gas grid", "size classes")
+    fixed = scene_of(
+        domain={"leaf_edge_m": 1e-3},
+        transport={"directions": 16},
+        spray={"size_classes": 4, "spacing_m": 1e-3},
+    )
+    assert free_sources(fixed) == ()
+    assert free_sources(scene_of(optics={"preset": "spectral"}))[1] == "wavelengths"
+    given = scene_of(optics={"preset": "spectral", "spectral_error_K": 0.3})
+    assert "wavelengths" not in free_sources(given)
+    assert first(given).spectral_K == 0.3
+    assert "trace" not in free_sources(load_scene("methane-jet"))  # nothing scatters
+
+
+def test_the_lattice_is_that_of_the_cells() -> None:
+    resolution = first(scene_of())
+    assert resolution.cube_m == resolution.domain_m
+    for spacing_m in (0.5e-3, 0.33e-3, 0.2 / 512):
+        on = resolution.on_lattice(spacing_m)
+        assert on.spacing_m == spacing_m and on.depth is not None and on.cube_m is not None
+        assert on.cube_m / 2**on.depth == pytest.approx(spacing_m)
+        assert 1 - 1e-9 <= on.cube_m / on.domain_m < 2.0
+        assert on.at_depth(on.depth - 1).spacing_m == pytest.approx(2 * spacing_m)
+    fine = refined(
+        resolution.on_lattice(0.5e-3),
+        scene_of(),
+        {"cells": 2.0, "trace": 0.1},
+        orders={"cells": 1.5},
+    )
+    assert fine is not None and fine.spacing_m is not None
+    assert 0.5 <= fine.spacing_m / 0.5e-3 < 1.0  # halved at most
+    assert first(scene_of(spray={"spacing_m": 1e-3})).cube_m is None
+    assert first(scene_of(transport={"audit": False})).cube_m is None
+
+
+def test_shares_fill_the_whole() -> None:
+    allocation = allocation_of(scene_of(transport={"accuracy_K": 2.0}))
+    assert sum(one**2 for one in allocation.shares_K.values()) == pytest.approx(4.0)
+    assert allocation["trace"] == allocation.shares_K["trace"] < allocation.cells_K < 2.0
+
+
+def test_predicted_errors_leave_less_to_the_cells() -> None:
+    allocation = allocation_of(scene_of(transport={"accuracy_K": 0.5}))
+    small = replace(allocation, predicted_K={"trace": 0.1, "pixel sampling": 0.0})
+    assert allocation.cells_K < small.cells_K < 0.5
+    seen = replace(small, predicted_K={**small.predicted_K, "pixel sampling": 0.24})
+    assert seen.cells_K**2 == pytest.approx(small.cells_K**2 - 0.24**2)
+    # If a possible upper bound exceeds the tolerance, cells do not become finer without end.
+    much = replace(allocation, predicted_K={"pixel sampling": 0.9})
+    assert much.cells_K == 0.5 * allocation.shares_K["cells"]
+    # No resolution includes pixels: beside 3 K of theirs finer cells are in vain.
+    known = allocation.with_known(scene_of(), [])
+    coarse = replace(known, predicted_K={"trace": 0.1, "pixel sampling": 3.0})
+    assert coarse.cells_K == pytest.approx(0.1**0.5 * 3.0, rel=0.05)  # classes have some of it
+
+
+def fixed(error_K: float, *, at_most: bool = False, name: str = "gas grid") -> Estimate:
+    return Estimate(Cause(name, error_K, "x", at_most=at_most))
+
+
+def test_fixed_errors_bound_the_others() -> None:
+    """Fixed errors make 10/11 of a sum of squares, and the others have the rest."""
+    scene = scene_of("gdi-flow", transport={"accuracy_K": 0.5})
+    before = allocation_of(scene)
+    known = [fixed(9.0), fixed(1.2, name="parcels")]
+    allocation = before.with_known(scene, known).allocated(scene)
+    fixed_K2 = 9.0**2 + 1.2**2
+    assert allocation.target_K**2 == pytest.approx(1.1 * fixed_K2)
+    assert sum(one**2 for one in allocation.shares_K.values()) == pytest.approx(0.1 * fixed_K2)
+    assert allocation["trace"] == allocation.shares_K["trace"] > before["trace"]
+    trace_K = 0.6 * allocation["trace"]
+    assert allocation.cells_K**2 + trace_K**2 == pytest.approx(0.1 * fixed_K2)
+    (remark,) = allocation.remark()
+    assert "gas grid 9 K, parcels 1.2 K" in remark and "the others were set to 2.9 K" in remark
+
+
+def test_a_larger_tolerance_never_makes_finer_cells() -> None:
+    """Without a step where fixed errors fall below the tolerance."""
+    cells_K, trace_K = [], []
+    for asked_K in [0.1 * 1.03**k for k in range(200)]:  # to 36 K
+        scene = scene_of("gdi-flow", transport={"accuracy_K": asked_K})
+        known = [fixed(3.0), fixed(1.0, name="parcels")]
+        allocation = allocation_of(scene).with_known(scene, known).allocated(scene)
+        seen = replace(allocation, predicted_K={**allocation.predicted_K, "trace": 0.02})
+        cells_K.append(seen.cells_K)
+        trace_K.append(allocation["trace"])
+    for values in (cells_K, trace_K):
+        assert all(a <= b * (1 + 1e-9) for a, b in pairwise(values))
+    # Where the sum of squares is (1 + 0.1) F^2, a step of 3 % in it makes one of a third in what
+    # is left, the most that there is.
+    assert max(b / a for a, b in pairwise(cells_K)) < (1 + (1.03**2 - 1) * 1.1 / 0.1) ** 0.5
+    assert cells_K[-1] ** 2 == pytest.approx(asked_K**2 - 3.0**2 - 1.0**2 - 0.02**2)
+
+
+def test_an_upper_bound_makes_nothing_coarser() -> None:
+    """It leaves cells less, and half of their share at least."""
+    scene = scene_of("gdi-flow", transport={"accuracy_K": 1.0})
+    before = allocation_of(scene)
+    allocation = before.with_known(scene, [fixed(9.0, at_most=True)]).allocated(scene)
+    assert allocation.remark() == ()
+    assert allocation["trace"] == before["trace"]
+    assert allocation.cells_K == 0.5 * before.shares_K["cells"]
+    beside = [fixed(9.0, at_most=True), fixed(5.0, name="parcels")]
+    both = before.with_known(scene, beside).allocated(scene)  # nor does it hide what is no bound
+    assert sum(one**2 for one in both.shares_K.values()) == pytest.approx(0.1 * 5.0**2)
+    assert both.remark()
+    some = before.with_known(scene, [fixed(0.5, at_most=True)])
+    assert some.cells_K**2 == pytest.approx(before.cells_K**2 - 0.25)
+
+
+def test_directions_of_the_scene_are_fixed() -> None:
+    """Their error, as a coarse image shows it, bounds the cells."""
+    scene = scene_of(transport={"accuracy_K": 0.5, "directions": 8})
+    known = allocation_of(scene).with_known(scene, [])
+    seen = replace(known, predicted_K={"trace": 4.0})
+    assert seen.target_K == pytest.approx(1.1**0.5 * 4.0)
+    assert seen.cells_K == pytest.approx(0.1**0.5 * 4.0, rel=0.05)  # classes have some of it
+    free = scene_of(transport={"accuracy_K": 0.5})
+    noise = replace(allocation_of(free).with_known(free, []), predicted_K={"trace": 4.0})
+    assert noise.target_K == 0.5  # ordinates can make it smaller
+
+
+def test_fixed_keys_stay() -> None:
+    scene = scene_of(spray={"size_classes": 7, "spacing_m": 0.7e-3})
+    before = allocation_of(scene)
+    assert before.beside_cells(scene, 0.1, {"size classes": 5.0, "gas grid": 5.0}) is before
+    assert first(scene).cone(scene) == scene.spray
+
+
+def test_a_lattice_for_what_the_cells_leave() -> None:
+    scene = scene_of(transport={"accuracy_K": 1.0}, domain={"leaf_edge_m": 1e-3})
+    before = allocation_of(scene)
+    known = {"size classes": 0.1, "gas grid": 1.2}
+    allocation = before.beside_cells(scene, 0.6, known)
+    assert allocation.shares_K["size classes"] == 0.1  # small as it is
+    share_K = allocation.shares_K["gas grid"]
+    resolution = first(scene)
+    finer = BY_NAME["gas grid"].finer(resolution, Excess(share_K, 1.2 / share_K, 1.5))
+    assert resolution.spacing_m is not None and finer.spacing_m is not None
+    left = 1.2 * (finer.spacing_m / resolution.spacing_m) ** 1.5
+    trace_K = 0.6 * before.shares_K["trace"]
+    assert left**2 + 0.6**2 + 0.1**2 + trace_K**2 == pytest.approx(1.0, rel=1e-6)
+    assert before.beside_cells(scene, 1.1, known) is before  # cells leave nothing
+
+
+def test_what_is_small_enough_is_left_alone() -> None:
+    scene = scene_of()
+    small = {"cells": 0.8, "trace": 0.6, "pixel sampling": 0.2}  # 1.02, printed as 1
+    assert refined(first(scene), scene, small) is None
+
+
+def test_what_is_too_large_is_refined() -> None:
+    scene = scene_of()
+    resolution = replace(first(scene), depth=8, cube_m=None)  # cells alone
+    better = refined(resolution, scene, {"cells": 2.0, "trace": 0.1, "pixel sampling": 0.2})
+    assert better is not None and better.depth == 9
+    assert better.ordinates_K == resolution.ordinates_K
+    better = refined(resolution, scene, {"cells": 0.1, "trace": 2.0})
+    assert better is not None and better.depth == 8
+    # Ordinates grow as 1 / ordinates_K, the error falls with their number to the power 2/3.
+    expected = resolution.ordinates_K * ((1 - 0.1**2) ** 0.5 / 2.0) ** 1.5
+    assert better.ordinates_K == pytest.approx(expected)
+
+
+def test_nothing_is_refined_in_vain() -> None:
+    """If irreducible errors exceed the tolerance, or nothing is free."""
+    scene, errors_K = scene_of(), {"cells": 2.0, "trace": 0.9}
+    assert refined(first(scene), scene, errors_K, fixed=("cells",)) is None
+    assert refined(first(scene), scene, errors_K, fixed=("cells", "trace")) is None
+
+
+def test_lattice_and_cells_are_one_where_both_are_free() -> None:
+    """Not where the scene fixes either, has the paper's cells, or asks for no errors."""
+    assert lattice_is_cells(scene_of())
+    free = first(scene_of())
+    assert free.cube_m == free.domain_m and free.depth is None
+    for fixed in (
+        scene_of(domain={"leaf_edge_m": 1e-3}),
+        scene_of(domain={"rule": "paper"}),
+        scene_of(spray={"spacing_m": 0.7e-3}),
+        scene_of(transport={"audit": False}),
+        load_scene("gdi-flow"),  # no resolution includes its lattice
+    ):
+        assert not lattice_is_cells(fixed)
+        resolution = first(fixed)
+        assert resolution.cube_m is None
+        assert resolution.at_depth(7) == replace(resolution, depth=7)
+
+
+@pytest.mark.parametrize("spacing_m", [1.6e-3, 0.7e-3, 0.14e-3, 0.2 / 256])
+def test_any_edge_is_a_cell_of_the_cube(spacing_m: float) -> None:
+    """The cube holds the domain, by less than twice its edge, and halves to the lattice."""
+    resolution = first(scene_of()).on_lattice(spacing_m)
+    assert resolution.depth is not None and resolution.cube_m is not None
+    assert resolution.spacing_m == spacing_m
+    assert resolution.cube_m / 2**resolution.depth == pytest.approx(spacing_m, rel=1e-12)
+    assert resolution.domain_m * (1 - 1e-8) <= resolution.cube_m < 2 * resolution.domain_m
+    assert resolution.at_depth(resolution.depth) == resolution
+    cone = resolution.cone(scene_of())
+    assert cone is not None and cone.spacing_m == spacing_m
+
+
+def test_memory_makes_lattice_and_cells_coarser_together() -> None:
+    resolution = first(scene_of()).on_lattice(0.3e-3)
+    assert resolution.depth is not None
+    coarser = resolution.at_depth(resolution.depth - 1).limited("cells", "why")
+    assert coarser.depth == resolution.depth - 1 and coarser.spacing_m == pytest.approx(0.6e-3)
+    assert coarser.limits == {"cells": "why"}
+    assert coarser.limited("cells", "").limits == {}
+
+
+@pytest.mark.parametrize(("cells_K", "order"), [(1.3, 1.0), (1.3, 2.0), (9.0, 1.0)])
+def test_a_refined_lattice_is_as_fine_as_its_share_needs(cells_K: float, order: float) -> None:
+    """0.9 of the share by the measured order, but no finer than half."""
+    scene = scene_of()
+    resolution = first(scene).on_lattice(0.4e-3)
+    better = refined(resolution, scene, {"cells": cells_K, "trace": 0.1}, orders={"cells": order})
+    assert better is not None and better.spacing_m is not None
+    assert resolution.spacing_m is not None
+    less = better.spacing_m / resolution.spacing_m
+    share_K = (1.0 - 0.1**2) ** 0.5
+    wanted = (0.9 * share_K / cells_K) ** (1 / order)
+    assert less == pytest.approx(max(wanted, 0.5))
+    assert better.cube_m is not None and better.depth is not None
+    assert better.cube_m / 2**better.depth == pytest.approx(better.spacing_m)
+
+
+def test_other_errors_shrink_four_times_at_most() -> None:
+    scene = scene_of()
+    resolution = replace(first(scene), depth=8)
+    better = refined(resolution, scene, {"cells": 0.1, "trace": 30.0, "size classes": 0.1})
+    assert better is not None
+    assert better.ordinates_K == pytest.approx(resolution.ordinates_K / 4**1.5)
+
+
+def test_a_resolution_of_run_json_is_read_again() -> None:
+    resolution = first(scene_of()).on_lattice(0.4e-3)
+    assert Resolution.from_dict(resolution.to_dict()) == resolution

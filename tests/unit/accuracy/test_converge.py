@@ -1,0 +1,61 @@
+"""Which of several images of a scene is the run's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from cldit.accuracy import converge as converging
+from cldit.accuracy.allocation import Allocation
+from cldit.accuracy.converge import Result, converge
+from cldit.accuracy.errors import Cause, Errors, Estimate
+from cldit.accuracy.problem import Problem
+from cldit.accuracy.resolution import Resolution
+from cldit.prepare.stages import Stages
+from cldit.scene import load_scene
+
+
+@pytest.mark.parametrize(
+    ("found_K", "kept_K"), [((2.0, 1.6, 3.2), 1.6), ((2.0, 1.6, 1.2), 1.2), ((2.0, 0.9), 0.9)]
+)
+def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
+    found_K: tuple[float, ...], kept_K: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Memory may hold less than a refinement needs; its last reason is kept."""
+    scene = load_scene("gdi")
+    left = list(found_K)
+
+    def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocation]:
+        first = Resolution.first(problem.scene, ordinates_K=0.1, spectral_K=0.1)
+        return first.at_depth(6), Allocation.of(problem.scene, tolerance_K)
+
+    def solve(_: Problem, resolution: Resolution, allocation: Allocation) -> Result:
+        error_K = left.pop(0)
+        nothing: Any = SimpleNamespace(short=())
+        worse = error_K > kept_K and not left
+        cause = Cause("cells", error_K, "known")
+        parts: dict[str, Any] = dict.fromkeys(
+            ("medium", "reference", "maps", "sensor", "trace_error")
+        )
+        return Result(
+            resolution=resolution.limited("cells", "memory is full" if worse else ""),
+            allocation=allocation,
+            traces=nothing,
+            estimates=(Estimate(cause),),
+            errors=Errors.of([cause]),
+            **parts,
+        )
+
+    monkeypatch.setattr(converging, "predict", predict)
+    monkeypatch.setattr(converging, "solve", solve)
+    device: Any = None
+    stages = Stages(None)
+    kept = converge(Problem(scene, device, stages, Path(), None), scene.transport.accuracy_K)
+    assert kept.errors is not None and kept.errors.total_K == kept_K
+    assert not left
+    worse = found_K[-1] > kept_K
+    assert any("is kept" in remark for remark in stages.remarks) == worse
+    assert (kept.resolution.limits == {"cells": "memory is full"}) == worse
