@@ -17,6 +17,8 @@ from cldit.gpu.device import Device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import Settings
 from tests.bench.page import write_measured
+from tests.verify.blocks import Blocks
+from tests.verify.slab import run_slab
 
 SEEDS = 4
 _INF = float("inf")
@@ -68,28 +70,19 @@ class Ablation:
         return "no effect" if not clear else "gains" if self.worth > 1 else "costs"
 
 
-def slab_scene(folder: Path) -> Scene:
+def slab_scene(blocks: Blocks) -> Scene:
     """Droplets of depth 20 and albedo 0.9 in 16 layers in front of a hot disc."""
-    edge, cells, layers = 0.2, 64, 16
-    thickness = layers * edge / cells
-    shape = (cells, layers, cells)
-    depth = 20.0 / thickness
-    np.savez(
-        folder / "slab.npz",
-        origin_m=(-edge / 2, -thickness / 2, -edge / 2),
-        spacing_m=(edge / cells,) * 3,
-        droplet_absorption_per_m=np.full(shape, 0.1 * depth),
-        droplet_scattering_per_m=np.full(shape, 0.9 * depth),
-        droplet_temperature_K=np.full(shape, 400.0),
-    )
     return parse_scene(
-        {
-            "name": "slab",
-            "spray": {"model": "grid", "file": str(folder / "slab.npz")},
-            "domain": {"edge_m": edge, "leaf_edge_m": 1.01 * edge / cells},
-            "camera": {"pixels": [96, 96], "field_m": [0.16, 0.16]},
-            "background": {"radius_m": 0.08, "temperatures_K": [400.0, 500.0]},
-        }
+        run_slab(
+            blocks.scene,
+            20.0,
+            0.9,
+            layers=16,
+            cells=64,
+            camera={"pixels": [96, 96], "field_m": [0.16, 0.16]},
+            background={"radius_m": 0.08, "temperatures_K": [400.0, 500.0]},
+            name="slab",
+        )
     )
 
 
@@ -143,7 +136,7 @@ def ablation(device: Device, *, cache: Path, say: Say, seeds: int = SEEDS) -> Pa
         cases: Sequence[tuple[Scene, str]] = (
             (gdi, "isotropic"),
             (droplets, "mie"),
-            (slab_scene(Path(folder)), "isotropic"),
+            (slab_scene(Blocks(device, Path(folder), cache)), "isotropic"),
         )
         for scene, phase in cases:
             told = changed(scene, transport={"phase": phase, "method": "source", "order": None})

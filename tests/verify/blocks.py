@@ -25,7 +25,13 @@ class Blocks:
     def run(
         self, arrays: dict[str, Any], *, size_m: tuple[float, float, float], **scene: Any
     ) -> Run:
-        """Simulates a scene whose spray is one grid file.
+        """Simulates the `scene` of a block."""
+        return self.simulated(self.scene(arrays, size_m=size_m, **scene))
+
+    def scene(
+        self, arrays: dict[str, Any], *, size_m: tuple[float, float, float], **scene: Any
+    ) -> dict[str, Any]:
+        """Scene whose spray is one grid file.
 
         Args:
             arrays: scalars (one voxel) or (nx, ny, nz) arrays by their names in the file.
@@ -41,7 +47,7 @@ class Blocks:
             **{name: np.broadcast_to(array, shape) for name, array in full.items()},
         }
         np.savez(file, **contents)
-        return self.simulated({"spray": {"model": "grid", "file": str(file)}, **scene})
+        return {"name": "block", "spray": {"model": "grid", "file": str(file)}, **scene}
 
     def simulated(self, data: dict[str, Any], spray: Spray | None = None) -> Run:
         """Simulates a scene; `spray` is used as if it had been imported."""

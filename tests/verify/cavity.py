@@ -1,4 +1,4 @@
-"""Cavity at one temperature: a flat image, whatever medium is in it.
+"""Home of the cavity: at one temperature its image is flat, for any medium.
 
 With medium, walls and background at temperature T every line of sight sees B(T) (second law of
 thermodynamics). The weights of background and walls, and the emission over B(T), then sum to one in

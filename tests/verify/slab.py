@@ -1,38 +1,40 @@
-"""Plane-parallel slabs, traced and solved by PythonicDISORT."""
+"""Home of the slab: plane-parallel, traced, and solved by PythonicDISORT."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 from unittest import mock
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.run import Run
 from cldit.transport.mie_phase import mie_table
 from cldit.transport.phase import ScatteringTable
 
 EDGE = 0.2
 CAMERA = {"model": "orthographic", "pixels": [9, 9], "field_m": [0.01, 0.01]}
 BEHIND = {"radius_m": 99.0, "temperatures_K": [400.0, 500.0]}
+Made = TypeVar("Made")
 _PANELS = (0.0, 0.1, 0.5, 2.0, 6.0, 15.0, 40.0)  # optical depths; e^-40 is nothing
 
 
 def run_slab(
-    run_block: Callable[..., Run],
+    run_block: Callable[..., Made],
     depth: float,
     albedo: float,
     *,
     layers: int,
     cells: int = 128,
     **scene: Any,
-) -> Run:
-    """Slab of droplets at 400 K, `layers` of `cells` across a cube, in front of a background that
-    fills the half space behind."""
+) -> Made:
+    """Slab of droplets at 400 K, `layers` of `cells` across a cube, by `Blocks.run` or `scene`.
+
+    The background fills the half space behind it, unless `scene` has another.
+    """
     thickness = layers * EDGE / cells
     domain = {"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells, **scene.pop("domain", {})}
     return run_block(
@@ -43,8 +45,7 @@ def run_slab(
         },
         size_m=(EDGE, thickness, EDGE),
         domain=domain,
-        background=BEHIND,
-        **{"camera": CAMERA, **scene},
+        **{"camera": CAMERA, "background": BEHIND, **scene},
     )
 
 

@@ -11,20 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from cldit.optics.planck import band_radiance
-from cldit.optics.response import scene_filter
 from cldit.run import Run
 from cldit.transport.trace import Trace, trace
 from tests.phase_tables import henyey_greenstein
 
+from .cavity import cavity, departure
 from .slab import EDGE, disort, droplets_of_9_um, run_slab
 
 CELLS = 128
 LAYERS = 2
-THICKNESS = LAYERS * EDGE / CELLS
-T = 450.0
 
 
 def slab(
@@ -91,29 +87,15 @@ def cube(
     run_block: Callable[..., Run], *, depth: float, albedo: float, cells: int = 32, **transport: Any
 ) -> Run:
     """A cube of half the domain's cells, `depth` across it, in a cavity at one temperature."""
-    per_m = depth / (EDGE / 2)
-    return run_block(
-        {
-            "vapour_absorption_per_m": 0.2 * per_m,
-            "droplet_absorption_per_m": (1 - albedo) * per_m,
-            "droplet_scattering_per_m": albedo * per_m,
-            "vapour_temperature_K": T,
-            "droplet_temperature_K": T,
-        },
+    return cavity(
+        run_block,
+        depth=2 * depth / cells,
+        albedo=albedo,
+        vapour=0.2,
+        cells=cells,
         size_m=(EDGE / 2,) * 3,
-        domain={"edge_m": EDGE, "leaf_edge_m": 1.01 * EDGE / cells},
-        camera={"pixels": [21, 17], "field_m": [0.12, 0.12]},
-        background={"temperatures_K": [T, T + 20]},
-        walls={"temperature_K": T},
+        camera={"field_m": [0.12, 0.12]},
         transport=transport,
-    )
-
-
-def closure(run: Run) -> NDArray[np.float64]:
-    radiance = float(band_radiance(T, filter_um=scene_filter(run.scene)))
-    w = run.weights
-    return np.asarray(
-        w.background.astype(float) + w.wall + (w.vapour.astype(float) + w.liquid) / radiance - 1
     )
 
 
@@ -132,7 +114,7 @@ def test_cavity_is_flat(
 ) -> None:
     """Weights sum to one in the mean: to four standard errors of it, and rounding."""
     run = cube(run_block, depth=depth, albedo=albedo, method="path", phase=phase, max_samples=256)
-    left = closure(run).reshape(-1)
+    left = departure(run).reshape(-1)
     assert abs(left.mean()) < 4 * left.std() / len(left) ** 0.5 + 1e-6
     assert np.abs(left).max() < 0.3
 
@@ -194,7 +176,7 @@ def test_gathering_sees_inside_cells(
     noise = (np.mean((a - b) ** 2) + np.mean((c - d) ** 2)) / 4
     difference = np.mean(((a + b) / 2 - (c + d) / 2) ** 2)
     assert difference < 1.3 * noise + left**2
-    open_ = closure(gathered[0])
+    open_ = departure(gathered[0])
     assert abs(open_.mean()) < 4 * open_.std() / open_.size**0.5 + 1e-5
 
 
