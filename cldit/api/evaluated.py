@@ -71,7 +71,7 @@ def evaluate(
     if model is not None:
         medium = evaluate_scattering(place, model, found)
         more |= {
-            "medium_temperature_K": (medium.temperature_K, "K", "temperature of what emits"),
+            "medium_temperature_K": (medium.temperature_K, "K", "temperature of the medium"),
             "medium_temperature_standard_error_K": (medium.standard_error_K, "K", "its error"),
             "scattered_share": (medium.share, "1", "scattered share of the radiance"),
         }

@@ -5,18 +5,17 @@ from __future__ import annotations
 import click
 
 from cldit import __version__
-from cldit.cli.exit_codes import epilog
-from cldit.cli.program import Program
+from cldit.cli.program import Program, epilog
 
 _COMMANDS = {
     "run": "cldit.cli.run:run",
-    "repeat": "cldit.cli.repeat:repeat_command",
+    "repeat": "cldit.cli.diff:repeat_command",
     "diff": "cldit.cli.diff:diff",
     "scenes": "cldit.cli.scenes:scenes",
     "devices": "cldit.cli.devices:devices",
     "check-driver": "cldit.cli.check_driver:check_driver",
     "optics": "cldit.cli.optics:optics",
-    "fit-liquid": "cldit.cli.liquid:fit_liquid",
+    "fit-liquid": "cldit.cli.optics:fit_liquid",
     "spray": "cldit.cli.sprays:spray_command",
     "import": "cldit.cli.sprays:import_command",
     "droplet": "cldit.cli.sprays:droplet",
@@ -26,8 +25,8 @@ _COMMANDS = {
     "export": "cldit.cli.export:export_command",
     "scattering": "cldit.cli.scattering:scattering_command",
     "show": "cldit.cli.show:show",
-    "view": "cldit.cli.view:view_command",
-    "gallery": "cldit.cli.gallery:gallery_command",
+    "view": "cldit.cli.show:view_command",
+    "gallery": "cldit.cli.show:gallery_command",
     "study": "cldit.cli.study:study",
     "bench": "cldit.cli.bench:bench",
 }

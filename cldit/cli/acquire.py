@@ -13,6 +13,7 @@ from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
+from cldit.cli.results import print_next
 from cldit.errors import RunFolderError
 from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
@@ -31,9 +32,10 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
     if dry:
         asked = open_rig(rig)
         try:
-            _estimate(dry_run(asked, sequence, out))
+            _print_estimate(dry_run(asked, sequence, out))
         finally:
             asked.close()  # not made safe: that would move the black body
+        print_next("cldit", "acquire", rig, plan, "--out", out)
         return
     if live:
         from cldit.cli.live import LiveView  # loads matplotlib
@@ -45,16 +47,17 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
             record = acquire(opened, sequence, out, progress=bar.watch)
     OUT.print(
         f"{record.saved} of {record.total} shots in {out}; {record.rejected} rejected, "
-        f"{record.lost_injections} injections without a kept picture"
+        f"{record.lost_injections} injections without a saved image"
     )
     if not record.complete:
-        raise RunFolderError("not complete; run the same command again to go on")
+        raise RunFolderError("not complete; run the same command again to continue")
+    print_next("cldit", "evaluate", out)
 
 
 class RecordingBar:
-    """A bar that is drawn in a thread of its own.
+    """Progress bar drawn in a thread of its own.
 
-    A terminal that stands still (Ctrl-S) keeps up the bar alone, which then shows what is newest.
+    A stopped terminal (Ctrl-S) delays only the bar, which then shows the newest state.
     """
 
     def __init__(self) -> None:
@@ -67,15 +70,15 @@ class RecordingBar:
 
     def __exit__(self, *_: object) -> None:
         self._drawn.__exit__()
-        if self._drawn.ended:  # else the terminal still stands, and the bar holds its lock
+        if self._drawn.ended:  # else the terminal is still stopped, and the bar has its lock
             self._bar.__exit__()
 
     def watch(self, progress: Progress) -> None:
-        """Shows how far the recording is, without waiting for the terminal."""
+        """Shows the progress without waiting for the terminal."""
         self._drawn.offer(progress)
 
 
-def _estimate(found: DryRun) -> None:
+def _print_estimate(found: DryRun) -> None:
     OUT.print(
         f"{found.shots} shots at {len(found.backgrounds_K)} backgrounds: "
         f"{found.time_s / 60.0:.0f} min, of which {found.background_s / 60.0:.0f} min wait for "
@@ -84,4 +87,4 @@ def _estimate(found: DryRun) -> None:
     )
     if found.problems:
         raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
-    OUT.print("nothing speaks against it")
+    OUT.print("dry run passed")

@@ -1,4 +1,4 @@
-"""`--json`: what a command found, for scripts."""
+"""Option `--json`: results of a command for scripts."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command found (mappings, lists, numbers, texts), and its exit status."""
+    """Result of a command (mappings, lists, numbers, texts), and its exit status."""
 
     data: Any
     code: int = 0
 
 
 def json_option(command: Callable[P, Outcome]) -> Callable[..., None]:
-    """Adds `--json` to a command that returns an `Outcome`; its status is that of the program.
+    """Adds `--json` to a command that returns an `Outcome`, whose status becomes the program's.
 
-    With `--json` the standard output holds one JSON text and nothing else: what people read goes
-    to the standard error.
+    With `--json`, the standard output contains only one JSON text; the rest goes to the standard
+    error.
     """
 
-    @click.option("--json", "as_json", is_flag=True, help="Print what was found as JSON.")
+    @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
     @wraps(command)
-    def told(as_json: bool, *args: P.args, **kwargs: P.kwargs) -> None:
+    def with_json(as_json: bool, *args: P.args, **kwargs: P.kwargs) -> None:
         if as_json:
             with aside():
                 found = command(*args, **kwargs)
@@ -47,11 +47,11 @@ def json_option(command: Callable[P, Outcome]) -> Callable[..., None]:
         if found.code:
             sys.exit(found.code)
 
-    return told
+    return with_json
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON has it: paths and enums as texts, NaN and infinity as null."""
+    """Value for JSON: paths and enums as texts, NaN and infinity as null."""
     if isinstance(value, Mapping):
         return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

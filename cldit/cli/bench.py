@@ -10,7 +10,7 @@ import click
 
 from cldit.bench import ACCURACIES_K, ASKED_K, BUDGET_SCENES, PARTS
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
-from cldit.cli.units import KELVIN, device_option
+from cldit.cli.options import KELVIN, device_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable

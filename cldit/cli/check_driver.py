@@ -1,4 +1,4 @@
-"""`cldit check-driver`: whether a driver does what every driver must."""
+"""`cldit check-driver`: the contract that every driver must fulfil."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ _STYLE = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.SKIPPED: 
 @click.argument("name")
 @click.argument("rig", type=click.Path(path_type=Path), required=False)
 @click.option(
-    "--instrument", is_flag=True, help="Check the instrument in RIG, slowly and safely; asks first."
+    "--instrument",
+    is_flag=True,
+    help="Check the instrument in RIG, slowly and safely; asks first.",
 )
 @click.option(
     "--ambient",
@@ -35,7 +37,7 @@ _STYLE = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.SKIPPED: 
 )
 @click.option("--heat-to", "heat_to_K", type=float, help="Kelvin; allows set points up to this.")
 @click.option("--all-faults", is_flag=True, help="Every fault of every reply; takes minutes.")
-@click.option("--yes", is_flag=True, help="Do not ask before an instrument is touched.")
+@click.option("--yes", is_flag=True, help="Do not ask before an instrument is used.")
 @plain_errors
 def check_driver(
     name: str,
@@ -46,24 +48,24 @@ def check_driver(
     all_faults: bool,
     yes: bool,
 ) -> None:
-    """Check the driver NAME: before its emulators, or before the instrument in RIG.
+    """Check the driver NAME with its emulators, or with the instrument in RIG.
 
-    Its settings are those that RIG gives it. The exit status is 1 where something is broken.
+    Its settings are those in RIG. The exit status is 1 if a check fails.
     """
     load_driver(name)
     kind = describe_drivers()[name].kind
     if kind not in OF_KIND:
-        raise SceneError(f"{name} is a {kind}; allowed are drivers of a {', '.join(OF_KIND)}")
+        raise SceneError(f"{name} is a {kind}; allowed: drivers of a {', '.join(OF_KIND)}")
     part, settings = _of_rig(name, rig)
     if not instrument:
         with_rig = f" with the settings of {rig}" if part else ""
-        OUT.print(f"{name}, before its emulators{with_rig}:")
+        OUT.print(f"{name}, with its emulators{with_rig}:")
         _end(_show(on_emulators(name, kind, settings, all_faults=all_faults)))
     if part is None:
-        raise SceneError("--instrument: needs a RIG file that names the driver and its address")
+        raise SceneError("--instrument: requires a RIG file with the driver and its address")
     warmest_K = ambient_K if heat_to_K is None else heat_to_K
     _state(name, kind, str(rig), warmest_K)
-    if not yes and not click.confirm("Go on?"):
+    if not yes and not click.confirm("Continue?"):
         sys.exit(1)
     assert rig is not None
     device = open_rig(rig).devices[part]
@@ -82,7 +84,7 @@ def check_driver(
 
 
 def _of_rig(name: str, rig: Path | None) -> tuple[str | None, dict[str, Any]]:
-    """Which device of the rig has this driver, and its settings. Raises SceneError."""
+    """Device of the rig that has this driver, and its settings. Raises SceneError."""
     if rig is None:
         return None, {}
     file = read_rig(rig)
@@ -91,27 +93,27 @@ def _of_rig(name: str, rig: Path | None) -> tuple[str | None, dict[str, Any]]:
         if choice.driver == name:
             return part, choice.settings
     raise SceneError(
-        f"{rig}: no device has the driver {name}; there are "
+        f"{rig}: no device has the driver {name}; it has "
         + ", ".join(f"{part}: {choice.driver}" for part, choice in drivers.items())
     )
 
 
 def _state(name: str, kind: str, rig: str, warmest_K: float) -> None:
-    """What will be done with the instrument."""
-    OUT.print(f"{name}, before the instrument in {escaped(rig)}. This check")
+    """Prints the actions of the check on the instrument."""
+    OUT.print(f"{name}, with the instrument in {escaped(rig)}. This check")
     for check in OF_KIND[kind]:
         OUT.print(f"  - {check.does};")
     OUT.print("  - makes the instrument safe at the end, however it ends.")
     if kind == "background":
         OUT.print(f"It writes no set point above {warmest_K:.1f} K (--ambient, --heat-to).")
     if kind == "trigger":
-        OUT.print("It never asks for an injection. Shut off the fuel all the same.")
+        OUT.print("It never requests an injection. Shut off the fuel all the same.")
 
 
 def _show(results: Iterable[Result]) -> bool:
-    """A table of the results, each as it comes; whether nothing is broken."""
+    """Prints a table of the results; True if no check failed."""
     tally = dict.fromkeys(Verdict, 0)
-    broken: list[Result] = []
+    failed: list[Result] = []
     table = folded_table("where", "check", "result", "seconds", "")
     with OUT.status("checking") as status:
         for result in results:
@@ -125,10 +127,10 @@ def _show(results: Iterable[Result]) -> bool:
                 "" if result.verdict is Verdict.FAILED else escaped(result.text),
             )
             if result.verdict is Verdict.FAILED:
-                broken.append(result)
+                failed.append(result)
             status.update(f"{result.where}: {result.name} {result.verdict}")
     OUT.print(table)
-    for result in broken:
+    for result in failed:
         OUT.print(f"[bold red]{result.where}, {result.name}:[/] {escaped(result.text)}")
     OUT.print(", ".join(f"{number} {verdict}" for verdict, number in tally.items()))
     return tally[Verdict.FAILED] == 0 and tally[Verdict.PASSED] > 0

@@ -1,4 +1,4 @@
-"""What every command shares: output, errors as messages, and progress."""
+"""Output, errors as messages, and progress of every command."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Column, Table
 
-from cldit.cli.exit_codes import Exit
+from cldit.cli.program import Exit
 from cldit.errors import ClditError
 
-if TYPE_CHECKING:  # every command is here, and few acquire
+if TYPE_CHECKING:  # used by every command, of which few acquire
     from cldit.acquisition.progress import Progress
 
 P = ParamSpec("P")
@@ -25,8 +25,10 @@ ERR = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
-    """Errors that cldit raises on purpose are messages, and so is a path that the system refuses;
-    everything else keeps its traceback."""
+    """Turns errors of cldit, and of the system about a path, into messages.
+
+    All others keep their traceback.
+    """
 
     @wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -42,19 +44,19 @@ def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
             ERR.print(f"[bold red]error:[/] {escaped(reason)}")
             sys.exit(Exit.FAILED)
         except KeyboardInterrupt:
-            ERR.print("stopped; run the same command again to go on")
+            ERR.print("stopped; run the same command again to continue")
             sys.exit(Exit.STOPPED)
 
     return guarded
 
 
 def folded_table(*heads: str) -> Table:
-    """An empty table with these heads; in a narrow terminal cells are folded, and never cut."""
+    """Empty table with these heads; in a narrow terminal, cells are folded and never cut."""
     return Table(*(Column(head, overflow="fold") for head in heads), box=None)
 
 
 def escaped(text: str) -> str:
-    """Text without rich's markup."""
+    """Text in which rich finds no markup."""
     return text.replace("[", r"\[")
 
 
@@ -64,7 +66,7 @@ def say(text: str) -> None:
 
 
 class ProgressBar:
-    """Lines of text as stages begin, and a bar while the rig records."""
+    """Lines of text as stages begin, and a bar during long ones."""
 
     def __init__(self) -> None:
         self._bar = Bar(
@@ -93,17 +95,11 @@ class ProgressBar:
         say(text)
 
     def watch(self, progress: Progress) -> None:
-        """Shows how far the work is."""
+        """Shows the progress of an acquisition."""
         self.count(progress.phase, progress.done, progress.total)
 
     def count(self, what: str, done: int, total: int) -> None:
-        """Shows how much of a piece of work is done.
-
-        Args:
-            what: is in work.
-            done: parts of it that are done.
-            total: all parts.
-        """
+        """Shows that `done` of `total` parts of a piece of work are done."""
         if self._task is None:
             self._task = self._bar.add_task(what, total=total)
             self._bar.start()

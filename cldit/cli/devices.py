@@ -14,11 +14,11 @@ from cldit.rig.drivers import describe_drivers
 
 
 @click.command()
-@click.option("--device", help="Show which device this choice means.")
+@click.option("--device", help="Show the device of this choice.")
 @json_option
 @plain_errors
 def devices(device: str | None) -> Outcome:
-    """OpenCL devices: which there are, which is used, and why; and the drivers of instruments."""
+    """List OpenCL devices, which one is used and why, and the drivers of instruments."""
     found = list_devices()
     used, reason = choose(found, device)
     table = folded_table("", "device", "kind", "name", "memory", "float64", "platform")

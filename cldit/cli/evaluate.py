@@ -1,4 +1,4 @@
-"""`cldit evaluate`: recorded and measured pictures to maps."""
+"""`cldit evaluate`: recorded and measured images to maps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from cldit.api.folder_evaluation import (
 )
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.exit_codes import Exit
+from cldit.cli.program import Exit
+from cldit.cli.results import print_files, print_maps, print_next
+from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
@@ -37,18 +39,18 @@ from cldit.show.report.run_report import write_pages
     show_default=True,
     help="Curve from Planck, filter and detector, or fitted to the references.",
 )
-@click.option("--robust", is_flag=True, help="Weigh shots that are far off the others less.")
-@click.option("--frame", type=click.IntRange(0), default=0, help="Which picture of each shot.")
+@click.option("--robust", is_flag=True, help="Give outlying shots less weight.")
+@click.option("--frame", type=click.IntRange(0), default=0, help="Which image of each shot.")
 @click.option(
     "--accept",
     type=click.Choice(ACCEPTABLE),
     multiple=True,
-    help="Evaluate whatever this witness finds; may be given several times.",
+    help="Evaluate whatever this witness finds; may be repeated.",
 )
 @click.option(
     "--model",
     type=click.Path(path_type=Path),
-    help="Folder of a run that models the spray: also the temperature of what emits.",
+    help="Run that models the spray: adds the temperature of the emitting medium.",
 )
 @json_option
 @plain_errors
@@ -62,8 +64,8 @@ def evaluate(
 ) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
-    The maps go into `maps` beside the pictures, with a page, report.html; of several delays, each
-    into a folder within, with a table over them.
+    The maps go into `maps` beside the images, with a page, report.html; those of several delays
+    into a folder each, with a table of all.
     """
     target = acquisition_in(folder)
     with ProgressBar() as bar:
@@ -78,7 +80,7 @@ def evaluate(
         )
     modelled = None if model is None else open_run(model)
     if modelled is not None and not any(_shows(modelled, one, found) for one in found):
-        raise EvaluationError(f"--model: {model}: its spray is at none of the plan's delays")
+        raise EvaluationError(f"--model: {model}: its spray has none of the plan's delays")
     for one in found:
         if len(found) > 1 and one.delay_s is not None:
             OUT.print(f"{delay_text(one.delay_s)}:")
@@ -86,13 +88,14 @@ def evaluate(
             _print(one.evaluation)
             if modelled is not None and _shows(modelled, one, found):
                 _scattering(target, modelled, one.evaluation, one.folder)
-        OUT.print(f"{one.folder}")
+            _print_result(one.evaluation.maps)
+        print_files(one.folder)
     if len(found) > 1:
         for row in delay_rows(found):
             OUT.print(row.text)
-        OUT.print(f"{target / 'maps' / 'delays.csv'}")
-    for page in write_pages(target):
-        OUT.print(f"{page}")
+        print_files(target / "maps" / "delays.csv")
+    print_files(*write_pages(target))
+    print_next("cldit", "view", folder)
     if problems := delay_problems(found):
         ERR.print(f"[bold red]error:[/] {escaped(problems)}")
     return Outcome(
@@ -116,8 +119,15 @@ def _print(evaluation: Evaluation) -> None:
         OUT.print(escaped(line))
 
 
+def _print_result(maps: Maps) -> None:
+    print_maps(maps)
+    error_K = maps.apparent_temperature_standard_error_K
+    if np.isfinite(error_K).any():
+        OUT.print(f"standard error of T_app: {np.nanmedian(error_K):.2g} K (median)", style="bold")
+
+
 def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...]) -> bool:
-    """Whether the model is of this delay; with one delay, the user says so."""
+    """True if the model has this delay; a single delay is not checked."""
     time_s = spray_time_s(model.scene)
     if len(found) == 1:
         return True
@@ -126,9 +136,9 @@ def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...])
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:
     medium = evaluate_scattering(target, model, evaluation, maps=maps)
-    told = np.isfinite(medium.temperature_K)
+    known = np.isfinite(medium.temperature_K)
     changed = medium.temperature_K - evaluation.maps.apparent_temperature_K
     OUT.print(
-        f"{int(told.sum()):9d} pixels: temperature of what emits, without scattered walls; "
-        f"{float(np.mean(changed[told])) if told.any() else 0.0:+.2g} K against T_app"
+        f"{int(known.sum()):9d} pixels: temperature of the medium, without scattered walls; "
+        f"{float(np.mean(changed[known])) if known.any() else 0.0:+.2g} K against T_app"
     )

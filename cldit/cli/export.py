@@ -1,4 +1,4 @@
-"""`cldit export`: raw pictures of an acquisition, or the octree of a run, for other programs."""
+"""`cldit export`: raw images of an acquisition, or the octree of a run, for other programs."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _OCTREE = ("vtkhdf", "vtu")
 @click.command("export")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--to", "form", type=click.Choice([*FORMATS, *_OCTREE]), required=True)
-@click.option("--out", type=click.Path(path_type=Path), help="The file; in FOLDER if left out.")
-@click.option("--node", type=int, help="Octree: wavelength by number; that with most light.")
+@click.option("--out", type=click.Path(path_type=Path), help="The file; default: in FOLDER.")
+@click.option("--node", type=int, help="Octree: number of a wavelength; default: the brightest.")
 @click.option("--own-frame", is_flag=True, help="Octree: cldit's coordinates, not the CFD case's.")
 @click.option("--device", help="Octree: OpenCL device, as for `cldit run`.")
 @plain_errors
 def export_command(
     folder: Path, form: str, out: Path | None, node: int | None, own_frame: bool, device: str | None
 ) -> None:
-    """Write an acquisition FOLDER's raw pictures, or a run's octree, for other programs."""
+    """Write an acquisition FOLDER's raw images, or a run's octree, for other programs."""
     if form in _OCTREE:
         _octree(folder, form, out, node=node, own_frame=own_frame, device=device)
         return
@@ -33,7 +33,7 @@ def export_command(
     acquisition = open_acquisition(acquisition_in(folder))
     path = export(acquisition, form, out)
     if acquisition.missing:
-        OUT.print(f"[yellow]{len(acquisition.missing)} shots are still to be taken[/]")
+        OUT.print(f"[yellow]{len(acquisition.missing)} shots are still missing[/]")
     OUT.print(f"{path}: {len(acquisition.shots)} shots, {path.stat().st_size / 1e6:.1f} MB")
 
 
@@ -46,7 +46,7 @@ def _octree(
     own_frame: bool,
     device: str | None,
 ) -> None:
-    # bring OpenCL, which who exports pictures does not need
+    # load OpenCL, which is not needed to export images
     from cldit.gpu.device import open_device
     from cldit.io.caches import default_cache
     from cldit.run.folder import open_run

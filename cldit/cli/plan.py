@@ -1,4 +1,4 @@
-"""`cldit plan`: the measurement that reaches a wanted error in the least time."""
+"""`cldit plan`: the measurement that reaches a requested error in the least time."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import numpy as np
 from cldit.acquisition.plan import StabilitySection
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, folded_table, plain_errors, say
-from cldit.cli.scene_name import SCENE
-from cldit.cli.units import KELVIN, device_option
+from cldit.cli.options import KELVIN, SCENE, device_option
+from cldit.cli.results import print_files, print_next
 from cldit.dit.design import (
     BlackBody,
     Design,
@@ -37,20 +37,20 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 @click.command("plan")
 @click.argument("scene", type=SCENE)
-@click.option("--error", "error_K", type=KELVIN, required=True, help="Wanted in T_app: 2K.")
+@click.option("--error", "error_K", type=KELVIN, required=True, help="Requested for T_app: 2K.")
 @click.option(
     "--emissivity-error",
     type=click.FloatRange(1e-5, 1.0),
     default=0.02,
     show_default=True,
-    help="Wanted in the emissivity.",
+    help="Requested for the emissivity.",
 )
 @click.option(
     "--quantile",
     type=click.FloatRange(0.01, 1.0),
     default=0.9,
     show_default=True,
-    help="Part of the pixels that must be as good.",
+    help="Share of the pixels that must reach the error.",
 )
 @click.option(
     "--emissivity",
@@ -58,15 +58,15 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
     type=click.FloatRange(1e-3, 1.0),
     default=0.2,
     show_default=True,
-    help="Pixels below it do not count.",
+    help="Pixels below it are ignored.",
 )
 @click.option(
     "--limits",
     "limits_K",
     type=(KELVIN, KELVIN),
-    help="Of the black body; the scene's lowest and highest background.",
+    help="Of the black body; default: lowest and highest background of the scene.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; runs/SCENE-plan.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: runs/SCENE-plan.")
 @device_option
 @json_option
 @plain_errors
@@ -80,7 +80,7 @@ def plan_command(
     out: Path | None,
     device: str | None,
 ) -> Outcome:
-    """Design the measurement of SCENE: backgrounds, shots and references for a wanted error.
+    """Design the measurement of SCENE: backgrounds, shots and references for an error.
 
     Writes plan.yaml, rig.yaml (simulated) and design.png into the folder of a traced run.
     """
@@ -98,12 +98,12 @@ def plan_command(
         stability=StabilitySection(),
     )
     if not error_K > 0.0:
-        raise click.BadParameter(f"{error_K:g} K; allowed is more than 0", param_hint="--error")
+        raise click.BadParameter(f"{error_K:g} K; allowed: more than 0", param_hint="--error")
     goal = Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
     shot_s = shot_time_s(loaded)
     found = designs(subject, blackbody, goal, shot_s=shot_s)
     best = chosen(found)
-    _print(found, best, goal, least_emissivity)
+    _print_designs(found, best, goal, least_emissivity)
     coldest = coldest_K(
         subject,
         best.backgrounds_K,
@@ -112,23 +112,26 @@ def plan_command(
         shots=best.shots,
         references=best.references,
     )
-    OUT.print(
-        f"an opaque spray is told to {error_K:g} K by it down to {coldest:.0f} K "
-        f"({best.integration_time_s * 1e6:g} us)"
-    )
     if len(known) > 1:
         colds = np.array(_COLD_K)
         errors = opaque_errors_K(subject, colds, known, emissivity=1.0)
-        told = ", ".join(f"{k:g} K to {e:.2g} K" for k, e in zip(colds, errors, strict=True))
+        each = ", ".join(f"{e:.2g} K at {k:g} K" for k, e in zip(colds, errors, strict=True))
         OUT.print(
-            f"one picture of each kind before the scene's {len(known)} backgrounds tells an opaque "
-            f"spray at {told}"
+            f"One reference and one injection in front of each of the scene's {len(known)} "
+            f"backgrounds give the temperature of an opaque spray with an error of {each}."
         )
+    OUT.print(
+        f"With a {best.integration_time_s * 1e6:g} us exposure, this plan resolves an opaque spray "
+        f"to {error_K:g} K down to {coldest:.0f} K.",
+        style="bold",
+    )
     _write(loaded, folder, best)
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
-    picture = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")
-    write_bytes(folder / "design.png", picture)
-    OUT.print(f"{folder / 'plan.yaml'}\n{folder / 'rig.yaml'}\n{folder / 'design.png'}")
+    figure = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")
+    write_bytes(folder / "design.png", figure)
+    rig, plan = folder / "rig.yaml", folder / "plan.yaml"
+    print_files(plan, rig, folder / "design.png")
+    print_next("cldit", "acquire", rig, plan, "--out", folder / "shots")
     return Outcome(
         {
             "folder": folder,
@@ -139,7 +142,7 @@ def plan_command(
     )
 
 
-def _print(found: list[Design], best: Design, goal: Goal, least_emissivity: float) -> None:
+def _print_designs(found: list[Design], best: Design, goal: Goal, least_emissivity: float) -> None:
     OUT.print(
         f"{100 * goal.quantile:g} % of the pixels of emissivity {least_emissivity:g} and more "
         f"within {goal.error_K:g} K and {goal.emissivity_error:g}:"

@@ -1,4 +1,4 @@
-"""`cldit run`: the main job."""
+"""`cldit run`: simulate a scene, record it with a simulated rig, evaluate."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.table import Table
 
 from cldit.accuracy.errors import Errors
 from cldit.api.experiment import run_experiment
-from cldit.api.series import run_series
+from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.case_options import case_options, spray_keys
-from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors
-from cldit.cli.scene_name import SCENE
-from cldit.cli.series import series_outcome
-from cldit.cli.units import KELVIN
+from cldit.cli.console import ERR, OUT, ProgressBar, escaped, folded_table, plain_errors
+from cldit.cli.options import KELVIN, SCENE, case_options, spray_keys
+from cldit.cli.program import Exit
+from cldit.cli.results import print_files, print_maps, print_next
 from cldit.errors import SceneError
 from cldit.gpu.device import open_device
 from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
 from cldit.show.figures.figures import human_figures
+from cldit.show.figures.film import mp4_possible
 
 _QUICK_PIXELS = (128, 128)
 _QUICK_K = 4.0
@@ -30,32 +31,32 @@ _QUICK_K = 4.0
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of the run; runs/SCENE.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: runs/SCENE.")
 @click.option(
     "--cfd",
     type=click.Path(path_type=Path),
-    help="Take the spray from a CFD result, or from what `cldit import` wrote.",
+    help="CFD result to take the spray from, or a file of `cldit import`.",
 )
 @case_options
-@click.option("--order", type=int, help="Most scatterings, beyond which the wall is seen; or all.")
+@click.option("--order", type=int, help="Largest number of scatterings; beyond it, the wall.")
 @click.option(
     "--method",
     type=click.Choice(["source", "path", "branching"]),
     help="source: fast (default); path: unbiased, slow; branching: the paper's.",
 )
 @click.option(
-    "--phase", help="isotropic, mie, or g of Henyey and Greenstein; as the preset has it."
+    "--phase", help="isotropic, mie, or g of Henyey and Greenstein; default: of the preset."
 )
 @click.option(
     "--preset",
     type=click.Choice(["paper", "spectral"]),
-    help="Optics at one wavelength, as in the paper, or over all of the filter.",
+    help="Optics at one wavelength, as in the paper, or over the filter.",
 )
 @click.option(
     "--accuracy",
     "accuracy_K",
     type=KELVIN,
-    help="Error allowed in T_app, K, of all causes of the simulation together; 1 K.",
+    help="Tolerance of T_app, K, for all errors of the simulation; default: 1 K.",
 )
 @click.option(
     "--device",
@@ -66,16 +67,16 @@ _QUICK_K = 4.0
     "changes",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Any key of the scene, such as walls.temperature_K=500; as often as wanted.",
+    help="Any key of the scene, such as walls.temperature_K=500; may be repeated.",
 )
-@click.option("--pixels", metavar="N|NxM", help="Columns and rows of the picture.")
+@click.option("--pixels", metavar="N|NxM", help="Columns and rows of the image.")
 @click.option("--field", "field_mm", metavar="MM|MMxMM", help="Width and height of the field, mm.")
 @click.option(
     "--times",
     metavar="all|A,B,..|::N",
-    help="A series: all times of the case, some (0.5ms,1ms), or every Nth; one folder a time.",
+    help="A series: all times of the case, some (0.5ms,1ms), or every Nth; a folder for each.",
 )
-@click.option("--quick", is_flag=True, help="A first look: 128 x 128 pixels, 4 K.")
+@click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @json_option
 @plain_errors
@@ -106,11 +107,11 @@ def run(
     }
     keys = spray_keys(options)
     if times is not None and "time_s" in keys:
-        raise SceneError(f"--times {times} and --time {keys['time_s']}: allowed is one of them")
+        raise SceneError(f"--times {times} and --time {keys['time_s']}: allowed: one of them")
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    chosen = chosen.with_(**picture_changes(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
+    chosen = chosen.with_(**camera_changes(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
@@ -134,13 +135,13 @@ def run(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
     if times is not None:
-        return series_outcome(series)
-    _summary(result)
+        return _series_outcome(series)
+    _print_run(result)
     return Outcome(_data(result))
 
 
 def _data(result: Run) -> dict[str, Any]:
-    """What scripts want to know of a run."""
+    """Data of a run for scripts."""
     maps = {"trace": result.maps, "acquired": result.measured}
     pixels = {
         name: {reason.name.lower(): count for reason, count in one.count().items()}
@@ -151,23 +152,10 @@ def _data(result: Run) -> dict[str, Any]:
             **result.info.to_dict()}  # fmt: skip
 
 
-def picture_changes(
+def camera_changes(
     pixels: str | None, field_mm: str | None, *, quick: bool, accuracy_K: float | None
 ) -> dict[str, Any]:
-    """What the short options change, as `Scene.with_` takes it.
-
-    Args:
-        pixels: columns and rows, `N` or `NxM`.
-        field_mm: width and height, as `pixels`.
-        quick: whether it is a first look.
-        accuracy_K: that was asked for, which `quick` leaves as it is.
-
-    Returns:
-        Values by the path of their key.
-
-    Raises:
-        SceneError: a text is neither one number nor two.
-    """
+    """Changes by the short options as for `Scene.with_`; `quick` keeps a given `accuracy_K`."""
     made: dict[str, Any] = {}
     if quick:
         made["camera.pixels"] = list(_QUICK_PIXELS)
@@ -185,12 +173,12 @@ def _two(option: str, text: str, number: str) -> tuple[str, str]:
     """`N` or `NxM`."""
     match = re.fullmatch(rf"({number})(?:x({number}))?", text.strip())
     if match is None:
-        raise SceneError(f"{option} {text}: allowed is one number for both sides, or two as 3x4")
+        raise SceneError(f"{option} {text}: allowed: one number for both sides, or two as 3x4")
     return match[1], match[2] or match[1]
 
 
 def _phase(text: str | None) -> str | dict[str, float] | None:
-    """A number is g of Henyey and Greenstein; names are left for the scene's checks."""
+    """Phase function of a text: a number is g of Henyey and Greenstein."""
     try:
         return None if text is None else {"henyey_greenstein": float(text)}
     except ValueError:
@@ -205,12 +193,12 @@ def _changed(
     preset: str | None,
     transport: dict[str, Any],
 ) -> Scene:
-    """The scene with what the command line overrides, checked again."""
+    """Scene with the values of the command line, checked again."""
     data = scene.model_dump(mode="json")
     if cfd is not None:
         data["spray"] = {"model": "cfd", "file": str(cfd.resolve()), **keys}
         data["name"] = f"{scene.name}-{cfd.resolve().name}"
-        data["description"] = f"the spray of {cfd.name} before the rig of {scene.name}"
+        data["description"] = f"the spray of {cfd.name} in the rig of {scene.name}"
     else:
         data["spray"].update(keys)
     if preset is not None:
@@ -219,33 +207,78 @@ def _changed(
     return parse_scene(data, source="command line")
 
 
-def _print_errors(errors: Errors) -> None:
-    """Prints the error of T_app, and what each cause adds."""
-    OUT.print(f"error of T_app, RMS over the pixels that have one: {errors.text}")
-    table = folded_table("cause", "K", "held by", "how it is known")
-    for cause in errors.causes:
-        table.add_row(cause.name, cause.text.removesuffix(" K"), cause.fixed, cause.how)
-    OUT.print(table)
-    if errors.model:
-        OUT.print("the model's own spread, not in the sum:")
-        for cause in errors.model:
-            OUT.print(f"  {cause.name}: {cause.text} ({cause.how})", style="dim")
-
-
-def _summary(result: Run) -> None:
+def _print_run(result: Run) -> None:
+    """Prints stages, figures of the spray and error sources, and last the result."""
     table = folded_table("stage", "s", "")
     for stage in result.info.stages:
         table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
     OUT.print(table)
-    if result.errors is not None:
-        _print_errors(result.errors)
-    elif result.info.accuracy_K is not None:
-        OUT.print(f"estimated error of the trace in T_app: {result.info.accuracy_K:.2g} K RMS")
     for file in result.info.files:
         OUT.print(escaped(f"  {file.text}"), style="dim")
     for name, text in human_figures(result.info.spray).items():
         OUT.print(f"  {name}: {text}", style="dim")
+    if result.errors is not None:
+        _print_causes(result.errors)
+    print_maps(result.maps if result.measured is None else result.measured)
+    if result.errors is not None:
+        OUT.print(f"error of T_app, RMS: {result.errors.text}", style="bold")
+    elif result.info.accuracy_K is not None:
+        OUT.print(f"error of T_app by the trace, RMS: {result.info.accuracy_K:.2g} K", style="bold")
     if result.folder is not None:
-        for name in ("pictures/maps.png", "report.html"):
-            if (result.folder / name).is_file():
-                OUT.print(f"{result.folder / name}")
+        names = ("pictures/maps.png", "report.html") if result.measured is not None else ("maps",)
+        print_files(*(result.folder / name for name in names))
+        print_next("cldit", "view", result.folder)
+
+
+def _print_causes(errors: Errors) -> None:
+    table = folded_table("error of T_app by", "K", "fixed by", "estimated from")
+    for cause in errors.causes:
+        table.add_row(cause.name, cause.text.removesuffix(" K"), cause.fixed, cause.how)
+    if errors.causes:
+        OUT.print(table)
+    if errors.model:
+        OUT.print("spread of the model itself, not in the sum:")
+        for cause in errors.model:
+            OUT.print(f"  {cause.name}: {cause.text} ({cause.how})", style="dim")
+
+
+_OF_TIME = (
+    ("liquid_mass_kg", "liquid, mg", 1e6),
+    ("vapour_mass_kg", "vapour, mg", 1e6),
+    ("liquid_penetration_95_m", "liquid (95 %) to, mm", 1e3),
+    ("vapour_penetration_m", "vapour to, mm", 1e3),
+)
+
+
+def _series_outcome(series: Series) -> Outcome:
+    """Prints a line for each time, the files, and the times that failed, which set the status."""
+    table = Table("time", *(text for _, text, _ in _OF_TIME), "T_app, K", "", box=None)
+    for each in series.times:
+        row = [_number(each.spray.get(name), factor) for name, _, factor in _OF_TIME]
+        warm = None if each.dit is None else each.dit.apparent_temperature_K
+        note = "" if each.state == "done" else each.state
+        table.add_row(series.plan.text(each.time), *row, _number(warm, 1.0), note)
+    OUT.print(table)
+    print_files(*series.files)
+    if series.files and not mp4_possible():
+        OUT.print(escaped('(film.mp4 too with pip install "cldit[film]")'), style="dim")
+    for each in series.failed:
+        text = f"{series.plan.text(each.time)}: {each.problem}"
+        ERR.print(f"[bold red]error:[/] {escaped(text)}")
+    print_next("cldit", "view", series.folder)
+    times = [
+        {
+            "time": series.plan.text(each.time),
+            "state": each.state,
+            "folder": each.folder,
+            "problem": each.problem,
+            "spray": each.spray,
+        }
+        for each in series.times
+    ]
+    code = Exit.FAILED if series.failed else Exit.DONE
+    return Outcome({"times": times, "files": series.files}, code)
+
+
+def _number(value: float | None, factor: float) -> str:
+    return "" if value is None or value != value else f"{factor * value:.4g}"

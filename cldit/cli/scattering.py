@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, escaped, plain_errors, say
-from cldit.cli.units import device_option
+from cldit.cli.options import device_option
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.scene import load_scene, parse_scene
@@ -19,8 +19,8 @@ from cldit.study.scattering.run import scattering_study
 
 @click.command("scattering")
 @click.argument("scene", default="gdi")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; scattering.")
-@click.option("--markdown", is_flag=True, help="Only Markdown and pictures, as for docs.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: scattering.")
+@click.option("--markdown", is_flag=True, help="Only Markdown and figures, as for docs.")
 @click.option("--pixels", type=click.IntRange(16, 4096), default=200, show_default=True)
 @click.option(
     "--leaf",

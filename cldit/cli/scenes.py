@@ -1,4 +1,4 @@
-"""`cldit scenes`: what is shipped, and the reference of every key."""
+"""`cldit scenes`: the shipped scenes, and the reference of every key."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from cldit.scene.commented import commented
 
 
 @click.command()
-@click.option("--show", metavar="SCENE", help="A scene as commented YAML, to save and edit.")
-@click.option("--reference", is_flag=True, help="Every key of all files, as Markdown.")
-@click.option("--schema", is_flag=True, help="JSON schema of scenes, for editors.")
+@click.option("--show", metavar="SCENE", help="Print a scene as commented YAML, to save and edit.")
+@click.option("--reference", is_flag=True, help="Print every key of all files, as Markdown.")
+@click.option("--schema", is_flag=True, help="Print the JSON schema of scenes, for editors.")
 @json_option
 @plain_errors
 def scenes(show: str | None, reference: bool, schema: bool) -> Outcome:
-    """The scenes that are shipped."""
+    """List the shipped scenes."""
     if show is not None:
         scene = load_scene(show)
         tell(commented(scene), end="")

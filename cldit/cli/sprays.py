@@ -12,9 +12,9 @@ from cldit.acquisition.progress import Progress
 from cldit.cfd.formats import contents
 from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.case_options import case_options, spray_keys
 from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
-from cldit.cli.scene_name import SCENE
+from cldit.cli.options import SCENE, case_options, spray_keys
+from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
 from cldit.io.files import write_bytes, write_text
 from cldit.io.terminal import tell
@@ -34,10 +34,10 @@ from cldit.spray.flow.simulate import simulate_spray
 
 @click.command("spray")
 @click.argument("scene", type=SCENE)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; sprays/SCENE.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: sprays/SCENE.")
 @plain_errors
 def spray_command(scene: str, out: Path | None) -> None:
-    """The spray of SCENE alone: pictures, figures against time, files for ParaView."""
+    """Compute only the spray of SCENE: figures, history, files for ParaView."""
     chosen = load_scene(scene)
     folder = out or Path("sprays") / chosen.name
     title = f"{chosen.name}: {chosen.description}" if chosen.description else chosen.name
@@ -54,16 +54,17 @@ def spray_command(scene: str, out: Path | None) -> None:
         found = make_spray(chosen.spray, cache=default_cache())
     for text in found.remarks:
         say(text)
+    written = write_spray(found, history, folder, title=title)
     for name, text in human_figures(found.notes).items():
-        OUT.print(f"  {name}: {text}", style="dim")
-    for path in write_spray(found, history, folder, title=title):
-        OUT.print(str(path))
+        OUT.print(f"{name}: {text}")
+    print_files(*written)
+    print_next("cldit", "run", scene)
 
 
 @click.command("import")
 @click.argument("file", metavar="CASE", type=click.Path(path_type=Path))
 @click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
-@click.option("--out", type=click.Path(path_type=Path), help="cldit's own file, .npz.")
+@click.option("--out", type=click.Path(path_type=Path), help="Keep the spray in this file, .npz.")
 @click.option(
     "--write-mapping",
     type=click.Path(path_type=Path),
@@ -74,7 +75,7 @@ def spray_command(scene: str, out: Path | None) -> None:
     is_flag=False,
     flag_value="",
     metavar="[SCENE.yaml]",
-    help="Write a scene that fits the case; CASE.yaml here, if it has no name.",
+    help="Write a scene that fits the case; default: CASE.yaml.",
 )
 @case_options
 @json_option
@@ -87,12 +88,12 @@ def import_command(
     file: Path,
     **options: Any,
 ) -> Outcome:
-    """Check a CFD result CASE, print its figures, and keep it as cldit's own file."""
+    """Check a CFD result CASE, print its properties, and keep it as a file of cldit."""
     spec = cfd_spray({"file": file, **spray_keys(options)})
     if write_mapping is not None:
         if listed or out is not None or fit is not None:
             raise SceneError(
-                "--write-mapping: writes the names alone; give --list, --out and --fit without it"
+                "--write-mapping writes only the names; give --list, --out and --fit without it"
             )
         from cldit.cfd import mapping_draft as mapping_found
 
@@ -101,9 +102,9 @@ def import_command(
         return Outcome({"mapping": write_mapping})
     scene = None if fit is None else Path(fit or f"{file.resolve().stem}.yaml")
     if listed and (out is not None or scene is not None):
-        raise SceneError("--list: writes nothing; give --out or --fit without it")
+        raise SceneError("--list writes nothing; give --out or --fit without it")
     if scene is not None and scene.exists():
-        raise SceneError(f"{scene}: is there already; --fit OTHER.yaml writes another")
+        raise SceneError(f"{scene}: exists; --fit OTHER.yaml writes another")
 
     with ProgressBar() as bar:
         if listed:
@@ -114,7 +115,7 @@ def import_command(
             if scene is not None:
                 write_text(scene, fitted_scene(spec, spray, name=scene.stem))
                 written.append(scene)
-            lines = [*case_lines(spec, spray), *(str(path) for path in written)]
+            lines = case_lines(spec, spray)
             data = {
                 "case": spec.file,
                 "figures": spray.notes,
@@ -125,23 +126,27 @@ def import_command(
             }
     for line in lines:
         OUT.print(escaped(line))
+    if not listed:
+        print_files(*written)
+        fitted = ["--cfd", str(out or file)] if scene is None else []
+        print_next("cldit", "run", scene or "gdi", *fitted)
     return Outcome(data)
 
 
 @click.command()
-@click.option("--fuel", default="n-heptane", show_default=True, help="A name, as CoolProp has it.")
+@click.option("--fuel", default="n-heptane", show_default=True, help="A name of CoolProp.")
 @click.option("--gas", default="nitrogen", show_default=True)
 @click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))
 @click.option("--diameter-um", type=float, default=9.0, show_default=True)
 @click.option("--temperature", "temperature_K", type=float, default=370.0, help="Of the liquid, K.")
 @click.option("--gas-temperature", "gas_temperature_K", type=float, default=573.0, help="K.")
 @click.option("--pressure", "pressure_Pa", type=float, default=0.6e6, help="Pa.")
-@click.option("--velocity", "velocity_m_s", type=float, default=0.0, help="Through the gas, m/s.")
+@click.option("--velocity", "velocity_m_s", type=float, default=0.0, help="In the gas, m/s.")
 @click.option("--vapour", type=float, default=0.0, help="Mass fraction of fuel in the gas.")
 @click.option("--held", is_flag=True, help="Keep the velocity: no drag.")
-@click.option("--duration", "duration_s", type=float, help="s; until it vanishes if left out.")
+@click.option("--duration", "duration_s", type=float, help="s; default: until it has vanished.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
-@click.option("--out", type=click.Path(path_type=Path), help="Draw them into this PNG.")
+@click.option("--out", type=click.Path(path_type=Path), help="Draw the columns into this PNG.")
 @plain_errors
 def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""

@@ -9,7 +9,8 @@ import click
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
-from cldit.cli.units import device_option
+from cldit.cli.options import device_option
+from cldit.cli.results import print_files
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
 from cldit.run import RunCache, default_cache
@@ -25,11 +26,15 @@ from cldit.study.sweep import run_sweep
 @click.command()
 @click.argument("name", required=False)
 @click.option("--quick", is_flag=True, help="Reduced pixels and accuracy.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; studies, or sweeps/SCENE.")
-@click.option("--markdown", is_flag=True, help="Only Markdown and pictures, as for docs.")
+@click.option("--out", type=click.Path(path_type=Path), help="Default: studies, or sweeps/SCENE.")
+@click.option("--markdown", is_flag=True, help="Only Markdown and figures, as for docs.")
 @click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
-@click.option("--scheduler", help="Address of a dask scheduler; this machine's cores without.")
-@click.option("--workers", type=click.IntRange(1, 1024), help="On this machine; one a core.")
+@click.option("--scheduler", help="Address of a dask scheduler; default: this machine.")
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 1024),
+    help="Processes; default: one a core.",
+)
 @click.option("--cache", type=click.Path(path_type=Path), help="Folder of cached runs and sprays.")
 @device_option
 @plain_errors
@@ -51,15 +56,15 @@ def study(
     """
     if grid_text is not None:
         if device is not None:
-            raise StudyError("--device: a sweep deals out the devices itself; leave it out")
+            raise StudyError("--device: a sweep assigns the devices itself; omit it")
         _sweep(name or "gdi", grid_text, quick, out, scheduler, workers, cache)
         return
     if scheduler is not None or workers is not None:
         raise StudyError("--scheduler and --workers are for sweeps; give --grid too")
     if name is None or (name != "all" and name not in STUDIES):
         raise StudyError(
-            f"{name or 'study'}: no such study; there are {', '.join(STUDIES)}, or all. A scene "
-            "is swept with --grid"
+            f"{name or 'study'}: no such study; allowed: {', '.join(STUDIES)}, or all. For a sweep "
+            "over a scene, give --grid"
         )
     folder = out or Path("studies")
     lab = Lab(RunCache(cache or default_cache()), quick, open_device(device), say)
@@ -73,11 +78,12 @@ def study(
         pages.append(page)
         path = write_page(page, folder, markdown_only=markdown)
         OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
-    OUT.print(str(write_overview(folder, list(STUDIES), markdown_only=markdown)))
-    _verdicts(pages)
+    overview = write_overview(folder, list(STUDIES), markdown_only=markdown)
+    _print_verdicts(pages)
+    print_files(overview)
 
 
-def _verdicts(pages: list[StudyPage]) -> None:
+def _print_verdicts(pages: list[StudyPage]) -> None:
     table = folded_table("study", "the paper", "found", "agrees if", "")
     for page in pages:
         for each in page.verdicts:
@@ -122,10 +128,10 @@ def _sweep(
         )
     seconds = time.perf_counter() - start
     OUT.print(
-        f"{record.folder}: {record.scenes} scenes, {record.found} were there, {record.traces} "
-        f"traces in {seconds:.1f} s"
+        f"{record.folder}: {record.scenes} scenes, {record.found} of them computed before, "
+        f"{record.traces} traces in {seconds:.1f} s"
     )
-    OUT.print(f'  cldit.open_study("{record.folder}") opens them as one data set', style="dim")
+    OUT.print(f'next: cldit.open_study("{record.folder}") opens them as one data set')
     if record.failed:
         lines = "\n".join(f"scene {number}: {why}" for number, why in record.failed[:10])
         raise StudyError(f"{len(record.failed)} scenes failed:\n{lines}")

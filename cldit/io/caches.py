@@ -72,7 +72,7 @@ def _choose(name: str, usual: Path, own: Path, *, size: int = _PROBE_BYTES) -> N
 
 
 def _own() -> Path:
-    """On all systems: a folder named in XDG_CACHE_HOME goes before the system's own."""
+    """Folder in XDG_CACHE_HOME on all systems if it is set, else the system's own."""
     named = os.environ.get("XDG_CACHE_HOME")
     usual = platformdirs.user_cache_dir("cldit", appauthor=False)
     return Path(named) / "cldit" if named else Path(usual)

@@ -1,4 +1,4 @@
-"""Digests of content: what a kept result was made from, and by which code."""
+"""Digests of the data and the code from which a stored result was made."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cldit.io.files import open_regular
 
 
 def digest(*parts: Any) -> str:
-    """24 hexadecimal digits of plain data; the order of mappings' keys does not count."""
+    """24 hexadecimal digits of plain data; the order of mappings' keys is irrelevant."""
     text = json.dumps(parts, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
 @cache
 def code_digest(*packages: str) -> str:
-    """Digest of cldit's version and all sources of these packages, with what lies below them.
+    """Digest of cldit's version and all sources of these packages, subpackages included.
 
-    A result that was kept is no longer found once the code that makes it has changed.
+    A stored result is no longer found once the code that makes it has changed.
     """
     found = hashlib.sha256(version("cldit").encode())
     for package in sorted(packages):
@@ -37,9 +37,10 @@ def code_digest(*packages: str) -> str:
 
 
 def file_content(paths: Sequence[Path]) -> list[Any]:
-    """What tells that files have changed: the bytes of a file, and names, sizes and times of all
-    that lies in its folder, since a case's file may name others. A missing one is left out: who
-    reads it says so."""
+    """Data that change with files: their digests, and names, sizes and times in their folders.
+
+    A case's file may refer to others in its folder. Missing files are omitted; their reader raises.
+    """
     content: list[Any] = []
     for path in paths:
         if path.is_file():

@@ -1,4 +1,4 @@
-"""Streams for libraries that write files by themselves and do not tell what fails."""
+"""Streams for libraries that write files themselves and hide errors."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Any
 
 
 class DataStream(io.BufferedRandom):
-    """A file without a number, opened to write, for libraries that write NumPy's arrays.
+    """Writable file without a descriptor, for libraries that write NumPy's arrays.
 
-    With a number they call `ndarray.tofile`, which does not notice when the end of an array finds
-    no room on the disk; without one they call `write`, which does.
+    With a descriptor they call `ndarray.tofile`, which ignores a full disk at the end of an array;
+    without one they call `write`, which raises.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(io.FileIO(path, "w+"))
 
     def fileno(self) -> int:
-        """Raises io.UnsupportedOperation: there is none."""
-        raise io.UnsupportedOperation("this stream has no number")
+        """Raises io.UnsupportedOperation."""
+        raise io.UnsupportedOperation("this stream has no descriptor")
 
 
 class PatientStream(io.FileIO):
-    """A file for HDF5, which ends the process where its last writes fail as it closes a file.
+    """File for HDF5, which ends the process if its last writes fail as it closes a file.
 
-    From the first write that fails on, all is taken and dropped; `check` then raises the error.
+    After the first failed write, data are dropped; `check` then raises the error.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,7 +33,7 @@ class PatientStream(io.FileIO):
         self._failed: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Writes all of `data`, or drops it."""
+        """Writes or drops all of `data`."""
         left = memoryview(data)
         size = left.nbytes
         try:
@@ -44,7 +44,7 @@ class PatientStream(io.FileIO):
         return size
 
     def truncate(self, size: int | None = None) -> int:
-        """As io.FileIO has it with `size`, but for the error."""
+        """Truncates like io.FileIO, but keeps the error for `check`."""
         try:
             return super().truncate(size)
         except OSError as error:
@@ -52,6 +52,6 @@ class PatientStream(io.FileIO):
             return size or 0
 
     def check(self) -> None:
-        """Raises what a write failed with."""
+        """Raises the error of the first failed write."""
         if self._failed is not None:
             raise self._failed

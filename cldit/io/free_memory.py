@@ -1,4 +1,4 @@
-"""How much memory this process may still take."""
+"""Memory that this process may still take."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _GROUPS = Path("/sys/fs/cgroup")
 
 
 def free_bytes() -> int | None:
-    """Memory that can be taken without pushing anything to disk; None where nobody says.
+    """Memory that can be taken without swapping; None if unknown.
 
-    On Linux the least of what the kernel calls available, what the control groups of this process
-    leave (containers, batch jobs), and `ulimit -v`.
+    On Linux, the least of the kernel's available memory, the rest of this process's control groups
+    (containers, batch jobs), and `ulimit -v`.
     """
     if not sys.platform.startswith("linux"):
         return None
@@ -21,7 +21,7 @@ def free_bytes() -> int | None:
 
 
 def _fields(path: Path) -> dict[str, int]:
-    """Lines of a name and a number; nothing where the file is not there."""
+    """Lines of a name and a number; empty if there is no such file."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -37,7 +37,7 @@ def _machine() -> Iterator[int]:
 
 
 def _groups() -> Iterator[int]:
-    """What this process's control group, and each above it, leaves (version 2)."""
+    """Rest of this process's control group and of each above it (version 2)."""
     try:
         text = Path("/proc/self/cgroup").read_text(encoding="utf-8")
     except OSError:
@@ -55,12 +55,12 @@ def _groups() -> Iterator[int]:
         except (OSError, ValueError):
             continue
         if most.isdigit():
-            # pages of files that were read count as used, and are given up when others want them
+            # cached pages of files count as used, but are released on demand
             yield max(int(most) - used + _fields(group / "memory.stat").get("inactive_file", 0), 0)
 
 
 def _limit() -> Iterator[int]:
-    import resource  # is not there on Windows
+    import resource  # missing on Windows
 
     most, _ = resource.getrlimit(resource.RLIMIT_AS)
     if most != resource.RLIM_INFINITY:

@@ -1,4 +1,4 @@
-"""Images as ImageJ TIFF: what Fiji and napari open with names, units and scale."""
+"""Images as ImageJ TIFF, which Fiji and napari open with names, units and scale."""
 
 from __future__ import annotations
 
@@ -24,23 +24,20 @@ def put_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Writes one picture (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
+    """Writes one image (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
 
-    Row 0 is at the top.
+    Row 0 is at the top. ValueError for another type or shape.
 
     Args:
-        stream: open for writing, with no file number (see `cldit.io.data_streams.DataStream`).
+        stream: writable, without descriptor (see `cldit.io.data_streams.DataStream`).
         image: (H, W) or (N, H, W).
-        name: what the picture shows, as the viewer's label.
-        unit: unit of the pixel values ("K", "1", "counts").
-        pixel_m: width and height of a pixel on the object, for the viewer's scale bar.
-        meta: anything JSON can hold; `read_image` gives it back.
-
-    Raises:
-        ValueError: another type or shape.
+        name: label for viewers.
+        unit: of the pixel values ("K", "1", "counts").
+        pixel_m: width and height of a pixel on the object, for the scale bar of viewers.
+        meta: data for JSON, which `read_image` returns.
     """
     if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim not in (2, 3):
-        raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no picture")
+        raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no image")
     info = {"name": name, "unit": unit, **(meta or {})}
     resolution = None
     metadata: dict[str, Any] = {"axes": "YX", "Labels": [f"{name} [{unit}]"]}
@@ -64,29 +61,21 @@ def write_image(
     pixel_m: tuple[float, float] | None = None,
     meta: dict[str, Any] | None = None,
 ) -> None:
-    """Writes one picture, (H, W) or (N, H, W), as ImageJ TIFF.
-
-    The file appears whole or not at all: it is written beside its place, synced, and renamed.
-
-    Args:
-        path: the file.
-        image, name, unit, pixel_m, meta: as in `put_image`.
-    """
+    """Writes images (H, W) or (N, H, W) as in `put_image`; the file appears whole or not at all."""
     with whole(path, needed_bytes=image.nbytes) as part, DataStream(part) as stream:
         put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
 
 
 def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
-    """Picture and metadata that `write_image` wrote; foreign TIFFs come with empty metadata.
+    """Image and metadata that `write_image` wrote; other TIFFs have empty metadata.
 
-    Raises:
-        RunFolderError: the file is missing, damaged, or not a picture.
+    Raises RunFolderError if the file is missing, damaged, or not an image.
     """
     try:
         with open_regular(path) as stream, tifffile.TiffFile(stream) as tiff:
             image = np.asarray(tiff.asarray())
             imagej = tiff.imagej_metadata or {}
-    except Exception as error:  # a damaged header leads tifffile into errors of many kinds
+    except Exception as error:  # a damaged header causes many kinds of errors in tifffile
         raise RunFolderError(f"{path}: cannot be read as TIFF ({error})") from error
     try:
         info = json.loads(imagej.get("Info", "{}"))

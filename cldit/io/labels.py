@@ -1,4 +1,4 @@
-"""xarray, where it is installed."""
+"""xarray, if it is installed."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ from cldit.errors import ClditError
 
 
 def xarray_module() -> Any:
-    """The module `xarray`.
-
-    Raises:
-        ClditError: it is not installed.
-    """
+    """The module `xarray`; ClditError if it is not installed."""
     try:
         return import_module("xarray")
     except ImportError as error:

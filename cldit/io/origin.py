@@ -1,4 +1,4 @@
-"""Where a result comes from: when, by which command, on what, with which code and seeds."""
+"""Origin of a result: date, command, machine, code and seeds."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from cldit.errors import FileError
 from cldit.io.files import read_text
 from cldit.io.provenance import FileRead
 
-# Whatever takes part in the numbers; those that are not installed are left out.
+# Packages that affect the numbers; those that are not installed are omitted.
 _COMPUTE = ("cldit", "numpy", "scipy", "numba", "pyopencl", "CoolProp", "miepython", "tifffile")
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What is put down beside a result.
+    """Origin stored beside a result.
 
-    date: UTC, ISO 8601. command: program and its words, the home folder as `~`; of a script, its
+    date: UTC, ISO 8601. command: program and arguments, the home folder as `~`; of a script, its
     name. processor, system: kind of the host, which is not named. commit: of the checkout that
-    cldit is installed from, with `+changes` where sources differ from it; None: no checkout. seeds:
+    cldit is installed from, with `+changes` if sources differ from it; None: no checkout. seeds:
     by the scene's keys. inputs: files that the result was made from. scene_sha256: of scene.yaml.
     """
 
@@ -52,11 +52,11 @@ class Origin:
         scene: Mapping[str, Any] | None = None,
         scene_sha256: str = "",
     ) -> Origin:
-        """Of what this process makes.
+        """Origin of a result of this process.
 
         Args:
             inputs: files that the result is made from.
-            scene: as plain data, whose seeds are put down; None: there is none.
+            scene: plain data with the seeds, if there is a scene.
             scene_sha256: of the scene's text.
         """
         return cls(
@@ -83,7 +83,7 @@ class Origin:
 
     @property
     def text(self) -> dict[str, str]:
-        """What people read of it, by name."""
+        """Texts for readers, by name."""
         shown = {
             "computed": f"{self.date}, on {self.processor} ({self.cores} cores), {self.system}"
         }
@@ -97,7 +97,7 @@ class Origin:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that compute, by name."""
+    """Versions of Python and of the packages that affect results, by name."""
     found = {}
     for name in _COMPUTE:
         with suppress(PackageNotFoundError):
@@ -107,7 +107,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def processor() -> str:
-    """The processor's model, as the system names it."""
+    """Model of the processor, as named by the system."""
     with suppress(FileError):
         for line in read_text(Path("/proc/cpuinfo")).splitlines():
             name, _, value = line.partition(":")
@@ -118,8 +118,7 @@ def processor() -> str:
 
 @cache
 def commit() -> str | None:
-    """The commit of the checkout that cldit is installed from; None where it is none, or there is
-    no git."""
+    """Commit of the checkout that cldit is installed from; None without a checkout or git."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():  # a folder above may be a checkout of something else
         return None
@@ -143,7 +142,7 @@ def _git(root: Path, *words: str) -> str:
 
 
 def _command(words: Sequence[str]) -> tuple[str, ...]:
-    """The command line without the folders of the program and of the user."""
+    """Command line without the folders of the program and of the user."""
     if not words or not words[0]:
         return ()
     first = Path(words[0])

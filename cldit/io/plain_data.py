@@ -1,8 +1,7 @@
-"""Plain data (mappings, lists, numbers, texts) from YAML and JSON: the one loader of each.
+"""Plain data (mappings, lists, numbers, texts) from YAML and JSON.
 
-What YAML allows and a user of cldit never means is refused with its line: a key that stands there
-twice, tags, numbers in octal or in sixties, aliases that grow without bound or hold themselves.
-A date is text.
+YAML that a user of cldit never means is refused with its line: duplicate keys, tags, octal or
+sexagesimal numbers, aliases that grow without bound or contain themselves. A date is text.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ import yaml
 from cldit.errors import ClditError, FileError, RunFolderError, SceneError
 from cldit.io.files import read_text
 
-try:  # the same in C, ten times as fast, where PyYAML has it
+try:  # the same in C, ten times as fast, if PyYAML has it
     from yaml import CSafeLoader as SafeLoader
 except ImportError:
     from yaml import SafeLoader  # type: ignore[assignment]
 
-_MOST_DEPTH = 100  # of lists and mappings in each other; no file of cldit's needs ten
-_MOST_ALIASED = 100_000  # values that aliases repeat, all in all
+_MOST_DEPTH = 100  # of nested lists and mappings; no file of cldit needs ten
+_MOST_ALIASED = 100_000  # values that aliases repeat in total
 _TAGS = frozenset(
     f"tag:yaml.org,2002:{name}"
     for name in ("str", "int", "float", "bool", "null", "seq", "map", "merge")
@@ -34,17 +33,17 @@ _OCTAL = re.compile(r"[-+]?0[0-9_]+")
 
 
 class _Loader(SafeLoader):
-    """Builds nothing but plain data, and no key twice."""
+    """Loader of plain data without duplicate keys."""
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         if node.tag not in _TAGS:
             raise _refused(node.start_mark, f"the tag {node.tag!r} is not allowed")
         text = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
         if node.tag in (_INT, _FLOAT) and ":" in text:
-            raise _refused(node.start_mark, f"{text} is a number in sixties to YAML; quote a text")
+            raise _refused(node.start_mark, f"{text} is a sexagesimal number in YAML; quote a text")
         if node.tag == _INT and _OCTAL.fullmatch(text):
             raise _refused(
-                node.start_mark, f"{text} is octal to YAML; write it without the leading 0"
+                node.start_mark, f"{text} is octal in YAML; write it without the leading 0"
             )
         try:
             return super().construct_object(node, deep=deep)
@@ -56,18 +55,18 @@ class _Loader(SafeLoader):
         lines: dict[Any, int] = {}
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                continue  # refused further on: it cannot be a key
+                continue  # refused later: it cannot be a key
             name = _MERGE if key.tag == _MERGE else self.construct_object(key)
             if name in lines:
                 raise _refused(
                     key.start_mark,
-                    f"the key {key.value!r} stands there twice, first in line {lines[name]}",
+                    f"duplicate key {key.value!r}, first in line {lines[name]}",
                 )
             lines[name] = key.start_mark.line + 1
         return super().construct_mapping(node, deep=deep)
 
 
-# A date would become an object that no key of ours takes, or an error: it is text.
+# A date would become an object that no key accepts, or an error: it is text.
 _Loader.yaml_implicit_resolvers = {
     first: [each for each in resolvers if each[0] != _TIMESTAMP]
     for first, resolvers in SafeLoader.yaml_implicit_resolvers.items()
@@ -75,16 +74,7 @@ _Loader.yaml_implicit_resolvers = {
 
 
 def parse_yaml(text: str, *, source: str, error: type[ClditError] = SceneError) -> Any:
-    """What a YAML text holds.
-
-    Args:
-        text: one document.
-        source: what messages call it.
-        error: class of the errors.
-
-    Raises:
-        ClditError: of class `error`; names source, line, and what is wrong.
-    """
+    """Data of a YAML text; an `error` names the `source`, the line and the fault."""
     try:
         _check_events(text)
         return yaml.load(text, Loader=_Loader)
@@ -99,24 +89,19 @@ def parse_yaml(text: str, *, source: str, error: type[ClditError] = SceneError) 
 
 
 def dump_yaml(data: Any) -> str:
-    """Plain data as YAML, keys in their order; `parse_yaml` reads it back."""
+    """Plain data as YAML, keys in their order; `parse_yaml` reads it."""
     return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
 def yaml_line(data: Any) -> str:
-    """Plain data as YAML on one line, however long."""
+    """Plain data as YAML on one line of any length."""
     return yaml.safe_dump(
         data, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6
     ).strip()
 
 
 def read_yaml(path: Path, *, error: type[ClditError] = SceneError) -> Any:
-    """What a YAML file holds; raises `error` as `parse_yaml`, and for a file that cannot be read.
-
-    Args:
-        path: a regular file in UTF-8.
-        error: class of the errors.
-    """
+    """Data of a YAML file; raises `error` as `parse_yaml`, or if it cannot be read."""
     try:
         text = read_text(path)
     except FileError as found:
@@ -125,36 +110,15 @@ def read_yaml(path: Path, *, error: type[ClditError] = SceneError) -> Any:
 
 
 def read_mapping(path: Path, *, error: type[ClditError] = SceneError) -> dict[str, Any]:
-    """The mapping in a YAML file.
-
-    Args:
-        path, error: as in `read_yaml`.
-
-    Returns:
-        Keys and values.
-
-    Raises:
-        ClditError: of class `error`: the file is missing, unreadable, not YAML, or not a mapping.
-    """
+    """Mapping of a YAML file; raises `error` as `read_yaml`, or if it is not a mapping."""
     data = read_yaml(path, error=error)
     if not isinstance(data, dict):
-        raise error(f"{path}: holds {type(data).__name__}, expected keys and values")
+        raise error(f"{path}: contains {type(data).__name__}, expected keys and values")
     return data
 
 
 def read_json(path: Path, *, error: type[ClditError] = RunFolderError) -> dict[str, Any]:
-    """The object in a JSON file.
-
-    Args:
-        path: a regular file in UTF-8.
-        error: class of the errors.
-
-    Returns:
-        Keys and values.
-
-    Raises:
-        ClditError: of class `error`: missing, unreadable, no JSON, a key twice, or no object.
-    """
+    """Object of a JSON file; raises `error` if it is unreadable, invalid, or not an object."""
     try:
         text = read_text(path)
     except FileError as found:
@@ -164,16 +128,16 @@ def read_json(path: Path, *, error: type[ClditError] = RunFolderError) -> dict[s
     except ValueError as found:
         raise error(f"{path}: is damaged ({found})") from found
     if not isinstance(data, dict):
-        raise error(f"{path}: is damaged (holds {type(data).__name__}, expected an object)")
+        raise error(f"{path}: is damaged (contains {type(data).__name__}, expected an object)")
     return data
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a JSON text holds; raises ValueError, also for a key that stands there twice."""
+    """Data of a JSON text; ValueError if it is invalid or has a duplicate key."""
     try:
         return json.loads(text, object_pairs_hook=_once)
     except RecursionError as error:
-        raise ValueError("lists or objects lie too deep in each other") from error
+        raise ValueError("lists or objects are nested too deep") from error
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -181,7 +145,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(data) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the key {twice!r} stands there twice")
+        raise ValueError(f"duplicate key {twice!r}")
     return data
 
 
@@ -194,9 +158,9 @@ def _short(text: str) -> str:
 
 
 def _check_events(text: str) -> None:
-    """Refuses what would take the reader's stack or memory, before anything is built.
+    """Refuses texts that would exhaust stack or memory, before anything is built.
 
-    Sizes are counted in values, those behind an alias as often as they are repeated.
+    Sizes are counted in values, those of an alias as often as they are repeated.
     """
     sizes: dict[str | None, int] = {}
     within: list[tuple[str | None, int]] = [(None, 0)]  # anchor and size of what is open
@@ -207,8 +171,8 @@ def _check_events(text: str) -> None:
         match event:
             case yaml.AliasEvent():
                 if any(anchor == name for name, _ in within):
-                    raise _refused(event.start_mark, f"*{anchor} stands within itself")
-                size = sizes.get(anchor, 1)  # an unknown one is refused as it is composed
+                    raise _refused(event.start_mark, f"*{anchor} contains itself")
+                size = sizes.get(anchor, 1)  # an unknown one is refused by the composer
                 aliased += size
                 if aliased > _MOST_ALIASED:
                     raise _refused(
@@ -216,15 +180,13 @@ def _check_events(text: str) -> None:
                     )
             case yaml.ScalarEvent():
                 if "\0" in event.value:
-                    raise _refused(event.start_mark, "a text holds a NUL byte")
+                    raise _refused(event.start_mark, "a text contains a NUL byte")
                 if anchor is not None:
                     sizes[anchor] = size
             case yaml.CollectionStartEvent():
                 within.append((anchor, 0))
                 if len(within) > _MOST_DEPTH:
-                    raise _refused(
-                        event.start_mark, f"values lie deeper than {_MOST_DEPTH} in each other"
-                    )
+                    raise _refused(event.start_mark, f"values are nested deeper than {_MOST_DEPTH}")
                 continue
             case yaml.CollectionEndEvent():
                 name, inside = within.pop()

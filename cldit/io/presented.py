@@ -1,7 +1,7 @@
 """Results that show themselves in notebooks and scripts.
 
-Results lie below the room `show` in the data flow, and draw nothing themselves. This is the one
-place where a result asks for its figure; the room is loaded when a figure is asked for.
+Results are below the room `show` in the data flow and do not draw. The room is loaded here, when a
+figure of a result is requested.
 """
 
 from __future__ import annotations

@@ -1,16 +1,12 @@
-"""How far a piece of work is, told to whoever watches it."""
+"""Callbacks for the progress of a piece of work."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 Watch = Callable[[str, int, int], None]
-"""Takes what is in work, how much of it is done, and of how much."""
+"""Takes the name of the work, the number of parts done, and of all parts."""
 
 
 def silent(what: str, done: int, total: int) -> None:
-    """Tells nobody.
-
-    Args:
-        what, done, total: as for any `Watch`.
-    """
+    """Ignores progress `what`, `done`, `total`."""

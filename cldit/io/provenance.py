@@ -12,10 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class FileRead:
-    """A file as it was when it was read.
-
-    path: absolute; size in bytes; modified: date in UTC, ISO 8601; sha256: of the whole file.
-    """
+    """State of a file when it was read: absolute path, size, date in UTC (ISO 8601), SHA-256."""
 
     path: str
     bytes: int
@@ -24,11 +21,7 @@ class FileRead:
 
     @classmethod
     def of(cls, path: Path) -> FileRead:
-        """The record of a file.
-
-        Raises:
-            OSError: the file is gone, or cannot be read.
-        """
+        """Record of a file; OSError if it cannot be read."""
         with path.open("rb") as stream:
             found = hashlib.file_digest(stream, "sha256").hexdigest()
         status = path.stat()
@@ -48,7 +41,7 @@ class FileRead:
 
     @property
     def unchanged(self) -> bool:
-        """Whether the file is there as it was read."""
+        """True if the file is the same as when it was read."""
         path = Path(self.path)
         try:
             return path.stat().st_size == self.bytes and FileRead.of(path).sha256 == self.sha256
@@ -57,15 +50,11 @@ class FileRead:
 
     @property
     def text(self) -> str:
-        """One line for the terminal."""
+        """Description on one line."""
         size = f"{self.bytes} bytes, {self.modified}, sha256 {self.sha256[:12]}"
         return f"read {self.path} ({size})"
 
 
 def files_read(paths: Iterable[Path]) -> tuple[FileRead, ...]:
-    """Records of the files, each once, in the order of their first mention.
-
-    Raises:
-        OSError: a file is gone, or cannot be read.
-    """
+    """Records of the files, each once, in order; OSError if one cannot be read."""
     return tuple(FileRead.of(path) for path in dict.fromkeys(each.resolve() for each in paths))

@@ -1,4 +1,4 @@
-"""Tables kept on disk by the text of what they are made from."""
+"""Tables kept on disk, by the text of the data that they are made from."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Arrays = dict[str, Floats]
 
 
 def digest(*arrays: NDArray[Any]) -> str:
-    """A short text that stands for the content of arrays."""
-    whole = hashlib.sha256()  # processors have instructions for it: twice as fast as blake2b
+    """Digest of the content of arrays."""
+    whole = hashlib.sha256()  # in hardware: twice as fast as blake2b
     for array in arrays:
         whole.update(f"{array.dtype.str} {array.shape};".encode())
         whole.update(np.ascontiguousarray(array).data.cast("B") if array.size else b"")
@@ -29,16 +29,10 @@ def digest(*arrays: NDArray[Any]) -> str:
 
 
 def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arrays]) -> Arrays:
-    """The arrays that `make` gives, kept as KIND-HASH.table in a folder.
+    """Arrays of `make`, kept in a folder as KIND-HASH.table with the `text` that determines them.
 
-    A file that is damaged, or holds another text, is made anew; a folder that cannot be written
-    costs only the time.
-
-    Args:
-        folder: None keeps nothing.
-        kind: begins the file's name.
-        text: says what the arrays are made from.
-        make: computes them.
+    A file that is damaged or has another text is made again. Without a folder, or if it cannot be
+    written, nothing is kept.
     """
     if folder is None:
         return make()
@@ -51,8 +45,7 @@ def cached(folder: Path | None, *, kind: str, text: str, make: Callable[[], Arra
 
 
 def _read(path: Path, text: str) -> Arrays | None:
-    """A line of JSON, {text, shapes, check}, and the float64 values: read in a tenth of the time
-    that an .npz takes."""
+    """Reads a line of JSON, {text, shapes, check}, and float64 values, much faster than .npz."""
     try:
         line, _, values = path.read_bytes().partition(b"\n")
         head = json.loads(line)
@@ -70,7 +63,7 @@ def _read(path: Path, text: str) -> Arrays | None:
 
 
 def _write(path: Path, text: str, arrays: Arrays) -> None:
-    """Appears whole or not at all."""
+    """Writes the file, which appears whole or not at all."""
     values = b"".join(np.asarray(array, "<f8").tobytes() for array in arrays.values())
     shapes = {name: np.shape(array) for name, array in arrays.items()}
     head = json.dumps({"text": text, "shapes": shapes, "check": zlib.crc32(values)})

@@ -1,4 +1,4 @@
-"""The one place for what goes to the terminal: in any locale, into closed pipes and full disks."""
+"""Output to the terminal: in any locale, into closed pipes and full disks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ERRORS = "cldit-plain"
 
 
 def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
-    """ASCII for what the terminal's encoding has not; bytes of a file's name as they are."""
+    """ASCII for characters that the terminal's encoding lacks; bytes of file names unchanged."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     letter = error.object[error.start]
@@ -32,16 +32,16 @@ codecs.register_error(_ERRORS, _plain)
 
 
 def prepare_streams() -> None:
-    """Makes standard streams that take any text; for a program, before it does anything else.
+    """Makes standard streams that accept any text; a program calls it first.
 
-    A stream that was closed becomes the null device: otherwise the next file that is opened would
-    get its number, and what libraries print would go into that file.
+    A closed stream becomes the null device: otherwise the next opened file would get its
+    descriptor, and output of libraries would go into that file.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is not None and stream is getattr(sys, f"__{name}__"):
@@ -51,7 +51,7 @@ def prepare_streams() -> None:
 
 
 class _Remembering(io.FileIO):
-    """A standard stream that knows what kept it from writing: the error itself names no file."""
+    """Standard stream that remembers a failed write: the error itself names no file."""
 
     problem: OSError | None = None
 
@@ -75,7 +75,7 @@ def _remembering(stream: TextIO) -> TextIO:
 
 
 def cannot_take(stream: TextIO | None) -> OSError | None:
-    """What kept `stream` from taking what was written; None where all is well."""
+    """Error of a failed write to a stream; None if there was none."""
     try:
         if stream is not None:
             stream.flush()
@@ -86,7 +86,7 @@ def cannot_take(stream: TextIO | None) -> OSError | None:
 
 
 def silence(stream: TextIO) -> None:
-    """What is still on its way to `stream` is dropped, so that the end of Python does not fail."""
+    """Drops buffered output of a stream, so that the end of Python does not fail."""
     with suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -94,7 +94,7 @@ def silence(stream: TextIO) -> None:
 
 
 def tell(text: str, *, end: str = "\n") -> None:
-    """Puts `text` as it is, and `end`, to the standard output at once."""
+    """Writes a text unchanged, and `end`, to the standard output at once."""
     if sys.stdout is not None:
         sys.stdout.write(f"{text}{end}")
         sys.stdout.flush()
@@ -102,13 +102,13 @@ def tell(text: str, *, end: str = "\n") -> None:
 
 @contextmanager
 def aside() -> Iterator[None]:
-    """What is printed within goes to the standard error, so that the output holds data alone."""
+    """Redirects printed text to the standard error, so that the output has only data."""
     with redirect_stdout(sys.stderr):
         yield
 
 
 def warn(text: str) -> None:
-    """A line to the standard error, at once; that nobody can take it is no error."""
+    """Writes a line to the standard error at once; a failure is ignored."""
     try:
         if sys.stderr is not None:
             sys.stderr.write(f"{text}\n")

@@ -1,4 +1,4 @@
-"""Cells and points as files of VTK, written without it: XML (.vtu, .vtp) and VTK's HDF (.vtkhdf).
+"""Cells and points as files of VTK, without the library: XML (.vtu, .vtp), HDF (.vtkhdf).
 
 Layouts after "VTK XML File Formats" and "VTKHDF File Format" of VTK's documentation.
 """
@@ -48,15 +48,7 @@ class Points:
 
 
 def write_xml(path: Path, data: Grid | Points) -> None:
-    """Writes a .vtu of a grid or a .vtp of points; the file appears whole or not at all.
-
-    Args:
-        path: of the file.
-        data: what is in it.
-
-    Raises:
-        DiskFull, FileError: it cannot be written.
-    """
+    """Writes a .vtu of a grid or a .vtp of points; the file appears whole or not at all."""
     about = f"<FieldData>{_arrays(data.about, tuples=True)}</FieldData>" if data.about else ""
     points = f"<Points>{_array('Points', data.points_m)}</Points>"
     if isinstance(data, Grid):
@@ -101,15 +93,9 @@ def _array(name: str, values: Array, *, tuples: bool = False) -> str:
 
 
 def write_vtkhdf(path: Path, blocks: Mapping[str, Grid | Points]) -> None:
-    """Writes the blocks as a partitioned collection; the file appears whole or not at all.
+    """Writes blocks by name as a partitioned collection; the file appears whole or not at all.
 
-    Args:
-        path: of the file.
-        blocks: by name.
-
-    Raises:
-        FileError: h5py is not installed, or the file cannot be written.
-        DiskFull: the disk is full.
+    Raises FileError if h5py is not installed.
     """
     try:
         import h5py
@@ -129,7 +115,7 @@ def write_vtkhdf(path: Path, blocks: Mapping[str, Grid | Points]) -> None:
                     _put(group, data)
                     names[name] = h5py.SoftLink(f"/VTKHDF/{name}")
         except Exception:
-            stream.check()  # what was not written, HDF5 cannot read back: the disk is the cause
+            stream.check()  # HDF5 cannot read back what was not written: the disk is the cause
             raise
         stream.check()
 
@@ -138,7 +124,7 @@ def _kind(group: Any, kind: str) -> None:
     import h5py
 
     group.attrs["Version"] = np.array([2, 1], np.int64)
-    # a fixed length, as VTK's reader wants it
+    # fixed length, required by VTK's reader
     text = h5py.string_dtype("ascii", len(kind))
     group.attrs.create("Type", kind.encode("ascii"), dtype=text)
 

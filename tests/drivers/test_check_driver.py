@@ -130,7 +130,7 @@ def test_nothing_is_done_before_it_is_allowed(rig: tuple[Path, ModbusPeer, Dg645
     path, body, generator = rig
     for name in ("modbus_blackbody", "dg645"):
         got = check(name, str(path), "--instrument", answer="n\n")
-        assert got.exit_code == 1 and "Go on?" in got.output
+        assert got.exit_code == 1 and "Continue?" in got.output
     assert body.replies.sent == generator.replies.sent == 0
 
 
@@ -171,7 +171,7 @@ def test_what_cannot_be_checked(tmp_path: Path, rig: tuple[Path, ModbusPeer, Dg6
     for arguments, text in (
         (["simulated_scene"], "is a bench"),
         (["simulated_injector"], "has no emulator"),
-        (["dg645", "--instrument"], "needs a RIG file"),
+        (["dg645", "--instrument"], "requires a RIG file"),
         (["fluke418x", str(rig[0])], "no device has the driver fluke418x"),
     ):
         got = check(*arguments)

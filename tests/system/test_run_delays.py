@@ -53,4 +53,4 @@ def test_a_run_of_two_delays(tmp_path: Path) -> None:
     shots = len(list((out / "acquisition" / "shots").iterdir()))
     _run("run", tmp_path / "scene.yaml", "--out", out)  # nothing is left to do
     assert len(list((out / "acquisition" / "shots").iterdir())) == shots == 2 * 2 * 4
-    assert "temperature of what emits" in _run("evaluate", out, "--model", out)
+    assert "temperature of the medium" in _run("evaluate", out, "--model", out)

@@ -30,7 +30,7 @@ PLACES: dict[str, set[str]] = {
     "imwrite": {"images.py"},
     "savefig": {"sheet.py"},  # into memory
     # resources of the package, pages that the same command wrote, /proc
-    "read_text": {"lazy.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
+    "read_text": {"program.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
     | {"free_memory.py"},
 }
 

@@ -273,7 +273,7 @@ def test_a_model_makes_droplets_their_own_temperature(device: Device, tmp_path: 
         main, ["evaluate", str(tmp_path / "shots"), "--model", str(tmp_path / "run")]
     )
     assert result.exit_code == 0, result.output
-    assert "temperature of what emits" in result.output
+    assert "temperature of the medium" in result.output
     maps = Maps.load(tmp_path / "shots" / "maps")
     medium, error = (
         read_image(tmp_path / "shots" / "maps" / f"medium_temperature{end}_K.tif")[0]

@@ -51,7 +51,7 @@ def spoil(folder: Path, change: Callable[[dict[str, Any]], Any] | bytes) -> None
         (lambda e: e.update(shot=3), "holds shot: 3"),
         (lambda e: e.update(seq=99), "does not carry the sequence number"),
         (bytes(40), "is not JSON"),
-        (b'{"seq": 1, "seq": 1}', "the key 'seq' stands there twice"),
+        (b'{"seq": 1, "seq": 1}', "duplicate key 'seq'"),
         (b"[" * 100_000, "is not JSON"),
     ],
 )

@@ -104,7 +104,7 @@ def test_export_says_what_is_wrong(
     acquisition.shots[-1].path.unlink()
     arguments = ["export", str(tmp_path / "a"), "--to", "ome-tiff", "--out", str(tmp_path / "x")]
     result = CliRunner().invoke(main, arguments)
-    assert result.exit_code == 0 and "1 shots are still to be taken" in result.output
+    assert result.exit_code == 0 and "1 shots are still missing" in result.output
     assert (tmp_path / "x").is_file()
 
 

@@ -145,7 +145,7 @@ def _configuration(folder: Path, change: Callable[[dict[str, Any]], Any]) -> Non
     [
         (lambda f: (f / "plan.yaml").unlink(), "holds no plan.yaml"),
         (lambda f: (f / "configuration.json").unlink(), "configuration.json: cannot be read"),
-        (lambda f: (f / "configuration.json").write_text("[]"), "holds list"),
+        (lambda f: (f / "configuration.json").write_text("[]"), "contains list"),
         (lambda f: (f / "configuration.json").write_text("{"), "is damaged"),
         (lambda f: _configuration(f, lambda d: d.pop("plan_hash")), "belongs to another plan"),
         (lambda f: _configuration(f, lambda d: d.pop("setup")), "damaged .'setup'"),

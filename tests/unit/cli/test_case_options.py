@@ -57,4 +57,4 @@ def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_axis_is_a_direction() -> None:
     result = CliRunner().invoke(sprays.import_command, ["case", "--axis", "0,down,0"])
     assert result.exit_code == click.BadParameter.exit_code
-    assert "'0,down,0' is no direction" in result.output
+    assert "'0,down,0' is not a direction" in result.output

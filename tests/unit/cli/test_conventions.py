@@ -21,7 +21,7 @@ from click.testing import CliRunner
 from cldit.cli import main
 from cldit.cli.as_json import Outcome, json_option, plain
 from cldit.cli.console import OUT, plain_errors
-from cldit.cli.exit_codes import Exit
+from cldit.cli.program import Exit
 from cldit.errors import SceneError
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import write_spray
@@ -225,7 +225,6 @@ def loaded_by(words: list[str], **environment: str) -> set[str]:
 def test_help_and_completion_load_no_command(environment: dict[str, str]) -> None:
     modules = loaded_by([] if environment else ["--help"], **environment)
     ours = {name for name in modules if name.partition(".")[0] == "cldit"}
-    assert ours == {"cldit", "cldit.cli", "cldit.cli.exit_codes", "cldit.cli.lazy",
-                    "cldit.cli.program", "cldit.errors", "cldit.io",
+    assert ours == {"cldit", "cldit.cli", "cldit.cli.program", "cldit.errors", "cldit.io",
                     "cldit.io.terminal"}  # fmt: skip
     assert not modules & {"numpy", "rich", "yaml", "pydantic", "matplotlib", "pyopencl"}

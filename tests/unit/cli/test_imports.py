@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from cldit import __version__
 from cldit.cli import main
-from cldit.cli.lazy import LazyGroup
+from cldit.cli.program import LazyGroup
 
 SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
 

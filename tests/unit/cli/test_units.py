@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from cldit.cli.units import KELVIN, Quantity
+from cldit.cli.options import KELVIN, Quantity
 
 
 @pytest.mark.parametrize("text", ["0.1", "0.1K", "0.1 K", " 1e-1K"])
@@ -19,5 +19,5 @@ def test_default_passes() -> None:
 
 @pytest.mark.parametrize("text", ["", "K", "0.1mK", "0.1s", "warm", "1K2"])
 def test_anything_else_is_refused(text: str) -> None:
-    with pytest.raises(click.BadParameter, match=r"no number of K; allowed is e\.g\. 0\.1K"):
+    with pytest.raises(click.BadParameter, match=r"not a number of K; allowed: e\.g\. 0\.1K"):
         KELVIN.convert(text, None, None)

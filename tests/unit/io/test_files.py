@@ -104,9 +104,9 @@ def test_what_the_system_refuses_is_named(tmp_path: Path) -> None:
         make_folder(tmp_path / "file" / "a")
     with pytest.raises(FileError, match=r"none/a: cannot be written \(No such file"):
         write_text(tmp_path / "none" / "a", "")
-    with pytest.raises(FileError, match="holds a NUL byte"):
+    with pytest.raises(FileError, match="contains a NUL byte"):
         write_text(tmp_path / "a\0b", "")
-    with pytest.raises(FileError, match="holds a NUL byte"):
+    with pytest.raises(FileError, match="contains a NUL byte"):
         read_text(tmp_path / "a\0b")
     with pytest.raises(DiskFull), written(tmp_path):  # as HDF5 tells it
         raise OSError("file write failed: errno = 28, error message = 'No space left on device'")

@@ -25,11 +25,11 @@ _LAUGHS = "a0: &a0 1\n" + "\n".join(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: 1\nb: 2\na: 3\n", "line 3, column 1: the key 'a' stands there twice, first in line 1"),
-        ("x: {a: 1, 'a': 2}", "line 1, column 11: the key 'a' stands there twice"),
-        ("1: a\n0x1: b\n", "line 2, column 1: the key '0x1' stands there twice"),
-        ("a: &a [*a]", "stands within itself"),
-        ("a: &a {b: {c: *a}}", "stands within itself"),
+        ("a: 1\nb: 2\na: 3\n", "line 3, column 1: duplicate key 'a', first in line 1"),
+        ("x: {a: 1, 'a': 2}", "line 1, column 11: duplicate key 'a'"),
+        ("1: a\n0x1: b\n", "line 2, column 1: duplicate key '0x1'"),
+        ("a: &a [*a]", "contains itself"),
+        ("a: &a {b: {c: *a}}", "contains itself"),
         ("a: *b", "undefined alias"),
         (_LAUGHS, "aliases repeat more than"),
         ("a: " + "[" * 101 + "]" * 101, "deeper than 100"),
@@ -42,9 +42,9 @@ _LAUGHS = "a0: &a0 1\n" + "\n".join(
         ("a: !!bool foo", "foo is no bool"),
         ("a: 0x_", "0x_ is no int"),
         (f"a: {'9' * 5000}", r"999\.\.\. is no int"),
-        ("a: 0400", "0400 is octal to YAML"),
-        ("a: 1:30", "1:30 is a number in sixties"),
-        ('a: "x\\0y"', "line 1, column 4: a text holds a NUL byte"),
+        ("a: 0400", "0400 is octal in YAML"),
+        ("a: 1:30", "1:30 is a sexagesimal number"),
+        ('a: "x\\0y"', "line 1, column 4: a text contains a NUL byte"),
         ("a: \x00", "control characters are not allowed"),
         ("a: 1\n--- \nb: 2\n", "but found another document"),
         ("? [1]\n: 2", "unhashable key"),
@@ -94,8 +94,8 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     [
         (b"\xff\xfea\x00", "line 1: byte 0xff is not UTF-8"),
         (b"a: 1\nb: \xe9\n", "line 2: byte 0xe9 is not UTF-8"),
-        (b"", "holds NoneType, expected keys and values"),
-        (b"- 1\n", "holds list"),
+        (b"", "contains NoneType, expected keys and values"),
+        (b"- 1\n", "contains list"),
     ],
 )
 def test_encodings_and_contents(tmp_path: Path, content: bytes, message: str) -> None:
@@ -108,7 +108,7 @@ def test_encodings_and_contents(tmp_path: Path, content: bytes, message: str) ->
 
 
 def test_a_nul_byte_in_a_path() -> None:
-    with pytest.raises(SceneError, match="holds a NUL byte"):
+    with pytest.raises(SceneError, match="contains a NUL byte"):
         cldit.load_scene("a\0b.yaml")
 
 
@@ -116,17 +116,17 @@ def test_too_large(tmp_path: Path) -> None:
     path = tmp_path / "large.yaml"
     with path.open("wb") as stream:
         stream.truncate(200_000_000)  # takes no room on the disk
-    with pytest.raises(SceneError, match="holds more than 64 MB"):
+    with pytest.raises(SceneError, match="more than 64 MB"):
         read_mapping(path)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"a": 1, "a": 2}', "the key 'a' stands there twice"),
+        ('{"a": 1, "a": 2}', "duplicate key 'a'"),
         ("[" * 100_000, "too deep"),
         ("{", "Expecting property name"),
-        ("[1]", "holds list"),
+        ("[1]", "contains list"),
         ("", "Expecting value"),
     ],
 )

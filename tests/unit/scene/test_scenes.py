@@ -205,7 +205,11 @@ def test_scene_files(tmp_path: Path) -> None:
     path.write_text("name: mine\nspray: {model: grid, file: data/a.npz}\n", encoding="utf-8")
     spray = load_scene(path).spray
     assert getattr(spray, "file") == tmp_path / "data" / "a.npz"  # noqa: B009
-    for text, message in (("- 1\n", "holds list"), ("a: [", "is not valid YAML"), ("", "NoneType")):
+    for text, message in (
+        ("- 1\n", "contains list"),
+        ("a: [", "is not valid YAML"),
+        ("", "NoneType"),
+    ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(SceneError, match=message):
             load_scene(path)

@@ -65,7 +65,7 @@ def test_command(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     assert re.search(r"liquid penetration .* mm", text)
     assert same(read_cfd(CfdSpray(file=out)), told)
     assert "format: cldit" in called(str(out), "--list")
-    assert "is no direction" in called(str(case), "--axis", "0,-1,up", code=2)
+    assert "is not a direction" in called(str(case), "--axis", "0,-1,up", code=2)
     assert not list(tmp_path.glob("*.part"))
     wrong = called(str(case), "--fuel-field", "fuel", "--out", str(tmp_path / "no.npz"), code=1)
     assert "no cell field 'fuel'" in wrong

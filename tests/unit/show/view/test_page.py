@@ -69,7 +69,7 @@ def test_a_series_is_sorted_by_the_time_of_its_sprays(tmp_path: Path) -> None:
     words = ["view", str(tmp_path), "--save", str(tmp_path / "page.html")]
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 0
-    assert f"{tmp_path / 'c'}: is not finished, and left out" in done.output
+    assert f"{tmp_path / 'c'}: is not finished; omitted" in done.output
     assert len(view_items([tmp_path])) == 2
 
 
@@ -112,7 +112,7 @@ def test_a_folder_that_cannot_be_written_leaves_the_page_in_the_cache(
             raise FileError(f"{path}: cannot be written")
         save_page(path, items)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("cldit.cli.view.save_page", refused)
+    monkeypatch.setattr("cldit.cli.show.save_page", refused)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     opened: list[str] = []
 

@@ -26,7 +26,7 @@ from cldit.show.view.traced import traced_item
 from tests.viewed import as_asked, made_run, scene_for
 
 Floats = NDArray[np.float64]
-SCRIPTS = ("quantities", "middle", "unpack", "planck", "boundary", "lines", "traced")
+SCRIPTS = ("quantities", "unpack", "planck", "boundary", "lines", "traced")
 MAPS = {
     "temperature": "apparent_temperature_K",
     "temperature_error": "apparent_temperature_standard_error_K",

@@ -1,0 +1,116 @@
+"""Arguments and options of several commands: numbers with units, scenes, devices, CFD cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    _Float = click.ParamType[float]
+    _Text = click.ParamType[str]
+else:
+    _Float = _Text = click.ParamType  # generic from click 8.5 on
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+class Quantity(_Float):
+    """A number with or without its unit: `0.1`, `0.1K`, `"0.1 K"`."""
+
+    def __init__(self, unit: str) -> None:
+        self.name = unit
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number in `value`; `param` and `ctx` are click's."""
+        try:
+            return float(str(value).strip().removesuffix(self.name))
+        except ValueError:
+            self.fail(f"{value!r} is not a number of {self.name}; allowed: e.g. 0.1{self.name}")
+
+
+class SceneName(_Text):
+    """A shipped name or the path of a YAML file, which `load_scene` checks."""
+
+    name = "scene"
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem]:
+        """Shipped names that begin with `incomplete`, else the shell's files."""
+        files = resources.files("cldit.scene.library").iterdir()
+        names = sorted(one.name.removesuffix(".yaml") for one in files if one.name[-5:] == ".yaml")
+        found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+        return found or [CompletionItem(incomplete, type="file")]
+
+
+KELVIN = Quantity("K")
+SCENE = SceneName()
+device_option = click.option(
+    "--device", help="OpenCL device: platform:device, or part of its name."
+)
+within_option = click.option(
+    "--within",
+    "within_K",
+    type=KELVIN,
+    help="RMS allowed in T_app, K; default: explained by both stated errors.",
+)
+_CASE = (
+    click.option("--format", help="openfoam, vtk, ensight, converge, fluent, cgns or tables."),
+    click.option(
+        "--mapping", type=click.Path(path_type=Path), help="YAML file of names and units of fields."
+    ),
+    click.option(
+        "--time", "time_s", help="A time of the case, or `nearest 0.001`; default: the last."
+    ),
+    click.option("--region", help="Mesh region of an OpenFOAM case with several."),
+    click.option("--cloud", help="Cloud of parcels if there are several; `none`: gas only."),
+    click.option("--fuel-field", help="Cell field of the fuel's mass fraction; default: C7H16."),
+    click.option(
+        "--fuel-molar-mass",
+        "fuel_molar_mass_kg_mol",
+        type=float,
+        help="kg/mol; default: 0.100204.",
+    ),
+    click.option(
+        "--nozzle", "nozzle_m", type=(float, float, float), help="In the case's coordinates, m."
+    ),
+    click.option("--sector", type=float, help="Angle of the mesh in degrees; 360: whole."),
+    click.option("--symmetry", help="Normals of mirror planes, as x or x,y; `none`: whole."),
+    click.option("--axis", help="Direction of injection: -y, +z, or three numbers as 0,-1,0."),
+)
+
+
+def case_options(command: Command) -> Command:
+    """Adds options for a CFD case to a command, which takes them as keywords for `spray_keys`."""
+    for option in reversed(_CASE):
+        command = option(command)
+    return command
+
+
+def spray_keys(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of the `spray` section of a scene, from the options that were given."""
+    keys = {name: value for name, value in options.items() if value is not None}
+    if "axis" in keys:
+        keys["axis"] = _axis(keys["axis"])
+    if "sector" in keys:
+        keys["sector"] = {"angle_deg": keys["sector"]}
+    if "symmetry" in keys:
+        keys["symmetry"] = [] if keys["symmetry"] == "none" else keys["symmetry"].split(",")
+    return keys
+
+
+def _axis(text: str) -> str | list[float]:
+    """`-y` unchanged, `0,-1,0` as numbers."""
+    if "," not in text:
+        return text
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not a direction", param_hint="--axis") from error
