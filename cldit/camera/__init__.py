@@ -1,1 +1,1 @@
-"""Lens, filter, sensor, noise: radiance -> electrons -> counts."""
+"""Lens, filter, sensor and noise: radiance to electrons to counts."""

@@ -1,4 +1,4 @@
-"""What turns a camera's counts back into radiance, and says how noisy they are."""
+"""Calibration of a camera: counts to radiance, and the variance of counts."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from cldit.optics.response import Filter, edges_um, from_plain, to_plain
 class Calibration:
     """A linear camera: counts = offset + counts_per_radiance * L, up to `saturation_counts`.
 
-    filter_um: lower and upper wavelength, or the response, within which L is meant.
+    filter_um: lower and upper wavelength, or the response, in which L is defined.
     counts_per_radiance: counts per photon s-1 m-2 sr-1.
-    saturation_counts: a pixel that shows this many or more is full and says nothing.
+    saturation_counts: counts from which a pixel is saturated.
     """
 
     filter_um: Filter
@@ -44,7 +44,7 @@ class Calibration:
             value = getattr(self, name)
             if not (0.0 <= value < math.inf) or (value == 0.0 and not zero):
                 raise EvaluationError(
-                    f"calibration.{name}: {value:g}, allowed is a number "
+                    f"calibration.{name}: {value:g}; allowed: a number "
                     f"{'from' if zero else 'above'} 0"
                 )
         if not math.isfinite(self.offset_counts):
@@ -57,7 +57,7 @@ class Calibration:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads what `to_dict` wrote.
+        """Reads the result of `to_dict`.
 
         Raises:
             EvaluationError: a value is missing, not a number, or impossible.
@@ -76,17 +76,17 @@ class Calibration:
             raise EvaluationError(f"calibration: {error}") from error
 
     def radiance(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Photons s-1 m-2 sr-1 that show as these counts; any shape."""
+        """Radiance, photons s-1 m-2 sr-1, that gives these counts; any shape."""
         return (np.asarray(counts, np.float64) - self.offset_counts) / self.counts_per_radiance
 
     def counts(self, radiance: ArrayLike) -> NDArray[np.float64]:
-        """Mean counts, not rounded and not limited, of these radiances; any shape."""
+        """Mean counts of these radiances, without rounding or saturation; any shape."""
         return self.offset_counts + np.asarray(radiance, np.float64) * self.counts_per_radiance
 
     def variance_counts2(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Variance of one exposure of mean `counts`, any shape: shot, read, and rounding (1/12).
+        """Variance of one exposure of mean `counts`, any shape: shot, read and rounding (1/12).
 
-        Electrons are Poisson, so their variance is their number.
+        Electrons follow a Poisson distribution, whose variance is its mean.
         """
         over = np.asarray(counts, np.float64) - self.offset_counts
         electrons = np.maximum(over, 0.0) * self.electrons_per_count

@@ -1,10 +1,10 @@
 """The calibration curve: black-body temperature -> radiance in the camera's filter, and back.
 
-Planck's law over the filter and the detector gives it (`Curve(filter_um)`). Where the filter is
-known only roughly, the run's own references correct it (`fit_curve`): Planck's law depends on
-wavelength times temperature, so a filter whose wavelengths are all longer by the factor f has, but
-for a constant that the fit of each pixel divides out, the curve B(f T). One number is fitted, so
-three backgrounds are enough, and the curve stays Planck's where it is extrapolated.
+It follows from Planck's law over the filter and the detector (`Curve(filter_um)`). For a filter
+that is known only approximately, the references of the recording correct it (`fit_curve`). Planck's
+law depends on wavelength times temperature, so a filter with all wavelengths longer by a factor f
+has the curve B(f T), up to a constant that cancels in the fit of each pixel. A single parameter is
+fitted, so three backgrounds suffice, and extrapolation follows Planck's law.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from cldit.optics.response import Filter, edges_um
 
 Floats = NDArray[np.float64]
 
-_FARTHEST = 0.3  # stretch of the wavelengths beyond which the filter cannot be meant
-_POOREST_K = 5.0  # residual beyond which references and curve do not belong together
+_FARTHEST = 0.3  # largest relative stretch of the wavelengths
+_POOREST_K = 5.0  # largest residual of the references
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,10 +61,10 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class CurveFit:
-    """A curve from references.
+    """A curve fitted to references.
 
-    stretch_error: one standard deviation, from the residuals; 0 with three backgrounds and none to
-        spare. residual_K: (K,) how far each background lies off the curve, in kelvin.
+    stretch_error: one standard deviation, from the residuals; 0 with three backgrounds.
+    residual_K: (K,) residual of each background.
     """
 
     curve: Curve
@@ -83,14 +83,11 @@ class CurveFit:
 
 
 def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> CurveFit:
-    """The curve of references that show `counts` before black bodies at `temperature_K`.
+    """Fits the curve to `counts` (K,) of references at black-body temperatures (K,), K >= 3.
 
-    Least squares of the counts, in kelvin, over gain, offset and stretch. What windows and the
-    surroundings add is part of the offset, what they take away part of the gain.
-
-    Args:
-        temperature_K, counts: (K,) each, K >= 3; means over the pixels that see the background.
-        filter_um: edges of the filter.
+    It is a least-squares fit, in kelvin, of gain, offset and stretch to means over the pixels that
+    see the background. Emission of windows and surroundings is part of the offset, losses are part
+    of the gain.
 
     Raises:
         EvaluationError: fewer than three different temperatures, or references that no stretch
@@ -98,8 +95,8 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
     """
     if len(set(temperature_K.tolist())) < 3:
         raise EvaluationError(
-            f"calibration: fitted to {len(set(temperature_K.tolist()))} backgrounds; it needs at "
-            "least three, or use --calibration planck"
+            f"calibration: fitted to {len(set(temperature_K.tolist()))} backgrounds; allowed: at "
+            "least three, or --calibration planck"
         )
 
     def line(stretch: float) -> tuple[Floats, float]:

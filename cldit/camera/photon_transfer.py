@@ -1,8 +1,8 @@
-"""A camera's noise from its own pictures: variance over mean, the photon transfer curve.
+"""Photon transfer curve: gain and read noise of a camera from the variance of its images.
 
-Electrons are Poisson, so the variance of one exposure in counts^2 rises by 1 / (electrons per
-count) for each count (Janesick, Photon Transfer, SPIE 2007, Ch. 5). What is left at zero light is
-read noise and rounding.
+Electrons follow a Poisson distribution, so the variance of one exposure in counts^2 rises by
+1 / (electrons per count) per count (Janesick, Photon Transfer, SPIE 2007, Ch. 5). The variance
+without light is that of read noise and rounding.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _BINS = 24  # of equal numbers of pixels
 
 @dataclass(frozen=True, kw_only=True)
 class PhotonTransfer:
-    """electrons_per_count, and the read noise in electrons if light begins at offset_counts."""
+    """Gain, and read noise for an offset of `offset_counts`."""
 
     electrons_per_count: float
     read_noise_electrons: float
@@ -34,14 +34,14 @@ def photon_transfer(
 ) -> PhotonTransfer:
     """Gain and read noise from means and sample variances of equal exposures.
 
-    Pixels are sorted by their mean into bins; the median of a bin's variances, divided by that of
-    chi-square, is the bin's variance, whatever a few defective pixels do.
+    Pixels are sorted by their mean into bins; the variance of a bin is the median of its pixels'
+    variances over the median of chi-square, which is robust against defective pixels.
 
     Args:
         mean, variance: (N,) counts, counts^2, of one exposure, at any levels of light.
-        exposures: behind each variance; 2 or more.
-        offset_counts: counts without light. None: where the variance comes to rounding alone, which
-            puts the read noise into the offset; for the errors it comes to the same.
+        exposures: number per pixel, 2 or more.
+        offset_counts: counts without light. None: counts at which the variance is that of rounding;
+            the offset then includes the read noise, with the same errors as a result.
 
     Raises:
         EvaluationError: the variance does not rise with the light.
@@ -53,8 +53,8 @@ def photon_transfer(
     noise = np.array([np.median(variance[part]) for part in bins]) / correction
     if len(bins) < 2 or not np.ptp(level) > 0.0 or not np.all(noise > 0.0):
         raise EvaluationError(
-            "sensor: noise cannot be estimated from references that do not differ from each "
-            "other; give sensor.electrons_per_count and read_noise_electrons"
+            "sensor: noise cannot be estimated from references that are equal; give "
+            "sensor.electrons_per_count and read_noise_electrons"
         )
     slope, at_zero = np.polyfit(level, noise, 1, w=1.0 / noise)
     if not slope > 0.0:

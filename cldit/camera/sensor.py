@@ -1,10 +1,10 @@
-"""The infrared camera's chip: radiance -> electrons -> counts.
+"""The sensor of the infrared camera: radiance to electrons to counts.
 
 Mean electrons of a pixel that sees the radiance L:
 
     N = L * pitch^2 * pi / (4 F^2 + 1) * quantum efficiency * integration time
 
-The lens fills a cone of half angle arctan(1 / (2 F)) before the pixel, so that the irradiance is
+The lens fills a cone of half angle arctan(1 / (2 F)), so that the irradiance of the pixel is
 pi L sin^2 = pi L / (4 F^2 + 1): thin lens, distant object, no losses in the glass.
 """
 
@@ -23,18 +23,18 @@ from cldit.scene.schema import Scene
 
 USUAL_INTEGRATION_S = 25e-6  # paper, Fig. 6
 
-# Above this many electrons Poisson is drawn as normal: its skewness is then below 1 %.
+# A Poisson distribution of more electrons is drawn as normal: its skewness is below 1 %.
 NORMAL_ABOVE_ELECTRONS = 1e4
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorModel:
-    """A chip of `pixels` (columns, rows) behind a lens and a filter.
+    """A sensor of `pixels` (columns, rows) behind a lens and a filter.
 
-    `bad_pixels` of them, at places that `seed` fixes, are stuck at 0 or at full scale.
+    `bad_pixel_count` of them, drawn with `seed`, are stuck at 0 or at full scale.
     """
 
-    filter_um: Filter  # with the quantum efficiency, where that is a curve
+    filter_um: Filter  # includes a quantum efficiency given as a curve
     pixels: tuple[int, int]
     pitch_m: float
     f_number: float
@@ -62,7 +62,7 @@ class SensorModel:
 
     @classmethod
     def from_scene(cls, scene: Scene, integration_time_s: float | None = None) -> SensorModel:
-        """The sensor of `scene`; another `integration_time_s` than the scene's may be asked for.
+        """The sensor of `scene`, with `integration_time_s` in place of the scene's if given.
 
         Raises:
             SceneError: more bad pixels than pixels, or an offset above saturation.
@@ -88,12 +88,9 @@ class SensorModel:
         )
 
     def exposed_for(self, brightest: float) -> SensorModel:
-        """The same sensor, with an integration time at which `brightest` fills 80 % of the range.
+        """The sensor with an integration time at which `brightest` fills at most 80 % of the range.
 
-        Only ever shorter than the present time: darker scenes gain by shots, not by blur.
-
-        Args:
-            brightest: photon radiance, photons s-1 m-2 sr-1.
+        The time is never longer than before: darker scenes need more shots, not motion blur.
         """
         range_counts = self.saturation_counts - self.offset_counts
         counts = brightest * self.electrons_per_radiance / self.electrons_per_count
@@ -110,22 +107,22 @@ class SensorModel:
 
     @property
     def saturation_counts(self) -> int:
-        """The highest count: of the converter, or of the full well where that is reached first."""
+        """The largest count, limited by the converter or by the full well."""
         full = self.offset_counts + self.well_electrons / self.electrons_per_count
         return int(min(2**self.bits - 1, full))
 
     def mean_electrons(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Mean electrons of each pixel, without the well's limit; any shape."""
+        """Mean electrons of each pixel, without saturation; any shape."""
         return np.asarray(radiance, np.float64) * self.electrons_per_radiance
 
     def bad_pixels(self) -> NDArray[np.bool_]:
-        """(rows, columns), True where a pixel is stuck."""
+        """Mask (rows, columns) of the stuck pixels."""
         mask = np.zeros(self.pixels[0] * self.pixels[1], dtype=bool)
         mask[self._stuck()[0]] = True
         return mask.reshape(self.pixels[::-1])
 
     def _stuck(self) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
-        """Flat places of the stuck pixels, and what they show."""
+        """Flat indices of the stuck pixels, and their counts."""
         rng = np.random.default_rng([self.seed, 0xBAD])
         places = rng.choice(self.pixels[0] * self.pixels[1], self.bad_pixel_count, replace=False)
         full = rng.random(self.bad_pixel_count) < 0.5
@@ -134,14 +131,11 @@ class SensorModel:
     def expose(
         self, radiance: NDArray[np.floating], rng: np.random.Generator
     ) -> NDArray[np.uint16]:
-        """Takes one exposure: shot noise, read noise, rounding, saturation.
+        """Counts (rows, columns) of one exposure: shot and read noise, rounding, saturation.
 
         Args:
-            radiance: (rows, columns), photons s-1 m-2 sr-1; below 0 counts as 0.
-            rng: draws the noise.
-
-        Returns:
-            (rows, columns) counts.
+            radiance: (rows, columns), photons s-1 m-2 sr-1; values below 0 count as 0.
+            rng: random generator of the noise.
 
         Raises:
             TransportError: the radiance has another shape than the sensor or is not finite.
@@ -166,7 +160,7 @@ class SensorModel:
         return image
 
     def calibration(self) -> Calibration:
-        """What the evaluation must know of this camera."""
+        """Calibration of this camera."""
         return Calibration(
             filter_um=self.filter_um,
             counts_per_radiance=self.electrons_per_radiance / self.electrons_per_count,

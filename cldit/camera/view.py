@@ -1,4 +1,4 @@
-"""What part of the traced picture the sensor sees, averaged by area into its pixels."""
+"""Field of view of the sensor, and averaging of traced images into its pixels."""
 
 from __future__ import annotations
 
@@ -16,12 +16,9 @@ from cldit.scene.schema import Scene
 
 @lru_cache(maxsize=16)
 def overlap_matrix(count_in: int, count_out: int, share: float) -> csr_array:
-    """Mean of equal pixels within each of others, (count_out, count_in); rows sum to 1.
+    """Matrix (count_out, count_in) of area means over equal pixels; rows sum to 1.
 
-    Args:
-        count_in: pixels of the input.
-        count_out: pixels of the output.
-        share: part (0..1) of the input's length, its middle, that the output fills.
+    The output covers the central `share` (0..1) of the input's length.
     """
     edges = count_in * (0.5 + share * (np.arange(count_out + 1) / count_out - 0.5))
     edges = np.clip(edges, 0.0, count_in)  # rounding only: share is at most 1
@@ -39,10 +36,10 @@ def overlap_matrix(count_in: int, count_out: int, share: float) -> csr_array:
 
 @dataclass(frozen=True, kw_only=True)
 class SensorView:
-    """The sensor's footprint: the largest rectangle of its shape in the middle of the field.
+    """Footprint of the sensor: the largest centred rectangle of its shape within the field.
 
-    field_m: width and height of the traced picture in the plane of its middle, centre_m (x, z).
-    pixels: of the sensor, columns and rows.
+    field_m, centre_m: size, and centre (x, z), of the traced image in the plane of the target.
+    pixels: columns and rows of the sensor.
     """
 
     field_m: tuple[float, float]
@@ -51,7 +48,7 @@ class SensorView:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SensorView:
-        """What the scene's sensor sees."""
+        """The view of a scene's sensor."""
         x, _, z = scene.target_m
         return cls(
             field_m=scene.camera.field_m,
@@ -66,13 +63,13 @@ class SensorView:
         return edge, edge
 
     def image(self, traced: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(rows, columns) means by area of a traced picture (H, W), row 0 at the top of both.
+        """Area means (rows, columns) of a traced image (H, W), row 0 at the top of both.
 
         Raises:
-            TransportError: the traced picture is empty or has not two dimensions.
+            TransportError: the traced image is empty or has not two dimensions.
         """
         if traced.ndim != 2 or traced.size == 0:
-            raise TransportError(f"traced picture of shape {traced.shape}, expected (H, W)")
+            raise TransportError(f"traced image of shape {traced.shape}; allowed: (H, W)")
         width, height = (
             min(self.pixel_m[axis] * self.pixels[axis] / self.field_m[axis], 1.0) for axis in (0, 1)
         )

@@ -1,14 +1,14 @@
-"""What surrounds the spray, and the measurement equation with windows.
+"""Boundary of the spray, and the measurement equation with windows.
 
     L_bg = t_r (eps B(T_bg) + (1 - eps) B(T_around)) + e_r B(T_rear window) + r_r B(T_wall)
     I    = t_f L(L_bg, B(T_wall)) + e_f B(T_front window) + r_f B(T_camera side)
 
-L_bg is what enters the chamber through the rear window: the black body's own light and what it
-reflects of its surroundings, the window's own, and the walls' that the window reflects. L is what
-leaves the spray's chamber towards the camera (`compose`), I what the camera sees. t, r, e are each
-window's transmission, reflection and emissivity, t + r + e = 1. Light that passes between black
-body and rear window more than once is left out (r_r (1 - eps) of it, below 1 %). A patch of the
-enclosure adds to L its weight times eps B(T) + (1 - eps) B(T_wall), with its own T and eps.
+L_bg enters the chamber through the rear window: emission of the black body and reflection of its
+surroundings, emission of the window, and its reflection of the walls. L leaves the chamber towards
+the camera (`compose`), and I is the radiance at the camera. t, r, e are transmission, reflection
+and emissivity of a window, t + r + e = 1. Multiple reflections between black body and rear window
+are neglected (r_r (1 - eps) of the light, below 1 %). A patch of the enclosure adds to L its weight
+times eps B(T) + (1 - eps) B(T_wall), with its own T and eps.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ Radiance = Callable[[ArrayLike], Floats]
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertainty:
-    """Standard uncertainties of what no picture shows.
+    """Standard uncertainties of the setup, which no image contains.
 
-    background_emissivity, window_transmission: absolute. wall_temperature_K, window_temperature_K:
-    kelvin. filter_um: shift of the filter along the wavelength.
+    background_emissivity, window_transmission: absolute. filter_um: shift of the filter along the
+    wavelength.
     """
 
     background_emissivity: float = 0.01
@@ -48,13 +48,12 @@ class Uncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """Temperatures and emissivities around the spray, as a scene or a rig file gives them.
+    """Temperatures and emissivities around the spray, from a scene or a rig file.
 
-    background_surroundings_K: what the black body reflects; None is the walls. windows: at most
-    one front and one rear. background_error_K: standard deviation of the black body's temperature
-    about what it says, from one set point to the next. camera_offset_error_counts,
-    camera_gain_error: the same of the camera, which injections and references share. uncertainty:
-    how well all this is known.
+    background_surroundings_K: reflected by the black body; None: the walls. windows: at most one
+    front and one rear. background_error_K: standard deviation between the black body's temperature
+    and its reading, from one set point to the next. camera_offset_error_counts, camera_gain_error:
+    likewise of the camera, common to injections and references.
     """
 
     wall_temperature_K: float
@@ -89,9 +88,9 @@ class Surroundings:
 class Boundary:
     """The measurement equation in one band; all radiances in photons s-1 m-2 sr-1 of that band.
 
-    wall: B of the walls. rear_added, front_added: what either window emits and reflects. patches:
-    what leaves each patch of the enclosure.
-    radiance: of a black body, over its temperature.
+    radiance: of a black body, as a function of its temperature. wall: of the walls. around: of the
+    surroundings of the black body. rear_added, front_added: emission and reflection of either
+    window. patches: of each patch of the enclosure.
     """
 
     radiance: Radiance
@@ -105,13 +104,13 @@ class Boundary:
     patches: Mapping[str, float] = field(default_factory=dict)
 
     def leaving(self, blackbody_K: ArrayLike) -> Floats:
-        """L_bg before a black body at these temperatures, any shape."""
+        """L_bg for a black body at these temperatures, any shape."""
         own = self.radiance(blackbody_K)
         disc = self.emissivity * own + (1.0 - self.emissivity) * self.around
         return np.asarray(self.rear.transmission * disc + self.rear_added)
 
     def seen(self, inside: Floats) -> Floats:
-        """I for radiances that leave the chamber towards the camera, any shape."""
+        """Radiance I at the camera for radiances L that leave the chamber, any shape."""
         return np.asarray(self.front.transmission * inside + self.front_added)
 
     def inside(self, seen: Floats) -> Floats:
@@ -122,13 +121,7 @@ class Boundary:
     def of(
         cls, around: Surroundings, radiance: Radiance, pane: Callable[[Window], Pane]
     ) -> Boundary:
-        """Radiances of the surroundings in one band.
-
-        Args:
-            around: temperatures and emissivities.
-            radiance: of a black body in the band.
-            pane: mean shares of a window in the band.
-        """
+        """Radiances of the surroundings in one band, with the mean shares `pane` of its windows."""
 
         def at(temperature_K: float) -> float:
             return float(radiance(temperature_K))
@@ -169,17 +162,10 @@ class Boundary:
 
     @classmethod
     def in_filter(cls, around: Surroundings, filter_um: Filter, *, reference_K: float) -> Boundary:
-        """Radiances of the surroundings in all of a filter.
-
-        Windows' shares are means for light of a black body at `reference_K`.
-
-        Args:
-            around: temperatures and emissivities.
-            filter_um: edges of the filter.
-            reference_K: of the light.
+        """Radiances in a whole filter, with windows' means for a black body at `reference_K`.
 
         Raises:
-            SceneError: the filter reaches beyond what is known of a window.
+            SceneError: the filter reaches beyond the data of a window.
         """
         return cls.of(
             around,
@@ -191,16 +177,7 @@ class Boundary:
 def picture(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, background_K: float
 ) -> Floats:
-    """Radiance at the camera before a black body: the sum over the bands of a trace.
-
-    Args:
-        weights: (H, W) of each band.
-        boundaries: of each band.
-        background_K: of the black body.
-
-    Returns:
-        (H, W).
-    """
+    """Radiance (H, W) at the camera for one black body; see `pictures`."""
     (one,) = pictures(weights, boundaries, backgrounds_K=[background_K])
     return np.asarray(one)
 
@@ -208,17 +185,10 @@ def picture(
 def pictures(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, backgrounds_K: Sequence[float]
 ) -> Floats:
-    """Radiance at the camera before black bodies of several temperatures.
+    """Radiance (K, H, W) at the camera for black bodies of K temperatures.
 
-    What does not change with the background is summed over the bands once.
-
-    Args:
-        weights: (H, W) of each band.
-        boundaries: of each band.
-        backgrounds_K: (K,).
-
-    Returns:
-        (K, H, W).
+    It is the sum over bands with weights (H, W) each; parts that do not depend on the background
+    are summed once.
     """
     total: Floats | None = None
     for part, boundary in zip(weights, boundaries, strict=True):
@@ -232,5 +202,5 @@ def pictures(
             image += fixed
             image += share * radiance
     if total is None:
-        raise ValueError("no band at all")
+        raise ValueError("weights: no band; allowed: one or more")
     return total

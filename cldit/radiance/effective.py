@@ -1,4 +1,4 @@
-"""One set of weights for all of the filter, from those of its spectral nodes."""
+"""Weights for the whole filter, from those of its spectral nodes."""
 
 from __future__ import annotations
 
@@ -18,17 +18,11 @@ def effective_weights(
     wall_K: float,
     patches_K: Mapping[str, float] | None = None,
 ) -> Weights:
-    """Band-effective weights: with one node, exactly that node's.
+    """Band-effective weights (H, W) of the weights of each node; of one node, its own.
 
-    The background's weight is the mean over the nodes for the light of a black body at
-    `background_K`, the walls' for one at `wall_K`, the patches' likewise; what vapour and droplets
-    emit is the sum. They give the sum over the nodes exactly before a background at `background_K`,
-    and approximately before others.
-
-    Args:
-        weights: (H, W) of each node.
-        nodes: of the filter.
-        background_K, wall_K, patches_K: temperatures for which the means are taken.
+    Boundary weights are means over the nodes for light of a black body at the given temperature of
+    background, walls or patch; emission of vapour and droplets is summed. The radiance is exact for
+    a background at `background_K` and approximate for others.
     """
     if len(weights) == 1:
         return weights[0]

@@ -1,11 +1,11 @@
-"""Per-pixel weights of one trace, and the radiance that they give for any boundary temperature.
+"""Weights of a trace per pixel, and the radiance for any boundary temperatures.
 
 Transfer is linear in its sources, so with one trace
 
     L = background * L_bg + wall * B(T_wall) + vapour + liquid + sum of patches[name] * L_name
 
-for every background, wall and patch temperature. L_bg is what leaves the background disc,
-emissivity * B(T_bg) + (1 - emissivity) * B(T_wall), and L_name what leaves a patch, likewise.
+for every background, wall and patch temperature. L_bg leaves the background disc,
+emissivity * B(T_bg) + (1 - emissivity) * B(T_wall), and L_name a patch, likewise.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _NONE: Mapping[str, Image] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Weights:
-    """(H, W) float32 each, row 0 at the top.
+    """Weights of every pixel, (H, W) float32 each, row 0 at the top.
 
     background, wall: share of the background's and the wall's radiance that reaches the pixel.
-    vapour, liquid: photon radiance emitted by either phase that reaches the pixel,
-    photons s-1 m-2 sr-1 in the filter's band.
-    patches: share of each named patch of the enclosure, by its name.
+    vapour, liquid: radiance that either phase emits and that reaches the pixel,
+    photons s-1 m-2 sr-1 in the filter.
+    patches: share of the radiance of each named patch of the enclosure.
     """
 
     background: Image
@@ -61,11 +61,11 @@ class Weights:
         return cls(*(images[name] for name in _WHOLE), patches=patches)
 
     def map(self, change: Callable[[Image], Any]) -> Weights:
-        """`change` of every weight."""
+        """Weights with `change` applied to each image."""
         return Weights.of({name: change(image) for name, image in self.images.items()})
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes one float32 TIFF a weight into `folder`; a pixel is `pixel_m` large."""
+        """Writes one float32 TIFF per weight into `folder`, for pixels of `pixel_m`."""
         make_folder(folder)
         for name, image in self.images.items():
             write_image(
@@ -78,7 +78,7 @@ class Weights:
 
     @classmethod
     def load(cls, folder: Path, *, patches: Sequence[str] = ()) -> Weights:
-        """Reads what `save` wrote into `folder`; `patches` are names that the scene has.
+        """Reads the files of `save` from `folder`; `patches` are the names in the scene.
 
         Raises:
             RunFolderError: a file is missing or damaged.
@@ -87,7 +87,7 @@ class Weights:
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:
-    """Radiance that leaves a grey disc of `emissivity`: of `blackbody`, and the `wall`'s."""
+    """Radiance of a grey disc that emits as `blackbody` and reflects `wall`."""
     return emissivity * blackbody + (1.0 - emissivity) * wall
 
 
@@ -98,11 +98,11 @@ def compose(
     wall: float,
     patches: Mapping[str, float] | None = None,
 ) -> NDArray[np.float64]:
-    """Radiance at the camera, photons s-1 m-2 sr-1.
+    """Radiance that leaves the chamber towards the camera, photons s-1 m-2 sr-1.
 
     Args:
         weights: (H, W).
-        background, wall, patches: radiances; a background of None is left out.
+        background, wall, patches: radiances; a background of None does not count.
 
     Returns:
         (H, W).

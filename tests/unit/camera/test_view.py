@@ -87,5 +87,5 @@ def test_from_scene_and_refusals() -> None:
     view = SensorView.from_scene(Scene(name="t", spray=EmptySpray(), camera=camera))
     assert view.centre_m == (0.01, -0.03) and view.pixel_m == (0.005, 0.005)
     for shape in ((0, 3), (3,), (2, 2, 2)):
-        with pytest.raises(TransportError, match="traced picture"):
+        with pytest.raises(TransportError, match="traced image"):
             view.image(np.zeros(shape))
