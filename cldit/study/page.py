@@ -14,6 +14,7 @@ from typing import Any
 
 from cldit.errors import StudyError
 from cldit.io.files import make_folder, write_text
+from cldit.io.origin import commit
 from cldit.io.plain_data import read_json
 from cldit.scene import Scene, dump_scene
 from cldit.show import page as show
@@ -87,8 +88,8 @@ class StudyPage:
     """Results of a study.
 
     about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
-    sentences. pictures: by file name without its suffix. table: rows of equal keys, with units in
-    their names; more: further tables by title.
+    sentences. pictures: figures by file name without suffix. table: rows of equal keys, with units
+    in their names; more: further tables by title.
     """
 
     name: str
@@ -127,13 +128,16 @@ class StudyPage:
         return show.Page(self.title, content)
 
     def markdown(self, *, tables: bool) -> show.Page:
-        """Page with figures as files beside it; without `tables` the numbers are in its JSON."""
+        """Page with figures as files beside it. Without `tables`, as in docs, numbers are in the
+        JSON, and it states the commit."""
+        made = commit()
+        at = f" at commit {made[:7] + made[40:]}" if made and not tables else ""
         figures = [
             Figure(each.png, each.caption, f"study-{self.name}-{name}.png")
             for name, each in self.pictures.items()
         ]
         content: list[Block] = [
-            f"{self.about} Made by `{self.command}`.",
+            f"{self.about} Made by `{self.command}`{at}.",
             *figures,
             self.text,
         ]

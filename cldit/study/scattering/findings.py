@@ -1,4 +1,4 @@
-"""What the tables say, in sentences made from their numbers."""
+"""Findings of the scattering study: sentences made from the numbers of its tables."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from cldit.study.scattering.estimators import Knows
 from cldit.study.scattering.run import Error, Row, Study
 
-_SEEN = 0.005  # of the pixels: less is not spoken of
-HOLDS = 0.9  # of the pixels: two standard errors of noise alone hold in 0.95
+_SEEN = 0.005  # of the pixels: smaller classes are omitted
+HOLDS = 0.9  # of the pixels: two standard errors of noise contain 0.95
 
 
 def findings(study: Study) -> tuple[str, ...]:
-    """Sentences, the plainest first; what the scene does not have is left out."""
+    """Sentences, the most general first, without those that do not apply to the scene."""
     return tuple(_sentences(study))
 
 
@@ -28,7 +28,7 @@ def _sentences(study: Study) -> Iterator[str]:
     if wrong:
         each = _listed([f"{_named(row)} {_kelvin(_rms(row))}" for row in wrong])
         each = each.replace(" (wrong)", "")
-        yield f"With an input that is wrong they leave: {each}."
+        yield f"RMS errors with a wrong input: {each}."
     yield from _bounds(rows(Knows.RIG))
     yield _models(study, lambda row: row.medium, "The scattered share")
     yield from _classes(study, plain)
@@ -41,15 +41,15 @@ def _sentences(study: Study) -> Iterator[str]:
 def _plain(row: Row, study: Study) -> str:
     error = _error(row)
     return (
-        f"Plain DIT shows what emits {abs(error.bias_K):.1f} K too "
+        f"Plain DIT gives the emitting medium {abs(error.bias_K):.1f} K too "
         f"{'warm' if error.bias_K > 0 else 'cold'} (RMS {error.rms_K:.1f} K), with walls at "
         f"{study.scene.walls.temperature_K:g} K."
     )
 
 
 def _ranked(rows: Sequence[Row], plain: Row) -> Iterator[str]:
-    """Estimators without a model, best first, and which are no better than plain DIT."""
-    # A bound that is open to one side gives no temperature of its own.
+    """Estimators without a model, best first, and those no better than plain DIT."""
+    # A one-sided bound gives no temperature.
     ranked = sorted((row for row in rows if math.isfinite(row.width_K)), key=_rms)
     better = [row for row in ranked if _rms(row) < _rms(plain)]
     worse = [row for row in ranked if not _rms(row) < _rms(plain)]
@@ -57,28 +57,28 @@ def _ranked(rows: Sequence[Row], plain: Row) -> Iterator[str]:
         said = _listed(
             [f"{_named(row)} {_kelvin(_rms(row))}, noise {row.noise_K:.1f} K" for row in better]
         )
-        yield f"Without a model of the spray these leave less: {said}."
+        yield f"Smaller RMS errors without a model of the spray: {said}."
     if worse:
         said = _listed([f"{_named(row)} {_kelvin(_rms(row))}" for row in worse])
         yield f"No better than plain DIT without a model: {said}."
 
 
 def _bounds(rows: Sequence[Row]) -> Iterator[str]:
-    """Bounds of estimators whose inputs are right."""
+    """Bounds of estimators with correct inputs."""
     held = [row for row in rows if _error(row).held >= HOLDS]
     broken = [row for row in rows if _error(row).held < HOLDS]
     if held:
         yield (
-            f"Their bounds hold in {100 * HOLDS:.0f} % of the pixels or more for "
+            f"The stated bounds contain the truth in {100 * HOLDS:.0f} % of the pixels or more for "
             f"{_listed([_named(row) for row in held])}."
         )
     if broken:
-        said = _listed([f"{_named(row)} ({100 * _error(row).held:.0f} %)" for row in broken])
-        yield f"They do not, since they know of noise and nothing else, for {said}."
+        said = _listed([f"{row.method} ({100 * _error(row).held:.0f} %)" for row in broken])
+        yield f"They do not, as they contain noise only, for {said}."
 
 
 def _models(study: Study, about: Callable[[Row], Error | None], what: str) -> str:
-    """Right, wrong in one thing, and the spread of all."""
+    """Right model, models with one wrong input, and the spread of all."""
 
     def errors(knows: Knows) -> list[tuple[Row, Error]]:
         every = ((row, about(row)) for row in study.rows if row.knows is knows)
@@ -90,16 +90,17 @@ def _models(study: Study, about: Callable[[Row], Error | None], what: str) -> st
     (low, least), (high, most) = ranked[0], ranked[-1]
     held = [error.held for _, error in ranked]
     return (
-        f"{what} of the right model leaves {_kelvin(right.rms_K)}; of models that are wrong in one "
-        f"thing {_kelvin(least.rms_K)} ({_model(low)}) to {_kelvin(most.rms_K)} ({_model(high)}), "
-        f"and the bound of each alone holds in {_percent(min(held))} to {_percent(max(held))} of "
-        f"the pixels. The spread of all holds in {_percent(bound.held)}, is {spread.width_K:.1f} K "
-        f"wide, and says something in {_percent(spread.told)} of them."
+        f"{what} of the right model has an RMS error of {_kelvin(right.rms_K)}; of models with one "
+        f"wrong input {_kelvin(least.rms_K)} ({_model(low)}) to {_kelvin(most.rms_K)} "
+        f"({_model(high)}), whose own bounds contain the truth in {_percent(min(held))} to "
+        f"{_percent(max(held))} of the pixels. The spread of all models contains it in "
+        f"{_percent(bound.held)}, is {spread.width_K:.1f} K wide, and exists in "
+        f"{_percent(spread.told)} of them."
     )
 
 
 def _classes(study: Study, plain: Row) -> Iterator[str]:
-    """Errors by what the pixels see."""
+    """Errors by class of pixels."""
     wrong = [row for row in study.rows if row.knows is Knows.MODEL_WRONG and row.medium is not None]
     said = []
     for name, part in study.classes.items():
@@ -110,7 +111,7 @@ def _classes(study: Study, plain: Row) -> Iterator[str]:
                 f"{min(left):.1f} to {max(left):.1f} K"
             )
     if said:
-        yield f"Plain DIT's errors against those of wrong models, by what is seen: {_listed(said)}."
+        yield f"RMS errors of plain DIT and of wrong models by class of pixels: {_listed(said)}."
 
 
 def _under_vapour(study: Study, plain: Row) -> str:
@@ -123,28 +124,28 @@ def _under_vapour(study: Study, plain: Row) -> str:
     than = "colder" if off_K > 0 else "warmer"
     return (
         f"Droplets emit more than the vapour in {_percent(study.wet)} of the pixels. There they "
-        f"are {abs(off_K):.1f} K {than} than T_app, and estimators that take off the walls' "
-        f"light leave {_kelvin(min(blind))} to {_kelvin(max(blind))}: what emits is vapour too."
+        f"are {abs(off_K):.1f} K {than} than T_app, and estimators that subtract the light of the "
+        f"walls have RMS errors of {_kelvin(min(blind))} to {_kelvin(max(blind))}, as vapour emits "
+        "too."
     )
 
 
 def _alone(study: Study) -> Iterator[str]:
-    """What models say of droplets below vapour."""
+    """Droplet temperatures below vapour by models."""
     alone = [row for row in study.rows if row.medium is None and row.knows is not Knows.OTHER_BAND]
     if alone:
         one = Study(tuple(alone), {}, study.wet, study.classes, study.scene, study.second)
-        yield _models(
-            one, lambda row: row.droplets, "With the model's vapour taken off too, the share"
-        )
+        what = "With the vapour of the model subtracted as well, the share"
+        yield _models(one, lambda row: row.droplets, what)
         told = [row.told for row in alone if row.knows is Knows.MODEL_WRONG]
         yield (
-            f"Models that are wrong so give the droplets a temperature in {_percent(min(told))} to "
+            f"Wrong models give a droplet temperature in {_percent(min(told))} to "
             f"{_percent(max(told))} of the pixels."
         )
 
 
 def _second(study: Study, plain: Row) -> Iterator[str]:
-    """Through the other filter."""
+    """Results through the other filter."""
     rows = [row for row in study.rows if row.knows is Knows.OTHER_BAND]
     if not rows:
         return
@@ -153,10 +154,10 @@ def _second(study: Study, plain: Row) -> Iterator[str]:
     said = _listed([f"{_kelvin(row.droplets.rms_K)} ({_model(row)})" for row in rows])
     vapour = _share(other.vapour_m2_mol, first.vapour_m2_mol)
     yield (
-        f"From {low:g} to {high:g} µm vapour absorbs {vapour} and liquid (k) "
-        f"{_share(other.k, first.k)} of what they do at {first.wavelength_um:g} µm. The scattered "
-        f"share there is off from the droplets by {said}, where T_app through the first filter is "
-        f"{_kelvin(plain.droplets.rms_K)} off."
+        f"From {low:g} to {high:g} µm the vapour absorbs {vapour} and the liquid (k) "
+        f"{_share(other.k, first.k)} of their values at {first.wavelength_um:g} µm. The RMS error "
+        f"of the droplet temperature by the scattered share there is {said}, and "
+        f"{_kelvin(plain.droplets.rms_K)} by T_app through the first filter."
     )
 
 

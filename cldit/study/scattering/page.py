@@ -1,4 +1,4 @@
-"""The page of what an evaluation that knows about scattering gains: picture, sentences, tables."""
+"""Page of the scattering study: figure, findings, tables."""
 
 from __future__ import annotations
 
@@ -19,31 +19,26 @@ Floats = NDArray[np.float64]
 
 
 def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> StudyPage:
-    """The page of a study; everything on it follows from the study.
-
-    Args:
-        study: evaluated.
-        command: makes the page again.
-        seconds: that it took.
-    """
+    """Page of a study that `command` makes in `seconds`."""
     scene = study.scene
     mie = scene.transport.phase == "mie"
-    how = "Droplets scatter by Mie's phase function" if mie else "Droplets scatter evenly"
-    told = scene.description.strip().rstrip(".")
-    what = f"{told}. " if told else ""
+    how = "Droplets scatter by Mie's phase function" if mie else "Droplets scatter isotropically"
+    description = scene.description.strip().rstrip(".")
+    what = f"{description}. " if description else ""
     classes = {name: f"{name}, {_percent(part)}" for name, part in study.classes.items()}
     return StudyPage(
         name=f"{scene.name}{'-mie' if mie else ''}",
         title=f"Light of the walls: {scene.name}{', forward scattering' if mie else ''}",
-        about=f"{what}{how}. Pixels of emissivity {LEAST_EMISSIVITY:g} and more; walls at "
+        about=f"{what}{how}. Pixels with an emissivity of {LEAST_EMISSIVITY:g} or "
+        f"more; walls at "
         f"{scene.walls.temperature_K:g} K.",
         command=command,
         findings=findings(study),
         pictures={
             "errors": Figure(
                 scattering_picture(study),
-                "Errors of plain DIT, and with a model whose droplets are 20 % too large; two and "
-                "two share their colours.",
+                "Errors of plain DIT, and with a model whose droplets are 20 % too large; each "
+                "pair shares its colour scale.",
             )
         },
         table=[_main(row) for row in study.rows],
@@ -70,7 +65,7 @@ def _main(row: Row) -> Cells:
         **_error("droplets", row.droplets),
         "noise / K": _round(row.noise_K),
         "bound's width / K": "open" if math.isinf(row.width_K) else _round(row.width_K, 1),
-        "told / %": _round(100 * row.told, 0),
+        "pixels with a result / %": _round(100 * row.told, 0),
     }
 
 
@@ -99,7 +94,7 @@ def scattering_picture(study: Study) -> bytes:
     rows, columns = _around([image for _, image in images])
     panels = []
     for number, (title, image) in enumerate(images):
-        # Two and two share their colours: plain DIT, and what is gained over it.
+        # Plain DIT and the better estimator share one scale.
         known = np.abs(images[number - number % 2][1])
         known = known[np.isfinite(known)]
         limit = max(float(np.percentile(known, 98)) if known.size else 1.0, 0.5)
@@ -119,7 +114,7 @@ def scattering_picture(study: Study) -> bytes:
 
 
 def _around(images: Sequence[Floats]) -> tuple[slice, slice]:
-    """The part of the pictures in which anything is known, with a margin."""
+    """Rows and columns with any known error, with a margin."""
     known = np.any([np.isfinite(image) for image in images], axis=0)
     if not known.any():
         return slice(0, known.shape[0]), slice(0, known.shape[1])

@@ -1,4 +1,4 @@
-"""Sentences about ways to evaluate follow their numbers; the page of them is whole."""
+"""Findings follow their numbers; the page of them is whole."""
 
 from __future__ import annotations
 
@@ -70,13 +70,14 @@ def test_every_number_is_of_the_study() -> None:
     said = findings(_study(wet=1.0))
     text = "\n".join(said)
     assert "5.0 K too cold (RMS 5.0 K), with walls at 450 K" in said[0]
-    assert "leave less: walls (needs of walls) 0.25 K, noise 1.0 K." in said[1]
+    assert "a model of the spray: walls (needs of walls) 0.25 K, noise 1.0 K." in said[1]
     assert "No better than plain DIT without a model: plate (needs of plate) 7.0 K." in text
-    assert "input that is wrong they leave: walls (needs of walls) 3.0 K." in text
+    assert "with a wrong input: walls (needs of walls) 3.0 K." in text
     assert "or more for as a bound (needs of as a bound); walls (needs of walls)." in text
-    assert "They do not" in text and "plate (needs of plate) (50 %)" in text
-    assert "right model leaves 0.00 K" in text and "2.0 K (needs of share) to 4.0 K" in text
-    assert "holds in 10 % to 20 %" in text and "holds in 100 %, is 12.5 K wide" in text
+    assert "They do not, as they contain noise only, for plate (50 %)." in text
+    assert "right model has an RMS error of 0.00 K" in text
+    assert "2.0 K (needs of share) to 4.0 K" in text
+    assert "contain the truth in 10 % to 20 %" in text and "it in 100 %, is 12.5 K wide" in text
     assert "thin (25 % of the pixels) 5.0 K against 2.0 to 4.0 K" in text and "seldom" not in text
     assert "vapour" not in text  # there is none
 
@@ -91,9 +92,9 @@ def test_they_follow_the_numbers() -> None:
 def test_droplets_under_vapour() -> None:
     text = "\n".join(findings(_study(*_VAPOUR)))
     assert "more than the vapour in 12 % of the pixels. There they are 65.0 K colder" in text
-    assert "the share of the right model leaves 60.0 K" in text
+    assert "the share of the right model has an RMS error of 60.0 K" in text
     # Of the shipped cross sections and n and k, which the other filter's optics hold.
-    assert "From 3.5 to 3.6 µm vapour absorbs 0.0" in text and "61.5 K (needs of band)" in text
+    assert "From 3.5 to 3.6 µm the vapour absorbs 0.0" in text and "61.5 K (needs of band)" in text
 
 
 def test_page_is_whole(tmp_path: Path) -> None:
