@@ -25,10 +25,8 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
             "air and fuel at p and T was used."
         )
     if "rho" in case.gas and "p" not in case.gas:
-        found.append(
-            f"{case.source}: no pressure among the cell fields: the density was not compared with "
-            "that of an ideal gas."
-        )
+        what = "the density was not compared with that of an ideal gas"
+        found.append(f"{case.source}: no pressure among the cell fields: {what}.")
     if case.time_s is None:
         found.append(f"{case.source}: does not state its time.")
     stated = molar_mass_kg_mol(spec.fuel_field)

@@ -95,10 +95,8 @@ def only_claimant(what: str, claimants: Iterable[Path]) -> Path:
     known = sorted(set(claimants))
     if len(known) > 1:
         shown = ", ".join(map(str, known))
-        raise SprayError(
-            f"{known[0]}: {len(known)} claim to be {what}: {shown}; name one of them as the case, "
-            "or move the others"
-        )
+        way = "name one of them as the case, or move the others"
+        raise SprayError(f"{known[0]}: {len(known)} claim to be {what}: {shown}; {way}")
     return known[0]
 
 
@@ -113,20 +111,16 @@ def choose_cloud(source: str, names: Iterable[str], wanted: str | None) -> str |
             raise SprayError(f"{source}: no cloud {wanted!r} (spray.cloud); available: {shown}")
         return wanted
     if len(known) > 1:
-        raise SprayError(
-            f"{source}: several clouds: {shown}; set spray.cloud to one of them, or to "
-            f"{NO_CLOUD!r} for gas alone"
-        )
+        way = f"set spray.cloud to one of them, or to {NO_CLOUD!r} for gas alone"
+        raise SprayError(f"{source}: several clouds: {shown}; {way}")
     return known[0] if known else None
 
 
 def refuse_cloud(spec: CfdSpray) -> None:
     """Refuses a cloud of a format that has none."""
     if spec.cloud not in (None, NO_CLOUD):
-        raise SprayError(
-            f"{spec.file}: no cloud {spec.cloud!r} (spray.cloud): this format has no parcels; a "
-            "mapping file names their table (parcels.file)"
-        )
+        way = "this format has no parcels; a mapping file names their table (parcels.file)"
+        raise SprayError(f"{spec.file}: no cloud {spec.cloud!r} (spray.cloud): {way}")
 
 
 def complete_cloud(
@@ -142,17 +136,13 @@ def complete_cloud(
     """
     count = len(position_m.values)
     if count == 0:
-        raise EmptyCloud(
-            f"{position_m.label}: cloud {name!r} has no parcel; choose another time "
-            f"(spray.time_s), or spray.cloud: {NO_CLOUD} for gas alone"
-        )
+        way = f"choose another time (spray.time_s), or spray.cloud: {NO_CLOUD} for gas alone"
+        raise EmptyCloud(f"{position_m.label}: cloud {name!r} has no parcel; {way}")
     for field in CLOUD_FIELDS:
         if field not in fields:
             known = ", ".join(sorted(fields if available is None else available)) or "none"
-            raise SprayError(
-                f"{source}: cloud {name!r} has no field {field!r}; it has: {known} (a mapping file "
-                "gives other names of fields)"
-            )
+            held = f"{known} (a mapping file gives other names of fields)"
+            raise SprayError(f"{source}: cloud {name!r} has no field {field!r}; it has: {held}")
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")

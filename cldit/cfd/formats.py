@@ -98,10 +98,8 @@ def _with_table(spec: CfdSpray, names: ColumnMap, found: CfdCase) -> CfdCase:
     path = spec.mapping
     assert path is not None and names.parcels is not None and names.parcels.file is not None
     if spec.cloud not in (None, "parcels"):
-        raise SprayError(
-            f"{path}: parcels.file names the parcels, and spray.cloud is {spec.cloud!r}; remove "
-            "one of them"
-        )
+        both = f"parcels.file names the parcels, and spray.cloud is {spec.cloud!r}"
+        raise SprayError(f"{path}: {both}; remove one of them")
     file = path.parent / names.parcels.file
     return replace(found, cloud=table_cloud(path, names), files=(*found.files, file))
 

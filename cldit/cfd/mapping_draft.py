@@ -17,6 +17,7 @@ from cldit.cfd.hdf.converge import CONVERGE_NAMES, parcel_names
 from cldit.cfd.hdf.fluent import FLUENT_NAMES
 from cldit.cfd.mapping.file import (
     FOAM_NAMES,
+    PAIRS,
     PARCEL_NAMES,
     CellColumns,
     ColumnMap,
@@ -259,7 +260,7 @@ def _of_table(spec: CfdSpray) -> Draft:
     parcels = scalars(_PARCELS)
     if {"diameter", "radius"} & set(parcels):
         parcels |= {"position": vector("position"), "velocity": vector("velocity")}
-        for one, other in (("diameter", "radius"), ("number", "mass")):
+        for one, other in PAIRS:
             if one in parcels:
                 parcels.pop(other, None)
         found = ColumnMap(parcels=ParcelColumns(file=file, **parcels))

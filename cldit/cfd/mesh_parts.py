@@ -110,10 +110,10 @@ def with_point_fields(
         values = column.values
         if key in ("temperature", "fuel"):
             if weight is None:
+                way = "export cell data (in ParaView: without Cell Data to Point Data)"
                 raise SprayError(
-                    f"{column.label}: is given at points, without density or pressure at points "
-                    "to weight it by; export cell data (in ParaView: without Cell Data to Point "
-                    "Data)"
+                    f"{column.label}: is given at points, without density or pressure at points to "
+                    f"weight it by; {way}"
                 )
             values = mean(weight * values) / mean(weight)
         else:

@@ -14,12 +14,10 @@ _BEGIN = (
 )
 _FLUENT = f"in Fluent, File > Export > EnSight Case Gold with the DPM particles; or {_TABLES}"
 _STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; or " + _TABLES
-# ending: what it is, and the way out
+# endings: what it is, and the way out
 _KINDS: dict[str, tuple[str, str]] = {
-    ".cas": ("a case of Fluent", _FLUENT),
-    ".dat": ("a data file of Fluent or Tecplot", _FLUENT),
-    ".cas.gz": ("a packed case of Fluent", _FLUENT),
-    ".dat.gz": ("a packed data file of Fluent", _FLUENT),
+    ".cas .cas.gz": ("a case of Fluent", _FLUENT),
+    ".dat .dat.gz": ("a data file of Fluent or Tecplot", _FLUENT),
     ".dpm": ("particles of Fluent, a table in addition to a case", _BEGIN),
     ".his": ("a particle history of Fluent", _FLUENT),
     ".msh": ("a mesh of Fluent or Gmsh without results", "give the results, as EnSight or .vtu"),
@@ -28,29 +26,20 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".trk": ("particle tracks of STAR-CCM+", _STAR),
     ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
     ".hdf": ("HDF, maybe VTK's", "give VTK's own the ending .vtkhdf"),
-    ".pvts": ("pieces of a structured grid of VTK", _PARAVIEW),
+    ".pvti .pvtr .pvts": ("pieces of a grid of VTK", _PARAVIEW),
     ".pvsm": ("a state of ParaView without data", "save the data themselves as .vtu and .vtp"),
-    ".xmf": ("XDMF", _PARAVIEW),
-    ".xdmf": ("XDMF", _PARAVIEW),
-    ".e": ("Exodus II", _PARAVIEW),
-    ".exo": ("Exodus II", _PARAVIEW),
+    ".xmf .xdmf": ("XDMF", _PARAVIEW),
+    ".e .exo": ("Exodus II", _PARAVIEW),
     ".plt": ("Tecplot", _PARAVIEW),
     ".szplt": ("Tecplot", f"in Tecplot, export .plt, then {_PARAVIEW}"),
     ".stl": ("a surface without gas", "give the results, as .vtu or an OpenFOAM case"),
-    ".fla": ("a result of AVL FIRE", _TABLES),
-    ".flm": ("a mesh of AVL FIRE", _TABLES),
-    ".fl3": ("a result of AVL FIRE", _TABLES),
+    ".fla .flm .fl3": ("a file of AVL FIRE", _TABLES),
     ".out": ("a map or restart of CONVERGE", "convert it with CONVERGE's post_convert to HDF5"),
-    ".csv": ("a table", _BEGIN),
-    ".txt": ("a table", _BEGIN),
-    ".tsv": ("a table", _BEGIN),
+    ".csv .txt .tsv": ("a table", _BEGIN),
     ".xlsx": ("a spreadsheet", f"save it as CSV; {_TABLES}"),
     ".parquet": ("a Parquet table", _BEGIN),
     ".json": ("JSON", _TABLES),
-    ".tar": ("an archive", "unpack it and give the case inside"),
-    ".tgz": ("an archive", "unpack it and give the case inside"),
-    ".tar.gz": ("an archive", "unpack it and give the case inside"),
-    ".zip": ("an archive", "unpack it and give the case inside"),
+    ".tar .tgz .tar.gz .zip": ("an archive", "unpack it and give the case inside"),
 }
 _READ = (
     "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .vti, .vtr, .vts, .pvtu, "
@@ -60,9 +49,9 @@ _READ = (
 
 
 def _kind(path: Path) -> tuple[str, str] | None:
-    name = path.name.lower()
-    known = [each for each in _KINDS if name.endswith(each)]
-    return _KINDS[max(known, key=len)] if known else None
+    kinds = {ending: kind for endings, kind in _KINDS.items() for ending in endings.split()}
+    known = [ending for ending in kinds if path.name.lower().endswith(ending)]
+    return kinds[max(known, key=len)] if known else None
 
 
 def refuse_unknown(path: Path) -> None:

@@ -56,7 +56,7 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             del columns[name]
             points[name] = per_node(reader, solid.parts, solid.points, label)
     columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
-    cloud = _cloud(case, at, spec.cloud, names, geometry, files)
+    cloud = _cloud(spec, case, at, names, geometry.order, files)
     remarks = [f"Ghost or blanked cells omitted: {solid.hidden}."] if solid.hidden else []
     if moved:
         remarks.append(f"{case.path}: {', '.join(moved)} at nodes became means over cells.")
@@ -153,13 +153,15 @@ def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
 
 
 def _cloud(
+    spec: CfdSpray,
     case: CaseFile,
     at: float | None,
-    wanted: str | None,
     names: ColumnMap,
-    mesh: Reader,
+    order: str,
     files: list[Path],
 ) -> Cloud | None:
+    """Cloud asked for; the byte order is that of the geometry, `files` gets the paths read."""
+    wanted = spec.cloud
     known = clouds(case)
     if not known and wanted != NO_CLOUD and any(item.kind in _MEASURED for item in case.items):
         raise SprayError(f"{case.path}: GEOMETRY: no `measured` file for the parcels")
@@ -169,7 +171,7 @@ def _cloud(
     if chosen is None:
         return None
     geometry, fields = known[chosen]
-    file = Reader(_file(case, geometry, at), order=mesh.order)
+    file = Reader(_file(case, geometry, at), order=order)
     files.append(file.path)
     file.text()
     if (line := file.text()) != "particle coordinates":

@@ -63,9 +63,8 @@ class CaseFile:
 
 def read_case_file(path: Path) -> CaseFile:
     """Reads a .case file."""
-    lines = text_of(path).splitlines()
     try:
-        return _parsed(path, lines)
+        return _parsed(path, text_of(path).splitlines())
     except SprayError:
         raise
     except (ValueError, IndexError) as error:
@@ -182,9 +181,8 @@ class Reader:
     def text(self) -> str:
         """Next 80 characters, or the next line."""
         if self.binary:
-            raw = self._bytes(80)
-        else:
-            raw = self._line()
+            self._skip(80)
+        raw = self.body[self.at - 80 : self.at] if self.binary else self._line()
         return raw.split(b"\0")[0].decode("latin-1").strip()
 
     def integers(self, count: int, *, a_line: int = 1) -> Labels:
@@ -237,11 +235,6 @@ class Reader:
         if not 0 <= count <= left:
             raise self.fail(f"truncated or damaged: {count} bytes wanted, {left} are left")
         self.at += count
-
-    def _bytes(self, count: int) -> bytes:
-        begin = self.at
-        self._skip(count)
-        return self.body[begin : self.at]
 
     def _line(self) -> bytes:
         if self.at >= len(self.lines):

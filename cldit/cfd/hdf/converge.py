@@ -64,10 +64,8 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
-            raise SprayError(
-                f"{chosen}: no STREAM_00, so no post file of CONVERGE (names of Fluent's files end "
-                "in .cas.h5 and .dat.h5, those of VTK's HDF in .vtkhdf)"
-            )
+            others = "Fluent's are named .cas.h5 and .dat.h5, VTK's HDF .vtkhdf"
+            raise SprayError(f"{chosen}: no STREAM_00, so no post file of CONVERGE ({others})")
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         check_room(chosen, _size(streams))
         watch("reading the mesh", 0, 1)

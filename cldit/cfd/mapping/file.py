@@ -129,6 +129,9 @@ class CellColumns(Table):
     fuel: A = None
 
 
+PAIRS = (("diameter", "radius"), ("number", "mass"))  # one replaces the other
+
+
 class ParcelColumns(Table):
     """Columns of the parcels; `position` only for tables.
 
@@ -148,7 +151,7 @@ class ParcelColumns(Table):
 
     @model_validator(mode="after")
     def _once(self) -> ParcelColumns:
-        for one, other in (("diameter", "radius"), ("number", "mass")):
+        for one, other in PAIRS:
             if getattr(self, one) is not None and getattr(self, other) is not None:
                 raise ValueError(f"{one} and {other} are both given; allowed: one of them")
         return self
@@ -180,10 +183,9 @@ def merged(given: S | None, default: S) -> S:
     if given is None:
         return default
     chosen = {name: getattr(given, name) for name in given.model_fields_set}
-    for one, other in (("diameter", "radius"), ("number", "mass")):
-        for here, there in ((one, other), (other, one)):
-            if chosen.get(here) is not None:
-                chosen.setdefault(there, None)
+    for here, there in (*PAIRS, *(pair[::-1] for pair in PAIRS)):
+        if chosen.get(here) is not None:
+            chosen.setdefault(there, None)
     return default.model_copy(update=chosen)
 
 

@@ -183,7 +183,5 @@ def checked_points(source: str, points_m: AnyFloats) -> tuple[Floats, Floats]:
 def check_labels(source: str, what: str, labels: Labels, *, low: int, end: int) -> None:
     """Refuses `labels` of any shape outside low..end - 1; errors name `source` and `what`."""
     if labels.size and (labels.min() < low or labels.max() >= end):
-        raise SprayError(
-            f"{source}: {what} labels {labels.min()} to {labels.max()} of the faces, "
-            f"allowed: {low}..{end - 1}"
-        )
+        found = f"{what} labels {labels.min()} to {labels.max()} of the faces"
+        raise SprayError(f"{source}: {found}, allowed: {low}..{end - 1}")

@@ -30,14 +30,10 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
     try:
         content = dictionary(text)
     except IndexError as error:
-        raise SprayError(
-            f"{path}: brackets do not match; set spray.nozzle_m and spray.axis instead"
-        ) from error
-    models = content.get("subModels", content)
-    return tuple(
-        Injector(str(path), np.array(position), np.array(direction))
-        for position, direction in _found(models)
-    )
+        way = "set spray.nozzle_m and spray.axis instead"
+        raise SprayError(f"{path}: brackets do not match; {way}") from error
+    pairs = _found(content.get("subModels", content))
+    return tuple(Injector(str(path), np.array(place), np.array(along)) for place, along in pairs)
 
 
 def case_injectors(
@@ -51,14 +47,9 @@ def case_injectors(
         folder = case / "constant"
     own = folder / f"{cloud}Properties"
     every = [own] if find_foam(own) else sorted(folder.glob("*[pP]roperties*"))
-    found: dict[Path, tuple[Injector, ...]] = {}
-    for file in every:
-        there = find_foam(file)
-        if there is not None and b"injectionModel" in _content(there):
-            found[there] = read_injectors(there)
-    if len(found) != 1:
-        return (), ()
-    return next(iter(found.values())), tuple(found)
+    files = [there for file in every if (there := find_foam(file)) is not None]
+    found = {file: read_injectors(file) for file in files if b"injectionModel" in _content(file)}
+    return (next(iter(found.values())), tuple(found)) if len(found) == 1 else ((), ())
 
 
 def _content(path: Path) -> bytes:
@@ -80,14 +71,10 @@ def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
             raise IndexError
     except (IndexError, ValueError) as error:
         raise SprayError(f"{path}: brackets do not match") from error
+    inside = {name: block for name, block in blocks.items() if isinstance(block, dict)}
     return {
-        name: {
-            key: str(value[0])
-            for key, value in block.items()
-            if isinstance(value, list) and len(value) == 1
-        }
-        for name, block in blocks.items()
-        if isinstance(block, dict)
+        name: {k: str(v[0]) for k, v in block.items() if isinstance(v, list) and len(v) == 1}
+        for name, block in inside.items()
     }
 
 

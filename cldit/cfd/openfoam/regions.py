@@ -84,10 +84,8 @@ def find_step(spec: CfdSpray) -> Step:
     case = case_folder(spec.file)
     known = regions(case)
     if not known:
-        raise SprayError(
-            f"{case}: no mesh: neither constant/polyMesh nor constant/REGION/polyMesh, also not "
-            "in processor folders"
-        )
+        places = "neither constant/polyMesh nor constant/REGION/polyMesh, nor those of processors"
+        raise SprayError(f"{case}: no mesh: {places}")
     processors = split_roots(case)
     chosen, remarks = _region(case, known, processors, spec)
     own = _times(case, chosen)
@@ -152,10 +150,8 @@ def _region(
         )
     ]
     if len(fuelled) != 1:
-        raise SprayError(
-            f"{case}: {len(fuelled)} of its regions have the field {spec.fuel_field!r}; set "
-            f"spray.region to one of {names(known)}"
-        )
+        what = f"{len(fuelled)} of its regions have the field {spec.fuel_field!r}"
+        raise SprayError(f"{case}: {what}; set spray.region to one of {names(known)}")
     others = names(each for each in known if each != fuelled[0])
     chosen = fuelled[0] or _DEFAULT
     return fuelled[0], (f"Region {chosen} has {spec.fuel_field}; not read: {others}.",)
@@ -191,10 +187,8 @@ def refuse_missing_parcels(step: Step) -> None:
     }
     if times:
         shown = ", ".join(sorted(times, key=float)[:5]) + (", ..." if len(times) > 5 else "")
-        raise NotAtThisTime(
-            f"{step.place}: no parcels at this time, but at others: {shown} "
-            f"(spray.cloud: {NO_CLOUD} for gas alone)"
-        )
+        others = f"but at others: {shown} (spray.cloud: {NO_CLOUD} for gas alone)"
+        raise NotAtThisTime(f"{step.place}: no parcels at this time, {others}")
 
 
 def _unread_parcels(folder: Path) -> list[Path]:

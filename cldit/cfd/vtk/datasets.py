@@ -39,10 +39,8 @@ _DIMENSION = {1: 0, 2: 0, 3: 1, 4: 1, 21: 1} | dict.fromkeys((5, 6, 7, 8, 9, 22,
 
 def geometry_of(data: Any) -> tuple[Any, ...]:
     """Coordinates, and the corners of the cells of a grid."""
-    points = as_numpy(data.GetPoints().GetData())
-    if not data.IsA("vtkUnstructuredGrid"):
-        return (points,)
-    return points, as_numpy(data.GetCells().GetConnectivityArray())
+    grid = data.IsA("vtkUnstructuredGrid")
+    return (_points(data), *((_lists(data.GetCells())[0],) if grid else ()))
 
 
 def as_unstructured(data: Any) -> Any:
@@ -130,23 +128,17 @@ def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
         except TypeError:  # vtk before 9.6, where the name means another list
             types = grid.GetCellTypesArray()
         kinds = as_numpy(types)
-    cells = grid.GetCells()
+    nodes, offsets = _lists(grid.GetCells())
     faces, own = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
-    return ElementMesh(
-        points_m=_points(grid),
-        kinds=kinds,
-        offsets=as_numpy(cells.GetOffsetsArray()),
-        nodes=as_numpy(cells.GetConnectivityArray()),
-        source=str(file),
-        faces=None
-        if faces is None or own is None or not own.GetNumberOfCells()
-        else PolyhedronFaces(
-            corners=as_numpy(faces.GetConnectivityArray()),
-            start=as_numpy(faces.GetOffsetsArray()),
-            faces=as_numpy(own.GetConnectivityArray()),
-            first=as_numpy(own.GetOffsetsArray()),
-        ),
-    )
+    solid = None
+    if faces is not None and own is not None and own.GetNumberOfCells():
+        solid = PolyhedronFaces(*_lists(faces), *_lists(own))
+    return ElementMesh(_points(grid), kinds, offsets, nodes, str(file), solid)
+
+
+def _lists(cells: Any) -> tuple[Any, Any]:
+    """Content of all lists of a vtkCellArray, one after the other, and their offsets."""
+    return as_numpy(cells.GetConnectivityArray()), as_numpy(cells.GetOffsetsArray())
 
 
 # bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
@@ -176,19 +168,17 @@ def unmarked(data: Any, marked: Marked) -> Any:
     Points of a mesh are kept, as cells refer to them. Points of a set without cells of three
     dimensions are parcels.
     """
+    in_cells, at_points = data.GetCellData().GetArray(GHOSTS), data.GetPointData().GetArray(GHOSTS)
     if dimension(data) > 0:
-        ghosts = data.GetCellData().GetArray(GHOSTS)
-        if ghosts is None or not (bad := (as_numpy(ghosts) & _MARKED_CELL) != 0).any():
+        if in_cells is None or not (bad := (as_numpy(in_cells) & _MARKED_CELL) != 0).any():
             return data
         marked.cells += int(bad.sum())
         return _cells_of(data, np.flatnonzero(~bad))
     bad = np.zeros(data.GetNumberOfPoints(), dtype=bool)
-    ghosts = data.GetPointData().GetArray(GHOSTS)
-    if ghosts is not None:
-        bad |= (as_numpy(ghosts) & _MARKED_POINT) != 0
-    ghosts = data.GetCellData().GetArray(GHOSTS)
-    if ghosts is not None and data.GetNumberOfCells() == len(bad):  # a vertex a parcel, in order
-        bad |= (as_numpy(ghosts) & _MARKED_CELL) != 0
+    if at_points is not None:
+        bad |= (as_numpy(at_points) & _MARKED_POINT) != 0
+    if in_cells is not None and data.GetNumberOfCells() == len(bad):  # a vertex a parcel, in order
+        bad |= (as_numpy(in_cells) & _MARKED_CELL) != 0
     if not bad.any():
         return data
     marked.points += int(bad.sum())

@@ -34,10 +34,8 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     chosen = choose_cloud(str(path), step.clouds, spec.cloud)
     if chosen is None and spec.cloud != NO_CLOUD and layout.beside:
         shown = ", ".join(map(str, layout.beside))
-        raise SprayError(
-            f"{path}: no parcels, but there may be some in {shown}; give the folder "
-            f"as the case to read both, or set spray.cloud: {NO_CLOUD} for gas alone"
-        )
+        way = f"give the folder to read both, or set spray.cloud: {NO_CLOUD} for gas alone"
+        raise SprayError(f"{path}: no parcels, but there may be some in {shown}; {way}")
     filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
     parts = [_part(each) for each in filled or step.meshes[:1]]  # a processor may have no cell
     several = len(step.meshes) > 1

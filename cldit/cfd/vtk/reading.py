@@ -149,10 +149,8 @@ def _reader(file: Path) -> Any:
     if file.suffix == ".vtk":
         with file.open("rb") as stream:
             if re.search(rb"\n\s*ASCII\s*\n", stream.read(1000)):
-                raise SprayError(
-                    f"{file}: is legacy VTK in ascii, where vtk does not notice truncation; "
-                    "write it in binary or as .vtu"
-                )
+                why = "where vtk does not notice truncation; write it in binary or as .vtu"
+                raise SprayError(f"{file}: is legacy VTK in ascii, {why}")
     reader = readers[file.suffix]()
     reader.SetFileName(str(file))
     return reader

@@ -122,10 +122,9 @@ def find_step(
             raise SprayError(f"{each.text}, whose file {each.file.name} is missing")
     elsewhere = {k for k, each in layout.steps.items() if any(map(_parcels_likely, each))}
     if cloud != NO_CLOUD and elsewhere and not any(map(_parcels_likely, found)):
-        raise NotAtThisTime(
-            f"{found[0].pieces[0]}: no cloud file of the same step {key!r}, but other steps have: "
-            f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
-        )
+        others = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
+        what = f"no cloud file of the same step {key!r}, but other steps have"
+        raise NotAtThisTime(f"{found[0].pieces[0]}: {what}: {others}")
     return _sorted(at, found, layout, loader)
 
 
