@@ -37,22 +37,22 @@ class DrawnPixels:
 
     @classmethod
     def of(
-        cls, before_background: NDArray[np.bool_], emissivity: NDArray[np.floating], *, seed: int
+        cls, sees_background: NDArray[np.bool_], emissivity: NDArray[np.floating], *, seed: int
     ) -> DrawnPixels:
         """Draws pixels.
 
-        `before_background` (H, W) are the pixels that may have a T_app, and `emissivity` (h, w) is
+        `sees_background` (H, W) are the pixels that may have a T_app, and `emissivity` (h, w) is
         that of a coarse image of the same field.
         """
-        rows, columns = before_background.shape
+        rows, columns = sees_background.shape
         near = maximum_filter(emissivity, 3) > _LIKELY * VISIBLE_EMISSIVITY
         down, across = (
             np.arange(count) * few // count
             for count, few in zip((rows, columns), near.shape, strict=True)
         )
-        likely = (near[np.ix_(down, across)] & before_background).astype(float)
-        even = _EVEN * float(likely.sum() / max(before_background.sum(), 1)) or 1.0
-        importance = np.where(before_background, likely + even, 0.0)
+        likely = (near[np.ix_(down, across)] & sees_background).astype(float)
+        even = _EVEN * float(likely.sum() / max(sees_background.sum(), 1)) or 1.0
+        importance = np.where(sees_background, likely + even, 0.0)
         return cls((rows, columns), PixelSample.of(importance.ravel(), most=_MOST, seed=seed))
 
     @property

@@ -17,7 +17,7 @@ from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Audit
-from cldit.transport.trace import Settings, Trace, settings_for, trace
+from cldit.transport.trace import Trace, TraceSettings, settings_for, trace
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def node_settings(
     phases: Sequence[ScatteringTable | None],
     *,
     tolerance_K: float | None = None,
-) -> list[Settings]:
+) -> list[TraceSettings]:
     """Settings of each node's trace, with which the sum of all is as accurate as asked for.
 
     The nodes get directions of their own, so that their errors are independent, and partly cancel
@@ -102,7 +102,7 @@ def trace_nodes(
     quadrature: Quadrature,
     scene: Scene,
     device: Device,
-    settings: Sequence[Settings],
+    settings: Sequence[TraceSettings],
     *,
     report: Callable[[str], None] | None,
 ) -> NodeTraces:

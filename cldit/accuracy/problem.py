@@ -19,7 +19,7 @@ from cldit.prepare.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 from cldit.spray.result import Spray
-from cldit.transport.trace import Settings
+from cldit.transport.trace import TraceSettings
 
 _COARSER = 1.15  # steps to the finest lattice that suits a cone, or fits the memory
 _HARDLY = 0.9  # of an edge: cells that are not smaller than that have nearly the same error
@@ -89,7 +89,7 @@ class Problem:
             return resolution
         return clamp_to_memory(resolution, self._prepared[1])
 
-    def settings(self, resolution: Resolution, prepared: Prepared) -> list[Settings]:
+    def settings(self, resolution: Resolution, prepared: Prepared) -> list[TraceSettings]:
         """Settings of each wavelength's trace; some pixels of one are traced by more rays."""
         properties = prepared.properties
         settings = node_settings(

@@ -27,7 +27,7 @@ from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 from cldit.transport.cells import OpticalCells
-from cldit.transport.trace import Settings, trace
+from cldit.transport.trace import TraceSettings, trace
 from cldit.transport.view import View
 
 _PREVIEW, _PREVIEW_CELLS = 256, 256  # pixels, and cells, along an edge of the preview
@@ -46,7 +46,7 @@ class VariantTracer:
 
     scene: Scene
     device: Device
-    settings: Settings
+    settings: TraceSettings
     prepared: Prepared
     drawn: DrawnPixels | None
     temperature: NodeTemperature
@@ -60,7 +60,7 @@ class VariantTracer:
         cls,
         scene: Scene,
         device: Device,
-        settings: Settings,
+        settings: TraceSettings,
         prepared: Prepared,
         key: Any = None,
         before: VariantTracer | None = None,
@@ -77,7 +77,7 @@ class VariantTracer:
             drawn = None if before is None else before.drawn
             if drawn is None:
                 emissivity = preview(scene, device, mine, prepared)
-                background = temperature.before_background
+                background = temperature.sees_background
                 drawn = DrawnPixels.of(background, emissivity, seed=mine.seed)
             temperature = temperature.picked(drawn.sample.pixels)
         return cls(
@@ -156,7 +156,7 @@ class VariantTracer:
             self.variants[name, depth] = self._traced(make(), depth, settings)
         return self.variants[name, depth]
 
-    def _traced(self, sources: Sources, depth: int, settings: Settings) -> ImagePair:
+    def _traced(self, sources: Sources, depth: int, settings: TraceSettings) -> ImagePair:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
@@ -182,7 +182,7 @@ def temperature_of(scene: Scene, prepared: Prepared) -> NodeTemperature:
     names = tuple(patch.name for patch in scene.patches)
     nothing = build_octrees(prepared.cube.at(0), [(None, [])], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
-    return NodeTemperature.of(scene, prepared.node, view.before_background)
+    return NodeTemperature.of(scene, prepared.node, view.sees_background)
 
 
 def _tree(scene: Scene, prepared: Prepared, sources: Sources, frame: Frame) -> Octree:
@@ -194,7 +194,7 @@ def _tree(scene: Scene, prepared: Prepared, sources: Sources, frame: Frame) -> O
     )[0]
 
 
-def preview(scene: Scene, device: Device, settings: Settings, prepared: Prepared) -> Floats:
+def preview(scene: Scene, device: Device, settings: TraceSettings, prepared: Prepared) -> Floats:
     """Emissivity (h, w) of the medium in few pixels, on coarse cells without scattering."""
     cube, camera = prepared.cube, scene.camera
     finest_m = max(camera.field_m) / _PREVIEW_CELLS

@@ -22,7 +22,7 @@ from cldit.radiance.weights import Weights
 from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
-from cldit.transport.trace import Settings, Trace, settings_for, trace
+from cldit.transport.trace import Trace, TraceSettings, settings_for, trace
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
@@ -151,11 +151,11 @@ class Case:
         """Same medium with another camera or other transport keys."""
         return replace(self, scene=scene)
 
-    def settings(self, **transport: Any) -> Settings:
+    def settings(self, **transport: Any) -> TraceSettings:
         """Settings with keys of the scene's `transport` replaced."""
         return settings_for(changed(self.scene, transport=transport), self.phase)
 
-    def run(self, settings: Settings) -> tuple[Trace, Cost]:
+    def run(self, settings: TraceSettings) -> tuple[Trace, Cost]:
         """Trace and its cost. Run new settings once before, as drivers compile at first launch."""
         result, cost = clocked(
             self.device, lambda: trace(self.tree, self.scene, self.device, settings)
@@ -167,7 +167,7 @@ class Case:
     @cached_property
     def _temperature(self) -> NodeTemperature:
         nodes = self.medium.properties.chosen.nodes
-        before = View.of(self.scene, OpticalCells.of(self.tree)).before_background
+        before = View.of(self.scene, OpticalCells.of(self.tree)).sees_background
         return NodeTemperature.of(self.scene, nodes[len(nodes) // 2], before)
 
     def temperature_K(self, weights: Weights) -> Floats:

@@ -19,7 +19,7 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.show.figures.sheet import figure_of
-from cldit.transport.trace import Settings
+from cldit.transport.trace import TraceSettings
 
 Floats = NDArray[np.float64]
 
@@ -109,7 +109,7 @@ class Row:
 
 def path_settings(
     case: Case, samples: int, *, phase: Any, order: int | None = None, seed: int = 11
-) -> Settings:
+) -> TraceSettings:
     """Settings of path tracing with a fixed number of samples, whatever the error."""
     settings = case.settings(
         method="path", phase=phase, order=order, max_samples=max(samples, 128), seed=seed

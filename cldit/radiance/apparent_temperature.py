@@ -176,20 +176,20 @@ class NodeTemperature:
     """T_app of weights in one spectral node, by a table of the node's black-body radiance.
 
     grid_K, radiance: (N,), the table. wall, patches: radiances of the boundary.
-    before_background: (H, W), which lines of sight end on the background.
+    sees_background: (H, W), which lines of sight end on the background.
     """
 
     grid_K: Floats
     radiance: Floats
     wall: float
     patches: Mapping[str, float]
-    before_background: NDArray[np.bool_]
+    sees_background: NDArray[np.bool_]
 
     @classmethod
     def of(
-        cls, scene: Scene, node: SpectralNode, before_background: NDArray[np.bool_]
+        cls, scene: Scene, node: SpectralNode, sees_background: NDArray[np.bool_]
     ) -> NodeTemperature:
-        """Tabulates a node; `before_background` (H, W) has the lines of sight that end on it."""
+        """Tabulates a node; `sees_background` (H, W) has the lines of sight that end on it."""
         grid_K = np.geomspace(20.0, 5000.0, 20_000)
         radiance = np.asarray(node.radiance(grid_K), float)
 
@@ -197,11 +197,11 @@ class NodeTemperature:
             return np.asarray(np.interp(np.asarray(temperature_K, float), grid_K, radiance))
 
         around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
-        return cls(grid_K, radiance, around.wall, around.patches, before_background)
+        return cls(grid_K, radiance, around.wall, around.patches, sees_background)
 
     def picked(self, pixels: NDArray[np.int64]) -> NodeTemperature:
         """The same for pixels (N,), flat numbers, whose weights are one row (1, N)."""
-        return replace(self, before_background=self.before_background.reshape(1, -1)[:, pixels])
+        return replace(self, sees_background=self.sees_background.reshape(1, -1)[:, pixels])
 
     def __call__(self, weights: Weights) -> Floats:
         """T_app (H, W); NaN off the background, and where the medium is transparent."""
@@ -209,7 +209,7 @@ class NodeTemperature:
         emissivity = 1.0 - weights.background.astype(float)
         apparent = np.divide(own, emissivity, out=np.zeros_like(own), where=emissivity > 1e-6)
         # Interpolated between logarithms, whose curve over 1 / T is nearly straight.
-        known = (apparent > self.radiance[0]) & self.before_background
+        known = (apparent > self.radiance[0]) & self.sees_background
         inverse = np.interp(
             np.log(np.where(known, apparent, 1.0)), np.log(self.radiance), -1.0 / self.grid_K
         )

@@ -27,7 +27,7 @@ from cldit.run.result import Run
 from cldit.run.spectral import SpectralInfo
 from cldit.scene import Scene
 from cldit.spray.result import Spray
-from cldit.transport.trace import Settings
+from cldit.transport.trace import TraceSettings
 
 _ALIKE = 1e-5  # of sums in double precision over float32 fields, in another order on other machines
 
@@ -43,7 +43,7 @@ class Rebuilt:
     scene: Scene
     number: int
     tree: Octree
-    settings: Settings
+    settings: TraceSettings
     spray: Spray
     remarks: tuple[str, ...]
 

@@ -15,7 +15,7 @@ from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
-from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.result import Trace, TraceSettings, weights_of
 from cldit.transport.view import View, check_boundary, upload_tree
 
 HIGHEST_ORDER = 3  # each order costs about a hundred times the one before
@@ -25,7 +25,7 @@ def trace_branching(
     cells: OpticalCells,
     scene: Scene,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
     report: Callable[[str], None] | None,
 ) -> Trace:
     """Weights by the paper's method, which drops light below the cut-off.

@@ -23,7 +23,7 @@ Method = Literal["source", "path", "branching"]
 
 
 @dataclass(frozen=True)
-class Settings:
+class TraceSettings:
     """Numerical settings of a trace; `settings_for` derives them from the wanted accuracy.
 
     directions: ordinates of the defect correction; GMRES has fewer (`Tuning.solver_share`).
@@ -137,7 +137,7 @@ class Trace:
     short: reason why the final gather stopped before the wanted accuracy; empty if it did not.
     pixel_sample: the pixels in the image's one row, if `path` traced only some.
     closure: energy balance; None if no pixel was traced.
-    subpixels: some pixels by more rays, if `Settings.subpixels` is set and a pixel has a T_app.
+    subpixels: some pixels by more rays, by `TraceSettings.subpixels`; None if none has a T_app.
     """
 
     weights: Weights

@@ -35,7 +35,7 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.image import FormalSolution
-from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.result import Trace, TraceSettings, weights_of
 from cldit.transport.subpixels import sampled_subpixels
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View, check_boundary
@@ -48,7 +48,7 @@ def trace_source(
     scene: Scene,
     view: View,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
     report: Callable[[str], None] | None,
     pixels: NDArray[np.int64] | None = None,
 ) -> Trace:
@@ -137,7 +137,7 @@ def trace_source(
     )
 
 
-def thick_region(cells: OpticalCells, settings: Settings) -> ThickRegion | None:
+def thick_region(cells: OpticalCells, settings: TraceSettings) -> ThickRegion | None:
     """Region of `cells` that the final gather refines; None if it refines none."""
     if not (settings.within_cells and cells.needs.scattering):
         return None
@@ -157,7 +157,7 @@ def formal_solution(
     scene: Scene,
     view: View,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
 ) -> FormalSolution:
     """Formal solution for one image of each half of the ordinates.
 
@@ -181,7 +181,7 @@ def source_function(
     tree: Octree,
     scene: Scene,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
     boundary: Mapping[str, float],
 ) -> Floats:
     """Source function (P,) of stored cells and coarse leaves to the camera, by stages 1 to 3.

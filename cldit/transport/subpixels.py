@@ -27,7 +27,7 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.image import RAYS_ACROSS
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.result import Settings, Subpixels, weights_of
+from cldit.transport.result import Subpixels, TraceSettings, weights_of
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
@@ -44,7 +44,7 @@ def sampled_subpixels(
     cells: OpticalCells,
     scene: Scene,
     view: View,
-    settings: Settings,
+    settings: TraceSettings,
 ) -> Subpixels | None:
     """Draws pixels of an image and traces them by more rays; None if no pixel has a T_app.
 
@@ -65,7 +65,7 @@ def sampled_subpixels(
     few = RAYS_ACROSS[scene.camera.rays_per_pixel]
     across = _MORE * few
     rim = np.zeros(flat.shape[1])
-    at = np.flatnonzero(seen & ~minimum_filter(view.before_background, 3).reshape(-1))
+    at = np.flatnonzero(seen & ~minimum_filter(view.sees_background, 3).reshape(-1))
     if len(at):
         seen_by = [view.boundary_shares(at, each) for each in (few, across)]
         as_seen = [_evaluated(flat[:-1, at], seen_by[0], each) for each in seen_by]

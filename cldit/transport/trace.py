@@ -24,17 +24,17 @@ from cldit.transport.monte_carlo.audit import audited
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
-from cldit.transport.result import Settings, Trace
+from cldit.transport.result import Trace, TraceSettings
 from cldit.transport.source_iteration import trace_source
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
-__all__ = ["Settings", "Trace", "settings_for", "trace"]
+__all__ = ["Trace", "TraceSettings", "settings_for", "trace"]
 
 
 def settings_for(
     scene: Scene, mie: ScatteringTable | None = None, *, tolerance_K: float | None = None
-) -> Settings:
+) -> TraceSettings:
     """Settings for an RMS error of T_app: `tolerance_K`, or None: `transport.accuracy_K`.
 
     With n = `transport.directions`, the final sweeps have 3 n ordinates and the defect correction
@@ -53,7 +53,7 @@ def settings_for(
     few = int(np.clip(8 * round(wanted // 8 * finer), 16, 512))
     directions = spec.directions or few
     deeper = float(np.clip(accuracy_K / tuning.path_depth_at_K, 1.0, 3.0))
-    return Settings(
+    return TraceSettings(
         directions=max(8, directions // 2),
         final_directions=3 * directions,
         tolerance=float(np.clip(tuning.tolerance / finer, 1e-6, tuning.tolerance_most)),
@@ -79,7 +79,7 @@ def trace(
     tree: Octree,
     scene: Scene,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
     *,
     report: Callable[[str], None] | None = None,
     audit_sample: PixelSample | None = None,

@@ -18,7 +18,7 @@ def _number(value: Any, trades: str, shown_by: str) -> Any:
 
 @dataclass(frozen=True)
 class Tuning:
-    """Numbers of a trace, see `Settings.tuning`.
+    """Numbers of a trace, see `TraceSettings.tuning`.
 
     A field's metadata has `trades`, the effects of a larger or smaller value, and `shown_by`, the
     command or page that shows them. Optical depths are those of a cell's edge.

@@ -80,7 +80,7 @@ class View:
         return (columns, all_rows if rows is None else rows), (edge, edge)
 
     @cached_property
-    def before_background(self) -> NDArray[np.bool_]:
+    def sees_background(self) -> NDArray[np.bool_]:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
         return self.on_background(np.arange(columns * rows)).reshape(rows, columns)

@@ -15,7 +15,7 @@ from cldit.bench.error import Truth
 from cldit.bench.report import Part, Table, number
 from cldit.gpu.device import Device
 from cldit.scene import Scene, load_scene, parse_scene
-from cldit.transport.trace import Settings
+from cldit.transport.trace import TraceSettings
 from tests.bench.page import write_measured
 from tests.verify.blocks import Blocks
 from tests.verify.slab import run_slab
@@ -24,12 +24,12 @@ SEEDS = 4
 _INF = float("inf")
 
 
-def _tuned(**numbers: Any) -> Callable[[Settings], Settings]:
+def _tuned(**numbers: Any) -> Callable[[TraceSettings], TraceSettings]:
     return lambda settings: replace(settings, tuning=replace(settings.tuning, **numbers))
 
 
 # What is switched off, and how: settings with every mechanism -> settings without this one.
-MECHANISMS: dict[str, Callable[[Settings], Settings]] = {
+MECHANISMS: dict[str, Callable[[TraceSettings], TraceSettings]] = {
     "defect correction (all ordinates in GMRES)": _tuned(solver_share=1.0),
     "denser moment sweeps": _tuned(moment_share=1),
     "linear sources": _tuned(linear_depth=_INF),

@@ -61,7 +61,7 @@ def main() -> None:
     )
     whole = replace(whole, settings=replace(whole.settings, subpixels=False))
     seen = preview(tracer.scene, tracer.device, tracer.settings, tracer.prepared)
-    before = whole.temperature.before_background
+    before = whole.temperature.sees_background
     draws = [DrawnPixels.of(before, seen, seed=seed) for seed in range(given.draws)]
     print("cells, mm          all, K   drawn: least, mean, most   below all")
     for coarse, fine in pairwise(given.halvings):

@@ -21,13 +21,13 @@ from cldit.bench.error import Truth
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.scene import load_scene
-from cldit.transport.trace import Settings
+from cldit.transport.trace import TraceSettings
 
 
 class Even(Case):
     """A case whose coefficients are constant in cells, for all methods."""
 
-    def settings(self, **transport: Any) -> Settings:
+    def settings(self, **transport: Any) -> TraceSettings:
         """As in `Case`."""
         return replace(super().settings(**transport), linear_coefficients=False)
 

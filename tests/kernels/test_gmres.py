@@ -14,7 +14,7 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-from cldit.transport.trace import Settings, trace
+from cldit.transport.trace import TraceSettings, trace
 from tests.phase_tables import henyey_greenstein
 
 from .medium import random_tree, scene_of, sweeper_of
@@ -68,7 +68,7 @@ def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(Sweeper, "__init__", counted)
     scene = scene_of()
-    settings = Settings(
+    settings = TraceSettings(
         directions=8,
         final_directions=16,
         tolerance=1e-3,

@@ -7,7 +7,7 @@ import pytest
 
 from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells
-from cldit.transport.trace import Settings, trace
+from cldit.transport.trace import TraceSettings, trace
 
 from .medium import random_tree, scene_of, source_planes
 from .reference import march
@@ -18,7 +18,7 @@ def test_image_against_numpy(device: Device, model: str) -> None:
     """Order 0 of a random medium, ray by ray, against independently computed cell crossings."""
     tree = random_tree(6)
     scene = scene_of(model=model)
-    settings = Settings(
+    settings = TraceSettings(
         directions=8,
         final_directions=16,
         tolerance=1e-3,

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS, Drop, Model
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
+from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
 
 _COPIES = 64  # of the droplet, followed together as in a spray
 _STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -223,15 +223,15 @@ def measure_all(
     return found, {case: measure_euler(case, first, fuel, gas) for case in CASES}
 
 
-def _states(case: Case, fuel: Fuel) -> tuple[Droplets, Surroundings]:
+def _states(case: Case, fuel: Fuel) -> tuple[DropletStates, DropletSurroundings]:
     def many(value: float) -> Floats:
         return np.full(_COPIES, value)
 
     mass = fuel.mass_kg(many(case.diameter_m), many(case.temperature_K))
     rest = np.zeros((_COPIES, 1))
     return (
-        Droplets(mass, many(case.temperature_K), rest),
-        Surroundings(many(case.gas_K), many(case.pressure_Pa), many(0.0), rest),
+        DropletStates(mass, many(case.temperature_K), rest),
+        DropletSurroundings(many(case.gas_K), many(case.pressure_Pa), many(0.0), rest),
     )
 
 

@@ -126,7 +126,7 @@ def test_what_stands_before_the_background(
         patches=[patch],
         transport={"directions": 8, "gather": False},
     )
-    seen = to_audit[0][2].before_background
+    seen = to_audit[0][2].sees_background
     np.testing.assert_array_equal(seen, run.reference.background > 0.5)
     assert 0.1 < seen.mean() < 0.95
 

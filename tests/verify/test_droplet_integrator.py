@@ -24,7 +24,7 @@ from cldit.spray.droplet.evaporation import (
 )
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.droplet.gasfilm import Here, Tables
-from cldit.spray.droplet.integrator import Advance, Droplets, Surroundings, advance
+from cldit.spray.droplet.integrator import Advance, DropletStates, DropletSurroundings, advance
 from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
 
 
@@ -41,23 +41,25 @@ def nitrogen() -> Gas:
 
 def droplets(
     *, diameter_m: ArrayLike = 9e-6, liquid_K: ArrayLike = 370.0, velocity_m_s: ArrayLike = 0.0
-) -> Droplets:
+) -> DropletStates:
     """Moving along the only axis."""
     d, t, u = np.broadcast_arrays(*np.atleast_1d(diameter_m, liquid_K, velocity_m_s))
-    return Droplets(n_heptane().mass_kg(d, t), t.astype(float), u.astype(float)[:, None])
+    return DropletStates(n_heptane().mass_kg(d, t), t.astype(float), u.astype(float)[:, None])
 
 
 def around(
     count: int = 1, *, gas_K: float = 573.0, pressure_Pa: float = 0.6e6, vapour: float = 0.0
-) -> Surroundings:
+) -> DropletSurroundings:
     """Gas at rest."""
     many = np.ones(count)
-    return Surroundings(gas_K * many, pressure_Pa * many, vapour * many, np.zeros((count, 1)))
+    return DropletSurroundings(
+        gas_K * many, pressure_Pa * many, vapour * many, np.zeros((count, 1))
+    )
 
 
 def follow(
-    start: Droplets,
-    gas: Surroundings,
+    start: DropletStates,
+    gas: DropletSurroundings,
     duration_s: float,
     *,
     model: Model = abramzon_sirignano,
@@ -276,18 +278,18 @@ def test_second_order_in_the_step() -> None:
 # --- conservation ---------------------------------------------------------------------------------
 
 
-def crowd(count: int, seed: int) -> tuple[Droplets, Surroundings]:
+def crowd(count: int, seed: int) -> tuple[DropletStates, DropletSurroundings]:
     rng = np.random.default_rng(seed)
     diameter = np.exp(rng.uniform(np.log(0.1e-6), np.log(100e-6), count))
     warm = rng.uniform(260.0, 420.0, count)
-    gas = Surroundings(
+    gas = DropletSurroundings(
         rng.uniform(280.0, 900.0, count),
         np.exp(rng.uniform(np.log(0.1e6), np.log(2.2e6), count)),
         rng.uniform(0.0, 0.6, count),
         rng.normal(0.0, 20.0, (count, 3)),
     )
     speed = rng.normal(0.0, 60.0, (count, 3))
-    return Droplets(n_heptane().mass_kg(diameter, warm), warm, speed), gas
+    return DropletStates(n_heptane().mass_kg(diameter, warm), warm, speed), gas
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -388,7 +390,7 @@ def test_superheated_droplets_cool_to_boiling(name: str) -> None:
 @pytest.mark.parametrize("name", MODELS)
 def test_no_step_is_too_long_and_no_droplet_too_small(name: str) -> None:
     start, gas = crowd(300, seed=11)
-    dry = Surroundings(gas.temperature_K, gas.pressure_Pa, np.zeros(300), gas.velocity_m_s)
+    dry = DropletSurroundings(gas.temperature_K, gas.pressure_Pa, np.zeros(300), gas.velocity_m_s)
     found = follow(start, dry, 1e5, model=MODELS[name])
     assert np.all(found.gone_s < 1e5) and np.all(found.droplets.mass_kg == 0)
     assert found.steps < 300
@@ -396,20 +398,25 @@ def test_no_step_is_too_long_and_no_droplet_too_small(name: str) -> None:
 
 
 def test_nothing_to_do() -> None:
-    none = Droplets(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-    empty = Surroundings(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    none = DropletStates(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+    empty = DropletSurroundings(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     assert follow(none, empty, 1.0).mass_kg.size == 0
     start = droplets()
     still = follow(start, around(), 0.0)
     assert still.droplets.mass_kg[0] == start.mass_kg[0] and still.gone_s[0] == np.inf
-    gone = Droplets(np.zeros(1), start.temperature_K, start.velocity_m_s)
+    gone = DropletStates(np.zeros(1), start.temperature_K, start.velocity_m_s)
     assert follow(gone, around(), 1.0).gone_s[0] == 0.0
 
 
 @pytest.mark.parametrize(
     ("start", "gas", "duration_s", "says"),
     [
-        (Droplets(np.array([-1e-12]), np.array([300.0]), np.zeros((1, 1))), around(), 1, "mass_kg"),
+        (
+            DropletStates(np.array([-1e-12]), np.array([300.0]), np.zeros((1, 1))),
+            around(),
+            1,
+            "mass_kg",
+        ),
         (droplets(liquid_K=535.0), around(), 1, "temperature_K of a droplet is 535"),
         (droplets(), around(gas_K=float("nan")), 1, "temperature_K of the gas is nan"),
         (droplets(), around(pressure_Pa=3e6), 1, "pressure_Pa of the gas is 3e.06"),
@@ -419,6 +426,8 @@ def test_nothing_to_do() -> None:
         (droplets(), around(), float("nan"), "duration_s is nan"),
     ],
 )
-def test_refused(start: Droplets, gas: Surroundings, duration_s: float, says: str) -> None:
+def test_refused(
+    start: DropletStates, gas: DropletSurroundings, duration_s: float, says: str
+) -> None:
     with pytest.raises(SprayError, match=says):
         follow(start, gas, duration_s)

@@ -17,7 +17,7 @@ from cldit.scene import Scene, parse_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Method
-from cldit.transport.trace import Settings, trace
+from cldit.transport.trace import TraceSettings, trace
 from tests.phase_tables import henyey_greenstein
 
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ EDGE_M, SIGMA_M, PIXELS = 0.16, 0.012, 37
 CENTRE_M = np.array([0.0013, -0.0021, 0.0017])  # nowhere a centre of cells
 HOT_M = np.array([0.006, 0.0, -0.004])  # centre of what emits, with the same width
 DEPTH, EMISSION = 1.5, 2.0
-SETTINGS = Settings(
+SETTINGS = TraceSettings(
     directions=16,
     final_directions=96,
     tolerance=1e-4,

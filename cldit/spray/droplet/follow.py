@@ -14,7 +14,7 @@ from cldit.errors import SprayError
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
-from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
+from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
 
 COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
 LARGEST_M = 5e-3  # a free drop of fuel breaks up below this
@@ -97,19 +97,19 @@ def follow(
     check_conditions(
         liquid, temperature_K=temperature_K, gas_K=gas_temperature_K, pressure_Pa=pressure_Pa
     )
-    start = Droplets(
+    start = DropletStates(
         liquid.mass_kg([diameter_m], [temperature_K]),
         np.array([temperature_K]),
         np.array([[velocity_m_s]]),
     )
-    around = Surroundings(
+    around = DropletSurroundings(
         np.array([gas_temperature_K]),
         np.array([pressure_Pa]),
         np.array([vapour]),
         np.zeros((1, 1)),
     )
 
-    def after(state: Droplets, seconds: float) -> tuple[Droplets, float]:
+    def after(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
         found = advance(
             state,
             around,

@@ -23,7 +23,7 @@ _TOGETHER = 256  # droplets that a thread takes at a time; stiff ones occur in g
 
 
 @dataclass(frozen=True)
-class Droplets:
+class DropletStates:
     """Droplets: mass_kg of each and temperature_K, (N,); velocity_m_s, (N, k), any k."""
 
     mass_kg: Floats
@@ -32,7 +32,7 @@ class Droplets:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class DropletSurroundings:
     """Gas around each droplet, (N,); velocity_m_s, (N, k). vapour: mass fraction of fuel."""
 
     temperature_K: Floats
@@ -53,7 +53,7 @@ class Advance:
     steps: largest number of steps of a droplet, including rejected ones.
     """
 
-    droplets: Droplets
+    droplets: DropletStates
     gone_s: Floats
     path_m: Floats
     mass_kg: Floats
@@ -63,8 +63,8 @@ class Advance:
 
 
 def advance(
-    droplets: Droplets,
-    surroundings: Surroundings,
+    droplets: DropletStates,
+    surroundings: DropletSurroundings,
     duration_s: float,
     *,
     fuel: Fuel,
@@ -128,7 +128,7 @@ def advance(
     heat = fuel.liquid.one("enthalpy", temperature)
     heat0 = fuel.liquid.one("enthalpy", droplets.temperature_K)
     return Advance(
-        droplets=Droplets(mass, temperature, velocity),
+        droplets=DropletStates(mass, temperature, velocity),
         gone_s=gone,
         path_m=path,
         mass_kg=droplets.mass_kg - mass,
@@ -139,7 +139,9 @@ def advance(
     )
 
 
-def _check(droplets: Droplets, around: Surroundings, duration_s: float, fuel: Fuel) -> None:
+def _check(
+    droplets: DropletStates, around: DropletSurroundings, duration_s: float, fuel: Fuel
+) -> None:
     mass, temperature = droplets.mass_kg, droplets.temperature_K
     checks = (
         ("mass_kg of a droplet", mass, 0.0, 1e-3),
@@ -162,7 +164,9 @@ def _check(droplets: Droplets, around: Surroundings, duration_s: float, fuel: Fu
             raise SprayError(f"velocity_m_s of the {name} is not finite, or above 10 km/s")
 
 
-def _stuck(fuel: Fuel, mass: Floats, temperature: Floats, around: Surroundings, at: int) -> str:
+def _stuck(
+    fuel: Fuel, mass: Floats, temperature: Floats, around: DropletSurroundings, at: int
+) -> str:
     return (
         f"droplet {at} of {fuel.name} cannot be integrated: mass {mass[at]:g} kg, "
         f"{temperature[at]:g} K, in gas of {around.temperature_K[at]:g} K, "

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.spray.droplet.evaporation import Drop, Model, film, surface_vapour
 from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.integrator import Droplets, Surroundings, advance
+from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
 from cldit.spray.flow.exchange import FACES, gather, scatter
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.gasjet import HALF_WIDTH, HANDED_OVER_CELLS, Jets
@@ -95,7 +95,7 @@ def move(
     there = half + (jet.weight * jet.ahead_m)[:, None] * jet.axis
     around = _seen(cloud, there, flow, liquid, jet, step_s=step_s)
     found = advance(
-        Droplets(cloud.mass_kg, cloud.temperature_K, cloud.velocity_m_s),
+        DropletStates(cloud.mass_kg, cloud.temperature_K, cloud.velocity_m_s),
         around,
         step_s,
         fuel=liquid.fuel,
@@ -137,7 +137,7 @@ def _seen(
     jet: _JetAtParcels,
     *,
     step_s: float,
-) -> Surroundings:
+) -> DropletSurroundings:
     """Gas around each parcel at the end of the step, for linear rates (point-implicit).
 
     With the exchange coefficients k of the parcels, and their sum K over the cell and the step per
@@ -185,7 +185,7 @@ def _seen(
     k, (mean_share,) = sums(mass, surface)
     share = (share + k * mean_share) / (1 + k)
     felt = jet.faster(speed)
-    return Surroundings(hot, pressure, share, felt)
+    return DropletSurroundings(hot, pressure, share, felt)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from cldit.transport.discrete_ordinates.gradients import diffusion_matters
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, about_camera, for_boundary
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.phase import PHASE_STEPS
-from cldit.transport.result import Settings
+from cldit.transport.result import TraceSettings
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View
 
@@ -54,7 +54,7 @@ class SweepProblem:
     scene: Scene
     view: View
     device: Device
-    settings: Settings
+    settings: TraceSettings
     defines: Mapping[str, Define]
     update: Program
     solver_defines: Mapping[str, Define]
@@ -70,7 +70,7 @@ class SweepProblem:
         scene: Scene,
         view: View,
         device: Device,
-        settings: Settings,
+        settings: TraceSettings,
     ) -> SweepProblem:
         """Chooses the physics of the sweeps, and builds the program of the final ones."""
         share: float | Floats = 1.0
@@ -234,7 +234,7 @@ class SweepProblem:
         )
 
 
-def _forward_peak(settings: Settings, view: View) -> ForwardPeak | None:
+def _forward_peak(settings: TraceSettings, view: View) -> ForwardPeak | None:
     """Forward peak that blurs the boundary in the final sweeps; None: no blur.
 
     A uniform boundary is not blurred.
@@ -248,7 +248,7 @@ def _forward_peak(settings: Settings, view: View) -> ForwardPeak | None:
 
 
 def _source_defines(
-    settings: Settings, linear_cells: NDArray[np.bool_] | None
+    settings: TraceSettings, linear_cells: NDArray[np.bool_] | None
 ) -> dict[str, Define]:
     """Defines of the sources after the solver."""
     flags: dict[str, Define] = {}

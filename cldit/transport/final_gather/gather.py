@@ -34,7 +34,7 @@ from cldit.transport.discrete_ordinates.quadrature import (
 from cldit.transport.final_gather.cell_sources import CellSources
 from cldit.transport.image import FormalSolution
 from cldit.transport.phase import PHASE_STEPS
-from cldit.transport.result import Settings
+from cldit.transport.result import TraceSettings
 from cldit.transport.sobol import points
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import upload_tree
@@ -135,7 +135,7 @@ class Gather:
         box: SweptBox,
         thick: ThickRegion,
         ends: CellSources,
-        settings: Settings,
+        settings: TraceSettings,
         flags: Mapping[str, Define] | None = None,
     ) -> None:
         """Uploads the thick region and the stored radiance `ends` to every device.

@@ -28,7 +28,7 @@ from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.result import Audit, Settings, Trace
+from cldit.transport.result import Audit, Trace, TraceSettings
 from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
@@ -41,7 +41,7 @@ def audited(
     scene: Scene,
     view: View,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
     result: Trace,
     sample: PixelSample | None = None,
 ) -> Trace:

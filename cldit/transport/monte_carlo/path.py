@@ -24,7 +24,7 @@ from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.result import Settings, Trace, weights_of
+from cldit.transport.result import Trace, TraceSettings, weights_of
 from cldit.transport.sobol import columns
 from cldit.transport.view import View, check_boundary, upload_tree
 
@@ -122,7 +122,7 @@ def trace_path(
     cells: OpticalCells,
     scene: Scene,
     device: Device,
-    settings: Settings,
+    settings: TraceSettings,
     report: Callable[[str], None] | None,
     *,
     draw: Callable[[Floats], PixelSample] | None = None,
