@@ -41,7 +41,6 @@ windows:
   - {side: rear, material: sapphire, thickness_m: 0.008, temperature_K: 430}
 """
 NINE_UM = "{diameter_um: 9.0}"
-SLOW = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -54,15 +53,14 @@ def run_of(text: str, folder: Path, device: Device) -> Run:
     return cldit.simulate(load_scene(folder / "scene.yaml"), device=device, cache=folder / "cache")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("droplets", "sauter_um"),
     [
-        pytest.param("{m_um: 1.5, n: 1.0, p: 3.0}", 9.0, marks=SLOW),  # m (p + 3)
-        pytest.param(NINE_UM, 9.0, marks=SLOW),
-        pytest.param(
-            "{median_um: 6.0, sigma: 1.4}", 6.0 * np.exp(2.5 * np.log(1.4) ** 2), marks=SLOW
-        ),
-        pytest.param("{d_um: 10.0, q: 3.0}", 10.0 / gamma(1 - 1 / 3), marks=SLOW),  # q: d / gamma
+        ("{m_um: 1.5, n: 1.0, p: 3.0}", 9.0),  # m (p + 3)
+        (NINE_UM, 9.0),
+        ("{median_um: 6.0, sigma: 1.4}", 6.0 * np.exp(2.5 * np.log(1.4) ** 2)),
+        ("{d_um: 10.0, q: 3.0}", 10.0 / gamma(1 - 1 / 3)),  # d / gamma(1 - 1 / q)
         # 15 and 5 a um: sums of (b^4 - a^4) / 4 over those of (b^3 - a^3) / 3
         (
             "{edges_um: [4.0, 8.0, 12.0], number: [60.0, 20.0]}",

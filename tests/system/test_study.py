@@ -30,6 +30,7 @@ _TINY = {
 _FEW = {**_TINY, "camera.pixels": [16, 16]}  # where only what is traced counts
 
 
+@pytest.mark.slow
 def test_walls(tmp_path: Path) -> None:
     """Six walls from one trace; then all of it from the cache."""
     lab = Lab(RunCache(tmp_path / "cache"), quick=True, always=_TINY)

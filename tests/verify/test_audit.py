@@ -105,7 +105,10 @@ def test_unbiased(
     assert 0.6 * scatter < np.sqrt(np.mean(doubts**2)) < 2.0 * scatter
 
 
-@pytest.mark.parametrize(("shape", "model"), [("disc", "pinhole"), ("enclosure", "orthographic")])
+@pytest.mark.parametrize(
+    ("shape", "model"),
+    [pytest.param("disc", "pinhole", marks=pytest.mark.slow), ("enclosure", "orthographic")],
+)
 def test_what_stands_before_the_background(
     run_block: Callable[..., Run], to_audit: list[Any], shape: str, model: str
 ) -> None:

@@ -87,7 +87,8 @@ def three_moments_cost(radius: float, rng: np.random.Generator, count: int = 1_0
     return float(np.mean(weight * (ahead + smooth - wanted)))
 
 
-@pytest.mark.parametrize("radius_m", [pytest.param(0.015, marks=pytest.mark.slow), 0.03])
+@pytest.mark.slow
+@pytest.mark.parametrize("radius_m", [0.015, 0.03])
 def test_blurred_boundary_takes_off_what_three_moments_cost(
     run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, radius_m: float
 ) -> None:

@@ -31,7 +31,9 @@ def block(
     )
 
 
-@pytest.mark.parametrize(("order", "pixels"), [(0, 16), (1, 16), (2, 6)])
+@pytest.mark.parametrize(
+    ("order", "pixels"), [(0, 16), (1, 16), pytest.param(2, 6, marks=pytest.mark.slow)]
+)
 def test_orders_are_those_of_source_iteration(
     run_block: Callable[..., Run], order: int, pixels: int
 ) -> None:

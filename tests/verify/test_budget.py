@@ -84,7 +84,8 @@ def test_voxels_each_of_their_own(device: Device, tmp_path: Path, phase: Any) ->
     assert 0.8 < min(ratios) and max(ratios) < 1.6
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_paths_are_as_sharp_as_asked(seed: int) -> None:
     """Before walls of 450 K, droplets that hardly absorb are dark: by their own brightness the
     noise of the paths seems ten times less than it is.

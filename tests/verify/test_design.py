@@ -80,7 +80,7 @@ BLACKBODY = BlackBody(
 )
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.04])
+@pytest.mark.parametrize("scatter", [pytest.param(0.0, marks=pytest.mark.slow), 0.04])
 def test_the_rig_measures_what_was_promised(tmp_path: Path, scatter: float) -> None:
     """1728 pixels: stated over predicted quantile to 12 %; without scatter chi2 / N to 12 %.
 

@@ -133,7 +133,7 @@ def test_emission_is_of_second_order(device: Device) -> None:
 
 @pytest.mark.parametrize(
     ("order", "thick_depth"),
-    [pytest.param(None, 0.5, marks=pytest.mark.slow), (1, 0.5), (None, 0.02)],
+    [(1, 0.5), *(pytest.param(None, depth, marks=pytest.mark.slow) for depth in (0.5, 0.02))],
 )
 def test_path_and_source_see_one_medium(
     device: Device, order: int | None, thick_depth: float

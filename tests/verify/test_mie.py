@@ -218,6 +218,7 @@ def test_absorption_takes_away_and_never_gives() -> None:
         assert np.all(c_abs == 0) if k == 0 else np.all(c_abs > 0)
 
 
+@pytest.mark.slow
 def test_thin_droplets_absorb_by_volume() -> None:
     """Weak absorption, small phase: C_abs = alpha V with alpha = 4 pi k / wavelength, at n -> 1."""
     table = _table(1.0001, 1e-5)

@@ -142,7 +142,9 @@ def test_impossible_optics_are_refused(wavelength_um: float, n: float, k: float)
         droplet_table(wavelength_um=wavelength_um, n=n, k=k, cache=None)
 
 
-@pytest.mark.parametrize(("n", "k"), [(10.0, 10.0), (0.1, 0.0), (1.0, 0.0), (1.0, 1e-3)])
+@pytest.mark.parametrize(
+    ("n", "k"), [(10.0, 10.0), (1.0, 1e-3), *(pytest.param(n, 0.0, marks=SLOW) for n in (0.1, 1.0))]
+)
 def test_extreme_liquids(n: float, k: float) -> None:
     table = droplet_table(wavelength_um=3.4, n=n, k=k, cache=None)
     c_abs, c_sca = table.cross_sections(np.geomspace(1e-9, 5e-4, 50))

@@ -50,6 +50,7 @@ def spray_of(*, kelvin: float = 350.0, diameter_m: float | None = None) -> Spray
     )
 
 
+@pytest.mark.slow
 def test_the_second_use_solves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(optics={"preset": "spectral", "wavelengths": 2, "spectral_error_K": 5.0})
     spray = spray_of()

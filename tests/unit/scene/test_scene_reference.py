@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
@@ -71,6 +72,7 @@ def test_page_holds_every_key_and_no_dead_link() -> None:
     assert set(re.findall(r"\]\(#(.*?)\)", page)) <= set(anchors)
 
 
+@cache
 def _schema() -> dict[str, object]:
     result = CliRunner().invoke(main, ["scenes", "--schema"])
     schema = json.loads(result.output)

@@ -75,12 +75,14 @@ def test_later_hot_gas_has_no_liquid_left_where_cold_gas_has_it_all_the_way() ->
     assert late[573]["liquid_mass_kg"] < 0.1 * late[300]["liquid_mass_kg"]
 
 
+@pytest.mark.slow
 def test_droplets_last_in_cold_gas_and_vapour_follows_the_temperature() -> None:
     assert evaporated(spray(0.9, 300)) < evaporated(spray(0.45, 300)) < 0.4
     assert evaporated(spray(0.6, 573)) > 0.8
     assert evaporated(spray(0.9, 600)) > 0.8
 
 
+@pytest.mark.slow
 def test_nothing_is_colder_than_saturation_and_droplets_have_the_wet_bulb() -> None:
     hot = spray(0.6, 573)
     assert note(hot, "coldest_K") > 369 - 1  # adiabatic saturation, test_measures
