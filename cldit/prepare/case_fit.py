@@ -1,4 +1,4 @@
-"""How a scene's camera and walls fit a CFD case: what of the spray they show, and what they say."""
+"""Fit of a scene's camera and walls to a CFD case."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from cldit.camera.view import SensorView
 from cldit.scene import Scene
 from cldit.spray.result import Floats, Spray
 
-_CUT = 1e-3  # share of the fuel outside the picture that is worth a word
-_SMALL = 0.4  # of the picture's width and height: a spray that takes less has few pixels
+_CUT = 1e-3  # share of the fuel outside the field that is worth a remark
+_SMALL = 0.4  # of the field's width and height: a smaller spray has few pixels
 _DIFFERENT_K = 5.0  # of walls and gas
 
 
 @dataclass(frozen=True)
 class Fuel:
-    """Where a spray's fuel is: places (N, 3), liquid and vapour, with their masses (N,)."""
+    """Positions (N, 3) of a spray's fuel, liquid and vapour, with their masses (N,)."""
 
     position_m: Floats
     mass_kg: Floats
 
     @classmethod
     def of(cls, spray: Spray) -> Fuel:
-        """All parcels, and the middles of all cells with vapour."""
+        """Collects all parcels, and the centres of all cells with vapour."""
         places, masses = [np.empty((0, 3))], [np.empty(0)]
         if spray.parcels is not None:
             places.append(spray.parcels.position_m)
@@ -36,7 +36,7 @@ class Fuel:
         return cls(np.concatenate(places), np.concatenate(masses))
 
     def extent_m(self, share: float = 1e-3) -> tuple[Floats, Floats]:
-        """Lower and upper corner (3,) of the fuel but for a share of its mass at either end."""
+        """Lower and upper corner (3,) of the fuel without a share of its mass at either end."""
         low, high = np.zeros(3), np.zeros(3)
         for axis in range(3):
             order = np.argsort(self.position_m[:, axis])
@@ -48,15 +48,8 @@ class Fuel:
 
 
 def seen_m(scene: Scene, position_m: Floats) -> Floats:
-    """Where places appear in the plane of the camera's target.
-
-    Args:
-        scene: has the camera.
-        position_m: (N, 3).
-
-    Returns:
-        x and z from the middle of the picture, m (N, 2).
-    """
+    """Projects positions (N, 3) onto the plane of the camera's target: x and z (N, 2), m, from the
+    centre of the field."""
     away = position_m - np.array(scene.target_m)
     if scene.camera.model == "orthographic":
         return np.asarray(away[:, [0, 2]])
@@ -65,15 +58,7 @@ def seen_m(scene: Scene, position_m: Floats) -> Floats:
 
 
 def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
-    """What of a scene does not fit the case that it shows.
-
-    Args:
-        scene: with its camera and walls.
-        spray: of a CFD case, in the project's frame.
-
-    Returns:
-        One line; none where all fits.
-    """
+    """Remark on a scene's camera and walls that do not fit the CFD case of its spray, or nothing."""
     fuel = Fuel.of(spray)
     if not fuel.mass_kg.sum():
         return ()
@@ -95,16 +80,15 @@ def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
 
 
 def _field(scene: Scene, fuel: Fuel) -> list[str]:
-    """Whether the picture cuts the spray, or is far larger."""
-    view = SensorView.from_scene(scene)  # the pictures that the rig takes
+    """Reports a field that cuts the spray, or is much larger."""
+    view = SensorView.from_scene(scene)  # of the images that the rig takes
     half = np.array(view.pixel_m) * np.array(view.pixels) / 2
     inside = np.all(np.abs(seen_m(scene, fuel.position_m)) <= half, axis=1)
     cut = float(fuel.mass_kg[~inside].sum() / fuel.mass_kg.sum())
     width, height = (f"{2e3 * edge:.3g}" for edge in half)
     if cut > _CUT:
         return [
-            f"the sensor's field, {width} mm x {height} mm, leaves {100 * cut:.2g} % of the fuel "
-            "out"
+            f"the sensor's field, {width} mm x {height} mm, excludes {100 * cut:.2g} % of the fuel"
         ]
     low, high = fuel.extent_m()
     size = np.maximum(high, 0.0) - np.minimum(low, 0.0)  # with the nozzle

@@ -1,4 +1,4 @@
-"""Which cells a run takes where the scene leaves them to choice, and how many there is room for."""
+"""Cells of a run without a choice by error, and the number of cells that fit the memory."""
 
 from __future__ import annotations
 
@@ -27,13 +27,10 @@ _SHARE = 0.7  # of the memory there is, which a run may take
 
 
 def cells_that_fit(device: Device, *, wavelengths: int, phase: bool, sweeps: bool = True) -> int:
-    """How many stored cells fit the memory of device and host, at most `MOST_CELLS`.
+    """Number of stored cells that fit the memory of device and host, at most `MOST_CELLS`.
 
-    Args:
-        device: that traces.
-        wavelengths: whose trees are in memory together.
-        phase: whether droplets scatter by a phase function.
-        sweeps: whether the method has gradients in cells, its largest buffers.
+    Trees of all `wavelengths` are in memory together. `phase`: droplets scatter by a phase function;
+    `sweeps`: the method has gradients in cells, its largest buffers.
     """
     free = free_bytes()
     room = _SHARE * min(device.info.memory_bytes, *(() if free is None else (free,)))
@@ -45,12 +42,10 @@ def cells_that_fit(device: Device, *, wavelengths: int, phase: bool, sweeps: boo
 
 
 def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> float:
-    """The finest lattice whose parcels fit the memory; 0 where nobody says how much there is.
+    """The finest lattice whose parcels fit the memory; 0 if the free memory is unknown.
 
-    Args:
-        spacing_m: of a lattice that was made.
-        parcels: on it, in the classes of size of the one that is wanted.
-        wavelengths: whose sources are in memory together.
+    `parcels` are on a lattice of `spacing_m`, in the classes of size of the one asked for; sources
+    of all `wavelengths` are in memory together.
     """
     free = free_bytes()
     if free is None:
@@ -60,19 +55,11 @@ def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> f
 
 
 def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:
-    """The cube with its finest cells.
+    """The cube with its finest cells, and remarks.
 
-    What the scene fixes stays fixed. Else a medium of boxes gets the coarsest cells that resolve
-    it; one with parcels in points or as clouds at most the paper's leaf. Both get the finest that
-    fit where these do not.
-
-    Args:
-        domain: of the scene.
-        sources: droplets and gas of one wavelength.
-        limit: cells at most.
-
-    Returns:
-        The cube, and what one should know of it.
+    Cells that the scene fixes stay. Otherwise a medium of boxes gets the coarsest cells that
+    resolve it, one with parcels in points or as clouds at most the paper's leaf; if these exceed
+    `limit` cells, both get the finest that fit.
 
     Raises:
         MediumError: something is outside the domain.
@@ -91,24 +78,17 @@ def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame
     assert found is not None
     return found.frame, (
         f"cells: {found.frame.cell_m * 1e3:.3g} mm are the finest that fit the memory, "
-        f"{found.stored:.3g} cells; the medium asks for {wanted_m * 1e3:.3g} mm. What they leave "
-        "is the cause `cells` of the run's errors; domain.leaf_edge_m takes others",
+        f"{found.stored:.3g} cells; the medium needs {wanted_m * 1e3:.3g} mm. Their error is stated "
+        "as `cells`; domain.leaf_edge_m sets others",
     )
 
 
 def lattice_frames(
     domain: Domain, sources: Sources, *, edge_m: float, spacing_m: float
 ) -> tuple[Frame, Frame]:
-    """The domain's cube in cells of a lattice, and the cube that is laid on the boxes of it.
+    """The domain's cube in cells of a lattice, and the cube that is aligned with the boxes on it.
 
-    Args:
-        domain: of the scene.
-        sources: droplets and gas of one wavelength, in boxes of the lattice.
-        edge_m: of the first cube, at least that of the domain, and a power of 2 of the lattice's.
-        spacing_m: of the lattice.
-
-    Returns:
-        The domain's cube, and the cube that the medium is grown in.
+    `edge_m` of the first is at least that of the domain, and `spacing_m` times a power of 2.
 
     Raises:
         MediumError: something is outside the domain.

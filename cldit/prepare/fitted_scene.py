@@ -1,4 +1,4 @@
-"""A scene that fits a CFD case: its lengths and temperatures, each with the reason beside it."""
+"""A scene that fits a CFD case, as YAML with the reason beside each length and temperature."""
 
 from __future__ import annotations
 
@@ -15,24 +15,15 @@ from cldit.scene.spray import CfdSpray
 from cldit.scene.vessel import FINEST
 from cldit.spray.result import Floats, Spray
 
-_ROOM = 1.15  # of the picture and the cube, over what they must hold
+_ROOM = 1.15  # of the field and the cube, over what they must contain
 _BACKGROUNDS = 6
 _SPAN_K = 100.0  # from the coldest background to the hottest, at least
 _COLDEST_K = 300.0  # black bodies are heated
-_PIXELS = 1000  # along the picture's longer side
+_PIXELS = 1000  # along the field's longer side
 
 
 def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
-    """A scene file before this spray.
-
-    Args:
-        spec: the case, as it was read.
-        spray: of the case.
-        name: of the scene.
-
-    Returns:
-        YAML with comments; `cldit.load_scene` reads it.
-    """
+    """YAML of a scene called `name` for the spray of a case; `cldit.load_scene` reads it."""
     fuel = Fuel.of(spray)
     low, high = fuel.extent_m()
     high[2], low[2] = max(high[2], 0.0), min(low[2], 0.0)  # with the nozzle
@@ -75,7 +66,7 @@ def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
 
 
 def _section(values: dict[str, Any], why: dict[str, str], *, indent: str = "") -> list[str]:
-    """Lines of keys, each with its comment."""
+    """Lines of keys with their comments."""
     lines = []
     for key, value in values.items():
         line = f"{indent}{yaml_line({key: value})[1:-1]}"
@@ -84,7 +75,7 @@ def _section(values: dict[str, Any], why: dict[str, str], *, indent: str = "") -
 
 
 def _spray(spec: CfdSpray, spray: Spray, time: float | None) -> list[str]:
-    """The section `spray`: the keys that were given, with nozzle and axis as they were found."""
+    """The section `spray`: the keys that were given, and the nozzle and axis that were found."""
     given: dict[str, Any] = {"model": "cfd", "file": str(spec.file.resolve())}
     given |= spec.model_dump(mode="json", exclude_unset=True, exclude={"model", "file"})
     if spec.mapping is not None:
@@ -109,7 +100,7 @@ def _spray(spec: CfdSpray, spray: Spray, time: float | None) -> list[str]:
 
 
 def _cube(spray: Spray) -> tuple[float, tuple[float, float, float]]:
-    """Edge and middle of a cube around all that the octree must hold, and the nozzle."""
+    """Edge and centre of a cube around the nozzle and all contents of the octree."""
     low, high = np.zeros(3), np.zeros(3)
     if spray.parcels is not None:
         low = np.minimum(low, spray.parcels.position_m.min(axis=0))
@@ -122,8 +113,8 @@ def _cube(spray: Spray) -> tuple[float, tuple[float, float, float]]:
 
 
 def _field(low: Floats, high: Floats, target_m: Sequence[float]) -> tuple[list[float], list[str]]:
-    """Width and height of the picture, in the shape of the sensor, which is turned for a spray that
-    is longer than wide; and the sensor's lines."""
+    """Width and height of the field, in the shape of the sensor, and the sensor's lines. The sensor
+    is turned for a spray that is longer than wide."""
     half = [
         _ROOM * max(abs(side[axis] - target_m[axis]) for side in (low, high)) for axis in (0, 2)
     ]
@@ -141,14 +132,14 @@ def _field(low: Floats, high: Floats, target_m: Sequence[float]) -> tuple[list[f
 
 
 def _leaf(spray: Spray, edge_m: float) -> list[str]:
-    """The finest cells, as a comment: where they are left out, the wanted error chooses them."""
+    """The finest cells, as a comment: without them, the tolerance determines the cells."""
     if spray.vapour is None or not len(spray.vapour.temperature_K):
         return []
     own_m = float(np.median(np.cbrt(spray.vapour.cells.volume_m3)))
     leaf_m = float(f"{max(own_m / 2, edge_m / FINEST):.2g}")
     return [
         f"  # leaf_edge_m: {leaf_m}  # half of the case's own cells in the spray, "
-        f"{1e3 * own_m:.2g} mm; left out,",
+        f"{1e3 * own_m:.2g} mm; without it,",
         "  # cells are as fine as transport.accuracy_K needs",
     ]
 
@@ -160,9 +151,9 @@ def _background(
     target_m: Sequence[float],
     field_m: Sequence[float],
 ) -> list[str]:
-    """The disc behind all of the picture, at temperatures around those of what emits."""
+    """The disc behind the whole field, at temperatures around those of the spray."""
     behind_m = centre_m[1] + edge_m / 2 - target_m[1]
-    seen = 1.0 + behind_m / Camera().distance_m  # the picture is larger there
+    seen = 1.0 + behind_m / Camera().distance_m  # the field is larger there
     aside_m = math.dist((centre_m[0], centre_m[2]), (target_m[0], target_m[2]))
     radius_m = _up(1.02 * (0.5 * math.hypot(*field_m) * seen + aside_m), 1e-3)
     coldest_K, what = _coldest(spray)
@@ -173,7 +164,7 @@ def _background(
     return _section(
         {"radius_m": radius_m, "temperatures_K": temperatures},
         {
-            "radius_m": "fills the picture",
+            "radius_m": "fills the field",
             "temperatures_K": f"from {what}, {coldest_K:.0f} K, to the gas outside the jet, "
             f"{hottest_K:.0f} K; set what your black body reaches",
         },
@@ -182,7 +173,7 @@ def _background(
 
 
 def _coldest(spray: Spray) -> tuple[float, str]:
-    """The mean temperature of the liquid, or else of the vapour, and what it is of."""
+    """The mean temperature of the liquid, or else of the vapour, and its name."""
     parcels, vapour = spray.parcels, spray.vapour
     if parcels is not None and parcels.mass_kg > 0.0:
         return float(np.average(parcels.temperature_K, weights=parcels.masses_kg)), "the droplets"
@@ -191,7 +182,7 @@ def _coldest(spray: Spray) -> tuple[float, str]:
 
 
 def _walls(spray: Spray) -> list[str]:
-    """The walls as the case holds them, or as warm as its gas."""
+    """The walls at the temperature of the case, or at that of its gas."""
     if "wall_temperature_K" in spray.notes:
         wall_K, why = spray.notes["wall_temperature_K"], "the case holds its walls at this"
     elif "ambient_temperature_K" in spray.notes:
@@ -210,7 +201,7 @@ def _time(time: float) -> str:
 
 
 def _clean(value: float) -> float:
-    """Without the noise of the last digits, and without a negative zero."""
+    """Removes the noise of the last digits, and a negative zero."""
     return float(f"{value:.9g}") + 0.0
 
 

@@ -1,4 +1,4 @@
-"""From a scene to what is traced: spray, optics, and an octree for each wavelength."""
+"""Spray, optics and octrees of a scene, one octree for each wavelength."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _FORM = 2  # of kept phase functions
 
 
 def droplets_content(spray: Spray) -> str:
-    """A short text that stands for all of a spray's droplets."""
+    """Digest of all of a spray's droplets."""
     if spray.parcels is None:
         return ""
     parcels = spray.parcels
@@ -36,15 +36,10 @@ def mean_phase(
     content: str,
     cache: Path | None,
 ) -> ScatteringTable | None:
-    """The droplets' mean phase function in one band, and those of classes of size where one mean
-    does not hold for all places; None where none scatters.
+    """The droplets' mean phase function in one band; None if none scatters.
 
-    Args:
-        spray: whose droplets scatter.
-        band: optical properties in the band.
-        points: what `emitters` made of the droplets in this band.
-        content: digest of the droplets, `droplets_content`, by which it is kept.
-        cache: folder in which it is kept; None keeps nothing.
+    It has classes of size where one mean does not hold for all places. `points` are the droplets in
+    this band, from `emitters`; `content` is their digest, by which the result is kept in `cache`.
 
     Raises:
         PhaseError: droplets are given as coefficients, without diameters.
@@ -91,31 +86,22 @@ def _plain(bins: SizeBins) -> Arrays:
 
 
 def sizes_left(phases: Sequence[ScatteringTable | None]) -> tuple[str, ...]:
-    """That the most classes of size do not tell the places of a spray apart.
-
-    Args:
-        phases: of each wavelength.
-    """
+    """Remark that the classes of size do not resolve how the phase function varies, or nothing."""
     classes = [phase.classes for phase in phases if phase is not None]
     left = max((one.left for one in classes if one is not None), default=0.0)
     if left <= TOLERATED:
         return ()
     return (
-        f"phase functions: {MOST_CLASSES} classes of droplet size leave places {left:.2g} apart, "
-        f"more than {TOLERATED:g}, which is some 0.1 K of T_app; this is in no stated error",
+        f"phase functions: {MOST_CLASSES} classes of droplet size leave a difference of {left:.2g} "
+        f"between places, more than {TOLERATED:g}, or some 0.1 K of T_app, which no stated error "
+        "contains",
     )
 
 
 def in_classes(
     points: PointSource | None, spray: Spray, phase: ScatteringTable | None
 ) -> PointSource | None:
-    """Droplets with what each class of size scatters, where their phase function has classes.
-
-    Args:
-        points: the droplets of `spray`.
-        spray: whose diameters tell the class.
-        phase: of `mean_phase`.
-    """
+    """Droplets of a spray with the scattering of each class of size, if the phase has classes."""
     if points is None or spray.parcels is None or phase is None or phase.classes is None:
         return points
     number = phase.classes.number(spray.parcels.diameter_m)

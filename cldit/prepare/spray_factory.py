@@ -19,18 +19,13 @@ def make_spray(
     cache: Path | None = None,
     watch: Watch = silent,
 ) -> Spray:
-    """Runs the model or reads the file.
+    """Runs the model or reads the file; the notes include figures of `cldit.spray.penetration`.
 
-    Args:
-        spec: the scene's spray.
-        cache: folder for tables of fuel properties and computed sprays; None keeps nothing.
-        watch: told how far the reading of a CFD case is.
-
-    Returns:
-        The spray, with the figures of `cldit.spray.penetration` among its notes.
+    `cache` is the folder of tables of fuel properties and computed sprays, None keeps nothing;
+    `watch` takes the progress of reading a CFD case.
 
     Raises:
-        SprayError: the source is missing something or holds impossible values.
+        SprayError: the source is incomplete or has impossible values.
     """
     return with_figures(_made(spec, cache, watch))
 

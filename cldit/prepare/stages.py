@@ -14,7 +14,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of a run: what it took, and a word on what it did or why it was left out."""
+    """One step of a run: its time, and a note on the work done or on why it was skipped."""
 
     name: str
     seconds: float
@@ -22,29 +22,31 @@ class Stage:
 
 
 class Stages:
-    """Times the stages of a run and tells the user which one is under way."""
+    """Times the stages of a run, and reports them and its remarks to the user.
+
+    `say` takes lines of text, `watch` the progress of long pieces of work.
+    """
 
     def __init__(self, say: Say | None, watch: Watch = silent) -> None:
-        """`watch` is told how far long pieces of work are."""
         self.done: list[Stage] = []
         self.remarks: list[str] = []
         self.say = say
         self.watch = watch
 
     def remark(self, remarks: Sequence[str]) -> None:
-        """What a stage inferred and the user should know; kept for the report."""
+        """Reports inferences and problems, and keeps them for the report."""
         self.remarks += remarks
         for text in remarks:
             self.tell(text)
 
     def tell(self, text: str) -> None:
-        """Tells the user what is under way."""
+        """Reports the work in progress."""
         if self.say is not None:
             self.say(text)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:
-        """Times what is done within; texts that are appended to the list are noted with it."""
+        """Times the work within, without that of inner stages; the list takes notes on it."""
         self.tell(name)
         note: list[str] = []
         start, before = time.perf_counter(), len(self.done)

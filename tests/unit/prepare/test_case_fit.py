@@ -49,7 +49,7 @@ def test_what_fits_is_not_spoken_of() -> None:
 def test_a_picture_that_cuts_the_spray() -> None:
     """From 0 to 100 mm, of which 80 are in the picture."""
     (line,) = misfits(scene_of(), spray_of(0.0, 0.1))
-    assert "100 mm x 80 mm, leaves 20 % of the fuel out" in line
+    assert "100 mm x 80 mm, excludes 20 % of the fuel" in line
     assert "`cldit import CASE --fit`" in line
 
 

@@ -68,7 +68,7 @@ def test_points_get_the_cells_of_the_paper() -> None:
 def test_what_does_not_fit_is_as_fine_as_fits_and_said() -> None:
     frame, said = chosen(Domain(), cube(24, 4e-3), limit=10_000)
     assert frame.cell_m == pytest.approx(8e-3)
-    for part in ("8 mm are the finest that fit", "asks for 4 mm", "domain.leaf_edge_m"):
+    for part in ("8 mm are the finest that fit", "needs 4 mm", "domain.leaf_edge_m"):
         assert part in said
 
 

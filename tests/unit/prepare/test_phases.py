@@ -88,4 +88,4 @@ def test_what_classes_leave_is_said() -> None:
         classes = SizeClasses(np.array([5e-6]), tables, left)
         remarks = sizes_left([None, type(phase)(phase.cosine, phase.cumulative, classes)])
         assert len(remarks) == said
-    assert "leave places 0.034 apart" in remarks[0]
+    assert "leave a difference of 0.034 between places" in remarks[0]
