@@ -58,7 +58,7 @@ def seen_m(scene: Scene, position_m: Floats) -> Floats:
 
 
 def misfits(scene: Scene, spray: Spray) -> tuple[str, ...]:
-    """Remark on a scene's camera and walls that do not fit the CFD case of its spray, or nothing."""
+    """Remark on a scene's camera and walls that do not fit its CFD case, or nothing."""
     fuel = Fuel.of(spray)
     if not fuel.mass_kg.sum():
         return ()

@@ -29,7 +29,7 @@ _SHARE = 0.7  # of the memory there is, which a run may take
 def cells_that_fit(device: Device, *, wavelengths: int, phase: bool, sweeps: bool = True) -> int:
     """Number of stored cells that fit the memory of device and host, at most `MOST_CELLS`.
 
-    Trees of all `wavelengths` are in memory together. `phase`: droplets scatter by a phase function;
+    Trees of all `wavelengths` are in memory together. `phase`: droplets have a phase function.
     `sweeps`: the method has gradients in cells, its largest buffers.
     """
     free = free_bytes()
@@ -78,8 +78,8 @@ def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame
     assert found is not None
     return found.frame, (
         f"cells: {found.frame.cell_m * 1e3:.3g} mm are the finest that fit the memory, "
-        f"{found.stored:.3g} cells; the medium needs {wanted_m * 1e3:.3g} mm. Their error is stated "
-        "as `cells`; domain.leaf_edge_m sets others",
+        f"{found.stored:.3g} cells; the medium needs {wanted_m * 1e3:.3g} mm. Their error is "
+        "stated as `cells`; domain.leaf_edge_m sets others",
     )
 
 

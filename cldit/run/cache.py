@@ -1,4 +1,4 @@
-"""Runs kept by what their trace depends on, so that no trace is computed twice."""
+"""Runs cached by the content of their trace, so that no trace is computed twice."""
 
 from __future__ import annotations
 
@@ -45,18 +45,11 @@ class RunCache:
         spray: Callable[[], Spray] | None = None,
         progress: Say | None = None,
     ) -> Run:
-        """The scene's run: traced, or a cached trace before the scene's backgrounds and walls.
+        """The scene's run: traced, or a cached trace for the scene's backgrounds and walls.
 
-        Two processes that want the same trace compute it once: the second waits.
+        Of two processes with the same trace, the second waits for the first.
 
-        Args:
-            scene: what is wanted.
-            device: to trace on; None chooses.
-            spray: gives the scene's spray, if it must be traced; None makes it.
-            progress: takes messages.
-
-        Raises:
-            ClditError: as `cldit.simulate`.
+        `spray` makes the scene's spray if it must be traced. Raises as `cldit.simulate`.
         """
         folder = self.cache / "runs" / trace_key(scene)
         make_folder(folder.parent)
@@ -87,7 +80,7 @@ class RunCache:
         spray: Callable[[], Spray] | None,
         progress: Say | None,
     ) -> Run:
-        """Appears whole or not at all."""
+        """Traces into a folder that appears complete or not at all."""
         part = folder.with_suffix(".part")
         shutil.rmtree(part, ignore_errors=True)  # of one that was killed
         given = None if spray is None else spray()

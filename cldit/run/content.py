@@ -1,4 +1,4 @@
-"""What a trace depends on: scenes that agree in it are served by one trace."""
+"""The content that a trace depends on: scenes with the same content share one trace."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 from cldit.io.content import code_digest, digest, file_content
 from cldit.scene import Scene
 
-# Sources, and what only the evaluation and the rig use. Everything else counts, so that a key that
-# is added to the scene makes a new trace until it is named here.
+# Sources, and keys that only evaluation and rig use. All others count, so that a new key of the
+# scene makes a new trace until it is named here.
 _LEFT_OUT = (
     "name",
     "description",
@@ -39,9 +39,8 @@ _TRACED_BY = (
 def trace_content(scene: Scene) -> dict[str, Any]:
     """The part of a scene, as plain data, that its trace depends on.
 
-    Light of several wavelengths is traced at nodes that are chosen for the light of the scene's
-    backgrounds and walls, `path` stops at an error in T_app, and adaptive rays go where T_app is
-    steep: there these temperatures count.
+    The temperatures of backgrounds and walls count if wavelengths are chosen for their light, for
+    `path`, which stops at an error in T_app, and for adaptive rays, which go where T_app is steep.
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.

@@ -52,7 +52,7 @@ def store_run(run: Run, folder: Path) -> Path:
         RunFolderError: the folder is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise RunFolderError(f"{folder}: is not empty; allowed is an empty folder, or a new one")
+        raise RunFolderError(f"{folder}: is not empty; allowed: an empty folder, or a new one")
     make_folder(folder)
     if run.measured is not None and run.folder is not None:
         with written(folder):
@@ -62,7 +62,7 @@ def store_run(run: Run, folder: Path) -> Path:
 
 
 def stored_run(folder: Path, scene: Scene) -> Run | None:
-    """The finished run of this very scene in `folder`, if there is one.
+    """The finished run of the same scene in `folder`, if there is one.
 
     Raises:
         RunFolderError: the folder holds something else.
@@ -85,14 +85,14 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
         return None
     if run.info.versions.get("cldit") != version("cldit"):
         return None
-    with suppress(RunFolderError):  # of a full disk, say: whoever goes on makes them anew
+    with suppress(RunFolderError):  # a full disk, for instance: they are made again
         run = replace(run, measured=_measured(folder, run.scene))
     return run
 
 
 def _as_read(scene: Scene, run: Run) -> bool:
-    """Whether a spray from files would be read again from the very same: where the scene leaves
-    nothing to be found (time, nozzle, axis), and no file has changed."""
+    """True if a spray from files would be read again as it was: the scene sets time, nozzle and
+    axis, and no file has changed."""
     spray, files = scene.spray, run.info.files
     if not isinstance(spray, CfdSpray):
         return False
@@ -115,8 +115,8 @@ def open_run(path: str | Path) -> Run:
 
 
 def _measured(folder: Path, scene: Scene) -> Maps | None:
-    """Maps of what the rig acquired, of several delays those of the scene's own time, if there are
-    any; raises as `open_run`."""
+    """Maps of the acquisition, if any, for several delays those of the scene's own time; raises as
+    `open_run`."""
     place = folder / "acquisition" / "maps"
     if len(scene.plan.delays_s) > 1:
         time_s = spray_time_s(scene)
@@ -131,7 +131,7 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
 
 
 def _traced(folder: Path) -> Run:
-    """The run without what was acquired; raises as `open_run`."""
+    """The run without its acquisition; raises as `open_run`."""
     for name in ("scene.yaml", "run.json"):
         if not (folder / name).is_file():
             hint = "" if name == "scene.yaml" else "; run the same command again to finish it"
@@ -165,7 +165,7 @@ def _traced(folder: Path) -> Run:
 
 
 def _stored_scene(path: Path) -> Scene:
-    """Raises RunFolderError where the scene of a run is not one."""
+    """Scene of a run; raises RunFolderError if it is damaged."""
     try:
         return parse_scene(read_mapping(path), source=str(path), finished=True)
     except SceneError as error:
@@ -174,11 +174,11 @@ def _stored_scene(path: Path) -> Scene:
 
 
 def _stored_info(path: Path) -> RunInfo:
-    """Raises RunFolderError where what is known of a run is not whole, or of other types."""
+    """Metadata of a run; raises RunFolderError if they are incomplete or of other types."""
     data = read_json(path)
     try:
         if not all(isinstance(data[name], list) for name in ("stages", "remarks")):
-            raise ValueError("stages, remarks: expected are lists")
+            raise ValueError("stages, remarks: expected lists")
         info = RunInfo.from_dict(data)
         _check_types(info)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -187,7 +187,7 @@ def _stored_info(path: Path) -> RunInfo:
 
 
 def _check_types(part: Any) -> None:
-    """Raises ValueError where a field of a dataclass, or of one in it, is of another type."""
+    """Raises ValueError if a field of a dataclass, or of one in it, has another type."""
     for name, kind in get_type_hints(type(part)).items():
         value = getattr(part, name)
         try:
@@ -201,7 +201,7 @@ def _check_types(part: Any) -> None:
 
 
 def _check_shapes(folder: Path, images: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:
-    """Raises RunFolderError where a picture of a run is not (rows, columns) as its camera's."""
+    """Raises RunFolderError if an image of a run has not the (rows, columns) of its camera."""
     for name, image in images.items():
         if image.shape != shape or len(shape) != 2:
             raise RunFolderError(
@@ -210,13 +210,7 @@ def _check_shapes(folder: Path, images: Mapping[str, NDArray[Any]], shape: tuple
 
 
 def with_stages(run: Run, stages: list[Stage], measured: Maps | None) -> Run:
-    """The `run` with the maps `measured` and the `stages` of an acquisition added.
-
-    Args:
-        run: a traced run.
-        stages: those of the evaluation.
-        measured: maps (H, W) of the acquisition; None where it did not record the run's own time.
-    """
+    """Adds the `stages` of an evaluation, and the maps `measured` from an acquisition, to a run."""
     info = replace(run.info, stages=(*run.info.stages, *stages))
     return replace(run, info=info, measured=measured)
 
@@ -228,15 +222,9 @@ def save_nodes(
     *,
     pixel_m: tuple[float, float],
 ) -> None:
-    """Writes each node's weights into `folder/node_00`, .., and what the nodes are.
+    """Writes each node's weights into `folder/node_00`, .., and the description of the nodes.
 
-    One node is nothing but the weights in `folder` itself, and is not written.
-
-    Args:
-        folder: that of the weights.
-        quadrature: the nodes.
-        spectral: weights of each node.
-        pixel_m: width and height of a pixel.
+    A single node has the weights of `folder` itself, and nothing is written.
     """
     if len(spectral) == 1:
         return
@@ -247,17 +235,8 @@ def save_nodes(
 
 
 def node_folders(folder: Path, grey: Quadrature) -> tuple[Quadrature, tuple[Path, ...]]:
-    """Reads what `save_nodes` wrote.
-
-    Args:
-        folder: that of the weights.
-        grey: what holds where there are no nodes.
-
-    Returns:
-        The nodes, and the folder of each one's weights.
-
-    Raises:
-        RunFolderError: the description of the nodes is damaged.
+    """The nodes in a folder of weights, and the folder of each one's weights; without nodes, `grey`
+    and the folder itself. Raises RunFolderError if the description is damaged.
     """
     path = folder / _QUADRATURE
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""A run's images as one labelled data set: coordinates in mm, units, names as CF has them."""
+"""A run's images as one labelled data set: coordinates in mm, units, CF names."""
 
 from __future__ import annotations
 
@@ -48,18 +48,15 @@ def labelled(
     """Maps, and weights where they are given, over x and z of the plane of the target.
 
     Args:
-        scene: whose camera saw them.
+        scene: with the camera.
         maps: (H, W) on the traced or the sensor's pixels.
         pixel_m: width and height of their pixels in the plane of the target.
-        weights: (H, W) of the trace; None leaves them out.
-        error_maps: (H, W) standard error of the simulation's T_app by cause, and `total`.
-        attrs: of the data set, beside the scene.
+        weights: (H, W) of the trace; None omits them.
+        error_maps: (H, W) standard error of the simulation's T_app by source, and `total`.
+        attrs: of the data set, in addition to the scene.
 
     Returns:
-        Variables named as the maps' files are, dimensions z (downwards) and x in mm.
-
-    Raises:
-        ClditError: xarray is not installed.
+        As `labelled_maps`; raises as it.
     """
     variables: dict[str, Any] = {}
     if weights is not None:
@@ -94,18 +91,18 @@ def labelled_maps(
     more: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
 ) -> xarray.Dataset:
-    """Maps over x and z.
+    """Maps (H, W) over x and z.
 
     Args:
         maps: (H, W).
-        title: what was seen.
+        title: of the data set.
         pixel_m: width and height of a pixel on the object.
-        centre_m: x and z of the picture's middle.
-        more: by name: (H, W), its unit, and what it is.
-        attrs: of the data set, beside title and conventions.
+        centre_m: x and z of the image's centre.
+        more: further variables by name: (H, W), unit, and description.
+        attrs: of the data set, in addition to title and conventions.
 
     Returns:
-        Variables named as the maps' files are, dimensions z (downwards) and x in mm.
+        Variables named like the maps' files, dimensions z (downwards) and x in mm.
 
     Raises:
         ClditError: xarray is not installed.

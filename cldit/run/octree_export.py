@@ -2,24 +2,103 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cldit.cfd.orientation import Frame
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.files import make_folder
 from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf, write_xml
+from cldit.medium.leaves import Leaves
+from cldit.medium.octree import Octree
+from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Say
-from cldit.run.cell_fields import CellFields
+from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.run.rebuilt import Rebuilt, rebuilt
 from cldit.run.result import Run
 from cldit.spray.vtk_export import parcel_points
+from cldit.transport.source_iteration import source_function
+
+Floats = NDArray[np.float64]
 
 FORMATS = ("vtkhdf", "vtu")
 _FRAME = tuple(f"{name}_{letter}" for name in ("nozzle", "axis") for letter in "xyz")
+
+
+@dataclass(frozen=True)
+class CellFields:
+    """Leaves, and their fields (N,) float32 by name.
+
+    extinction, vapour_absorption, droplet_absorption, droplet_scattering, per_m: coefficients.
+    albedo_1: scattered share of the extinction. emission: thermal, photons s-1 m-3 sr-1.
+    source_function: of all light from the leaf to the camera, photons s-1 m-2 sr-1.
+    vapour_temperature, droplet_temperature, K: of the black body with the same emission at the
+    node; NaN where the phase does not absorb. wavelength_um: of the node.
+    """
+
+    leaves: Leaves
+    values: dict[str, NDArray[np.float32]]
+    wavelength_um: float
+
+    @classmethod
+    def of(cls, made: Rebuilt, quadrature: Quadrature, device: Device) -> CellFields:
+        """Fields in front of the middle background (`quadrature.reference_K`); raises as
+        `source_function`."""
+        node = quadrature.nodes[made.number]
+        bounds = Boundary.of(Surroundings.from_scene(made.scene), node.radiance, node.pane)
+        boundary = {
+            "background": float(bounds.leaving(quadrature.reference_K)),
+            "wall": bounds.wall,
+            **bounds.patches,
+        }
+        source = source_function(made.tree, made.scene, device, made.settings, boundary)
+        fields = made.tree.fields
+        leaves = Leaves.of(made.tree, [*fields.values(), source])
+        at = leaves.address
+        values = {name: part[at] for name, part in _optical(made.tree).items()}
+        values["source_function_photons_per_s_m2_sr"] = source[at]
+        for phase, name in (("vapour", "vapour"), ("droplet", "droplet")):
+            values[f"{name}_temperature_K"] = temperature_K(
+                fields[f"{phase}_emission"][at], fields[f"{phase}_absorption"][at], node.radiance
+            )
+        narrow = {name: part.astype(np.float32) for name, part in values.items()}
+        return cls(leaves, narrow, node.wavelength_um)
+
+
+def _optical(tree: Octree) -> dict[str, Floats]:
+    fields = {name: values.astype(np.float64) for name, values in tree.fields.items()}
+    scattering = fields["droplet_scattering"]
+    extinction = fields["vapour_absorption"] + fields["droplet_absorption"] + scattering
+    albedo = np.divide(scattering, extinction, out=np.zeros_like(extinction), where=extinction > 0)
+    return {
+        "extinction_per_m": extinction,
+        "albedo_1": albedo,
+        "emission_photons_per_s_m3_sr": fields["vapour_emission"] + fields["droplet_emission"],
+        "vapour_absorption_per_m": fields["vapour_absorption"],
+        "droplet_absorption_per_m": fields["droplet_absorption"],
+        "droplet_scattering_per_m": scattering,
+    }
+
+
+def temperature_K(
+    emission: NDArray[np.floating],
+    absorption: NDArray[np.floating],
+    radiance: Callable[[ArrayLike], Floats],
+) -> Floats:
+    """Temperature (N,) at which `absorption` (N,) per metre times a black body's radiance is the
+    `emission` (N,), photons s-1 m-3 sr-1 (Kirchhoff); NaN without absorption or emission."""
+    grid_K = np.geomspace(20.0, 5000.0, 20_000)
+    table = np.log(np.maximum(radiance(grid_K), np.finfo(float).tiny))
+    known = (absorption > 0) & (emission > 0)
+    black = np.divide(emission, absorption, out=np.ones(len(emission)), where=known)
+    # nearly straight: logarithm over 1 / T
+    inverse = np.interp(np.log(black), table, -1.0 / grid_K)
+    return np.where(known, -1.0 / inverse, np.nan)
 
 
 def export_octree(
@@ -35,23 +114,19 @@ def export_octree(
 ) -> list[Path]:
     """Writes the leaves of a run's octree with their fields, and its parcels.
 
-    Cells are hexahedra, which every filter of ParaView takes (of hyper tree grids many do not), and
-    which stay right when they are turned into the case's coordinates.
+    Cells are hexahedra, which every filter of ParaView supports (many do not support hyper tree
+    grids), and which stay right when they are rotated into the case's coordinates.
 
     Args:
         run: as `open_run` reads it.
         form: `vtkhdf`: one file with the blocks `octree` and `parcels`; `vtu`: the cells, and a
             .vtp of the parcels beside it.
-        target: the file; `octree.vtkhdf` or `octree.vtu` in the run's folder if left out.
+        target: the file; None: `octree.vtkhdf` or `octree.vtu` in the run's folder.
         device: makes the medium, and solves for the source function.
         cache: folder of tables and sprays.
         node: number of the spectral node; None: the one with most of the light.
-        own_frame: cldit's own coordinates also of a spray from CFD, which else comes back in those
-            of its case.
+        own_frame: True: cldit's own coordinates also for a spray from CFD, instead of the case's.
         say: takes lines of progress.
-
-    Returns:
-        The files written.
 
     Raises:
         RunFolderError: as `rebuilt`.
@@ -80,11 +155,7 @@ def export_octree(
 
 
 def case_frame(notes: dict[str, float]) -> Frame | None:
-    """The frame in which a CFD case had its nozzle and axis; None: the spray is cldit's own.
-
-    Args:
-        notes: figures of the spray.
-    """
+    """Frame of a CFD case's nozzle and axis, from notes of its spray; None: cldit's own spray."""
     if not all(f"{name}_m" in notes or name in notes for name in _FRAME):
         return None
     nozzle = [notes[f"nozzle_{letter}_m"] for letter in "xyz"]

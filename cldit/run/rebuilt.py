@@ -1,9 +1,9 @@
-"""The medium of a stored run, made again from its scene and checked against what it recorded.
+"""The medium of a stored run, made again from its scene and checked against the run's record.
 
-A run folder holds weights, not cells: these are as large as memory, and most are never asked for.
-Scene and plan (`run.json`) say all that the cells depend on. Whether they came out the same is told
-by what the run recorded: checksums of its files, figures of its spray, nodes, leaves, and what all
-of the medium absorbs and scatters.
+A run folder contains weights, not cells, which are as large as memory and rarely asked for. Scene
+and resolution (`plan` of run.json) determine the cells. They are compared with the record of the
+run: checksums of its files, figures of its spray, nodes, leaves, and integrals of absorption and
+scattering.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _ALIKE = 1e-5  # of sums in double precision over float32 fields, in another ord
 class Rebuilt:
     """The medium of one node.
 
-    scene: with what the run's plan chose. number: of the node. tree: its octree; settings: of its
-    trace. spray: before its parcels are spread. remarks: what could not be checked.
+    scene: of the run. number: of the node. tree: its octree; settings: of its trace. spray: before
+    its parcels are deposited. remarks: on what could not be checked.
     """
 
     scene: Scene
@@ -61,8 +61,8 @@ def rebuilt(
         say: takes lines of progress.
 
     Raises:
-        RunFolderError: there is no such node; files have changed since; or what is made is not what
-            the run recorded.
+        RunFolderError: there is no such node; files have changed since; or the medium differs from
+            the record of the run.
         ClditError: as `simulate`.
     """
     number = _node(run, node)
@@ -128,12 +128,12 @@ def _node(run: Run, wanted: int | None) -> int:
     if wanted is None:
         return max(range(len(nodes)), key=lambda number: nodes[number][1])
     if not 0 <= wanted < len(nodes):
-        raise RunFolderError(f"{_name(run)}: has no node {wanted}; allowed is 0..{len(nodes) - 1}")
+        raise RunFolderError(f"{_name(run)}: has no node {wanted}; allowed: 0..{len(nodes) - 1}")
     return wanted
 
 
 def _check_files(run: Run) -> None:
-    """Raises RunFolderError where a file that the spray was read from is not what it was."""
+    """Raises RunFolderError if a file of the spray has changed."""
     for kept in run.info.files:
         try:
             now = FileRead.of(Path(kept.path))
@@ -168,7 +168,7 @@ def _other(run: Run, what: str, kept: object, made: object) -> RunFolderError:
 
 
 def _check_octree(run: Run, made: tuple[Mapping[str, float], ...], stages: Stages) -> Iterator[str]:
-    """What the octree recorded; yields what could not be checked."""
+    """Checks the octrees; yields remarks on what could not be checked."""
     kept, now = (
         [each.note for each in done if each.name == "octree"]
         for done in (run.info.stages, stages.done)

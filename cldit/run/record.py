@@ -6,14 +6,15 @@ import hashlib
 from dataclasses import replace
 
 from cldit.accuracy.converge import Result
+from cldit.accuracy.errors import Cause
 from cldit.accuracy.problem import Problem
 from cldit.io.origin import Origin, versions
 from cldit.io.provenance import FileRead, files_read
 from cldit.run.content import named_files
-from cldit.run.model_spread import model_spread
 from cldit.run.result import RunInfo
 from cldit.run.spectral import Difference, SpectralInfo
 from cldit.scene import Scene, dump_scene
+from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 
 def run_info(problem: Problem, result: Result, from_paper: Difference | None) -> RunInfo:
@@ -51,12 +52,10 @@ def run_info(problem: Problem, result: Result, from_paper: Difference | None) ->
 
 
 def origin_of(scene: Scene, files: tuple[FileRead, ...]) -> Origin:
-    """Where the results of a scene come from.
+    """Provenance of the results of a scene.
 
-    Args:
-        scene: as the user wrote it.
-        files: that its spray was read from. Those that cldit's own file (.npz) names were read by
-            an import; here the .npz itself is the input.
+    `files` were read for its spray. The files named in cldit's own file (.npz) were read by an
+    import; here the .npz itself is the input.
     """
     named = [path for path in named_files(scene) if path.is_file()]
     own = any(path.suffix == ".npz" for path in named)
@@ -67,4 +66,25 @@ def origin_of(scene: Scene, files: tuple[FileRead, ...]) -> Origin:
         inputs=(*known, *more),
         scene=scene.model_dump(mode="json"),
         scene_sha256=hashlib.sha256(dump_scene(scene).encode()).hexdigest(),
+    )
+
+
+def model_spread(scene: Scene, from_paper: Difference | None) -> tuple[Cause, ...]:
+    """Spread of T_app by the spray model, and by optical data if the paper's were traced as well.
+
+    It is no error of the simulation: it is stated beside the errors, never in their sum.
+    """
+    if isinstance(scene.spray, ConeSpray | LagrangianSpray):
+        how = (
+            "which spray model: compare `cldit run gdi` and `cldit run gdi-flow`, or `cldit study`"
+        )
+        spray = Cause("spray model", None, how)
+    else:
+        spray = Cause("spray model", None, "the spray is given; its own model says")
+    if from_paper is None:
+        how = "which n, k and vapour: optics.preset: spectral compares them with the paper's"
+        return (spray, Cause("optical data", None, how))
+    return (
+        spray,
+        Cause("optical data", from_paper.rms_K, "RMS against the paper's n, k and vapour"),
     )

@@ -1,4 +1,4 @@
-"""What a run is, once it is done."""
+"""The result of a run, and its metadata."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RunInfo:
-    """How a run came about; everything here can be written as JSON."""
+    """Metadata stored with a run; everything here can be written as JSON."""
 
     device: str
     device_reason: str
     stages: tuple[Stage, ...]
-    accuracy_K: float | None  # estimated error of T_app by the trace; None where nothing scatters
+    accuracy_K: float | None  # estimated error of T_app by the trace; None if nothing scatters
     spray: dict[str, float]
     counts: dict[str, int]
-    defines: dict[str, dict[str, Any]]  # kernel file -> what it was compiled with
+    defines: dict[str, dict[str, Any]]  # kernel file -> its compile-time constants
     precision: str
     integration_time_s: float  # of the sensor, for the standard errors and the rig
     versions: dict[str, str] = field(default_factory=dict)
-    spectral: SpectralInfo | None = None  # how the filter was resolved
-    closure: EnergyBalance | None = None  # how far the sum of weights is from 1
-    remarks: tuple[str, ...] = ()  # what was inferred, or is not as asked
-    phase: str = ""  # how droplets were taken to scatter
+    spectral: SpectralInfo | None = None  # spectral resolution of the filter
+    closure: EnergyBalance | None = None  # difference of the sum of weights from 1
+    remarks: tuple[str, ...] = ()  # inferences, and deviations from the request
+    phase: str = ""  # phase function of the droplets
     files: tuple[FileRead, ...] = ()  # that the spray was read from
-    errors: Errors | None = None  # of T_app, by cause; None where nothing was asked for
-    integrals: tuple[dict[str, float], ...] = ()  # over each node's octree, m2, to know it again
-    plan: dict[str, Any] | None = None  # what was chosen for the wanted error; `Plan.to_dict`
+    errors: Errors | None = None  # of T_app, by source; None without audit
+    integrals: tuple[dict[str, float], ...] = ()  # over each node's octree, m2, to verify it
+    plan: dict[str, Any] | None = None  # resolution and error allocation, plain data
     origin: Origin | None = None  # when, by which command, on what; None in runs of 0.1.0
 
     def to_json(self) -> str:
-        """JSON; `from_dict` takes what is in it."""
+        """JSON; `from_dict` takes its content."""
         return json.dumps(self.to_dict(), indent=2)
 
     def to_dict(self) -> dict[str, Any]:
@@ -75,7 +75,7 @@ class RunInfo:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> RunInfo:
-        """What `to_dict` gave, as plain `data`."""
+        """Reads the plain `data` of `to_dict`."""
         stages = tuple(  # 0.1.0 wrote differences of times, some of which are below 0
             Stage(**{**one, "seconds": max(one["seconds"], 0.0)}) for one in data["stages"]
         )
@@ -98,18 +98,18 @@ class RunInfo:
 
 @dataclass(frozen=True)
 class Run(Presented):
-    """What `simulate` and `open_run` return.
+    """A simulated run, as `simulate` and `open_run` return it.
 
     weights, reference: of the traced scene, and of the same scene without spray; (H, W) float32,
-        row 0 at the top; emission in photons s-1 m-2 sr-1. For all of the filter: those of several
+        row 0 at the top; emission in photons s-1 m-2 sr-1. For the whole filter: those of several
         spectral nodes are combined by `effective_weights`, for light of
         `quadrature.reference_K` (the middle background).
-    spectral: the weights of each node of `quadrature`; (weights,) where there is one.
-    maps: DIT of the trace without noise, (H, W); the standard errors are those that the scene's
-        sensor and number of shots would give.
-    error_maps: standard error of T_app, K, (H, W) float32 by cause, and `total`; NaN in pixels
-        that do not count. Empty where it was not measured.
-    measured: DIT of what the rig acquired, on the sensor's pixels; None before an acquisition.
+    spectral: the weights of each node of `quadrature`; (weights,) for a single one.
+    maps: DIT of the trace without noise, (H, W), with the standard errors for the scene's sensor
+        and number of shots.
+    error_maps: standard error of T_app, K, (H, W) float32 by source, and `total`; NaN in pixels
+        that do not count. Empty without audit.
+    measured: DIT of the rig's acquisition, on the sensor's pixels; None before an acquisition.
     folder: where it is stored, if anywhere.
     """
 
@@ -136,7 +136,7 @@ class Run(Presented):
             options: of `cldit.dit.profile.profile_of`: start_m and angle_deg.
 
         Raises:
-            EvaluationError: the line does not begin in the picture.
+            EvaluationError: the line does not begin in the image.
         """
         x, _, z = self.scene.target_m
         given = {
@@ -147,7 +147,7 @@ class Run(Presented):
         return profile_of(self.maps, **{**given, **options})
 
     def save(self, folder: str | Path) -> Path:
-        """Writes the run into a folder, with what its rig recorded, if it did.
+        """Writes the run into a folder, with its acquisition if it has one.
 
         Args:
             folder: new or empty; `cldit.open_run` reads it.
@@ -165,14 +165,14 @@ class Run(Presented):
 
     @property
     def errors(self) -> Errors | None:
-        """What each cause adds to the error of T_app; None where the scene asked for no audit."""
+        """Errors of T_app by source; None for a scene without audit."""
         return self.info.errors
 
     def to_xarray(self, *, measured: bool = False) -> xarray.Dataset:
         """Maps and weights with coordinates, units and errors; `to_netcdf`, `to_zarr` write them.
 
         Args:
-            measured: the maps of what the rig acquired, on the sensor's pixels, without weights.
+            measured: True: the maps of the acquisition, on the sensor's pixels, without weights.
 
         Returns:
             Variables named as the maps' files are, over z and x in mm.

@@ -27,7 +27,7 @@ from cldit.scene import Scene
 
 State = Literal["done", "no spray", "failed"]
 
-# What concerns one time; a full disk, say, or a missing device concerns all.
+# Errors of one time; a full disk, for instance, or a missing device stops all.
 _OF_ONE_TIME = (
     SprayError,
     MediumError,
@@ -41,7 +41,7 @@ _GAS_ALONE = "_gas_alone"  # ends the name of a folder, as its scene is another
 
 @dataclass(frozen=True)
 class SeriesTime:
-    """What came of one time.
+    """Result of one time.
 
     time: s, or the case's own unit. folder: of the run; None unless `done`. spray: its notes. dit:
     medians over the maps, of the acquisition where there is one. problem: why there is no run.
@@ -56,7 +56,7 @@ class SeriesTime:
 
     @classmethod
     def of(cls, time: float, run: Run) -> SeriesTime:
-        """What is kept of the `run` of a time: its pictures stay in its folder."""
+        """Takes the figures of a `run` at a `time`; its images stay in its folder."""
         maps = run.maps if run.measured is None else run.measured
         return cls(time, "done", run.folder, run.info.spray, DelayRow.of(time, maps))
 
@@ -64,23 +64,15 @@ class SeriesTime:
 def run_times(
     plan: SeriesPlan, out: Path, run: Callable[[Scene, Path], Run], say: Say
 ) -> tuple[SeriesTime, ...]:
-    """Runs every time of a series; one that is bad does not keep the others.
+    """Runs every time of a series, in increasing order; a time that fails does not stop the others.
 
-    A time without a cloud or fuel is one before the injection or after all has evaporated, if it is
-    not between times with liquid: then its gas alone is run, or there is no spray. Where the
-    files themselves say that a cloud is empty, the gas is run in any case.
-
-    Args:
-        plan: the times.
-        out: folder of their folders.
-        run: runs a scene into a folder.
-        say: takes lines of text.
-
-    Returns:
-        One for each time, rising.
+    A time without a cloud or fuel is before the injection, or after all fuel has evaporated, if it
+    is not between times with liquid: then its gas alone is run, or there is no spray. If the files
+    themselves contain an empty cloud, the gas is run in any case. `out` contains the folders of
+    the times, `run` runs a scene into one, `say` takes lines of text.
 
     Raises:
-        ClditError: what concerns all times, such as a full disk; Stopped: by the user.
+        ClditError: an error of all times, such as a full disk; Stopped: by the user.
     """
     found: dict[float, SeriesTime] = {}
     lacking: dict[float, SprayError] = {}

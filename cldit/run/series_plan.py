@@ -1,4 +1,4 @@
-"""Which times of a scene's spray a series has, and the scene of each."""
+"""The times of a series, and the scene of each."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SERIES_FILE = "series.yaml"
 
 @dataclass(frozen=True)
 class SeriesPlan:
-    """A scene for each time, rising; remarks on what was chosen for all of them.
+    """A scene for each time, in increasing order; remarks on choices for all of them.
 
     in_seconds: False where the times are degrees of crank angle.
     """
@@ -42,10 +42,10 @@ class SeriesPlan:
             scene: its spray is a CFD case, or a model that computes any time.
             times: `all` (those of the case, or the plan's delays), numbers in order as `::5` and
                 `-3:`, a text of times with commas as `0.5ms,1ms`, or a list of times.
-            watch: told how far the reading of a case is.
+            watch: takes the progress of reading a case.
 
         Raises:
-            SprayError: a time is not there, or nozzle and axis of a case cannot be told.
+            SprayError: a time is not there, or nozzle and axis of a case cannot be determined.
             SceneError: the spray has one time only, or the model needs single times.
         """
         wanted = _wanted(times)
@@ -68,12 +68,12 @@ class SeriesPlan:
         return replace(made, scenes={time: made._at(scene, time) for time in chosen})
 
     def _at(self, scene: Scene, time: float) -> Scene:
-        """The scene at one time, which its name tells."""
+        """The scene at one time, which is in its name."""
         name = f"{scene.name[:80]} at {self.text(time)}"
         return scene.with_(**{"name": name, "spray.time_s": time, "plan.delays_s": []})
 
     def text(self, time: float) -> str:
-        """A time as people name it: `0.5 ms`, or `-12.5`."""
+        """A time with its unit: `0.5 ms`, or `-12.5` degrees of crank angle."""
         return f"{1e3 * time:.9g} ms" if self.in_seconds else f"{time:.9g}"
 
     def stamp(self, time: float) -> str:
@@ -91,7 +91,7 @@ class SeriesPlan:
 
 
 def _wanted(times: Times) -> str | list[float | str]:
-    """A list of times as `choose_time` takes them, or the text that stands for some."""
+    """A list of times for `choose_time`, or `all` or a slice."""
     if isinstance(times, str):
         text = times.strip()
         if text == "all" or ":" in text:
@@ -107,11 +107,11 @@ def _wanted(times: Times) -> str | list[float | str]:
 
 
 def _computed(scene: Scene, wanted: str | list[float | str]) -> tuple[float, ...]:
-    """Times of a model."""
+    """Times of a spray model."""
     model = scene.spray.model
     if "time_s" not in type(scene.spray).model_fields:
         raise SceneError(
-            f"times: spray.model {model} has one time only; allowed are cone, lagrangian and cfd"
+            f"times: spray.model {model} has one time only; allowed: cone, lagrangian and cfd"
         )
     if wanted == "all" and scene.plan.delays_s:
         return tuple(sorted(set(scene.plan.delays_s)))

@@ -47,12 +47,12 @@ def simulate(
             scene, finished, is read instead of traced again.
         device: OpenCL device; None lets `open_device` choose (the run says which and why).
         cache: folder for tables and computed sprays; None is `default_cache()`.
-        spray: the scene's spray, where it is there already; None makes it.
+        spray: the scene's spray, if it was made already; None makes it.
         progress: called with a line of text as things happen.
-        watch: told how far the reading of a CFD case is.
+        watch: takes the progress of reading a CFD case.
 
     Raises:
-        ClditError: a subclass that says what is wrong and what to do.
+        ClditError: a subclass, with the problem and a remedy.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     folder = None if out is None else Path(out)
@@ -99,10 +99,10 @@ def _against_paper(problem: Problem, result: Result) -> Difference | None:
 
 
 def reevaluated(run: Run, scene: Scene) -> Run:
-    """The same trace before other backgrounds, walls and sensors: nothing is traced.
+    """The same trace for other backgrounds, walls and sensors; nothing is traced.
 
     Args:
-        scene: may differ from the run's in what `cldit.run.content.trace_content` leaves out.
+        scene: may differ from the run's in the keys that `cldit.run.content.trace_content` ignores.
 
     Raises:
         EvaluationError: the trace is not this scene's.

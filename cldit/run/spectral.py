@@ -63,7 +63,7 @@ class SpectralInfo:
     def of(
         cls, quadrature: Quadrature, errors_K: Sequence[float], from_paper: Difference | None
     ) -> SpectralInfo:
-        """From the nodes, the errors of each number of nodes, and the difference from the paper."""
+        """Takes the nodes, the errors of each number of them, and the difference from the paper."""
         at = quadrature.reference_K
         nodes = tuple((node.wavelength_um, float(node.share(at))) for node in quadrature.nodes)
         return cls(at, nodes, tuple(errors_K), from_paper)

@@ -184,13 +184,13 @@ MUTATIONS = (
         "np.sqrt(max(square, 0.0))", "unit/accuracy"),
     row("cldit/accuracy/errors.py", "sum(error**2 for error in known) ** 0.5", "max(known)",
         "unit/accuracy"),
-    row("cldit/accuracy/cells.py", "last.times(1.0 / (once**order - 1.0))",
+    row("cldit/accuracy/richardson.py", "last.times(1.0 / (once**order - 1.0))",
         "last.times(1.0 / once**order)", "unit/accuracy"),
     row("cldit/accuracy/error_maps.py", "one *= cause.error_K / rms", "one *= rms / rms",
         "unit/accuracy/test_error_maps.py", "unit/accuracy"),
     # run: a cache that mixes runs, labels in the wrong place
     row("cldit/run/labelled.py", "(width - 1) / 2) * across", "width / 2) * across", "unit/run"),
-    row("cldit/run/cell_fields.py", "known = (absorption > 0) & (emission > 0)",
+    row("cldit/run/octree_export.py", "known = (absorption > 0) & (emission > 0)",
         "known = absorption >= 0", "unit/run"),
     row("cldit/run/folder.py", "if before != scene:", "if False:", "unit/run"),
     # dit: errors that are not told, pictures that are

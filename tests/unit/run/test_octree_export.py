@@ -218,7 +218,7 @@ def test_what_has_changed_is_not_exported(
     stages = [s | ({"note": "1 leaves"} if s["name"] == "octree" else {}) for s in known["stages"]]
     refused({"stages": stages}, "octree: 1 leaves in run.json")
     refused({"plan": None}, "holds no plan")
-    with pytest.raises(RunFolderError, match=r"no node 1; allowed is 0\.\.0"):
+    with pytest.raises(RunFolderError, match=r"no node 1; allowed: 0\.\.0"):
         export_octree(order_0, "vtu", tmp_path / "a.vtu", device=device, cache=tables, node=1)
     file = Path(order_0.scene.spray.file)  # type: ignore[union-attr]
     arrays = dict(np.load(file))
