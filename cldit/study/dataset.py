@@ -82,14 +82,7 @@ class SweepFolder:
         return {int(each.stem) for each in points.glob("*.json")} if points.is_dir() else set()
 
     def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
-        """Puts a scene's result into the store; its mark comes last.
-
-        Args:
-            point: the scene's place.
-            result: of the scene.
-            worker: who computed it.
-            seconds: that it took.
-        """
+        """Puts a scene's result into the store; its mark comes last."""
         zarr = extra("zarr")
         with written(self.path / _STORE):
             store = zarr.open_group(self.path / _STORE, mode="r+")
@@ -104,11 +97,6 @@ class SweepFolder:
 
 def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     """The folder of a sweep: made, or found again.
-
-    Args:
-        path: the folder.
-        base: scene that the sweep starts from.
-        grid: of the sweep.
 
     Raises:
         StudyError: it holds something else, or the sweep of another scene or grid.

@@ -161,10 +161,6 @@ def _value(text: str) -> Value:
 def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """The scene with some of its values changed, checked again.
 
-    Args:
-        scene: to begin with.
-        values: dotted keys (`spray.plumes[0].azimuth_deg`) and what they become.
-
     Raises:
         SceneError: a key does not exist, or its value is not allowed.
     """

@@ -105,14 +105,7 @@ def _crop(axes: Axes, crop: Crop) -> None:
 def maps_figure(
     runs: Mapping[str, Run], *, title: str, crop: Crop | None = None, columns: int = _COLUMNS
 ) -> bytes:
-    """PNG of several DIT maps in one scale: hue = T_app, saturation = emissivity.
-
-    Args:
-        runs: by title.
-        title: above all.
-        crop: part of the picture; None is all.
-        columns: side by side.
-    """
+    """PNG of several DIT maps in one scale: hue = T_app, saturation = emissivity."""
     crop = crop or Crop()
     range_K, full = shared_scale(list(runs.values()))
     figure, panels = _grid(list(runs), crop, title=title, columns=columns)
@@ -159,17 +152,7 @@ def changes_figure(
     columns: int = _COLUMNS,
     label: str = "difference of apparent temperature / K",
 ) -> bytes:
-    """PNG of differences in one diverging scale, white at zero; NaN is grey.
-
-    Args:
-        changes: (H, W) by title.
-        frame: axes.
-        title: above all.
-        limit_K: end of the scale.
-        crop: part of the picture; None is all.
-        columns: side by side.
-        label: of the scale.
-    """
+    """PNG of differences in one diverging scale, white at zero; NaN is grey."""
     crop = crop or Crop()
     figure, panels = _grid(list(changes), crop, title=title, columns=columns)
     norm = Normalize(-limit_K, limit_K)

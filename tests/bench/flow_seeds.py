@@ -110,11 +110,6 @@ def stated(scene: Scene, seeds: int, device: Device) -> None:
 
     The reference errs by chance, too: as much as is taken off. A seed that is in it shares that,
     and misses as much.
-
-    Args:
-        scene: its keys left to the plan.
-        seeds: how many.
-        device: traces.
     """
     reference = Reference.load("gdi-flow", pixels=scene.camera.pixels[0])
     assert reference is not None

@@ -23,13 +23,7 @@ _HEAD = (
 
 
 def write_hexahedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
-    """foamToVTK's layout, raw float32: hexahedra in a .vtu, parcels in a .vtp.
-
-    Args:
-        folder: of the case.
-        cells_a_side: of the cube.
-        parcels: how many; without any there is no .vtp.
-    """
+    """foamToVTK's layout, raw float32: hexahedra in a .vtu, parcels in a .vtp."""
     grid = _grid(cells_a_side)
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
@@ -42,13 +36,7 @@ def write_hexahedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
 
 
 def write_polyhedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
-    """As `write_hexahedra`, each cell given by its faces.
-
-    Args:
-        folder: of the case.
-        cells_a_side: of the cube.
-        parcels: how many; without any there is no .vtp.
-    """
+    """As `write_hexahedra`, each cell given by its faces."""
     grid = _grid(cells_a_side)
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
@@ -66,13 +54,7 @@ def write_polyhedra(folder: Path, *, cells_a_side: int, parcels: int) -> None:
 
 
 def write_foam(folder: Path, *, cells_a_side: int, parcels: int) -> None:
-    """An OpenFOAM case, binary, of gas alone.
-
-    Args:
-        folder: of the case.
-        cells_a_side: of the cube.
-        parcels: is 0.
-    """
+    """An OpenFOAM case, binary, of gas alone."""
     n = cells_a_side
     point = np.arange((n + 1) ** 3).reshape((n + 1,) * 3)  # [z, y, x]
     cell = np.arange(n**3).reshape((n,) * 3)

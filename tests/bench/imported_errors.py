@@ -94,15 +94,7 @@ def parts_of(parcels: Parcels, count: int, *, seed: int = 7) -> list[Parcels]:
 def sampled(
     scene: Scene, spray: Spray, device: Device, *, leaf_m: float, counts: Sequence[int]
 ) -> list[Sampled]:
-    """What parts of the parcels err by, and state.
-
-    Args:
-        scene: of the spray.
-        spray: with points.
-        device: traces.
-        leaf_m: of the cells.
-        counts: of parts.
-    """
+    """What parts of the parcels err by, and state."""
     coarse = changed(
         scene,
         domain={"leaf_edge_m": leaf_m},
@@ -144,14 +136,7 @@ def sampled(
 
 
 def told(run: Run, spray: Spray, device: Device, *, finer: float) -> list[Told]:
-    """The other causes, one by one and together, of a run of `spray`.
-
-    Args:
-        run: that states them.
-        spray: of its scene.
-        device: traces.
-        finer: how many times smaller the cells are that are held for true.
-    """
+    """The other causes, one by one and together, of a run of `spray`."""
     assert run.errors is not None and run.info.plan is not None
     stated = {cause.name: cause.error_K or 0.0 for cause in run.errors.causes}
     cell_m = run.scene.domain.edge_m / 2 ** run.info.plan["depth"]

@@ -37,13 +37,7 @@ _PHASE_STEPS = 1024
 
 
 def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) -> Cost:
-    """The least cost of several rounds, each number by itself, after one that builds and warms.
-
-    Args:
-        case: names the device.
-        launch: starts the work.
-        rounds: number of rounds.
-    """
+    """The least cost of several rounds, each number by itself, after one that builds and warms."""
     launch()
     costs = [clocked(case.device, launch)[1] for _ in range(rounds)]
     return Cost(min(c.core_s for c in costs), min(c.wall_s for c in costs))
@@ -208,12 +202,7 @@ class Kernels:
     def sweep(
         self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None
     ) -> Cost:
-        """Cost of a set of sweeps.
-
-        Args:
-            count: directions over the sphere.
-            vector, phase: as in `sweeper`.
-        """
+        """Cost of a set of sweeps."""
         sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
         rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))

@@ -187,15 +187,7 @@ def bench_rig(
     repeats: int = 1,
     sensor: tuple[int, int] = (640, 512),
 ) -> BenchResult:
-    """Runs a plan of `frames` images at one background through the real runner, `repeats` times.
-
-    Args:
-        folder: on the measured disk; the one for temporary files if None. All files are removed.
-        frames: images in all.
-        frames_per_shot: images of a shot.
-        repeats: of the plan.
-        sensor: columns and rows of a frame.
-    """
+    """Runs a plan of `frames` images at one background through the real runner, `repeats` times."""
     choice = DriverChoice(driver="bench")
     setup = Setup(pixel_m=(1e-4, 1e-4))
     file = RigFile(name="bench", setup=setup, camera=choice, background=choice, trigger=choice)

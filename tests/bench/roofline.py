@@ -104,27 +104,14 @@ class Line:
         flops: float,
         exps: float,
     ) -> Line:
-        """Works out the roofline of one kernel.
-
-        Args:
-            machine: measured.
-            kernel, work: names in the table.
-            core_s: what it takes.
-            moved: bytes.
-            flops, exps: operations.
-        """
+        """Works out the roofline of one kernel."""
         arithmetic = flops / machine.flops_per_s + exps / machine.exps_per_s
         roofline_s = max(moved / machine.bytes_per_s, arithmetic)
         return cls(kernel, work, moved, flops, exps, roofline_s, core_s)
 
 
 def roofline(case: Case, *, directions: int = 96) -> Part:
-    """Sweep and path segments, with and without vectors; image kernel, and its traversal alone.
-
-    Args:
-        case: with the scene.
-        directions: swept.
-    """
+    """Sweep and path segments, with and without vectors; image kernel, and its traversal alone."""
     machine = Machine.of(case)
     kernels = Kernels(case)
     lines = []

@@ -17,14 +17,14 @@ from cldit.errors import ClditError, TransportError
 from cldit.gpu.device import Device
 from tests.bench.page import Given, write_measured
 from tests.bench.slabs import SlabOutcome, bench_slabs, need_discrete_ordinates, slab_table, slabs
-from tests.bench.stability_extremes import (
+from tests.verify.blocks import Blocks
+from tests.verify.extreme_media import (
     ExtremeOutcome,
     bench_extremes,
     extremes,
     extremes_table,
 )
-from tests.bench.stability_known import Case, cases
-from tests.verify.blocks import Blocks
+from tests.verify.known_cases import Case, cases
 
 
 @dataclass(frozen=True)

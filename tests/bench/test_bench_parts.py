@@ -1,4 +1,4 @@
-"""Growth, memory and roofline, measured on scenes so small that only the bookkeeping counts."""
+"""Memory and roofline, measured on scenes so small that only the bookkeeping counts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from cldit.bench.case import Case, changed
 from cldit.gpu.device import Device
 from cldit.scene import Scene
 from cldit.transport.cells import Needs
-from tests.bench.growth import Growth, Point, growth
 from tests.bench.kernels import Kernels
 from tests.bench.memory import memory
 from tests.bench.roofline import roofline
@@ -39,13 +38,6 @@ def _quiet(_: str) -> None:
     pass
 
 
-def test_exponents_are_those_of_power_laws() -> None:
-    points = tuple(Point(n, 3.0 * n**1.5) for n in (1.0, 2.0, 8.0))
-    one = Growth("pixels", "all", points)
-    assert one.exponent == pytest.approx(1.5)
-    assert one.last == pytest.approx(1.5)
-
-
 def test_what_is_compiled_in_by_force_changes_nothing(case: Case) -> None:
     """Vapour in droplets alone; and cell by cell through empty space counts more steps."""
     full = Kernels(case, compiled_in=Needs(vapour=True, droplets=False, scattering=False))
@@ -65,17 +57,6 @@ def test_floor_is_below_what_kernels_take(case: Case, monkeypatch: pytest.Monkey
     part = roofline(case, directions=2)
     for line in part.data["lines"]:
         assert 0 < line["roofline_s"] < line["core_s"]
-
-
-@pytest.mark.long
-def test_growth(tiny: Scene, device: Device, tmp_path: Path) -> None:
-    case = Case.of(tiny, device, cache=tmp_path)
-    part = growth(case, cache=tmp_path, say=_quiet)
-    amounts = {one["what"]: [p["amount"] for p in one["points"]] for one in part.data}
-    assert set(amounts) == {"pixels", "cells swept", "droplet cells", "orders", "wavelengths"}
-    assert amounts["wavelengths"] == [1.0, 3.0, 10.0]
-    for values in amounts.values():
-        assert values == sorted(values)
 
 
 @pytest.mark.long

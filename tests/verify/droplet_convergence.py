@@ -65,13 +65,7 @@ class Reference:
 
 
 def reference(case: Case, model: Model, fuel: Fuel, gas: Gas) -> Reference:
-    """Solves with scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model.
-
-    Args:
-        case: droplet and gas at the start.
-        model: of evaporation.
-        fuel, gas: property tables.
-    """
+    """Solves with scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model."""
     first = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
 
     def slopes(_: float, y: Floats) -> tuple[float, float]:
@@ -119,14 +113,7 @@ def integrated(
     steps: int,
     tolerance: float,
 ) -> Reference:
-    """Solves with the library's own integrator, in calls of equal length.
-
-    Args:
-        case, model, fuel, gas: as in `reference`.
-        half_s: half of the lifetime.
-        steps: number of calls up to `half_s`.
-        tolerance: of the integrator.
-    """
+    """Solves with the library's own integrator, in calls of equal length."""
     start, around = _states(case, fuel)
     step = half_s / steps
     state, at, left = start, 0.0, 0.0
@@ -144,13 +131,7 @@ def integrated(
 def explicit_euler(
     case: Case, model: Model, fuel: Fuel, gas: Gas, *, half_s: float, steps: int
 ) -> Reference:
-    """Plain steps of mass and temperature, for comparison; infinite where it breaks down.
-
-    Args:
-        case, model, fuel, gas: as in `reference`.
-        half_s: half of the lifetime.
-        steps: number of steps to it.
-    """
+    """Plain steps of mass and temperature, for comparison; infinite where it breaks down."""
     first = mass = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
     warm, step, left = case.temperature_K, half_s / steps, 0.0
     for number in range(10 * steps):
@@ -167,13 +148,7 @@ def explicit_euler(
 
 
 def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
-    """Errors and run times of one model in one case.
-
-    Args:
-        case: droplet and gas at the start.
-        model: a key of `MODELS`.
-        fuel, gas: property tables.
-    """
+    """Errors and run times of one model in one case."""
     rule = MODELS[model]
     wanted = reference(case, rule, fuel, gas)
     rows: list[tuple[float, float]] = []
@@ -196,14 +171,7 @@ def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
 
 
 def measure_euler(case: Case, model: str, fuel: Fuel, gas: Gas) -> tuple[Floats, Floats]:
-    """Errors of `explicit_euler`.
-
-    Args:
-        case, model, fuel, gas: as in `measure`.
-
-    Returns:
-        (N,) steps [s], and (N,) errors.
-    """
+    """Errors of `explicit_euler`."""
     wanted = reference(case, MODELS[model], fuel, gas)
     half = wanted.life_s / 2
     error = [

@@ -19,16 +19,7 @@ CONDITIONS = ((0.15, 300), (0.15, 573), (0.15, 620), (0.3, 500), (0.6, 573), (0.
 
 
 def wet_bulb(fuel: Fuel, gas: Gas, model: Model, *, gas_K: float, pressure_Pa: float) -> Floats:
-    """The state at rest in which no heat enters the liquid.
-
-    Args:
-        fuel, gas: property tables.
-        model: of evaporation.
-        gas_K, pressure_Pa: of the gas.
-
-    Returns:
-        (2,) temperature [K], and d(d^2)/dt [mm2/s].
-    """
+    """The state at rest in which no heat enters the liquid."""
     d = 10e-6
     drop = Drop(
         fuel=fuel,
@@ -61,14 +52,7 @@ def steady_K_mm2_s(life: Life) -> float:
 def microgravity_K_mm2_s(
     model: str, *, gas_temperature_K: float, pressure_Pa: float, diameter_m: float, cache: Path
 ) -> float:
-    """Rate d(d^2)/dt [mm2/s] of n-heptane at 298 K, put into nitrogen at rest.
-
-    Args:
-        model: a key of `MODELS`.
-        gas_temperature_K, pressure_Pa: of the nitrogen.
-        diameter_m: of the droplet.
-        cache: folder of property tables.
-    """
+    """Rate d(d^2)/dt [mm2/s] of n-heptane at 298 K, put into nitrogen at rest."""
     life = follow(
         fuel="n-heptane",
         diameter_m=diameter_m,
@@ -88,16 +72,7 @@ def nomura_K_mm2_s(case: published.Microgravity) -> float:
 
 
 def suspended_mm2(case: Suspended, model: str, *, cache: Path) -> Floats:
-    """d^2 at the times of the measurement, in air at 101325 Pa.
-
-    Args:
-        case: measurement.
-        model: a key of `MODELS`.
-        cache: folder of property tables.
-
-    Returns:
-        (N,) mm2.
-    """
+    """d^2 at the times of the measurement, in air at 101325 Pa."""
     life = follow(
         fuel="n-heptane",
         gas="air",

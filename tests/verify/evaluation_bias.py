@@ -127,15 +127,6 @@ def record(
     """Records blocks of pixels in a row, one of `EMISSIVITIES` each, at `TRUTH_K`.
 
     A count is 40 electrons, read noise 200; counts are rounded, and clipped to the camera's.
-
-    Args:
-        around: what the camera sees beside the spray.
-        side: of a block, in pixels.
-        shots: of each kind, before each background.
-        pattern: pixels differ by 3 % in gain and 20 counts in offset.
-        background_error_K: drawn anew for every pixel, as if each were an experiment of its own.
-        filter_um: edges of the filter.
-        seed: of the noise.
     """
     rng = np.random.default_rng(seed)
     epsilon = np.repeat(EMISSIVITIES, side)[None, :] * np.ones((side, 1))

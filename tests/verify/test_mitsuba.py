@@ -11,7 +11,7 @@ import cldit
 from cldit.bench.case import BenchError, Case
 from cldit.bench.error import path_settings
 from cldit.gpu.device import Device
-from tests.bench.mitsuba import Stage, mitsuba, row_lattice
+from tests.verify.mitsuba_stage import Stage, mitsuba, row_lattice
 
 EDGE = 0.2
 ROWS = 4

@@ -112,15 +112,7 @@ def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
 def estimators(
     truth: Traced, models: Mapping[str, Traced], second: Mapping[str, Traced]
 ) -> list[Estimator]:
-    """All estimators, plain DIT first.
-
-    Args:
-        truth: the traced scene.
-        models, second: traces of the models by name, in the filter and in the second one.
-
-    Returns:
-        The estimators.
-    """
+    """All estimators, plain DIT first."""
     return [
         *_without(truth),
         *_plates(truth),

@@ -115,12 +115,6 @@ def scattering_study(
 ) -> Study:
     """Evaluates the traced scene by every estimator.
 
-    Args:
-        scene: to be varied.
-        device: to trace on.
-        cache: folder of tables.
-        progress: takes lines.
-
     Raises:
         EvaluationError: the scene cannot be varied, or has one background.
     """
@@ -140,12 +134,7 @@ def scattering_study(
 
 
 def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene: Scene) -> Study:
-    """Runs all estimators, with the model named `right` as the truth.
-
-    Args:
-        models, second: traces of the models by name, in the filter and in the second one.
-        scene: that they are models of.
-    """
+    """Runs all estimators, with the model named `right` as the truth."""
     exact = seen(models[RIGHT], second[RIGHT])
     noisy = _noisy(exact)
     truth = Truth.of(models[RIGHT], exact["as it is"])

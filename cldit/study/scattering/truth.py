@@ -148,12 +148,7 @@ class Traced:
     def maps(
         self, changed_K: Mapping[str, float] = _AS_IT_IS, *, background: Sequence[str] = ()
     ) -> Maps:
-        """Plain DIT with the scene's camera.
-
-        Args:
-            changed_K: as `surroundings`.
-            background: parts of the enclosure that follow the background's temperature.
-        """
+        """Plain DIT with the scene's camera."""
         scene = self.scene
         traced, bare = (
             _joined(one, background, into="background") for one in (self.weights, self.reference)
@@ -187,11 +182,6 @@ def _joined(weights: Weights, parts: Sequence[str], *, into: str) -> Weights:
 
 def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     """What the scene emits, what it would if every phase emitted 1, and the scene without spray.
-
-    Args:
-        scene: with plates.
-        device: to trace on.
-        cache: folder of tables.
 
     Raises:
         EvaluationError: the scene is resolved into several wavelengths.

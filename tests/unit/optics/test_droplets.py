@@ -13,7 +13,7 @@ import pytest
 from cldit.errors import DropletError
 from cldit.optics import mie
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
-from tests.bench.optics import check_table, compare_solvers
+from tests.unit.optics.table_errors import check_table, compare_solvers
 
 PAPER = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
 

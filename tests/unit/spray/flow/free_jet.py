@@ -38,14 +38,7 @@ def free_jet(
     fuel_kg_s: float = 0.0,
     distances_m: tuple[float, ...] = (20e-3, 25e-3, 30e-3),
 ) -> FreeJet:
-    """Nitrogen of 0.6 MPa, pushed by `THRUST_N` from 8 mm on, with cold fuel vapour in it or not.
-
-    Args:
-        mixture: with its reference at 573 K, the gas's temperature.
-        spacing_m: of the grid.
-        fuel_kg_s: vapour that is added, with 0.9 MJ/kg less than it has at the gas's temperature.
-        distances_m: where the jet is measured.
-    """
+    """Nitrogen of 0.6 MPa, pushed by `THRUST_N` from 8 mm on, with or without cold fuel vapour."""
     count = round(_ACROSS_m / spacing_m)
     origin = np.array([-0.5 * count * spacing_m] * 2 + [-_BELOW_m])
     box = FlowGrid(origin, spacing_m, (count, count, round((_BELOW_m + 4e-3) / spacing_m)))

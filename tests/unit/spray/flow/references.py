@@ -85,12 +85,7 @@ def find(spec: LagrangianSpray, *, cache: Path | None) -> Found:
 
 
 def jet(spec: LagrangianSpray, fuel: Fuel, gas: Gas) -> Jet:
-    """The jet of the first plume, by Naber and Siebers.
-
-    Args:
-        spec: the spray.
-        fuel, gas: property tables.
-    """
+    """The jet of the first plume, by Naber and Siebers."""
     injection = inject(spec, fuel)
     hole, ambient = injection.holes[0], spec.ambient
     density = ambient.pressure_Pa * gas.molar_mass_kg_mol / (8.314462618 * ambient.temperature_K)
@@ -109,14 +104,6 @@ def saturation(
     """Adiabatic saturation: the gas mixed in just evaporates all of the fuel.
 
     No colder gas can hold all of it as vapour.
-
-    Args:
-        fuel, gas: property tables.
-        fuel_K, gas_K: temperatures before mixing.
-        pressure_Pa: of both.
-
-    Returns:
-        Temperature [K], and mass ratio of fuel to gas.
     """
     heavy = fuel.molar_mass_kg_mol / gas.molar_mass_kg_mol
     low = fuel.liquid.low_K
@@ -137,12 +124,7 @@ def saturation(
 
 
 def at(pressure_MPa: float, gas_K: float, **changes: Any) -> LagrangianSpray:
-    """The base spray at another state of the gas.
-
-    Args:
-        pressure_MPa, gas_K: of the gas.
-        changes: of the spray's other keys.
-    """
+    """The base spray at another state of the gas."""
     ambient = Ambient(pressure_Pa=pressure_MPa * 1e6, temperature_K=float(gas_K))
     return BASE.model_copy(update={"ambient": ambient, **changes})
 

@@ -18,16 +18,16 @@ from tests.bench import slabs as module
 from tests.bench import stability
 from tests.bench.slabs import Slab, SlabOutcome, bench_slabs, exact, slab_table, slabs
 from tests.bench.stability import bench_stability, known_table
-from tests.bench.stability_extremes import (
+from tests.verify.blocks import Blocks
+from tests.verify.cavity import EDGE_M
+from tests.verify.extreme_media import (
     Extreme,
     ExtremeOutcome,
     bench_extremes,
     extremes,
     extremes_table,
 )
-from tests.bench.stability_known import Case, cases
-from tests.verify.blocks import Blocks
-from tests.verify.cavity import EDGE_M
+from tests.verify.known_cases import Case, cases
 from tests.verify.stated import Stated, apparent_K
 
 # Thick cells that hardly absorb, or do not: four fifths of all the time. `verify/test_cavity.py`
