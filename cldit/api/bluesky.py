@@ -1,9 +1,9 @@
-"""An acquisition as a bluesky device: the RunEngine steps through it, cldit's runner does it.
+"""Acquisition as a bluesky device: the RunEngine steps through it, cldit's runner records it.
 
 RunEngine()(all_shots(Shots("rig.yaml", "plan.yaml", "shots")))
 
-Each `trigger` lets the runner go on to its next saved shot, and to the next background where it is
-due: journal, guard, retakes, resuming are those of `cldit acquire`. `unstage` leaves the rig safe.
+Each `trigger` lets the runner continue to its next saved shot, with a change of background if due;
+journal, guard, retakes and resuming are those of `cldit acquire`. `unstage` leaves the rig safe.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _UNITS = {"shot": "", "kind": "", "file": "", "background_before_K": "K", "backg
 
 
 class _Status:
-    """A `bluesky.protocols.Status` of what a thread does."""
+    """`bluesky.protocols.Status` of a task in a thread."""
 
     def __init__(self, future: Future[Any]) -> None:
         self._future, self.exception = future, future.exception
@@ -38,7 +38,7 @@ class _Status:
 
 
 class Shots:
-    """Shots that `folder` lacks; rig, plan, folder as for `cldit.open_rig` and its `acquire`."""
+    """Missing shots of a folder; rig, plan, folder as for `cldit.open_rig` and its `acquire`."""
 
     parent = None
 
@@ -55,16 +55,16 @@ class Shots:
             yield from rig.acquire(self._plan, self._folder, should_stop=self._stop.is_set)
 
     def trigger(self) -> _Status:
-        """Lets the runner go on to its next saved shot."""
+        """Lets the runner continue to its next saved shot."""
         self._taken = self._worker.submit(next, self._shots, None)
         return _Status(self._taken)
 
     def saved(self) -> SavedShot | None:
-        """The shot that was triggered, None where there are no more; waits for it."""
+        """Waits for the triggered shot; None if there are no more."""
         return self._taken.result()
 
     def read(self) -> dict[str, Any]:
-        """The last shot, as bluesky reads it."""
+        """Last shot, as data for bluesky."""
         if (saved := self.saved()) is None:
             raise RuntimeError(f"{self._folder}: there are no more shots to read")
         values = {**saved.meta, "file": str(shot_path(self._folder, saved.shot.id))}
@@ -72,13 +72,13 @@ class Shots:
         return {f"{self.name}_{k}": {"value": values[k], "timestamp": when} for k in _UNITS}
 
     def describe(self) -> dict[str, Any]:
-        """Types and units of what `read` gives."""
+        """Types and units of the data of `read`."""
         common = {"source": f"cldit:{self._folder}", "shape": []}
         kinds = {k: {"dtype": "number" if u else "string", "units": u} for k, u in _UNITS.items()}
         return {f"{self.name}_{key}": common | kind for key, kind in kinds.items()}
 
     def unstage(self) -> list[Any]:
-        """Ends after the present shot."""
+        """Ends the acquisition after the present shot."""
         self._stop.set()
         with self._worker:
             self._worker.submit(self._shots.close).result()
@@ -86,9 +86,9 @@ class Shots:
 
 
 def all_shots(shots: Shots, md: dict[str, Any] | None = None) -> Iterator[Any]:
-    """A bluesky plan: one run, an event for each of `shots`; after a pause nothing is done again.
+    """Bluesky plan: one run, an event for each of `shots`; a pause repeats nothing.
 
-    `md` goes into the run's start document.
+    md: for the run's start document.
     """
 
     def steps() -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""`cldit.evaluate`: what the command `cldit evaluate` does, for a script."""
+"""`cldit.evaluate`: evaluation of a folder in a script, as by the command `cldit evaluate`."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ def evaluate(
     """Evaluates an acquisition, a run, or measured data, and stores the maps in `maps` beside it.
 
     Args:
-        folder: of an acquisition or a run; or with measured.yaml, or such a file itself.
+        folder: acquisition, run, folder with measured.yaml, or such a file itself.
         calibration, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots` (`curve`).
-        frame: which picture of each shot, where the plan has several.
-        model: a run that models the spray: also the temperature of what emits.
-        say: called with lines of text: what the files hold, before anything is fitted.
+        frame: which image of each shot, if the plan has several.
+        model: run that models the spray: adds the temperature of the emitting medium.
+        say: called with lines about the files before the fit.
 
     Returns:
-        Variables named as the maps' files are, over z and x in mm; `cldit.plot` draws them. The
-        attribute `evaluation` is the JSON of maps/evaluation.json without its list of inputs;
-        `remarks` has a line a remark, witness and budget's part.
+        Variables named like the maps' files, (z, x) in mm; `cldit.plot` draws them. The attribute
+        `evaluation` is the JSON of maps/evaluation.json without its inputs; `remarks` has a line
+        for each remark, witness and part of the budget.
 
     Raises:
         ClditError: xarray is not installed; before anything is evaluated.
-        RunFolderError: the folder holds no acquisition.
+        RunFolderError: the folder contains no acquisition.
         EvaluationError: the shots cannot be evaluated.
-        SceneError: measured.yaml is not as it must be.
+        SceneError: measured.yaml is invalid.
     """
     xarray_module()
     place = acquisition_in(folder)
@@ -87,7 +87,7 @@ def evaluate(
 
 
 def _without_inputs(found: Evaluation) -> Evaluation:
-    """An attribute of HDF5 holds 64 kB: the list of pictures may be longer."""
+    """Evaluation without its inputs, whose list may exceed 64 kB, the limit of HDF5 attributes."""
     if found.origin is None:
         return found
     return replace(found, origin=replace(found.origin, inputs=()))

@@ -1,4 +1,4 @@
-"""The whole experiment on one scene: simulate, acquire with the simulated rig, evaluate, report."""
+"""Experiment on one scene: simulate, acquire with the simulated rig, evaluate, report."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ def run_experiment(
 ) -> Run:
     """Simulates the scene, records it with the simulated rig, evaluates, and writes the report.
 
-    Whatever ended it before, the same call goes on where it stopped.
+    After an interruption of any kind, the same call continues where it stopped.
 
     Args:
-        scene: what is simulated; or a shipped name, or a YAML file.
-        out: the run's folder; the acquisition goes into its folder `acquisition`.
-        device: to trace on; None chooses.
+        scene: a scene, a shipped name, or a YAML file.
+        out: the run's folder; its folder `acquisition` gets the shots.
+        device: OpenCL device; None chooses.
         progress: called with a line of text as things happen.
         watch: called with the progress of reading a CFD case, and of the rig.
 
     Raises:
         Stopped: the acquisition was interrupted; the same call resumes it.
-        ClditError: a subclass that says what is wrong and what to do.
-        EvaluationError: the scene has one background temperature only.
+        ClditError: a subclass that names the fault and the remedy.
+        EvaluationError: the scene has only one background temperature.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     folder = Path(out)
     if len(set(scene.background.temperatures_K)) < 2:
         raise EvaluationError(
-            f"background.temperatures_K: {list(scene.background.temperatures_K)} holds one "
-            "temperature; DIT needs at least two that differ"
+            f"background.temperatures_K: {list(scene.background.temperatures_K)} contains one "
+            "temperature; DIT requires at least two different ones"
         )
     at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
     _refuse_missing(scene)
@@ -65,6 +65,7 @@ def run_experiment(
         if watch is not None:
             watch(Progress(what, done, total, None))
 
+    say = progress or (lambda text: None)
     run = simulate(scene, folder, device=device, progress=progress, watch=reading)
     traced: list[Path] = []
     shown_s = spray_time_s(scene)
@@ -72,8 +73,7 @@ def run_experiment(
         if _same(shown_s, delay_s):
             traced.append(folder)
             continue
-        if progress is not None:
-            progress(f"the spray at {delay_text(delay_s)}")
+        say(f"the spray at {delay_text(delay_s)}")
         traced.append(folder / delay_folder(delay_s))
         simulate(alone(later), traced[-1], device=device, progress=progress, watch=reading)
     start = time.perf_counter()
@@ -82,14 +82,12 @@ def run_experiment(
     rig_data = simulated_rig_data(scene, (traced or [folder])[0], further_runs=traced[1:])
     write_text(rig_file, dump_yaml(rig_data))
     write_text(folder / "plan.yaml", plan.dump())
-    if progress is not None:
-        progress("acquisition")
+    say("acquisition")
     with open_rig(rig_data) as rig:
         record = acquire(rig, plan, folder / "acquisition", progress=watch)
     _complete(record)
     acquired = time.perf_counter()
-    if progress is not None:
-        progress("evaluation of the shots")
+    say("evaluation of the shots")
     found = evaluate_delays(folder / "acquisition")
     if delay_problems(found):
         raise EvaluationError(delay_problems(found))
@@ -100,18 +98,17 @@ def run_experiment(
         Stage("evaluation of the shots", evaluated - acquired),
     ]
     run = with_stages(run, stages, measured)
-    if progress is not None:
-        progress("pictures and report")
+    say("figures and report")
     write_run_report(run)
     return run
 
 
 def _refuse_missing(scene: Scene) -> None:
-    """What a trace of each delay would refuse after the others, before anything is traced."""
+    """Refuses delays whose spray is missing before anything is traced."""
     spray = scene.spray
     if not isinstance(spray, CfdSpray) or not scene.plan.delays_s:
         return
-    from cldit.cfd.formats import contents  # brings VTK
+    from cldit.cfd.formats import contents  # loads VTK
     from cldit.cfd.times import choose_time
 
     known_s = contents(spray).times_s
@@ -123,7 +120,7 @@ def _refuse_missing(scene: Scene) -> None:
 
 
 def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
-    """The maps of the time that the run itself shows, if that was recorded."""
+    """Maps of the time that the run itself shows, if it was recorded."""
     for one in found:
         if len(found) == 1 or _same(shown_s, one.delay_s):
             return None if one.evaluation is None else one.evaluation.maps
@@ -138,5 +135,5 @@ def _complete(record: Record) -> None:
     if not record.complete:
         raise Stopped(
             f"{record.folder}: stopped after {record.saved} of {record.total} shots; "
-            "run the same command again to go on"
+            "run the same command again to continue"
         )

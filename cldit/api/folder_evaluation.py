@@ -1,9 +1,10 @@
-"""Evaluates what a folder holds, an acquisition or measured data, and stores the maps beside it."""
+"""Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,9 @@ from cldit.scene.delays import delay_text
 
 @dataclass(frozen=True)
 class DelayEvaluation:
-    """What came of one delay; `folder` holds its maps.
+    """Evaluation of one delay, with the folder of its maps.
 
-    delay_s: None for measured data, which do not say. evaluation: None where there is a `problem`.
+    delay_s: None for measured data, where it is unknown. evaluation: None if there is a `problem`.
     """
 
     delay_s: float | None
@@ -47,35 +48,26 @@ def evaluate_delays(
     progress: Callable[[int, int], None] | None = None,
     say: Say | None = None,
 ) -> tuple[DelayEvaluation, ...]:
-    """Evaluates every delay of a folder.
+    """Evaluates every delay of a folder as `evaluate_folder`, in the plan's order.
 
     One delay has its maps in `maps`, several in `maps/delay_0.95ms` and so on, with the table
-    `maps/delays.csv`. A delay that cannot be evaluated does not keep the others.
-
-    Args:
-        folder, curve, robust, frame, accept, progress, say: as `evaluate_folder`.
-
-    Returns:
-        One for each delay, in the plan's order.
-
-    Raises:
-        RunFolderError: as `evaluate_folder`.
-        EvaluationError: as `evaluate_folder`; with several delays, where all fail.
+    `maps/delays.csv`. A delay that cannot be evaluated does not stop the others; EvaluationError
+    if all fail.
     """
-    if is_measured(folder):
-        delays: tuple[float, ...] = ()
-    else:
+    delays: tuple[float, ...] = ()
+    if not is_measured(folder):
         delays = open_acquisition(folder, frame=frame).plan.delays
+    evaluate = partial(
+        evaluate_folder,
+        curve=curve,
+        robust=robust,
+        frame=frame,
+        accept=accept,
+        progress=progress,
+        say=say,
+    )
     if len(delays) < 2:
-        found = evaluate_folder(
-            folder,
-            curve=curve,
-            robust=robust,
-            frame=frame,
-            accept=accept,
-            progress=progress,
-            say=say,
-        )
+        found = evaluate(folder)
         here = Path(folder)
         place = (here.parent if here.is_file() else here) / "maps"
         return (DelayEvaluation(delays[0] if delays else None, place, found),)
@@ -83,16 +75,7 @@ def evaluate_delays(
     for number, delay_s in enumerate(delays):
         place = maps_folder(Path(folder), delays, number)
         try:
-            evaluation = evaluate_folder(
-                folder,
-                curve=curve,
-                robust=robust,
-                frame=frame,
-                delay=number,
-                accept=accept,
-                progress=progress,
-                say=say,
-            )
+            evaluation = evaluate(folder, delay=number)
         except EvaluationError as error:
             done.append(DelayEvaluation(delay_s, place, None, str(error)))
         else:
@@ -105,7 +88,7 @@ def evaluate_delays(
 
 
 def delay_rows(found: Collection[DelayEvaluation]) -> list[DelayRow]:
-    """The table over the delays that could be evaluated."""
+    """Rows of the table of the delays that could be evaluated."""
     return [
         DelayRow.of(one.delay_s, one.evaluation.maps)
         for one in found
@@ -114,7 +97,7 @@ def delay_rows(found: Collection[DelayEvaluation]) -> list[DelayRow]:
 
 
 def delay_problems(found: Collection[DelayEvaluation]) -> str:
-    """Why delays could not be evaluated; empty where all were."""
+    """Reasons why delays could not be evaluated; empty if all were."""
     return "\n".join(
         f"at {delay_text(one.delay_s)}: {one.problem}"
         for one in found
@@ -135,19 +118,19 @@ def evaluate_folder(
 ) -> Evaluation:
     """Evaluates one delay of an acquisition folder, or measured data, and stores the maps.
 
-    They go into `maps` beside the pictures; of several delays, each into a folder within.
+    They go into `maps` beside the images; those of several delays into a folder each.
 
     Args:
-        folder: of an acquisition; or with measured.yaml, or such a file itself.
-        curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; what measured.yaml
-            accepts is accepted too.
-        frame: which picture of each shot, where the plan has several.
-        delay: which of the plan's delays, from 0; needed where it has several.
-        say: called with lines that tell what was found in measured files, before the fit.
+        folder: acquisition, folder with measured.yaml, or such a file itself.
+        curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
+            measured.yaml accepts are accepted too.
+        frame: which image of each shot, if the plan has several.
+        delay: which of the plan's delays, from 0; required if it has several.
+        say: called with lines about measured files, before the fit.
 
     Raises:
-        RunFolderError: the folder holds no acquisition. Damaged shots, and what the journal lacks,
-            are left out and named by the remarks.
+        RunFolderError: the folder contains no acquisition. Shots that are damaged or missing in
+            the journal are omitted and named by the remarks.
         EvaluationError: the shots cannot be evaluated.
     """
     acquisition: Acquisition | Measured
@@ -155,7 +138,7 @@ def evaluate_folder(
     damage: tuple[str, ...] = ()
     if is_measured(folder):
         if frame:
-            raise EvaluationError(f"{folder}: frame {frame}: measured shots have one picture, 0")
+            raise EvaluationError(f"{folder}: frame {frame}: measured shots have one image, 0")
         if delay:
             raise EvaluationError(f"{folder}: delay {delay}: measured data have one delay, 0")
         acquisition = open_measured(folder)
@@ -177,7 +160,7 @@ def evaluate_folder(
     except RunFolderError:
         if isinstance(acquisition, Measured):
             raise
-        acquisition = acquisition.whole()  # it reads every picture, so only where one is damaged
+        acquisition = acquisition.whole()  # reads every image, so only after damage
         evaluation = _evaluate_rest(acquisition, curve, robust, accept, progress)
     finally:
         if isinstance(acquisition, Measured):
@@ -202,12 +185,12 @@ def _delay_number(acquisition: Acquisition, delay: int | None) -> int:
     delays = acquisition.plan.delays
     if delay is None and len(delays) > 1:
         raise EvaluationError(
-            f"{acquisition.folder}: holds {len(delays)} delays; give `delay`, or evaluate them all "
+            f"{acquisition.folder}: contains {len(delays)} delays; give `delay`, or evaluate all "
             "with evaluate_delays"
         )
     if not 0 <= (delay or 0) < len(delays):
         allowed = f"0..{len(delays) - 1}"
-        raise EvaluationError(f"{acquisition.folder}: delay {delay}: allowed is {allowed}")
+        raise EvaluationError(f"{acquisition.folder}: delay {delay}; allowed: {allowed}")
     return delay or 0
 
 
@@ -222,21 +205,21 @@ def _evaluate_rest(
         return evaluate_shots(
             acquisition, curve=curve, robust=robust, accept=accept, progress=progress
         )
-    except EvaluationError as error:  # too few are left
+    except EvaluationError as error:  # too few remain
         raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
 
 
 def evaluate_scattering(
     folder: str | Path, model: Run, evaluation: Evaluation, *, maps: Path | None = None
 ) -> Medium:
-    """The temperature of what emits, with the scattered share of a model; stored beside the maps.
+    """Temperature of the emitting medium, with the scattered share of a model; stored as maps.
 
     Args:
-        folder: as given to `evaluate_folder`, which must have gone before.
-        model: a run whose spray and camera stand for the measurement's, and whose patches are those
-            of its enclosure, temperatures included.
-        evaluation: what `evaluate_folder` gave.
-        maps: folder of its maps; None: `maps` beside the pictures.
+        folder: as for `evaluate_folder`, which gave the evaluation.
+        model: run whose spray and camera represent those of the measurement, and whose patches
+            are those of its enclosure, temperatures included.
+        evaluation: of the same folder.
+        maps: folder of its maps; None: `maps` beside the images.
 
     Raises:
         EvaluationError: the model's sensor has another number of pixels.
@@ -251,7 +234,7 @@ def evaluate_scattering(
     if evaluation.fitted is not None:
         curve = evaluation.fitted.curve
     around = opened.surroundings
-    if not around.patches:  # neither a rig nor measured data describes any
+    if not around.patches:  # neither a rig nor measured data describe them
         around = replace(around, patches=model.scene.patches)
     scattered = scattered_by(spray, reference, enclosure(around, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)

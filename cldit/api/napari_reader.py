@@ -1,6 +1,6 @@
 """Reader plugin of napari: maps of runs and measurements as layers, in millimetres.
 
-napari finds it by the entry point `napari.manifest`, which names napari.yaml beside this file.
+napari finds it by the entry point `napari.manifest`, which names cldit/napari.yaml.
 """
 
 from __future__ import annotations
@@ -19,11 +19,7 @@ _COLOURS = {"apparent temperature": "inferno", "emissivity": "gray", "optical de
 
 
 def get_reader(path: str | list[str]) -> Reader | None:
-    """The reader of a path; None where it is nothing of cldit's.
-
-    Args:
-        path: of a run, an acquisition that was evaluated, or measured data; or a list of one.
-    """
+    """Reader of a path, or a list of one; None if it is not a result of cldit."""
     place = _one(path)
     if place is None or not _ours(place):
         return None
@@ -31,19 +27,12 @@ def get_reader(path: str | list[str]) -> Reader | None:
 
 
 def read_layers(path: str | list[str]) -> list[Layer]:
-    """Layers (values, what napari wants to know of them, "image") of a path that is cldit's.
+    """Layers of napari, (array, attributes, "image"), of a path for which there is a reader.
 
-    Args:
-        path: as for `get_reader`.
-
-    Returns:
-        Arrays (H, W), row 0 at the top; scale and place in mm, y downwards from the injector.
-
-    Raises:
-        RunFolderError: there are no maps.
+    Arrays (H, W) have row 0 at the top; scale and place are in mm, y downwards from the injector.
     """
     place = _one(path)
-    assert place is not None  # get_reader said so
+    assert place is not None  # checked by get_reader
     shown = open_shown(place)
     images = {
         "apparent temperature": (shown.maps.apparent_temperature_K, "K"),

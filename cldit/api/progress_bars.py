@@ -1,4 +1,4 @@
-"""Progress for whoever watches: a bar in a notebook, lines and a bar in a terminal."""
+"""Display of progress: a bar in a notebook, lines and a bar in a terminal."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ if TYPE_CHECKING:
 
 
 class Watcher(Protocol):
-    """What shows progress: `say` takes lines, `watch` what a rig has done."""
+    """Display of progress: `say` takes lines, `watch` the progress of a rig."""
 
     def say(self, text: str) -> None:
-        """Shows a line `text`."""
+        """Shows a line of text."""
         ...
 
     def watch(self, progress: Progress) -> None:
-        """Shows how far the work is, as `progress` tells."""
+        """Shows the progress of a rig."""
         ...
 
 
 def progress_bar() -> AbstractContextManager[Watcher]:
-    """Shows progress, as in
+    """Display of progress for a `with` statement:
 
     with cldit.progress_bar() as bar:
         run = cldit.run_experiment("gdi", "runs/gdi", progress=bar.say, watch=bar.watch)
     """
     if in_notebook():
         return NotebookBar()
-    from cldit.cli.console import ProgressBar  # the terminal's, which is the command line's
+    from cldit.cli.console import ProgressBar  # of the command line
 
     return ProgressBar()
 
 
 def in_notebook() -> bool:
-    """Whether this runs in a Jupyter kernel."""
+    """True in a Jupyter kernel."""
     found = sys.modules.get("IPython")
     shell = None if found is None else found.get_ipython()
     return shell is not None and hasattr(shell, "kernel")
 
 
 class NotebookBar:
-    """One line below the cell that changes as the work goes on, and goes when it is done.
+    """Line below the cell that changes during the work, and disappears at its end.
 
-    rich's own bar needs ipywidgets in a notebook, and shows nothing without.
+    rich's own bar requires ipywidgets in a notebook.
     """
 
     def __init__(self) -> None:
@@ -62,11 +62,11 @@ class NotebookBar:
         self._show("")
 
     def say(self, text: str) -> None:
-        """Shows what is in work: `text`."""
+        """Shows a line of text."""
         self._show(f"<small>{escape(text)}</small>")
 
     def watch(self, progress: Progress) -> None:
-        """Shows a bar of how far the work is, as `progress` tells."""
+        """Shows a bar of the progress of a rig."""
         self._show(
             f'<progress max="{max(progress.total, 1)}" value="{progress.done}"></progress> '
             f"<small>{escape(progress.phase)} {progress.done}/{progress.total}</small>"

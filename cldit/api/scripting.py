@@ -26,7 +26,7 @@ AnyPlan = Plan | str | Path | dict[str, Any]
 
 @dataclass(frozen=True)
 class ScriptRig(Rig):
-    """A rig that takes plans. Leaving the `with` block makes it safe and closes it."""
+    """Rig for plans. Leaving the `with` block makes it safe and closes it."""
 
     def acquire(
         self,
@@ -36,27 +36,27 @@ class ScriptRig(Rig):
         progress: Callable[[Progress], None] | None = None,
         should_stop: StopCheck | None = None,
     ) -> Generator[SavedShot, None, Record]:
-        """The shots of `plan` that `folder` lacks, each after it is on the disk.
+        """Yields the missing shots of a plan, each after it is on the disk.
 
-        Everything that `cldit.acquisition.acquire` promises holds: Ctrl-C, resuming, the journal.
-        Leaving the loop early ends the acquisition after the present shot.
+        Ctrl-C, resuming and the journal are those of `cldit.acquisition.acquire`. Leaving the loop
+        early ends the acquisition after the present shot.
 
         Args:
             plan: a plan, or the path of one.
-            folder: of the shots.
+            folder: folder of the shots.
             progress, should_stop: as in `cldit.acquisition.acquire`.
 
         Returns:
             The record, as the generator's return value.
 
         Raises:
-            SceneError: the plan is not allowed.
+            SceneError: the plan is invalid.
             ClditError: as `cldit.acquisition.acquire`.
         """
         return iterate(self, _plan(plan), Path(folder), progress=progress, should_stop=should_stop)
 
     def dry_run(self, plan: AnyPlan, folder: str | Path) -> DryRun:
-        """Checks as `cldit.acquisition.dry_run` does, of `plan` into `folder`."""
+        """Checks a `plan` into a `folder` as `cldit.acquisition.dry_run`."""
         return dry_run(self, _plan(plan), Path(folder))
 
 
@@ -67,10 +67,10 @@ def _plan(plan: AnyPlan) -> Plan:
 
 
 def open_rig(file: str | Path | dict[str, Any], *, clock: Clock | None = None) -> ScriptRig:
-    """The rig that `file` describes, on its own `clock` or another; see `cldit.rig.load.open_rig`.
+    """Opens the rig of a `file`, with its own `clock` or another; see `cldit.rig.load.open_rig`.
 
     Raises:
-        SceneError: names every key that is not allowed, every driver that is missing.
+        SceneError: names every invalid key and every missing driver.
     """
     rig = _open_rig(file, clock=clock)
     return ScriptRig(rig.camera, rig.background, rig.trigger, rig.clock, rig.file)

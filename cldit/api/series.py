@@ -21,10 +21,10 @@ from cldit.show.report.series_report import write_series
 
 @dataclass(frozen=True)
 class Series:
-    """What `run_series` returns.
+    """Result of `run_series`.
 
-    plan: the scene of each time. times: one for each that was asked for, rising. files: what was
-    written beside the run folders: table, curves, pictures in one scale, film.
+    plan: the scene of each time. times: requested times, rising. files: written beside the run
+    folders: table, curves, figures in one scale, film.
     """
 
     plan: SeriesPlan
@@ -34,7 +34,7 @@ class Series:
 
     @property
     def failed(self) -> tuple[SeriesTime, ...]:
-        """The times that could not be run."""
+        """Times that could not be run."""
         return tuple(each for each in self.times if each.state == "failed")
 
 
@@ -50,26 +50,26 @@ def run_series(
 ) -> Series:
     """Runs several times of a scene's spray, each into a folder of its own, and makes a film.
 
-    Whatever ended it before, the same call goes on where it stopped: times that are done are kept,
-    if the scene and the files of the case are as they were. The nozzle and the axis of a case are
-    found once. A time without spray is said; one that is bad does not keep the others.
+    After an interruption of any kind, the same call continues: finished times are kept if the scene
+    and the files of the case are unchanged. The nozzle and the axis of a case are determined once.
+    A time without spray is reported; one that fails does not stop the others.
 
     Args:
-        scene: what is simulated; its own time does not count.
+        scene: scene to simulate; its own time is ignored.
         out: folder of the series.
         times: as in `cldit.run.series_plan.SeriesPlan.of`.
         trace_only: without the rig: traces and noise-free maps.
-        device: to trace on; None chooses. Programs are built once for all times.
+        device: OpenCL device; None chooses. Programs are built once for all times.
         progress: called with lines of text.
         watch: called with the progress of reading a case, and of the rig.
 
     Raises:
-        RunFolderError: the folder holds something else.
-        SprayError: a time is not there, or no time could be run.
-        ClditError: as `cldit.run_experiment`, for what concerns all times.
+        RunFolderError: the folder contains something else.
+        SprayError: a time does not exist, or no time could be run.
+        ClditError: as `cldit.run_experiment`, for faults that concern all times.
     """
     folder = Path(out)
-    say = progress or _nobody
+    say = progress or (lambda text: None)
     _check_folder(folder, scene)
 
     def reading(what: str, done: int, total: int) -> None:
@@ -88,39 +88,35 @@ def run_series(
             return simulate(one, place, device=opened, progress=progress, watch=reading)
         kept = _finished(one, place)
         if kept is not None:
-            say(f"{place} is done already: kept")
+            say(f"{place}: finished before, kept")
             return kept
         return run_experiment(one, place, device=opened, progress=progress, watch=watch)
 
     done = run_times(plan, folder, run, say)
     if not any(each.state == "done" for each in done):
         raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
-    say("pictures and film")
+    say("figures and film")
     return Series(plan, folder, done, tuple(write_series(plan, scene, done, folder)))
 
 
-def _nobody(text: str) -> None:
-    """Tells nobody the `text`."""
-
-
 def _check_folder(folder: Path, scene: Scene) -> None:
-    """Raises RunFolderError where a folder holds something else than a series of this scene."""
+    """Raises RunFolderError if a folder contains something else than a series of this scene."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     if not (folder / SERIES_FILE).is_file():
-        raise RunFolderError(f"{folder}: is not empty and holds no series; give another folder")
+        raise RunFolderError(f"{folder}: is not empty and contains no series; give another folder")
     known = parse_scene(
         read_mapping(folder / SERIES_FILE), source=str(folder / SERIES_FILE), finished=True
     )
     if known != scene:
         raise RunFolderError(
-            f"{folder}: holds a series of another scene, or with other settings; give another "
+            f"{folder}: contains a series of another scene, or with other settings; give another "
             "folder, or remove this one"
         )
 
 
 def _finished(scene: Scene, place: Path) -> Run | None:
-    """The run of a time that has all: its trace, its acquisition, and the report of both."""
+    """Run of a time whose trace, acquisition and report are complete."""
     report, info = place / "report.html", place / "run.json"
     if not (report.is_file() and info.is_file()):
         return None

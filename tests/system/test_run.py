@@ -154,7 +154,7 @@ def test_lists() -> None:
     ("arguments", "words"),
     [
         (("run", "gdj"), "did you mean gdi?"),
-        (("run", "gdi", "--device", "none such"), "'none such' is not here"),
+        (("run", "gdi", "--device", "none such"), "'none such' does not exist"),
         (("run", "gdi", "--cfd", "no/such/case"), "no such file or folder"),
         (("run", "gdi", "--region", "gas"), "spray.region: unknown key"),
         (("run", "gdi", "--accuracy", "-1"), "transport.accuracy_K: -1 is outside"),

@@ -115,8 +115,8 @@ def test_other_settings_or_other_files_are_no_series_to_go_on_with(
     shutil.copytree(made, out)
     other = ("--set", "walls.temperature_K=400")
     done = run(scene, "--times", "all", "--trace-only", "--out", out, *SMALL, *other, fails=True)
-    assert "holds a series of another scene" in done.output.replace("\n", " ")
-    with pytest.raises(RunFolderError, match="holds no series"):
+    assert "contains a series of another scene" in done.output.replace("\n", " ")
+    with pytest.raises(RunFolderError, match="contains no series"):
         cldit.run_series(cldit.load_scene(scene), made / "pictures", trace_only=True)
 
 
@@ -224,6 +224,6 @@ def test_a_series_of_acquisitions_keeps_what_is_done(scene: Path, tmp_path: Path
     written = report.stat().st_mtime_ns
     said: list[str] = []
     again = cldit.run_series(one, tmp_path / "out", times=[8e-5], progress=said.append)
-    assert any("is done already: kept" in each for each in said)
+    assert any("finished before, kept" in each for each in said)
     assert report.stat().st_mtime_ns == written
     assert again.times == series.times

@@ -89,7 +89,6 @@ def files() -> dict[str, list[Path]]:
 LEFT: dict[str, int] = {
     "accuracy": 0,
     "acquisition": 0,
-    "api": 24,
     "bench": 0,
     "camera": 0,
     "cfd": 0,

@@ -193,19 +193,19 @@ def _spectral(run: Run) -> dict[str, str]:
     if info is None or not info.errors_K:
         return {}
     shares = ", ".join(f"{um:.3f} um ({100 * share:.0f} %)" for um, share in info.nodes)
-    figures = {
+    rows = {
         "wavelengths": f"{len(info.nodes)}: {shares} of the light at {info.reference_K:g} K",
         "estimated error of the wavelengths in T_app": f"{info.error_K:.2g} K RMS",
     }
     if info.from_paper is not None:
         d = info.from_paper
-        figures["T_app against the paper's optical properties"] = (
+        rows["T_app against the paper's optical properties"] = (
             f"{d.mean_K:+.3g} K on average, {d.rms_K:.3g} K RMS over {d.pixels} pixels"
         )
-        figures["emissivity against the paper's optical properties"] = (
+        rows["emissivity against the paper's optical properties"] = (
             f"{d.mean_emissivity:+.3g} on average"
         )
-    return figures
+    return rows
 
 
 def _spray(run: Run) -> dict[str, str]:
@@ -214,30 +214,30 @@ def _spray(run: Run) -> dict[str, str]:
 
 
 def _trace(run: Run) -> dict[str, str]:
-    figures = {name.replace("_", " "): str(value) for name, value in run.info.counts.items()}
-    figures["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} µs"
-    figures |= _spectral(run)
-    figures["phase function"] = run.info.phase
-    figures["precision"] = run.info.precision
+    rows = {name.replace("_", " "): str(value) for name, value in run.info.counts.items()}
+    rows["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} µs"
+    rows |= _spectral(run)
+    rows["phase function"] = run.info.phase
+    rows["precision"] = run.info.precision
     if run.info.closure is not None:
         balance = run.info.closure
-        figures["energy balance: weights and isothermal emission, less 1"] = (
+        rows["energy balance: weights and isothermal emission, less 1"] = (
             f"{balance.largest:+.2g} at most, {balance.mean:+.2g} on average; allowed for the "
             f"{balance.value}: {balance.bound:.2g}"
         )
     if run.errors is not None:
-        figures["error of T_app, RMS over the pixels that have one"] = run.errors.text
+        rows["error of T_app, RMS over the pixels that have one"] = run.errors.text
         for cause in run.errors.causes:
-            figures[f"error of T_app by {cause.name}"] = _cause(cause)
+            rows[f"error of T_app by {cause.name}"] = _cause(cause)
         for cause in run.errors.model:
-            figures[f"model, not in the sum: {cause.name}"] = f"{cause.text}: {cause.how}"
+            rows[f"model, not in the sum: {cause.name}"] = f"{cause.text}: {cause.how}"
     if run.info.plan is not None:
-        figures["requested accuracy"] = f"{run.scene.transport.accuracy_K:g} K"
+        rows["requested accuracy"] = f"{run.scene.transport.accuracy_K:g} K"
     if run.info.accuracy_K is not None:
-        figures["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
+        rows["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():
-        figures[f"{file} compiled with"] = " ".join(f"{k}={v}" for k, v in sorted(defines.items()))
-    return figures
+        rows[f"{file} compiled with"] = " ".join(f"{k}={v}" for k, v in sorted(defines.items()))
+    return rows
 
 
 def _cause(cause: Cause) -> str:

@@ -116,9 +116,9 @@ def test_maps_table_and_exports_by_delay(
         assert len(tiff.series) == 3 * 3 * 2 and "440 K injection at 1.5 ms" in str(
             tiff.ome_metadata
         )
-    with pytest.raises(EvaluationError, match="holds 3 delays; give `delay`"):
+    with pytest.raises(EvaluationError, match="contains 3 delays; give `delay`"):
         evaluate_folder(folder)
-    with pytest.raises(EvaluationError, match=r"delay 3: allowed is 0\.\.2"):
+    with pytest.raises(EvaluationError, match=r"delay 3; allowed: 0\.\.2"):
         evaluate_folder(folder, delay=3)
 
 
