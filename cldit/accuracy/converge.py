@@ -20,7 +20,7 @@ from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Errors, Estimate
 from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.accuracy.image_pair import ImagePair
-from cldit.accuracy.node_traces import NodeTraces, trace_nodes, traced_stages
+from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
 from cldit.accuracy.predict import predict
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
@@ -35,7 +35,7 @@ from cldit.medium.octree import build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.medium import Medium
 from cldit.radiance.weights import Weights
-from cldit.transport.trace import settings_for, trace
+from cldit.transport.trace import settings_for, trace, trace_each
 
 MAX_REFINEMENTS = 2
 _MOST_RATIO = 4.0  # of an error to its share, in one refinement: a smaller share is not worth it
@@ -108,7 +108,8 @@ def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> R
     frame = medium.trees[0].frame
     quadrature = prepared.properties.chosen.quadrature
     settings = problem.settings(resolution, prepared)
-    traces = trace_nodes(medium.trees, quadrature, scene, device, settings, report=stages.say)
+    every = trace_each(medium.trees, scene, device, settings, report=stages.say)
+    traces = summed(every, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)
     reference = trace(nothing, scene, device, grey).weights

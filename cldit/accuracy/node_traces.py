@@ -1,14 +1,12 @@
-"""A trace for each node of the filter, and their sum."""
+"""Traces of the nodes of the filter: their settings, and their sum."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cldit.gpu.device import Device
-from cldit.medium.octree import Octree
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
 from cldit.radiance.effective import effective_weights
@@ -17,7 +15,7 @@ from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Audit
-from cldit.transport.trace import Trace, TraceSettings, settings_for, trace
+from cldit.transport.trace import Trace, TraceSettings, settings_for
 
 
 @dataclass(frozen=True)
@@ -95,32 +93,6 @@ def node_settings(
             )
         )
     return out
-
-
-def trace_nodes(
-    trees: list[Octree],
-    quadrature: Quadrature,
-    scene: Scene,
-    device: Device,
-    settings: Sequence[TraceSettings],
-    *,
-    report: Callable[[str], None] | None,
-) -> NodeTraces:
-    """Traces each node with its `settings`; raises as `trace`.
-
-    The list of trees is emptied on the way, to keep few of them in memory.
-    """
-    total = len(trees)
-    traces: list[Trace] = []
-    for number in range(total):
-        if report is not None and total > 1:
-            report(f"wavelength {number + 1} of {total}")
-        # All nodes are audited in the same pixels, where their errors add as in the image.
-        drawn = next((one.audit.sample for one in traces if one.audit is not None), None)
-        traces.append(
-            trace(trees.pop(0), scene, device, settings[number], report=report, audit_sample=drawn)
-        )
-    return summed(traces, quadrature, scene)
 
 
 def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> NodeTraces:

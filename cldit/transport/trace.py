@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from cldit.transport.source_iteration import trace_source
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
-__all__ = ["Trace", "TraceSettings", "settings_for", "trace"]
+__all__ = ["Trace", "TraceSettings", "settings_for", "trace", "trace_each"]
 
 
 def settings_for(
@@ -73,6 +73,32 @@ def settings_for(
         thick_depth=thick / max(finer, 1.0) ** (1 / 3),
         tuning=tuning,
     )
+
+
+def trace_each(
+    trees: list[Octree],
+    scene: Scene,
+    device: Device,
+    settings: Sequence[TraceSettings],
+    *,
+    report: Callable[[str], None] | None,
+) -> list[Trace]:
+    """Traces the tree of each wavelength with its settings; raises as `trace`.
+
+    The list of trees is emptied during the traces, to keep few of them in memory.
+    """
+    total = len(trees)
+    traces: list[Trace] = []
+    for number in range(total):
+        if report is not None and total > 1:
+            report(f"wavelength {number + 1} of {total}")
+        # All wavelengths are audited in the same pixels, where their errors add as in the image.
+        sample = next((one.audit.sample for one in traces if one.audit is not None), None)
+        made = trace(
+            trees.pop(0), scene, device, settings[number], report=report, audit_sample=sample
+        )
+        traces.append(made)
+    return traces
 
 
 def trace(

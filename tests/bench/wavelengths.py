@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.accuracy.node_traces import node_settings, trace_nodes
+from cldit.accuracy.node_traces import node_settings, summed
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device, open_device
@@ -31,7 +31,7 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.boundary import Surroundings
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.spray.result import Spray
-from cldit.transport.trace import settings_for, trace
+from cldit.transport.trace import settings_for, trace, trace_each
 
 # Of the tutorial's vapour 0.6 % is up to 4 K hotter; some droplets are at their critical point.
 _HOTTEST_VAPOUR_K = 794.0
@@ -99,7 +99,8 @@ def chosen_and_maps(
             replace(one, seed=seed + number)
             for number, one in enumerate(node_settings(scene, quadrature, found.phases))
         ]
-        traced = trace_nodes(list(trees), quadrature, scene, device, settings, report=None)
+        every = trace_each(list(trees), scene, device, settings, report=None)
+        traced = summed(every, quadrature, scene)
         maps.append(
             evaluate_radiance(
                 traced.spectral,

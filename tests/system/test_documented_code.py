@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import re
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -79,19 +78,6 @@ def test_every_row_of_the_glossary_has_a_meaning_and_a_place() -> None:
     assert len(rows) > 50
     for term, meaning, where in rows:
         assert meaning.endswith(".") and places(where), term
-
-
-def test_the_new_readers_path_is_short_and_each_file_leads_to_the_next() -> None:
-    text = (_ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    section = text.partition("## A new reader's path")[2].partition("\n## ")[0]
-    steps = [places(line)[0] for line in re.findall(r"^\d+\. .*$", section, re.MULTILINE)]
-    assert 0 < len(steps) <= 8
-    assert steps[0][0] == "cldit/cli/run.py" and steps[-1][0].startswith("kernels/")
-    for (file, _), (following, (name, *_)) in pairwise(steps):
-        called = Path(following).name if following.endswith(".cl") else name.split(".")[-1]
-        assert called in (_ROOT / file).read_text(encoding="utf-8"), f"{file}: no {called}"
-    line = re.findall(r"`([^`]+)`\.", section)[-1]
-    assert line in (_ROOT / steps[-1][0]).read_text(encoding="utf-8")
 
 
 def test_a_wrong_name_is_noticed() -> None:

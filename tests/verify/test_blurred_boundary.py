@@ -107,7 +107,7 @@ def test_blurred_boundary_takes_off_what_three_moments_cost(
             tuning = replace(settings.tuning, blurred_boundary=blurred)
             return trace(tree, scene, device, replace(settings, tuning=tuning), **named)
 
-        monkeypatch.setattr("cldit.accuracy.node_traces.trace", tuned)
+        monkeypatch.setattr("cldit.transport.trace.trace", tuned)
         runs = [block(run_block, radius_m, seed) for seed in (1, 2)]
         found[blurred] = np.mean([run.weights.background.mean(dtype=float) for run in runs])
     cost = three_moments_cost(radius_m, np.random.default_rng(3))

@@ -188,7 +188,7 @@ def test_the_error_is_known(run_block: Callable[..., Run], monkeypatch: pytest.M
         traced.append(trace(*arguments, **named))
         return traced[-1]
 
-    monkeypatch.setattr("cldit.accuracy.node_traces.trace", spy)
+    monkeypatch.setattr("cldit.transport.trace.trace", spy)
     run = slab(run_block, 1.0, 0.5, "isotropic", seed=3)
     assert run.info.counts["samples"] == 512
     estimated, halves = traced[0].standard_error, traced[0].weights_difference

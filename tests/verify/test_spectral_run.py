@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.accuracy.node_traces import NodeTraces, node_settings, trace_nodes
+from cldit.accuracy.node_traces import NodeTraces, node_settings, summed
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
@@ -28,6 +28,7 @@ from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from cldit.transport.trace import trace_each
 
 EDGE = 0.1
 MOLE = 6.02214076e23
@@ -83,7 +84,8 @@ def traced(
     sources = [emitters(spray, band) for band in chosen.bands]
     trees = build_octrees(frame, sources, optical_depth_split=1e-5)
     settings = node_settings(scene, chosen.quadrature, [None] * len(trees))
-    return chosen, trace_nodes(trees, chosen.quadrature, scene, device, settings, report=None)
+    every = trace_each(trees, scene, device, settings, report=None)
+    return chosen, summed(every, chosen.quadrature, scene)
 
 
 def test_cavity_is_flat_over_the_spectrum(device: Device, tables: Path) -> None:
