@@ -20,10 +20,8 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
     if "rho" not in case.gas and "p" in case.gas:
         close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
         hint = f" (if it is {close}, name it in a mapping file)" if close else ""
-        found.append(
-            f"{case.source}: no density 'rho' among the cell fields{hint}: that of an ideal gas of "
-            "air and fuel at p and T was used."
-        )
+        used = "that of an ideal gas of air and fuel at p and T was used"
+        found.append(f"{case.source}: no density 'rho' among the cell fields{hint}: {used}.")
     if "rho" in case.gas and "p" not in case.gas:
         what = "the density was not compared with that of an ideal gas"
         found.append(f"{case.source}: no pressure among the cell fields: {what}.")
@@ -32,10 +30,8 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
     stated = molar_mass_kg_mol(spec.fuel_field)
     if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > _SLACK:
         given = "as given" if "fuel_molar_mass_kg_mol" in spec.model_fields_set else "n-heptane's"
-        found.append(
-            f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, {given}; by "
-            f"its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol)."
-        )
+        used = f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, {given}"
+        found.append(f"{used}; by its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol).")
     return tuple(found)
 
 

@@ -128,11 +128,11 @@ def complete_cloud(
     source: str,
     position_m: Column,
     fields: Mapping[str, Column],
-    available: Iterable[str] | None = None,
+    available: Iterable[str],
 ) -> Cloud:
     """Makes a cloud once it has parcels and every field that a droplet needs.
 
-    `source` and `available` (all names in the file; None: those of `fields`) are for errors.
+    `source` and `available`, all names in the file, are for errors.
     """
     count = len(position_m.values)
     if count == 0:
@@ -140,9 +140,9 @@ def complete_cloud(
         raise EmptyCloud(f"{position_m.label}: cloud {name!r} has no parcel; {way}")
     for field in CLOUD_FIELDS:
         if field not in fields:
-            known = ", ".join(sorted(fields if available is None else available)) or "none"
-            held = f"{known} (a mapping file gives other names of fields)"
-            raise SprayError(f"{source}: cloud {name!r} has no field {field!r}; it has: {held}")
+            known = ", ".join(sorted(available)) or "none"
+            lack = f"cloud {name!r} has no field {field!r}"
+            raise SprayError(f"{source}: {lack}; it has: {known} (a mapping file renames fields)")
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")

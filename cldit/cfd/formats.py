@@ -24,14 +24,15 @@ from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import read_spray
 
-_READERS: dict[str, Callable[[CfdSpray, ColumnMap, Watch], CfdCase]] = {
-    "cgns": read_cgns,
-    "converge": read_converge,
-    "ensight": read_ensight,
-    "fluent": read_fluent,
-    "openfoam": read_openfoam,
-    "tables": read_tables,
-    "vtk": read_vtk,
+_Read = Callable[[CfdSpray, ColumnMap, Watch], CfdCase]
+_FORMATS: dict[str, tuple[_Read, Callable[[CfdSpray], Listing]]] = {
+    "cgns": (read_cgns, list_cgns),
+    "converge": (read_converge, list_converge),
+    "ensight": (read_ensight, list_ensight),
+    "fluent": (read_fluent, list_fluent),
+    "openfoam": (read_openfoam, list_openfoam),
+    "tables": (read_tables, list_tables),
+    "vtk": (read_vtk, list_vtk),
 }
 _SUFFIX = {
     ".case": "ensight",
@@ -82,7 +83,7 @@ def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
     if spec.region is not None and kind != "openfoam":
         raise SprayError(f"{spec.file}: spray.region is for openfoam; this is {kind}")
     names = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
-    read = _READERS[kind]
+    read, _ = _FORMATS[kind]
     if kind != "tables" and names.parcels is not None and names.parcels.file is not None:
         gas = spec.model_copy(update={"cloud": NO_CLOUD})
         found = _with_table(spec, names, read(gas, names, watch))
@@ -146,7 +147,8 @@ class Contents:
 def contents(spec: CfdSpray) -> Contents:
     """Lists a case without judging whether it has all that a spray needs."""
     kind = find_format(spec)
-    times_s, fields, clouds = _LISTERS[kind](spec)
+    listed = _list_stored if kind == "cldit" else _FORMATS[kind][1]
+    times_s, fields, clouds = listed(spec)
     named = {name: tuple(columns) for name, columns in sorted(clouds.items())}
     return Contents(kind, tuple(sorted(times_s)), tuple(sorted(fields)), named)
 
@@ -158,15 +160,3 @@ def _list_stored(spec: CfdSpray) -> Listing:
     gas = [] if spray.vapour is None else ["number_density_m3", "temperature_K"]
     parcels = ["diameter_m", "droplets", "temperature_K", "density_kg_m3"]
     return times, gas, {} if spray.parcels is None else {"parcels": parcels}
-
-
-_LISTERS: dict[str, Callable[[CfdSpray], Listing]] = {
-    "cgns": list_cgns,
-    "cldit": _list_stored,
-    "converge": list_converge,
-    "ensight": list_ensight,
-    "fluent": list_fluent,
-    "openfoam": list_openfoam,
-    "tables": list_tables,
-    "vtk": list_vtk,
-}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -60,21 +60,16 @@ def list_case(spec: CfdSpray) -> list[str]:
     Raises:
         SprayError: the case cannot be read.
     """
+
+    def listed(names: Iterable[str]) -> str:
+        return ", ".join(f'"{name}"' if "," in name else name for name in names)
+
     found = contents(spec)
-    times = ", ".join(f"{time:.9g}" for time in found.times_s)
-    lines = [
-        f"format: {found.format}",
-        f"times in s: {times or 'not stated'}",
-        f"cell fields: {', '.join(map(_quoted, found.fields)) or 'none'}",
-    ]
-    for name, fields in found.clouds.items():
-        lines.append(f"cloud {name}: {', '.join(map(_quoted, fields)) or 'no fields'}")
-    return lines if found.clouds else [*lines, "clouds: none"]
-
-
-def _quoted(name: str) -> str:
-    """Puts a name with a comma in quotes."""
-    return f'"{name}"' if "," in name else name
+    times = ", ".join(f"{time:.9g}" for time in found.times_s) or "not stated"
+    fields = listed(found.fields) or "none"
+    lines = [f"format: {found.format}", f"times in s: {times}", f"cell fields: {fields}"]
+    clouds = [f"cloud {name}: {listed(each) or 'no fields'}" for name, each in found.clouds.items()]
+    return lines + (clouds or ["clouds: none"])
 
 
 def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spray:

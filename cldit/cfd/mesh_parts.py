@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import Column, joined
+from cldit.cfd.case import CfdCase, Column, joined
 from cldit.cfd.mapping.columns import Source, gas_columns
 from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh
@@ -32,16 +32,6 @@ class MeshPart:
     points: Mapping[str, Column]
 
 
-@dataclass(frozen=True)
-class JoinedGas:
-    """Mesh and gas fields (N,) of all parts, names of all fields, remarks."""
-
-    mesh: CellMesh
-    gas: Mapping[str, Column]
-    available: tuple[str, ...]
-    remarks: tuple[str, ...]
-
-
 def join_gas(
     path: Path,
     parts: Sequence[MeshPart],
@@ -50,8 +40,8 @@ def join_gas(
     default: Mapping[str, tuple[str, ...]] = FOAM_NAMES,
     *,
     several: bool,
-) -> JoinedGas:
-    """Joins the parts of a case; of `several` parts those without the fuel are omitted."""
+) -> CfdCase:
+    """Case of these parts, without time and cloud; of `several` those without fuel are omitted."""
     meshes: list[CellMesh] = []
     fields: list[dict[str, Column]] = []
     remarks, skipped = [], []
@@ -73,9 +63,10 @@ def join_gas(
     for each in fields:
         if odd := set(fields[0]) ^ set(each):
             raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
-    known = {name for part in parts for name in (*part.cells, *part.points)}
+    known = sorted({name for part in parts for name in (*part.cells, *part.points)})
     gas = {name: joined([each[name] for each in fields]) for name in fields[0]}
-    return JoinedGas(join(meshes), gas, tuple(sorted(known)), tuple(remarks))
+    said = tuple(remarks)
+    return CfdCase(str(path), None, join(meshes), gas, tuple(known), None, remarks=said)
 
 
 def with_point_fields(
@@ -120,11 +111,8 @@ def with_point_fields(
             values = mean(values)
         found[wanted[key]] = Column(f"{column.label} (mean over the corners of a cell)", values)
     instead = " (weighted by p/T, as there is no density at points)"
-    by_density = wanted.get("density", "") in points
-    return found, tuple(
-        wanted[key] + (instead if key in ("temperature", "fuel") and not by_density else "")
-        for key in moved
-    )
+    weighted = set() if wanted.get("density", "") in points else {"temperature", "fuel"}
+    return found, tuple(wanted[key] + (instead if key in weighted else "") for key in moved)
 
 
 def _weight(points: Mapping[str, Column], wanted: Mapping[str, str]) -> Floats | None:

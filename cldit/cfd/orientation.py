@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, triple
+from cldit.cfd.case import CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
@@ -75,7 +75,8 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
         axis = _snapped(mean, 0.1)  # removes the rounding of a ring of holes
         remarks.append(f"Injection axis {triple(axis)}, from {case.injectors[0].source}.")
         return axis
-    cloud = _cloud_or_fail(case)
+    if (cloud := case.cloud) is None:
+        raise _unknown(case, "it has no parcels")
     velocity = cloud.fields.get("U")
     if velocity is None or velocity.values.ndim != 2:
         raise _unknown(case, f"cloud {cloud.name!r} has no velocity U")
@@ -99,7 +100,8 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
             raise _unknown(case, f"{case.injectors[0].source} has injectors in several places")
         remarks.append(f"Nozzle at {triple(nozzle)} m, from {case.injectors[0].source}.")
         return np.asarray(nozzle), 0.0
-    cloud = _cloud_or_fail(case)
+    if (cloud := case.cloud) is None:
+        raise _unknown(case, "it has no parcels")
     if "U" not in cloud.fields or "age" not in cloud.fields:
         missing = "U" if "U" not in cloud.fields else "age"
         raise _unknown(case, f"cloud {cloud.name!r} has no {missing} to trace parcels back with")
@@ -157,11 +159,8 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
 
     if away(nozzle) <= size:
         return
-    meant = [
-        f"{triple(nozzle * factor)} m if {unit} were meant"
-        for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))
-        if away(nozzle * factor) <= size
-    ]
+    others = [(nozzle * factor, unit) for factor, unit in ((1e-3, "mm"), (1e-2, "cm"))]
+    meant = [f"{triple(at)} m if {unit} were meant" for at, unit in others if away(at) <= size]
     hint = f": {', '.join(meant)}" if meant else ""
     raise SprayError(
         f"spray.nozzle_m: {triple(nozzle)} m is {away(nozzle):.3g} m away from the case, which is "
@@ -180,12 +179,6 @@ def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
             f"{triple(frame.nozzle_m)} m by the axis {triple(frame.axis)} (parcels lie "
             f"{depth.min():.4g} to {depth.max():.4g} m along it); set spray.nozzle_m and spray.axis"
         )
-
-
-def _cloud_or_fail(case: CfdCase) -> Cloud:
-    if case.cloud is None:
-        raise _unknown(case, "it has no parcels")
-    return case.cloud
 
 
 def _snapped(vector: Floats, within_deg: float) -> Floats:
@@ -212,21 +205,18 @@ def with_one_frame(
     """
     if find_format(spec) == "cldit" or (spec.nozzle_m is not None and spec.axis is not None):
         return spec, ()
-    best: Frame | None = None
-    problem: SprayError | None = None
+    frames: list[Frame] = []
+    problems: list[SprayError] = []
     for at in dict.fromkeys(round(place * (len(times) - 1)) for place in _TRIED):
         here = spec.model_copy(update={"time_s": times[at]})
         try:
-            frame = find_frame(here, read_case(here, watch))
+            frames.append(find_frame(here, read_case(here, watch)))
         except SprayError as error:
-            problem = problem or error
-            continue
-        if best is None or frame.error_m < best.error_m:
-            best = frame
-        if best.error_m <= _EXACT_m:
+            problems.append(error)
+        if frames and frames[-1].error_m <= _EXACT_m:
             break
-    if best is None:
-        assert problem is not None
-        raise problem
+    if not frames:
+        raise problems[0]
+    best = min(frames, key=lambda frame: frame.error_m)
     nozzle_m, axis = (tuple(map(float, each)) for each in (best.nozzle_m, best.axis))
     return spec.model_copy(update={"nozzle_m": nozzle_m, "axis": axis}), best.remarks

@@ -115,12 +115,9 @@ def only(cloud: Cloud, kept: Mask) -> Cloud:
     """Restricts `cloud` to the parcels that are `kept` (N,)."""
     if kept.all():
         return cloud
-
-    def part(column: Column) -> Column:
-        return Column(column.label, column.values[kept])
-
-    fields = {name: part(column) for name, column in cloud.fields.items()}
-    return Cloud(cloud.name, part(cloud.position_m), fields)
+    fields = {name: Column(each.label, each.values[kept]) for name, each in cloud.fields.items()}
+    place = Column(cloud.position_m.label, cloud.position_m.values[kept])
+    return Cloud(cloud.name, place, fields)
 
 
 def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:

@@ -59,16 +59,15 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         raise SprayError(f"{path}: does not state its time (time_s); remove spray.time_s")
     if spec.cloud not in (None, NO_CLOUD, "parcels"):
         raise SprayError(f"{path}: no cloud {spec.cloud!r} (spray.cloud); available: parcels")
-    alone = mapping.parcels is None or spec.cloud == NO_CLOUD
-    named = None if mapping.parcels is None or alone else mapping.parcels.file
-    parcels = [] if named is None else [path.parent / named]
+    drops = None if spec.cloud == NO_CLOUD else mapping.parcels
+    parcels = [] if drops is None or drops.file is None else [path.parent / drops.file]
     return CfdCase(
         source=str(file),
         time_s=mapping.time_s,
         mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
         gas=gas_columns(source, mapping.cells, spec.fuel_field),
         available=tuple(source.columns),
-        cloud=None if alone else table_cloud(path, mapping),
+        cloud=None if drops is None else table_cloud(path, mapping),
         files=(path, file, *parcels),
     )
 
@@ -76,12 +75,12 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 def list_tables(spec: CfdSpray) -> Listing:
     """Lists time [s] and columns of the tables that a mapping file names."""
     mapping = read_column_map(spec.file)
-    cells, parcels = (
-        [] if part is None or part.file is None else table_names(spec.file.parent / part.file, part)
-        for part in (mapping.cells, mapping.parcels)
-    )
-    times = [] if mapping.time_s is None else [mapping.time_s]
-    return times, cells, {} if mapping.parcels is None else {"parcels": parcels}
+    found = {
+        name: [] if part.file is None else table_names(spec.file.parent / part.file, part)
+        for name, part in (("cells", mapping.cells), ("parcels", mapping.parcels))
+        if part is not None
+    }
+    return [] if mapping.time_s is None else [mapping.time_s], found.pop("cells"), found
 
 
 def _size(file: Path) -> Size:
@@ -126,9 +125,10 @@ def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
     if wanted.file is None or wanted.position is None:
         raise SprayError(f"{path}: parcels.file and parcels.position are both needed")
     file = path.parent / wanted.file
-    source = load_table(file, wanted)
-    position = source.vector(wanted.position, "parcels.position")
-    return complete_cloud("parcels", str(file), position, cloud_columns(source, wanted))
+    table = load_table(file, wanted)
+    position = table.vector(wanted.position, "parcels.position")
+    fields = cloud_columns(table, wanted)
+    return complete_cloud("parcels", str(file), position, fields, table.columns)
 
 
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
@@ -183,10 +183,8 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
         read = dpm_columns(file)
     else:
         rows = _numbers(file, names, used, wanted)
-        read = {
-            names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
-            for place in used
-        }
+        labels = {str(place): f"{file}: column {names[place]}" for place in used}
+        read = {names[int(n)]: Column(label, rows[n]) for n, label in labels.items()}
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
     columns |= {names[place]: read[names[place]] for place in used}
     count = len(columns[names[used[0]]].values)

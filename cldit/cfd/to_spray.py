@@ -134,11 +134,8 @@ _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORE
 
 def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
     """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
-    return sorted(
-        name
-        for name in available
-        if _FUEL.match(name) and name != fuel_field and not name.endswith(f"_{fuel_field}")
-    )
+    others = [name for name in available if name != fuel_field and _FUEL.match(name)]
+    return sorted(name for name in others if not name.endswith(f"_{fuel_field}"))
 
 
 def _check_size(case: CfdCase) -> None:
@@ -232,12 +229,9 @@ def _vapour(
         place = slice(count - len(kept), count)
         lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
         count -= len(kept)
-    vapour = Vapour(
-        Cells(lower, upper),
-        gas.number_density_m3[cell],
-        gas.temperature_K[cell].astype(np.float64),
-        spec.fuel_molar_mass_kg_mol,
-    )
+    temperature = gas.temperature_K[cell].astype(np.float64)
+    molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
+    vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)
     return vapour, depth if np.isfinite(depth) else np.nan
 
 
@@ -270,7 +264,5 @@ def _notes(
 
 def _ambient_K(gas: _Gas) -> float:
     """Median temperature of the cells outside the jet; the hottest if it fills all of them."""
-    outside = gas.mass_fraction <= _EDGE_OF_JET
-    if not outside.any():
-        return float(gas.temperature_K.max())
-    return float(np.median(gas.temperature_K[outside]))
+    outside = gas.temperature_K[gas.mass_fraction <= _EDGE_OF_JET]
+    return float(np.median(outside) if len(outside) else gas.temperature_K.max())

@@ -56,7 +56,7 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             del columns[name]
             points[name] = per_node(reader, solid.parts, solid.points, label)
     columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
-    cloud = _cloud(spec, case, at, names, geometry.order, files)
+    cloud, read = _cloud(spec.cloud, case, at, names, geometry)
     remarks = [f"Ghost or blanked cells omitted: {solid.hidden}."] if solid.hidden else []
     if moved:
         remarks.append(f"{case.path}: {', '.join(moved)} at nodes became means over cells.")
@@ -67,7 +67,7 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         gas=gas_columns(Source(str(case.path), columns, mesh.cells), cells, fuel_field),
         available=tuple(sorted(columns)),
         cloud=cloud,
-        files=tuple(files),
+        files=(*files, *read),
         remarks=tuple(remarks),
     )
 
@@ -153,15 +153,9 @@ def clouds(case: CaseFile) -> dict[str, tuple[Item, dict[str, Item]]]:
 
 
 def _cloud(
-    spec: CfdSpray,
-    case: CaseFile,
-    at: float | None,
-    names: ColumnMap,
-    order: str,
-    files: list[Path],
-) -> Cloud | None:
-    """Cloud asked for; the byte order is that of the geometry, `files` gets the paths read."""
-    wanted = spec.cloud
+    wanted: str | None, case: CaseFile, at: float | None, names: ColumnMap, mesh: Reader
+) -> tuple[Cloud | None, list[Path]]:
+    """Cloud asked for, and the files read; their byte order is that of the mesh."""
     known = clouds(case)
     if not known and wanted != NO_CLOUD and any(item.kind in _MEASURED for item in case.items):
         raise SprayError(f"{case.path}: GEOMETRY: no `measured` file for the parcels")
@@ -169,10 +163,10 @@ def _cloud(
         wanted = None
     chosen = choose_cloud(str(case.path), known, wanted)
     if chosen is None:
-        return None
+        return None, []
     geometry, fields = known[chosen]
-    file = Reader(_file(case, geometry, at), order=order)
-    files.append(file.path)
+    file = Reader(_file(case, geometry, at), order=mesh.order)
+    files = [file.path]
     file.text()
     if (line := file.text()) != "particle coordinates":
         raise file.fail(f"{line!r}, expected `particle coordinates`")
@@ -192,4 +186,4 @@ def _cloud(
             raise values.fail(f"continues after the values of {count} parcels")
         for letter, part in zip("XYZ" if width == 3 else [""], numbers.T, strict=True):
             columns[name + (f"_{letter}" if letter else "")] = Column(label, part)
-    return mapped_cloud(chosen, str(case.path), position, columns, names)
+    return mapped_cloud(chosen, str(case.path), position, columns, names), files

@@ -178,8 +178,10 @@ class Reader:
         """True at the end of the file."""
         return self.at >= len(self.body if self.binary else self.lines)
 
-    def text(self) -> str:
-        """Next 80 characters, or the next line."""
+    def text(self, *, end: bool = False) -> str:
+        """Next 80 characters, or the next line; "" at the end of the file if it may `end`."""
+        if end and self.done:
+            return ""
         if self.binary:
             self._skip(80)
         raw = self.body[self.at - 80 : self.at] if self.binary else self._line()

@@ -56,14 +56,11 @@ def read_geometry(file: Reader) -> Geometry:
             places, corners, kept = _structured(file, kind.split()[1:], number)
             elements = Elements("block", len(kept), cells, None if kept.all() else kept)
             parts[number] = Part(offset, len(places), [elements])
-            many = elements.cells
-            if many:
+            if many := elements.cells:
                 hexahedra = (corners[kept].reshape(-1),)
                 blocks.append(Block(_solid(file, places, "hexa8", many, hexahedra), offset))
-            cells += many
-            hidden += len(kept) - many
-            line = "" if file.done else file.text()
-            offset += len(places)
+            cells, hidden, offset = cells + many, hidden + len(kept) - many, offset + len(places)
+            line = file.text(end=True)
             continue
         if kind != "coordinates":
             raise file.fail(f"part {number} is {kind!r}; unstructured parts and blocks are read")
@@ -72,7 +69,7 @@ def read_geometry(file: Reader) -> Geometry:
             file.integers(count)
         points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
         parts[number] = Part(offset, count)
-        line = "" if file.done else file.text()
+        line = file.text(end=True)
         while line not in ("", "part"):
             ghost, kind = line.startswith("g_"), line.removeprefix("g_")
             many = int(file.integers(1)[0])
@@ -91,7 +88,7 @@ def read_geometry(file: Reader) -> Geometry:
                     nodes -= 1
                     blocks.append(Block(_solid(file, points, kind, many, found), offset))
                 cells += many
-            line = "" if file.done else file.text()
+            line = file.text(end=True)
         offset += count
     if line:
         raise file.fail(f"{line!r} where a part is expected; the file is damaged")

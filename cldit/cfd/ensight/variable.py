@@ -67,10 +67,10 @@ def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
     values = np.zeros(cells, np.float32)
     missed, undefined = np.ones(cells, dtype=bool), np.zeros(cells, dtype=bool)
     file.text()
-    line = "" if file.done else file.text()
+    line = file.text(end=True)
     while line == "part":
         part = _part(file, parts)
-        line = "" if file.done else file.text()
+        line = file.text(end=True)
         for elements in part.elements:
             name, _, mode = line.partition(" ")
             if name != elements.kind:
@@ -81,7 +81,7 @@ def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
                 values[place] = elements.of_cells(found)
                 missed[place] = False
                 undefined[place] = ~elements.of_cells(defined)
-            line = "" if file.done else file.text()
+            line = file.text(end=True)
     if line:
         raise file.fail(f"{line!r} where a part or its elements are expected")
     if missed.any():
@@ -93,7 +93,7 @@ def per_node(file: Reader, parts: Parts, points: int, label: str) -> Column:
     """Field (points,) at the points of the mesh; values missing in the file are undefined."""
     values, undefined = np.zeros(points), np.ones(points, dtype=bool)
     file.text()
-    line = "" if file.done else file.text()
+    line = file.text(end=True)
     while line == "part":
         part = _part(file, parts)
         name, _, mode = file.text().partition(" ")
@@ -102,7 +102,7 @@ def per_node(file: Reader, parts: Parts, points: int, label: str) -> Column:
         found, defined = _values(file, part.nodes, mode.strip())
         here = slice(part.first_node, part.first_node + part.nodes)
         values[here], undefined[here] = found, ~defined
-        line = "" if file.done else file.text()
+        line = file.text(end=True)
     if line:
         raise file.fail(f"{line!r} where a part is expected")
     return Column(label, values, undefined)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,16 +56,7 @@ def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         zones = [_zone(path, zone) for _, zone in _zones(path, root)]
     several = len(zones) > 1
     found = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES, several=several)
-    return CfdCase(
-        source=str(path),
-        time_s=at,
-        mesh=found.mesh,
-        gas=found.gas,
-        available=found.available,
-        cloud=None,
-        files=(path,),
-        remarks=found.remarks,
-    )
+    return replace(found, time_s=at, files=(path,))
 
 
 def list_cgns(spec: CfdSpray) -> Listing:

@@ -72,21 +72,22 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         meshes = [post_mesh(chosen, stream) for stream in streams]
         available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
         cells = gas_names(names.cells, available, fuel_field, CONVERGE_NAMES)
-        gas: list[dict[str, Column]] = []
-        for stream, mesh in zip(streams, meshes, strict=True):
 
-            def read(name: str, stream: Any = stream, count: int = mesh.cells) -> Column:
-                watch(f"reading {name}", len(gas), len(streams))
-                values = field(chosen, stream, f"CELL_CENTER_DATA/{name}", count)
-                return Column(f"{chosen}: cell field {name}", values)
+        def read(name: str) -> Column:
+            watch(f"reading {name}", 0, 1)
+            label, place = f"{chosen}: cell field {name}", f"CELL_CENTER_DATA/{name}"
+            pairs = zip(streams, meshes, strict=True)
+            values = [field(chosen, stream, place, mesh.cells) for stream, mesh in pairs]
+            return joined([Column(label, each) for each in values])
 
-            gas.append(read_gas(str(chosen), available, cells, mesh.cells, fuel_field, read))
+        mesh = join(meshes)
+        gas = read_gas(str(chosen), available, cells, mesh.cells, fuel_field, read)
         remarks = (*remarks, *_chosen_among(chosen, available, names.cells))
         return CfdCase(
             source=str(chosen),
             time_s=at,
-            mesh=join(meshes),
-            gas={name: joined([part[name] for part in gas]) for name in gas[0]},
+            mesh=mesh,
+            gas=gas,
             available=tuple(available),
             cloud=_cloud(chosen, streams, spec.cloud, names),
             files=(chosen,),
@@ -138,10 +139,8 @@ def _size(streams: list[Any]) -> Size:
         return int(group[name].size) if name in group else 0
 
     held = sum(count(stream, name) * each for stream in streams for name, each in _HELD.items())
-    cells = sum(
-        max((int(each.size) for each in stream.get("CELL_CENTER_DATA", {}).values()), default=0)
-        for stream in streams
-    )
+    fields = [stream.get("CELL_CENTER_DATA", {}).values() for stream in streams]
+    cells = sum(max((int(each.size) for each in values), default=0) for values in fields)
     groups = [group for stream in streams for group in cloud_groups(stream).values()]
     return Size(cells, sum(count(group, "PARCEL_X") for group in groups), held + 40 * cells)
 
@@ -166,13 +165,9 @@ def cloud_groups(stream: Any) -> dict[str, Any]:
 
 def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap) -> Cloud | None:
     groups = [cloud_groups(stream) for stream in streams]
-    filled = {
-        name
-        for each in groups
-        for name, group in each.items()
-        if wanted == name or len(group.get("PARCEL_X", ())) > 0
-    }
-    present = {name for each in groups for name in each}
+    every = [pair for each in groups for pair in each.items()]
+    present = {name for name, _ in every}
+    filled = {name for name, each in every if name == wanted or len(each.get("PARCEL_X", ())) > 0}
     if present and not filled and wanted is None:
         raise EmptyCloud(f"{path}: no parcel in {', '.join(sorted(present))}")
     chosen = choose_cloud(str(path), filled, wanted)
@@ -183,10 +178,8 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     label = f"{path}: {chosen}"
 
     def column(name: str) -> Column:
-        values = []
-        for part in parts:
-            count = len(array(path, part, "PARCEL_X"))
-            values.append(array(path, part, name, count))
+        counts = [len(array(path, part, "PARCEL_X")) for part in parts]
+        values = [array(path, part, name, n) for part, n in zip(parts, counts, strict=True)]
         return Column(f"{label}/{name}", np.concatenate(values))
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)

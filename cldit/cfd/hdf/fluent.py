@@ -71,15 +71,7 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             return Column(f"{data}: cell field {name}", _field(data, held[name], cells))
 
         gas = read_gas(str(data), known, wanted, cells, fuel_field, read)
-    return CfdCase(
-        source=str(data),
-        time_s=None,
-        mesh=mesh,
-        gas=gas,
-        available=tuple(known),
-        cloud=None,
-        files=(case, data),
-    )
+    return CfdCase(str(data), None, mesh, gas, tuple(known), None, files=(case, data))
 
 
 def list_fluent(spec: CfdSpray) -> Listing:
@@ -138,10 +130,9 @@ def _in_order(path: Path, group: Any, count: int) -> list[tuple[int, int, Any]]:
 
 
 def _field(path: Path, group: Any, count: int) -> NDArray[Any]:
-    parts = [
-        field(path, group, part.name.rpartition("/")[2], high - low + 1)
-        for low, high, part in _in_order(path, group, count)
-    ]
+    sections = _in_order(path, group, count)
+    keys = [(each.name.rpartition("/")[2], high - low + 1) for low, high, each in sections]
+    parts = [field(path, group, *each) for each in keys]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cldit.cfd.case import Cloud, Column, complete_cloud
 from cldit.cfd.mapping.file import (
+    PARCEL_FIELDS,
     PARCEL_NAMES,
     CellColumns,
     ColumnMap,
@@ -23,16 +24,6 @@ from cldit.cfd.mapping.file import (
     without_unit,
 )
 from cldit.errors import SprayError
-
-_PARCELS = {
-    "diameter": "d",
-    "temperature": "T",
-    "density": "rho",
-    "number": "nParticle",
-    "age": "age",
-    "velocity": "U",
-    "origin": "origin",
-}
 
 
 def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
@@ -150,7 +141,7 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
     The number of droplets may come from the parcel's mass, which needs diameter and density.
     """
     fields: dict[str, Column] = {}
-    for key, name in _PARCELS.items():
+    for key, name in (PARCEL_FIELDS | {"origin": "origin"}).items():
         value = getattr(wanted, key)
         if isinstance(value, Vector):
             fields[name] = source.vector(value, f"parcels.{key}")

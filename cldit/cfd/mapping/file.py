@@ -190,17 +190,17 @@ def merged(given: S | None, default: S) -> S:
 
 
 GAS_KEYS = ("temperature", "pressure", "density", "fuel")
-PARCEL_NAMES = ParcelColumns(
-    diameter=Scalar(column="d"),
-    number=Scalar(column="nParticle"),
-    temperature=Scalar(column="T"),
-    density=Scalar(column="rho"),
-    velocity=Vector(columns=("U_X", "U_Y", "U_Z")),
-    age=Scalar(column="age"),
-    origin=Vector(columns=("position0_X", "position0_Y", "position0_Z")),
-)
-
-
+# OpenFOAM's names of the parcels' fields
+PARCEL_FIELDS = {
+    "diameter": "d",
+    "temperature": "T",
+    "density": "rho",
+    "number": "nParticle",
+    "age": "age",
+    "velocity": "U",
+    "origin": "position0",
+}
+PARCEL_NAMES = ParcelColumns.model_validate(PARCEL_FIELDS)
 # names of each quantity, the likeliest first; {} is spray.fuel_field
 FOAM_NAMES = {"temperature": ("T",), "pressure": ("p",), "density": ("rho",), "fuel": ("{}",)}
 

@@ -24,6 +24,7 @@ _FAULTS = (
     "the faces of cell {} do not enclose it, or do not all point outwards",
     "cell {} of the mesh has no volume",
 )
+ORIGIN, TURN = np.zeros(3), np.eye(3)  # the case's own coordinates
 AT_ONCE = 50_000  # cells; some 600 bytes a cell are in work
 
 
@@ -87,11 +88,7 @@ class CellMesh(ABC):
         """Faces of `cells` (N,), in parts: indices into `cells`, and the polyhedra of these."""
 
     def measure(
-        self,
-        cells: Labels | None = None,
-        *,
-        origin_m: Floats | None = None,
-        rotation: Floats | None = None,
+        self, cells: Labels | None = None, origin_m: Floats = ORIGIN, rotation: Floats = TURN
     ) -> Measures:
         """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
         # imports a compiler, which a list of a case does not need
@@ -100,8 +97,7 @@ class CellMesh(ABC):
         wanted = np.arange(self.cells) if cells is None else cells
         count = len(wanted)
         found = Measures(np.empty(count), *(np.empty((count, 3)) for _ in range(3)))
-        origin = np.zeros(3) if origin_m is None else np.asarray(origin_m, np.float64)
-        turn = np.eye(3) if rotation is None else np.ascontiguousarray(rotation)
+        origin, turn = np.asarray(origin_m, np.float64), np.ascontiguousarray(rotation)
         for place, part in self.polyhedra(wanted):
             whole = len(place) == count
             own = found if whole else Measures(*(values[place] for values in vars(found).values()))
@@ -119,11 +115,7 @@ class CellMesh(ABC):
         return found
 
     def boxes(
-        self,
-        *,
-        origin_m: Floats | None = None,
-        rotation: Floats | None = None,
-        watch: Watch = silent,
+        self, origin_m: Floats = ORIGIN, rotation: Floats = TURN, watch: Watch = silent
     ) -> Iterator[tuple[slice, Boxes]]:
         """Boxes of all cells, some cells at a time: their range, and their boxes.
 
@@ -133,9 +125,7 @@ class CellMesh(ABC):
         """
         for chosen in slices(self.cells):
             watch("measuring cells", chosen.start, self.cells)
-            cell = self.measure(
-                np.arange(chosen.start, chosen.stop), origin_m=origin_m, rotation=rotation
-            )
+            cell = self.measure(np.arange(chosen.start, chosen.stop), origin_m, rotation)
             half = cell.upper_m - cell.lower_m
             half *= (np.cbrt(cell.volume_m3 / (half[:, 0] * half[:, 1] * half[:, 2])) / 2)[:, None]
             yield chosen, Boxes(cell.centroid_m - half, cell.centroid_m + half, cell.volume_m3)

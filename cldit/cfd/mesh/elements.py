@@ -26,22 +26,10 @@ from cldit.spray.result import Floats
 # Faces of vtk's linear cells, normals outwards (VTK file formats, figure "Linear cell types").
 FACES: dict[int, tuple[tuple[int, ...], ...]] = {
     10: ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),  # tetrahedron
-    11: (  # voxel: the points count up in x, then y, then z
-        (0, 4, 6, 2),
-        (1, 3, 7, 5),
-        (0, 1, 5, 4),
-        (2, 6, 7, 3),
-        (0, 2, 3, 1),
-        (4, 5, 7, 6),
-    ),
-    12: (  # hexahedron
-        (0, 4, 7, 3),
-        (1, 2, 6, 5),
-        (0, 1, 5, 4),
-        (3, 7, 6, 2),
-        (0, 3, 2, 1),
-        (4, 5, 6, 7),
-    ),
+    # voxel: the points count up in x, then y, then z
+    11: ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)),
+    # hexahedron
+    12: ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
     13: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),  # wedge
     14: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),  # pyramid
 }

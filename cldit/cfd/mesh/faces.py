@@ -63,10 +63,8 @@ class Mesh(PointMesh):
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """Faces of `cells` (N,), all in one part."""
         first, sides = self._sides
-        yield (
-            np.arange(len(cells)),
-            Polyhedra(self.points_m, self.corners, self.start, first, sides, cells),
-        )
+        faces = self.points_m, self.corners, self.start, first, sides
+        yield np.arange(len(cells)), Polyhedra(*faces, cells)
 
 
 @dataclass(frozen=True)

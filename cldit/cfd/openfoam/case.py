@@ -118,9 +118,7 @@ def list_openfoam(spec: CfdSpray) -> Listing:
 
 
 def _file_names(folder: Path) -> set[str]:
-    if not folder.is_dir():
-        return set()
-    return {each.name.removesuffix(".gz") for each in folder.iterdir() if each.is_file()}
+    return {each.name.removesuffix(".gz") for each in folder.glob("*") if each.is_file()}
 
 
 def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | None:

@@ -84,12 +84,12 @@ def decode(file: FoamFile, rows: Floats, mesh: Mesh) -> Floats:
     begin = mesh.start[face]
     second = mesh.corners[begin + (base + turn) % size]
     third = mesh.corners[begin + (base + turn + 1) % size]
-    corners = (
-        middle[at],
-        mesh.points_m[mesh.corners[begin + base]],
-        mesh.points_m[np.where(owned, second, third)],
-        mesh.points_m[np.where(owned, third, second)],
+    nodes = (
+        mesh.corners[begin + base],
+        np.where(owned, second, third),
+        np.where(owned, third, second),
     )
+    corners = [middle[at], *(mesh.points_m[node] for node in nodes)]
     terms = [weights[:, k, None] * corner for k, corner in enumerate(corners)]
     return np.asarray(np.sum(terms, axis=0))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterable, Iterator
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,28 +205,21 @@ def particles(file: FoamFile) -> Floats:
 def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
     """Records in brackets, each on its own line: scalars, then labels."""
     first = file.body.find(b"(", begin)
-    for reals, integers in ((3, 1), (4, 3)):
-        for scalar in file.scalar_sizes:
-            for label in file.label_sizes:
-                size = reals * scalar + integers * label
-                after = file.body[first + 1 + size : first + 6 + size]
-                gap = after.find(b"(") if count > 1 else 1
-                if after[:1] != b")" or gap < 1:
-                    continue
-                record = np.dtype(
-                    [
-                        ("open", "S1"),
-                        ("reals", f"{file.order}f{scalar}", reals),
-                        ("integers", f"{file.order}i{label}", integers),
-                        ("close", "S1"),
-                        ("gap", f"V{gap - 1}"),
-                    ]
-                )
-                # no gap follows the last record
-                span = file.body[first : first + count * record.itemsize - gap + 1]
-                span += b"\0" * (count * record.itemsize - len(span))
-                rows = np.frombuffer(span, record, count)
-                if np.all(rows["open"] == b"(") and np.all(rows["close"] == b")"):
-                    found = np.concatenate([rows["reals"], rows["integers"]], axis=1)
-                    return found.astype(np.float64)
+    kinds = product(((3, 1), (4, 3)), file.scalar_sizes, file.label_sizes)
+    for (reals, integers), scalar, label in kinds:
+        size = reals * scalar + integers * label
+        after = file.body[first + 1 + size : first + 6 + size]
+        gap = after.find(b"(") if count > 1 else 1
+        if after[:1] != b")" or gap < 1:
+            continue
+        real, integer = f"{file.order}f{scalar}", f"{file.order}i{label}"
+        fields = [("open", "S1"), ("reals", real, reals), ("integers", integer, integers)]
+        record = np.dtype([*fields, ("close", "S1"), ("gap", f"V{gap - 1}")])
+        # no gap follows the last record
+        span = file.body[first : first + count * record.itemsize - gap + 1]
+        span += b"\0" * (count * record.itemsize - len(span))
+        rows = np.frombuffer(span, record, count)
+        if np.all(rows["open"] == b"(") and np.all(rows["close"] == b")"):
+            found = np.concatenate([rows["reals"], rows["integers"]], axis=1)
+            return found.astype(np.float64)
     raise file.fail(f"truncated or damaged: no {count} binary parcels")

@@ -56,15 +56,11 @@ def is_openfoam(path: Path) -> bool:
 
 def regions(case: Path) -> list[str]:
     """Regions that have a mesh; "" is that of the case itself."""
-    found: set[str] = set()
-    for root in ("", "processor0/", "processors*/"):
-        found |= {"" for each in case.glob(f"{root}constant/polyMesh") if each.is_dir()}
-        found |= {
-            each.parent.name
-            for each in case.glob(f"{root}constant/*/polyMesh")
-            if each.is_dir() and each.parent.name != "polyMesh"
-        }
-    return sorted(found)
+    places = [f"{root}constant/{inner}" for root in ("", "processor0/", "processors*/")
+              for inner in ("polyMesh", "*/polyMesh")]  # fmt: skip
+    found = {each.parent for place in places for each in case.glob(place) if each.is_dir()}
+    names = {each.name for each in found if each.name != "polyMesh"}
+    return sorted("" if name == "constant" else name for name in names)
 
 
 def time_folders(root: Path) -> dict[float, list[Path]]:
@@ -139,16 +135,9 @@ def _region(
     if len(known) == 1:
         return known[0], (f"Region {known[0]}, the only one.",) if known[0] else ()
     roots = [case, *(root.path for root in processors[:1])]
-    fuelled = [
-        each
-        for each in known
-        if any(
-            find_foam(folder / each / spec.fuel_field)
-            for root in roots
-            for folders in time_folders(root).values()
-            for folder in folders
-        )
-    ]
+    times = [each for root in roots for folders in time_folders(root).values() for each in folders]
+    fuel = spec.fuel_field
+    fuelled = [each for each in known if any(find_foam(time / each / fuel) for time in times)]
     if len(fuelled) != 1:
         what = f"{len(fuelled)} of its regions have the field {spec.fuel_field!r}"
         raise SprayError(f"{case}: {what}; set spray.region to one of {names(known)}")
@@ -161,13 +150,9 @@ def clouds_of(case: Path) -> list[Path]:
     """Folders of the clouds at any time of a case, of its regions and processors."""
     roots = [case, *sorted(case.glob("processor*"))]
     times = [each for root in roots for folders in time_folders(root).values() for each in folders]
-    return [
-        cloud
-        for time in times
-        for pattern in ("lagrangian/*", "*/lagrangian/*")
-        for cloud in sorted(time.glob(pattern))
-        if cloud.is_dir()
-    ]
+    patterns = ("lagrangian/*", "*/lagrangian/*")
+    found = [each for time in times for pattern in patterns for each in sorted(time.glob(pattern))]
+    return [each for each in found if each.is_dir()]
 
 
 def refuse_missing_parcels(step: Step) -> None:
@@ -180,12 +165,9 @@ def refuse_missing_parcels(step: Step) -> None:
                 f"spray.cloud: {NO_CLOUD} for gas alone"
             )
     homes = {each.parent.parent for each in clouds_of(step.case)}
-    times = {
-        home.parent.name if step.region else home.name
-        for home in homes
-        if (home.name == step.region if step.region else _TIME.match(home.name))
-    }
-    if times:
+    if step.region:
+        homes = {home.parent for home in homes if home.name == step.region}
+    if times := {home.name for home in homes if _TIME.match(home.name)}:
         shown = ", ".join(sorted(times, key=float)[:5]) + (", ..." if len(times) > 5 else "")
         others = f"but at others: {shown} (spray.cloud: {NO_CLOUD} for gas alone)"
         raise NotAtThisTime(f"{step.place}: no parcels at this time, {others}")

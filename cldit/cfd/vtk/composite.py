@@ -54,11 +54,8 @@ def composite_size(file: Path) -> Size:
         # of grids; poly data count their cells by kind, a level deeper
         counts = [each for each in arrays if each.name.endswith("/NumberOfCells")]
         cells = sum(int(np.sum(each[()])) for each in counts if "Types" in each.parent)
-        points = sum(
-            int(np.sum(each[()]))
-            for each in arrays
-            if each.name.endswith("/NumberOfPoints") and "Types" not in each.parent
-        )
+        counts = [each for each in arrays if each.name.endswith("/NumberOfPoints")]
+        points = sum(int(np.sum(each[()])) for each in counts if "Types" not in each.parent)
     return Size(cells, points, _WHILE_READING * stored)
 
 

@@ -20,9 +20,8 @@ def dimension(data: Any) -> int:
     if not data.GetNumberOfCells():
         return 0 if data.GetNumberOfPoints() else -1
     if data.IsA("vtkPolyData"):
-        if data.GetNumberOfPolys() or data.GetNumberOfStrips():
-            return 2
-        return 1 if data.GetNumberOfLines() else 0
+        surface = data.GetNumberOfPolys() or data.GetNumberOfStrips()
+        return 2 if surface else int(data.GetNumberOfLines() > 0)
     if not data.IsA("vtkUnstructuredGrid"):
         return 3
     from vtkmodules.vtkCommonDataModel import vtkCellTypes
@@ -86,10 +85,8 @@ def cell_columns(file: Path, data: Any) -> dict[str, Column]:
 def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3), and numeric point arrays of `data` by name, as doubles."""
     fields = _columns(file, data.GetPointData(), "point field")
-    return (
-        Column(f"{file}: points", _points(data).astype(np.float64)),
-        {name: Column(each.label, each.values.astype(np.float64)) for name, each in fields.items()},
-    )
+    place = Column(f"{file}: points", _points(data).astype(np.float64))
+    return place, {k: Column(v.label, v.values.astype(np.float64)) for k, v in fields.items()}
 
 
 def as_numpy(array: Any) -> Any:
@@ -101,18 +98,14 @@ def as_numpy(array: Any) -> Any:
 
 
 def _points(data: Any) -> Any:
-    if not data.GetNumberOfPoints():
-        return np.empty((0, 3))
-    return as_numpy(data.GetPoints().GetData())
+    some = data.GetNumberOfPoints() > 0
+    return as_numpy(data.GetPoints().GetData()) if some else np.empty((0, 3))
 
 
 def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
     arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
-    return {
-        array.GetName(): Column(f"{file}: {kind} {array.GetName()}", as_numpy(array))
-        for array in arrays
-        if array is not None and array.GetName()
-    }
+    named = {each.GetName(): each for each in arrays if each is not None and each.GetName()}
+    return {name: Column(f"{file}: {kind} {name}", as_numpy(each)) for name, each in named.items()}
 
 
 def vtk_mesh(file: Path, grid: Any) -> ElementMesh:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence, Set
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,16 +40,14 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
     parts = [_part(each) for each in filled or step.meshes[:1]]  # a processor may have no cell
     several = len(step.meshes) > 1
-    gas = join_gas(path, parts, names.cells, spec.fuel_field, several=several)
-    return CfdCase(
+    case = join_gas(path, parts, names.cells, spec.fuel_field, several=several)
+    return replace(
+        case,
         source=str(step.meshes[0].file),
         time_s=step.time_s,
-        mesh=gas.mesh,
-        gas=gas.gas,
-        available=gas.available,
         cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
         files=step.files,
-        remarks=(*step.remarks, *gas.remarks),
+        remarks=(*step.remarks, *case.remarks),
     )
 
 
@@ -70,7 +69,7 @@ def list_vtk(spec: CfdSpray) -> Listing:
     known = [time for time in step_times(layout, loader).values() if time is not None]
     fields = frozenset[str]().union(*(e.cell_names | e.point_names for e in step.meshes))
     clouds = {
-        name: sorted(frozenset[str]().union(*(part.point_names for part in parts)))
+        name: sorted({field for part in parts for field in part.point_names})
         for name, parts in step.clouds.items()
     }
     return known, sorted(fields), clouds

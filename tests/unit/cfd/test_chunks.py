@@ -39,7 +39,7 @@ TWO = ElementMesh(
 
 
 def boxes(mesh: CellMesh, rotation: np.ndarray | None = None) -> np.ndarray:
-    found = [box for _, box in mesh.boxes(rotation=rotation)]
+    found = [box for _, box in mesh.boxes(rotation=np.eye(3) if rotation is None else rotation)]
     return np.concatenate([np.hstack([box.lower_m, box.upper_m]) for box in found])
 
 
