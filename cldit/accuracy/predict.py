@@ -21,6 +21,7 @@ from cldit.accuracy.sources.base import Excess, Measurement
 from cldit.accuracy.sources.wavelengths import spectral_K
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import SprayError, TransportError
+from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
 
 _NO_AUDIT = (
@@ -32,27 +33,18 @@ _NO_AUDIT = (
 def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocation]:
     """The resolution that a scene needs for a tolerance, and the error allocated to each source."""
     scene = problem.scene
+    first = Resolution.first(scene, ordinates_K=tolerance_K, spectral_K=scene.optics.bound_K)
     if not scene.transport.audit:
         problem.stages.remark((_NO_AUDIT,))
-        bound_K = scene.optics.bound_K
-        first = Resolution.first(scene, ordinates_K=tolerance_K, spectral_K=bound_K)
         return first, Allocation(tolerance_K, tolerance_K, {})
     allocation = Allocation.of(scene, tolerance_K)
-    resolution = Resolution.first(
-        scene, ordinates_K=allocation["trace"], spectral_K=_spectral_K(problem, allocation)
-    )
-    resolution, tracer = problem.tracer(resolution)
+    resolution, tracer = problem.tracer(_asked(first, scene, allocation))
     if not problem.is_clear(tracer.prepared):
         with problem.stages.stage("coarse traces of fixed error sources") as note:
             known = fixed_estimates(problem, tracer)
             note.append(", ".join(f"{e.cause.name} {e.cause.text}" for e in known) or "none")
         allocation = allocation.with_known(scene, known).allocated(scene)
-        resolution = replace(
-            resolution,
-            ordinates_K=allocation["trace"],
-            spectral_K=_spectral_K(problem, allocation),
-        )
-        resolution, tracer = problem.tracer(resolution)
+        resolution, tracer = problem.tracer(_asked(resolution, scene, allocation))
     if tracer.prepared.is_empty:
         resolution = replace(resolution, depth=tracer.prepared.cube.depth)
     else:
@@ -61,8 +53,10 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
     return resolution, allocation
 
 
-def _spectral_K(problem: Problem, allocation: Allocation) -> float:
-    return spectral_K(problem.scene, allocation["wavelengths"])
+def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Resolution:
+    """The resolution with the errors allocated to the trace and to the wavelengths."""
+    wavelengths_K = spectral_K(scene, allocation["wavelengths"])
+    return replace(resolution, ordinates_K=allocation["trace"], spectral_K=wavelengths_K)
 
 
 def _for_spray(
@@ -117,13 +111,13 @@ def _choose_cells(
 
     with problem.stages.stage("coarse traces") as note:
         chosen = choose_cells(tracer, lambda image: seen(image).cells_K, problem.stages.tell)
-        allocation_ = seen(tracer.levels[max(tracer.levels)])
+        finest = seen(tracer.levels[max(tracer.levels)])
         if chosen is None:
             note.append("no pixel has a T_app: cells as the paper's")
         else:
             cell_mm = 1e3 * tracer.prepared.cube.at(chosen.depth).cell_m
-            note.append(f"cells of {cell_mm:.3g} mm for {allocation_.cells_K:.2g} K")
-    return allocation_, chosen
+            note.append(f"cells of {cell_mm:.3g} mm for {finest.cells_K:.2g} K")
+    return finest, chosen
 
 
 def fixed_estimates(

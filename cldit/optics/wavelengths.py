@@ -30,7 +30,6 @@ from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-from cldit.scene.optics import Optics
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
@@ -92,18 +91,16 @@ def wavelengths(
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))
     spectrum = Spectrum.of(scene, spray, filter_um)
     asymmetry = scene_phase(scene, spray, "spectral").asymmetry
-    optics = scene.optics
-    if tolerance_K is not None:
-        optics = optics.model_copy(update={"spectral_error_K": tolerance_K})
+    bound_K = scene.optics.bound_K if tolerance_K is None else tolerance_K
 
     def choose() -> Arrays:
         lines = Sightlines.through(spray, width_m=scene.domain.leaf_m)
         light = _light(spectrum, filter_um, reference_K)
-        groups, errors_K = _chosen(scene, optics, lines, spectrum, light, asymmetry)
+        groups, errors_K = _chosen(scene, bound_K, lines, spectrum, light, asymmetry)
         means = _Means.of(spectrum, lines, groups, light)
         return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
 
-    content = _content(scene, optics, spray, spectrum, asymmetry)
+    content = _content(scene, tolerance_K, spray, spectrum, asymmetry)
     arrays = cached(cache, kind="wavelengths", text=content, make=choose)
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
@@ -114,7 +111,11 @@ def wavelengths(
 
 
 def _content(
-    scene: Scene, optics: Optics, spray: Spray, spectrum: Spectrum, asymmetry: float | None
+    scene: Scene,
+    tolerance_K: float | None,
+    spray: Spray,
+    spectrum: Spectrum,
+    asymmetry: float | None,
 ) -> str:
     """Digest of everything that the choice of wavelengths depends on."""
     arrays = [*vars(spectrum).values()]
@@ -125,7 +126,10 @@ def _content(
         gas = spray.vapour
         arrays += [gas.cells.lower_m, gas.cells.upper_m, gas.number_density_m3, gas.temperature_K]
     sensor = scene.camera.sensor
-    where = (optics.model_dump(), sensor.quantum_efficiency, scene.background.temperatures_K)
+    optics = scene.optics.model_dump()
+    if tolerance_K is not None:
+        optics["spectral_error_K"] = tolerance_K
+    where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
     further = (scene.walls.temperature_K, scene.domain.leaf_m, asymmetry)
     return f"{_FORM} {where!r} {further!r} {digest(*arrays)}"
 
@@ -288,7 +292,7 @@ def _depths(
 
 def _chosen(
     scene: Scene,
-    optics: Optics,
+    bound_K: float,
     lines: Sightlines,
     spectrum: Spectrum,
     light: Floats,
@@ -324,7 +328,7 @@ def _chosen(
         errors.append(error)
     wanted = scene.optics.wavelengths
     if wanted is None:
-        wanted = enough(errors, bound_K=optics.bound_K, most=most)
+        wanted = enough(errors, bound_K=bound_K, most=most)
     return found[min(wanted, most) - 1], errors
 
 

@@ -12,20 +12,19 @@ difference contains the square of that error twice. A gas that is read comes on 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Estimate
-from cldit.accuracy.image_pair import Floats, ImageDifference, ImagePair
+from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.resolution import Resolution, lattice_is_cells
 from cldit.accuracy.richardson import RichardsonEstimate
 from cldit.accuracy.sources.base import OR_NONE, ErrorSource, Excess, Measurement
 from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
-from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
+from cldit.medium.resolution import within
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
@@ -203,48 +202,6 @@ def without_chance(found: ImageDifference, sampling_K: float | None) -> tuple[Im
     if square < _HALF * found.error_K**2:
         return found, "at most: chance may contribute half of its square"
     return found.times(square**0.5 / found.error_K), "random part of both sprays subtracted"
-
-
-def within(cube: Frame, sources: Sources) -> tuple[Sources, float]:
-    """The part of a medium inside a cube, and the share that lies outside.
-
-    The share is that of the gas's absorption over its volume, or of the droplets' cross sections,
-    whichever is larger.
-    """
-    points, cells = sources
-    low = np.asarray(cube.lower_m)
-    high = low + cube.edge_m
-    lost = [0.0]
-    if points is not None:
-        inside = np.all((points.position_m >= low) & (points.position_m <= high), axis=1)
-        section = points.absorption_m2 + points.scattering_m2
-        lost.append(_outside(section, inside.astype(float)))
-        points = _taken(points, inside) if inside.any() else None
-    kept = []
-    for each in cells:
-        lower, upper = np.maximum(each.lower_m, low), np.minimum(each.upper_m, high)
-        whole = np.prod(each.upper_m - each.lower_m, axis=1)
-        part = np.prod(np.maximum(upper - lower, 0.0), axis=1) / whole
-        optical = each.vapour_absorption + each.droplet_absorption + each.droplet_scattering
-        lost.append(_outside(optical * whole, part))
-        kept.append(_taken(replace(each, lower_m=lower, upper_m=upper), part > 0.0))
-    return (points, kept), max(lost)
-
-
-def _outside(amount: Floats, inside: Floats) -> float:
-    total = float(amount.sum())
-    return float(np.sum(amount * (1.0 - inside))) / total if total > 0.0 else 0.0
-
-
-def _taken(source: Any, chosen: NDArray[np.bool_]) -> Any:
-    """Some parcels or boxes of a source."""
-
-    def some(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(one[chosen] for one in value)
-        return value[chosen] if isinstance(value, np.ndarray) else value.of(chosen)
-
-    return replace(source, **{k: some(v) for k, v in vars(source).items() if v is not None})
 
 
 GAS_GRID = _GasGrid()

@@ -18,12 +18,12 @@ from cldit.accuracy.sources.gas_grid import (
     GAS_GRID,
     CoarserGas,
     coarser_gas,
-    within,
     without_chance,
 )
 from cldit.errors import MediumError, SprayError
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, PointSource, Sources, build_octrees
+from cldit.medium.resolution import within
 from cldit.prepare import medium
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, parse_scene
