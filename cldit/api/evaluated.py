@@ -13,7 +13,7 @@ from cldit.acquisition.measured import Measured, is_measured, open_measured
 from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.api.folder_evaluation import evaluate_folder, evaluate_scattering
 from cldit.dit.recorded import CurveSource, Evaluation
-from cldit.io.labels import xarray_module
+from cldit.io.presented import xarray_module
 from cldit.run import Run, Say
 from cldit.run.labelled import labelled_maps
 

@@ -19,8 +19,7 @@ from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattere
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.files import write_text
 from cldit.io.images import write_image
-from cldit.io.origin import Origin
-from cldit.io.provenance import files_read
+from cldit.io.origin import Origin, files_read
 from cldit.run import Run, Say
 from cldit.scene.delays import delay_text
 

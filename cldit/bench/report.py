@@ -13,8 +13,9 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from cldit.gpu.device import Device
-from cldit.io.files import make_folder, write_bytes, write_text
+from cldit.io.files import make_folder, write_text
 from cldit.io.origin import commit
+from cldit.show import page
 from cldit.show.figures.sheet import png_of
 
 
@@ -32,8 +33,7 @@ class Table:
 
     def markdown(self) -> str:
         """Table in Markdown."""
-        lines = [self.head, ("---",) * len(self.head), *self.rows]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return page.markdown_of([page.Table(self.head, self.rows)])
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,13 @@ def write_part(part: Part, folder: Path, *, command: str, device: Device) -> Pat
     """Writes NAME.md, NAME.json and NAME.png into `folder`; returns the path of the page."""
     make_folder(folder)
     write_text(folder / f"{part.name}.json", json.dumps(part.data, indent=1) + "\n")
-    blocks = [f"# {part.title}", f"```sh\n{command}\n```", measured_on(device)]
+    content: list[page.Block] = [page.Code(command), measured_on(device)]
     if part.figure is not None:
-        write_bytes(folder / f"{part.name}.png", png_of(part.figure))
-        blocks.append(f"![{part.alternative}]({part.name}.png)")
-    blocks += [table.markdown() for table in part.tables]
-    blocks += part.text
-    page = folder / f"{part.name}.md"
-    write_text(page, "\n\n".join(blocks) + "\n")
-    return page
+        png = png_of(part.figure)
+        content.append(page.Figure(png, part.alternative, f"{part.name}.png"))
+    content += [page.Table(table.head, table.rows) for table in part.tables]
+    content += part.text
+    return page.write_page(page.Page(part.title, content), folder / f"{part.name}.md")
 
 
 def measured_on(device: Device) -> str:

@@ -17,8 +17,8 @@ from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
+from cldit.io.origin import files_read
 from cldit.io.progress import Watch, silent
-from cldit.io.provenance import files_read
 from cldit.scene.spray import CfdSpray
 from cldit.spray.penetration import liquid_figures
 from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour

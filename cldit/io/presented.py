@@ -1,4 +1,4 @@
-"""Results that show themselves in notebooks and scripts.
+"""Results that show themselves in notebooks and scripts; labelled data sets.
 
 Results are below the room `show` in the data flow and do not draw. The room is loaded here, when a
 figure of a result is requested.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from cldit.errors import ClditError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,3 +33,13 @@ class Presented:
 
     def _repr_html_(self) -> str:
         return str(import_module("cldit.show.figures.plot").html_of(self))
+
+
+def xarray_module() -> Any:
+    """The module `xarray`; ClditError if it is not installed."""
+    try:
+        return import_module("xarray")
+    except ImportError as error:
+        raise ClditError(
+            'labelled data sets need xarray, which is not installed: pip install "cldit[studies]"'
+        ) from error

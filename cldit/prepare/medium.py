@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cldit.gpu.device import Device
-from cldit.io.provenance import FileRead
+from cldit.io.origin import FileRead
 from cldit.medium.cloud import Kernel
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, Sources, build_octrees

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import UNITS, Maps, Reason
-from cldit.io.labels import xarray_module
+from cldit.io.presented import xarray_module
 from cldit.radiance.weights import EMITTED, Weights
 from cldit.scene import Scene
 

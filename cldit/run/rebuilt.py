@@ -18,7 +18,7 @@ from cldit.accuracy.node_traces import node_settings
 from cldit.accuracy.resolution import Resolution
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
-from cldit.io.provenance import FileRead
+from cldit.io.origin import FileRead
 from cldit.medium.octree import Octree
 from cldit.prepare.medium import prepare
 from cldit.prepare.spray_factory import make_spray

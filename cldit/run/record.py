@@ -8,8 +8,7 @@ from dataclasses import replace
 from cldit.accuracy.converge import Result
 from cldit.accuracy.errors import Cause
 from cldit.accuracy.problem import Problem
-from cldit.io.origin import Origin, versions
-from cldit.io.provenance import FileRead, files_read
+from cldit.io.origin import FileRead, Origin, files_read, versions
 from cldit.run.content import named_files
 from cldit.run.result import RunInfo
 from cldit.run.spectral import Difference, SpectralInfo

@@ -17,9 +17,8 @@ from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile, profile_of
 from cldit.errors import RunFolderError
-from cldit.io.origin import Origin
+from cldit.io.origin import FileRead, Origin
 from cldit.io.presented import Presented
-from cldit.io.provenance import FileRead
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights

@@ -40,10 +40,11 @@ _SLIDE = """<script>
 
 @dataclass(frozen=True)
 class Section:
-    """Parts of a page under a heading; omitted if all of them are empty."""
+    """Parts of a page under a heading of a level; omitted if all of them are empty."""
 
     title: str
     content: Sequence[Block]
+    level: int = 2
 
 
 @dataclass(frozen=True)
@@ -205,9 +206,9 @@ def _html(part: Block) -> str:
             return ""
         case str():
             return f"<p>{_inline(part)}</p>"
-        case Section(title, content):
+        case Section(title, content, level):
             body = html_of(content)
-            heading = f"<h2>{escape(title)}</h2>\n" if title else ""
+            heading = f"<h{level}>{escape(title)}</h{level}>\n" if title else ""
             return f"<section>{heading}\n{body}\n</section>" if body else ""
         case Figure(png, caption):
             wide = ' class="wide"' if part.wide else ""
@@ -305,9 +306,9 @@ def _markdown(part: Block) -> str:
     match part:
         case str():
             return part
-        case Section(title, content):
+        case Section(title, content, level):
             body = markdown_of(content)
-            return f"## {title}\n\n{body}" if body and title else body
+            return f"{'#' * level} {title}\n\n{body}" if body and title else body
         case Figure(_, caption, file):
             return f"![{caption}]({file})"
         case Slider():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.io.labels import xarray_module
+from cldit.io.presented import xarray_module
 from cldit.spray.result import Cells, Spray
 
 if TYPE_CHECKING:

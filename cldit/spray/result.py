@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
+from cldit.io.origin import FileRead
 from cldit.io.presented import Presented
-from cldit.io.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 
 if TYPE_CHECKING:

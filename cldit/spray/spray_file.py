@@ -20,8 +20,8 @@ import numpy as np
 from cldit.errors import FileError, SprayError
 from cldit.io.data_streams import DataStream
 from cldit.io.files import open_regular, whole
+from cldit.io.origin import FileRead
 from cldit.io.progress import Watch, silent
-from cldit.io.provenance import FileRead
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
 

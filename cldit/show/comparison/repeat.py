@@ -13,7 +13,7 @@ from typing import Any
 from cldit.api.experiment import run_experiment
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
-from cldit.io.provenance import FileRead
+from cldit.io.origin import FileRead
 from cldit.run import Run, Say, open_run, simulate
 from cldit.scene import dump_scene
 from cldit.show.comparison.difference import Difference, compare

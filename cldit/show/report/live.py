@@ -24,7 +24,7 @@ from PIL import Image
 from cldit.acquisition.exposure import exposure
 from cldit.acquisition.progress import Approach, left_text
 from cldit.acquisition.watch import Reading, Seen
-from cldit.show.page import Block, Html, Page, html_of
+from cldit.show.page import Block, Html, Page, Section, html_of
 
 COLOURS = "inferno"
 _SATURATED = (0, 200, 255)  # a colour that the map does not have
@@ -99,20 +99,17 @@ def live_page(
         content.append(_marked("note", f"Some of this page could not be read: {problem}"))
     if not over:
         content.append(Html(_AGE % (round(1e3 * epoch_s), _LATE_s)))
-    sections = (
-        ("Last shot", _shot(seen, shot) if shot else ["No shot yet."]),
-        ("Black body", _black_body(seen) or ["No reading yet."]),
-        ("Histogram", _histogram(shot) if shot else ["No shot yet."]),
-    )
-    grid = "\n".join(
-        f"<section><h2>{title}</h2>\n{html_of(inner)}\n</section>" for title, inner in sections
-    )
+    sections = [
+        Section("Last shot", _shot(seen, shot) if shot else ["No shot yet."]),
+        Section("Black body", _black_body(seen) or ["No reading yet."]),
+        Section("Histogram", _histogram(shot) if shot else ["No shot yet."]),
+    ]
     content += [
         _left(seen),
         _bar(seen),
         seen.doing,
         _marked("small", f"{seen.rejected} rejected, {seen.lost} lost. Page of {written}."),
-        Html(f'<div class="grid">\n{grid}\n</div>'),
+        Html(f'<div class="grid">\n{html_of(sections)}\n</div>'),
     ]
     page = Page(
         f"{seen.done}/{seen.total} {seen.state}",

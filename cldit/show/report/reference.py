@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from pydantic import BaseModel
@@ -12,21 +13,20 @@ from cldit.acquisition.measured import MeasuredFile
 from cldit.acquisition.plan import Plan
 from cldit.rig.load import RigFile
 from cldit.scene import Scene
-from cldit.scene.checks import Section
+from cldit.scene.checks import Section as Keys
+from cldit.show.page import Page, Section, Table
 
 # Heading, prefix of the keys at the top, and model that reads the file.
-FILES: tuple[tuple[str, str, type[Section]], ...] = (
+FILES: tuple[tuple[str, str, type[Keys]], ...] = (
     ("Scenes", "", Scene),
     ("Rig files", "rig.yaml ", RigFile),
     ("Plans", "plan.yaml ", Plan),
     ("Measured data", "measured.yaml ", MeasuredFile),
 )
 Schema = dict[str, Any]
-_HEAD = "| key | type | range | default | meaning |\n| --- | --- | --- | --- | --- |\n"
-
+_TITLE = "Every key of a scene, rig, plan and measurement"
+_COLUMNS = ("key", "type", "range", "default", "meaning")
 _INTRODUCTION = """\
-# Every key of a scene, rig, plan and measurement
-
 Made by `cldit scenes --reference` from the models that check the files. Units are in the names.
 Invalid values are refused with the key, the value and what is allowed. Paths are relative to the
 file.
@@ -36,15 +36,13 @@ of a cooled InSb camera, and assumptions.
 Editors that know YAML schemas (VS Code with the YAML extension, PyCharm) complete and check scenes
 with `cldit scenes --schema > scene.schema.json` and a first line
 `# yaml-language-server: $schema=scene.schema.json`.
-
 """
 
 
 def reference_page() -> str:
     """Page in Markdown."""
-    return _INTRODUCTION + "\n".join(
-        markdown(model, title=title, file=file) for title, file, model in FILES
-    )
+    sections = [sections_of(model, title=title, file=file) for title, file, model in FILES]
+    return Page(_TITLE, [_INTRODUCTION.strip(), *chain.from_iterable(sections)]).markdown()
 
 
 @dataclass(frozen=True)
@@ -66,16 +64,17 @@ class _Place:
         return "-".join(letters.split())
 
 
-def markdown(model: type[BaseModel], *, title: str, file: str) -> str:
-    """Markdown of all sections of a file that `model` reads; `file` prefixes their names."""
+def sections_of(model: type[BaseModel], *, title: str, file: str) -> list[Section]:
+    """All sections of a file that `model` reads; `file` prefixes their names."""
     schema = model.model_json_schema()
     places: dict[str, _Place] = {}
     for name, place in _walk(schema, schema, path="", prefix=file):
         places.setdefault(name, place)
-    lines = [f"## {title}", "", _text(schema), "", _table(schema, places)]
-    for place in places.values():
-        lines += [f"### {place.heading}", "", _text(place.schema), "", _table(place.schema, places)]
-    return "\n".join(lines)
+    inner = [
+        Section(place.heading, [_text(place.schema), _table(place.schema, places)], level=3)
+        for place in places.values()
+    ]
+    return [Section(title, [_text(schema), _table(schema, places)]), *inner]
 
 
 def _text(schema: Schema) -> str:
@@ -118,17 +117,16 @@ def _references(schema: Schema) -> Iterator[str]:
             yield from _references(part["items"])
 
 
-def _table(section: Schema, places: dict[str, _Place]) -> str:
-    rows = _HEAD
+def _table(section: Schema, places: dict[str, _Place]) -> Table:
+    rows = []
     needed = section.get("required", [])
     for key, value in section.get("properties", {}).items():
-        kinds = list(dict.fromkeys(_type(part, places) for part in _parts(value)))
-        ranges = list(dict.fromkeys(text for part in _parts(value) for text in _ranges(part)))
-        cells = [f"`{key}`", " or ".join(kinds), ", ".join(ranges)]
+        kinds = dict.fromkeys(_type(part, places) for part in _parts(value))
+        ranges = dict.fromkeys(text for part in _parts(value) for text in _ranges(part))
+        default = "required" if key in needed else _default(value)
         about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
-        cells += ["required" if key in needed else _default(value), about]
-        rows += "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |\n"
-    return rows
+        rows.append([f"`{key}`", " or ".join(kinds), ", ".join(ranges), default, about])
+    return Table(_COLUMNS, rows)
 
 
 def _type(part: Schema, places: dict[str, _Place]) -> str:

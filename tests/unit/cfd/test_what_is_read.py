@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from cldit.cfd.to_spray import other_fuels, read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
-from cldit.io.provenance import FileRead, files_read
+from cldit.io.origin import FileRead, files_read
 from cldit.run.result import RunInfo
 from cldit.scene.spray import CfdSpray
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.api.folder_evaluation import evaluate_folder
-from cldit.io.provenance import FileRead
+from cldit.io.origin import FileRead
 from cldit.run.record import origin_of
 from cldit.run.result import RunInfo
 from cldit.scene import Scene, dump_scene, parse_scene

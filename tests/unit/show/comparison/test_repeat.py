@@ -14,8 +14,7 @@ from cldit.cli import main
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.images import read_image, write_image
-from cldit.io.origin import Origin
-from cldit.io.provenance import FileRead
+from cldit.io.origin import FileRead, Origin
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene
 from cldit.show.comparison.repeat import inputs_that_changed, repeat
