@@ -27,7 +27,11 @@ def _run(*arguments: str) -> tuple[int, str]:
     ("fault", "text"),
     [
         ({"off_K": {483.0: 1.0}}, "background 483 K reads +1.00 K off the others"),
-        ({"offset_of_injections": 20.0}, "as if the camera's offset changed between the kinds"),
+        pytest.param(
+            {"offset_of_injections": 20.0},
+            "as if the camera's offset changed between the kinds",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_what_is_found_is_printed(tmp_path: Path, fault: dict[str, Any], text: str) -> None:

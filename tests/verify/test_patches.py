@@ -184,6 +184,7 @@ def test_an_empty_vessel(device: Device, tmp_path: Path) -> None:
     assert not weights.patches["back"].any()
 
 
+@pytest.mark.slow
 def test_a_run_with_a_cold_window_end_to_end(
     run_block: Callable[..., Run], device: Device, tmp_path: Path
 ) -> None:

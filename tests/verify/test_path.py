@@ -153,7 +153,7 @@ def test_orders_are_those_of_source_iteration(
         pytest.param(None, 1, 1.5e-3, marks=pytest.mark.slow),
         pytest.param(None, 3, 1.5e-3, marks=pytest.mark.slow),
         pytest.param(0.8, None, 1.5e-3, marks=pytest.mark.slow),
-        (0.8, 1, 1.5e-3),
+        pytest.param(0.8, 1, 1.5e-3, marks=pytest.mark.slow),
         pytest.param(0.8, 2, 4e-3, marks=pytest.mark.slow),
     ],
 )

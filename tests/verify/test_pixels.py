@@ -282,7 +282,8 @@ def test_stated_error_of_the_pixels(
     assert stated.error_K is not None and 0.75 < stated.error_K / true_K < 1.4
 
 
-@pytest.mark.parametrize("pixels", [pytest.param(50, marks=pytest.mark.slow), 200])
+@pytest.mark.slow
+@pytest.mark.parametrize("pixels", [50, 200])
 def test_stated_error_of_a_thin_jet(device: Device, tables: Path, pixels: int) -> None:
     """A jet of vapour from one pixel to many wide: by blocks of pixels and an order from two of
     them, 0.33 of the truth were stated at 50 pixels, and 4.1 of it at 200."""
@@ -291,7 +292,10 @@ def test_stated_error_of_a_thin_jet(device: Device, tables: Path, pixels: int) -
     assert 0.75 < found.stated_K / found.true_K < 1.4
 
 
-@pytest.mark.parametrize(("name", "order", "rays"), [("methane-jet", None, 4), ("gdi", 1, 1)])
+@pytest.mark.parametrize(
+    ("name", "order", "rays"),
+    [pytest.param("methane-jet", None, 4, marks=pytest.mark.slow), ("gdi", 1, 1)],
+)
 def test_some_pixels_are_those_of_the_picture(
     device: Device, tables: Path, name: str, order: int | None, rays: int
 ) -> None:

@@ -14,6 +14,7 @@ from cldit.gpu.device import Device
 from cldit.transport.trace import trace
 
 
+@pytest.mark.slow
 def test_a_tolerance_below_rounding_is_reached_in_double(device: Device, tables: Path) -> None:
     """GMRES stalls, and reports it or continues in double precision."""
     if not device.info.float64:

@@ -186,7 +186,8 @@ def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> No
     assert np.abs((_weights(one) - truth[0]) / error).max() > 10
 
 
-@pytest.mark.parametrize("denser", [1.0, pytest.param(10.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("denser", [1.0, 10.0])
 def test_source_by_two_classes(device: Device, denser: float) -> None:
     """Against `path`, in cells of optical depth 0.2 and in deep ones, where paths of the gather
     draw a class too. Left are what `source` simplifies, and ordinates: 0.3 at most of what one
