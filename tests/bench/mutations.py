@@ -350,7 +350,7 @@ def main() -> None:
         tree = Path(place).resolve() / "tree"
         tree.mkdir()
         copy(tree)
-        environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {**os.environ, "PYTHONPATH": str(tree)}
         found = subprocess.check_output(
             [sys.executable, "-c", COPIED], cwd=place, env=environment, text=True
         ).split()

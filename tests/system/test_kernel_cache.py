@@ -17,8 +17,11 @@ def built(name, defines): return build(device, name, defines)
 """
 FULL = """
 import numpy as np, sys
+from pathlib import Path
+from cldit.gpu import program as module
 from cldit.gpu.buffers import upload, zeros
 from tests.full_disk import full_disk
+module.assemble = lambda name: Path("tests", "bench", name).read_text()  # a source of few kernels
 program = built("roofline.cl", {"SIMD_WIDTH": 1})
 data = upload(device, "in", np.ones(64, np.float32))
 what = {
