@@ -1,8 +1,8 @@
-"""The results of a sweep as one labelled data set: Zarr, a chunk a scene, filled as they finish.
+"""Results of a sweep as one labelled data set in Zarr, with a chunk for each scene.
 
-OUT/study.zarr holds maps over the grid's axes and the picture's x and z; OUT/study.json the grid
-and the scene that it starts from; OUT/points/N.json appears when scene N is wholly in the store, so
-that whatever ended a sweep, the same call goes on with what is missing.
+OUT/study.zarr has maps over the axes of the grid and x and z of the image, OUT/study.json the grid
+and the base scene. OUT/points/N.json is written when scene N is in the store, so the same call can
+resume a sweep.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def extra(name: str) -> Any:
 
 @dataclass(frozen=True)
 class Result:
-    """What one scene of a sweep gives: maps (H, W) and figures, NaN where there is none."""
+    """Maps (H, W) and numbers of one scene of a sweep, NaN if undefined."""
 
     maps: Mapping[str, NDArray[np.float32]]
     figures: Mapping[str, float]
 
     @classmethod
     def of(cls, run: Run) -> Result:
-        """What a data set holds of a run."""
+        """Part of a run that a data set contains."""
         figures = {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
         accuracy = run.info.accuracy_K
         figures["accuracy_K"] = float("nan") if accuracy is None else accuracy
@@ -71,18 +71,18 @@ class Result:
 
 @dataclass(frozen=True)
 class SweepFolder:
-    """Where a sweep's results lie."""
+    """Folder of the results of a sweep."""
 
     path: Path
     grid: Grid
 
     def done(self) -> set[int]:
-        """Numbers of the scenes that are in the store."""
+        """Numbers of the scenes in the store."""
         points = self.path / "points"
         return {int(each.stem) for each in points.glob("*.json")} if points.is_dir() else set()
 
     def write(self, point: Point, result: Result, *, worker: str, seconds: float) -> None:
-        """Puts a scene's result into the store; its mark comes last."""
+        """Writes the result of a scene into the store, and then its mark."""
         zarr = extra("zarr")
         with written(self.path / _STORE):
             store = zarr.open_group(self.path / _STORE, mode="r+")
@@ -96,10 +96,10 @@ class SweepFolder:
 
 
 def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
-    """The folder of a sweep: made, or found again.
+    """Makes the folder of a sweep, or finds it again.
 
     Raises:
-        StudyError: it holds something else, or the sweep of another scene or grid.
+        StudyError: the folder has other contents, or the sweep of another scene or grid.
     """
     axes = [[axis.name, axis.key, list(axis.values)] for axis in grid.axes]
     about = {"axes": axes, "scene": digest(base.model_dump(mode="json"))}
@@ -108,11 +108,11 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
     if known.is_file():
         if read_json(known, error=StudyError) != about:
             raise StudyError(
-                f"{path}: holds the sweep of another grid or scene; give another folder with --out"
+                f"{path}: has the sweep of another grid or scene; give another folder with --out"
             )
         return folder
     if path.exists() and any(path.iterdir()):
-        raise StudyError(f"{path}: is not empty and holds no sweep; give another folder with --out")
+        raise StudyError(f"{path}: is not empty and has no sweep; give another folder with --out")
     make_folder(path / "points")
     template = _template(base, grid)
     with written(path / _STORE):
@@ -122,7 +122,7 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
 
 
 def _template(base: Scene, grid: Grid) -> xarray.Dataset:
-    """Everything NaN, with labels and units."""
+    """Data set of NaN, with labels and units."""
     xr, da = extra("xarray"), extra("dask.array")
     width, height = base.camera.pixels
     across, up = (
@@ -153,7 +153,7 @@ def _template(base: Scene, grid: Grid) -> xarray.Dataset:
 
 
 def _labels(values: tuple[Any, ...]) -> NDArray[Any]:
-    """Numbers as numbers, all else as text."""
+    """Values as numbers if all are, else as text."""
     numbers = all(
         isinstance(value, (int, float)) and not isinstance(value, bool) for value in values
     )
@@ -163,16 +163,16 @@ def _labels(values: tuple[Any, ...]) -> NDArray[Any]:
 def open_study(path: str | Path) -> xarray.Dataset:
     """The results of a sweep (`cldit study SCENE --grid ...`) as one xarray data set.
 
-    Dimensions are the grid's axes by the names that they were given, then z and x of the picture
-    in m; each variable has its unit in `attrs["units"]`. Read piece by piece as it is used; scenes
-    that are not done yet are NaN.
+    Dimensions are the axes of the grid by the names that were given, then z and x of the image in
+    m; each variable has its unit in `attrs["units"]`. Data are read as they are used; scenes that
+    are not done yet are NaN.
 
     Raises:
-        StudyError: the folder holds no sweep, or the extra `studies` is not installed.
+        StudyError: the folder has no sweep, or the extra `studies` is not installed.
     """
     store = Path(path) / _STORE
     if not store.is_dir() or not (Path(path) / "study.json").is_file():
         raise StudyError(
-            f"{path}: holds no sweep; `cldit study SCENE --grid ... --out DIR` makes one"
+            f"{path}: has no sweep; `cldit study SCENE --grid ... --out DIR` makes one"
         )
     return extra("xarray").open_zarr(store, consolidated=True)  # type: ignore[no-any-return]

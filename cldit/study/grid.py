@@ -1,6 +1,7 @@
-"""`walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370`: which scenes a sweep is made of.
+"""Grids of scenes: `walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370`.
 
-Keys are a scene's, dotted; values are numbers, words, or start:stop:step with the stop included.
+Keys are those of a scene, dotted; values are numbers, words, or start:stop:step with the stop
+included.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ Value = float | int | str | bool | None
 
 @dataclass(frozen=True)
 class Axis:
-    """One key of a scene and the values that it takes; `name` is the key as it was given."""
+    """Key of a scene and its values; `name` is the key as it was given."""
 
     name: str
     key: str
@@ -40,14 +41,14 @@ class Axis:
 
     @property
     def unit(self) -> str:
-        """Unit that the key's name ends in; 1 without."""
+        """Unit at the end of the name; 1 without."""
         last = self.name.rpartition("_")[2]
         return last if last in _UNITS else "1"
 
 
 @dataclass(frozen=True)
 class Point:
-    """One scene of a grid and its place on every axis."""
+    """Scene of a grid and its position on every axis."""
 
     number: int
     place: tuple[int, ...]
@@ -56,7 +57,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Grid:
-    """All combinations of the axes' values; the last axis varies fastest."""
+    """All combinations of the values of the axes; the last axis varies fastest."""
 
     axes: tuple[Axis, ...]
 
@@ -66,7 +67,7 @@ class Grid:
         return tuple(len(axis.values) for axis in self.axes)
 
     def points(self, base: Scene) -> Iterator[Point]:
-        """Every scene of the grid, checked.
+        """Scenes of the grid, validated.
 
         Raises:
             SceneError: a key or a value is not allowed; the message names both.
@@ -81,7 +82,7 @@ class Grid:
         """Reads the text of the command line.
 
         Raises:
-            StudyError: what cannot be read, and how it is written.
+            StudyError: the text is not a grid.
         """
         axes: list[Axis] = []
         for part in text.split(","):
@@ -102,11 +103,11 @@ class Grid:
             if keys.count(axis.key) > 1:
                 raise StudyError(f"--grid: {axis.key} is given twice")
             if len(set(axis.values)) < len(axis.values):
-                raise StudyError(f"--grid: {axis.name} holds a value twice: {axis.values}")
+                raise StudyError(f"--grid: {axis.name} has a value twice: {axis.values}")
         grid = cls(tuple(axes))
         if math.prod(grid.shape) > MOST_POINTS:
             raise StudyError(
-                f"--grid: {math.prod(grid.shape)} scenes; allowed are {MOST_POINTS} at once"
+                f"--grid: {math.prod(grid.shape)} scenes; allowed: at most {MOST_POINTS}"
             )
         return grid
 
@@ -135,12 +136,12 @@ def _values(text: str, name: str) -> tuple[Value, ...]:
         raise StudyError(f"--grid: {name}={text} is no range; write start:stop:step, as 300:600:25")
     if step == 0 or (stop - start) / step < 0:
         raise StudyError(
-            f"--grid: {name}={text} holds no value; the step must lead from start to stop"
+            f"--grid: {name}={text} has no value; the step must lead from start to stop"
         )
-    # The stop belongs to it where a whole number of steps leads there, to rounding.
+    # The stop is included if a whole number of steps leads there, to rounding.
     count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
     if count > MOST_POINTS:
-        raise StudyError(f"--grid: {name}={text} holds {count} values; allowed are {MOST_POINTS}")
+        raise StudyError(f"--grid: {name}={text} has {count} values; allowed: {MOST_POINTS}")
     whole = all("." not in part and "e" not in part.lower() for part in parts)
     numbers = [float(f"{start + k * step:.12g}") for k in range(count)]
     return tuple(int(number) if whole else number for number in numbers)
@@ -159,7 +160,7 @@ def _value(text: str) -> Value:
 
 
 def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """The scene with some of its values changed, checked again.
+    """Scene with some values changed, by dotted keys (`spray.plumes[0].azimuth_deg`).
 
     Raises:
         SceneError: a key does not exist, or its value is not allowed.
@@ -171,7 +172,7 @@ def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
         for step in way:
             here = _into(here, step, key)
         if isinstance(here, list):
-            _into(here, last, key)  # names a place that is there
+            _into(here, last, key)  # the index exists
         here[last] = value
     return parse_scene(data, source=", ".join(f"{key}={value}" for key, value in values.items()))
 
@@ -187,14 +188,14 @@ def _steps(key: str) -> list[str | int]:
 
 
 def _into(here: Any, step: str | int, key: str) -> Any:
-    """What lies below; a section that is not there yet is made, and checked with the scene."""
+    """Value of a step; a missing section is made, and validated with the scene."""
     if isinstance(step, int):
         if not isinstance(here, list) or step >= len(here):
             count = len(here) if isinstance(here, list) else 0
-            raise SceneError(f"{key}: [{step}] is not there; there are {count}")
+            raise SceneError(f"{key}: no [{step}]; there are {count}")
         return here[step]
     if not isinstance(here, dict):
-        raise SceneError(f"{key}: holds no {step}")
+        raise SceneError(f"{key}: has no {step}")
     if not isinstance(here.get(step), (dict, list)):
         here[step] = {}
     return here[step]

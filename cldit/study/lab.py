@@ -1,4 +1,4 @@
-"""What a study works with: the paper's scene, and runs that are shared by all studies."""
+"""Scenes of the paper's studies, and runs that all studies share."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 from cldit.study.grid import changed
 
-# The injector of `gdi` with the spray computed, in the conditions of the paper's Figs. 9 to 13. The
-# field is the part of the paper's 16 cm that the spray is in, with its 0.16 mm a pixel.
+# Injector of `gdi` with a computed spray, in the conditions of the paper's Figs. 9 to 13. The field
+# is the part of the paper's 16 cm with spray, at its 0.16 mm per pixel.
 _INJECTOR = ("time_s", "injected_mass_kg", "injection_duration_s", "plumes")
 _CAMERA = {
     "camera.field_m": [0.1, 0.1],
@@ -25,8 +25,8 @@ _CAMERA = {
 _WALLS_K = 455.0  # Fig. 9: "115 K lower than the gas temperature"
 CAPTION_WALLS_K = 450.0  # Figs. 11, 12, 13 and 15
 
-# Parcels of fewer droplets than the paper's 1e4, so that single ones are not seen. Quick is
-# coarser: pixels of 0.4 mm, leaves of 0.8 mm, gas cells of 2 mm, parcels as the paper's.
+# Fewer droplets per parcel than the paper's 1e4, so that single parcels are invisible. Quick is
+# coarser: pixels of 0.4 mm, leaves of 0.8 mm, gas cells of 2 mm, parcels as in the paper.
 _PARCELS = 2.5e3
 QUICK: dict[str, Any] = {
     "camera.pixels": [250, 250],
@@ -41,10 +41,10 @@ _QUICK_SPRAY: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Lab:
-    """Runs and sprays by scene, from the cache where they are there.
+    """Runs and sprays of scenes, from the cache if they are there.
 
-    quick: reduced pixels and accuracy. always: values of every scene, whatever a study asks for.
-    used: every scene that was asked for, for the page.
+    quick: reduced pixels and accuracy. always: values of all scenes that override those of a study.
+    used: scenes that were run, for the page.
     """
 
     runs: RunCache = field(default_factory=RunCache)
@@ -55,7 +55,7 @@ class Lab:
     used: dict[str, Scene] = field(default_factory=dict)
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
-        """The paper's gasoline spray, called `name`, with some `values` changed (dotted keys)."""
+        """Gasoline spray of the paper, called `name`, with some `values` changed (dotted keys)."""
         base = load_scene("gdi")
         spray = {"model": "lagrangian", **base.spray.model_dump(include=set(_INJECTOR))}
         fixed = {
@@ -63,7 +63,7 @@ class Lab:
             "description": "",
             "spray": {**spray, "droplets_per_parcel": _PARCELS},
             "walls.temperature_K": _WALLS_K,
-            # Scenes are compared: all on the same cells, whose error they share.
+            # Scenes are compared, and share the error of their cells.
             "domain.leaf_edge_m": PAPER_LEAF_M,
             "transport.accuracy_K": 0.1,
         }
@@ -72,18 +72,18 @@ class Lab:
         return changed(scene, self.always)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
-        """The shipped scene `name` with some `values` changed, reduced where the study is quick."""
+        """Shipped scene `name` with some `values` changed, reduced if the study is quick."""
         fixed = {"domain.leaf_edge_m": PAPER_LEAF_M, "transport.accuracy_K": 0.1}
         quick = {**fixed, **(QUICK if self.quick else {})}
         return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
 
     def run(self, scene: Scene) -> Run:
-        """The run of a scene, from the cache where it is there."""
+        """Run of a scene, from the cache if it is there."""
         self._note(scene)
         return self.runs.run(scene, device=self.device, progress=self.say)
 
     def spray(self, scene: Scene) -> Spray:
-        """The spray of a scene, from the cache where it is there."""
+        """Spray of a scene, from the cache if it is there."""
         self._note(scene)
         return make_spray(scene.spray, cache=self.runs.cache)
 

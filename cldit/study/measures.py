@@ -1,4 +1,4 @@
-"""Numbers from maps: where the spray is cold, where only vapour is, how two maps differ."""
+"""Numbers from maps: means over parts of the spray, differences between two maps."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from cldit.spray.result import Spray
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_ROOT_M = (1e-3, 8e-3)  # below the tip, where the plumes are one and hardly heated
-_SCATTERED = 0.02  # weight of the walls from which droplets take part
-_ABSORBED = 0.02  # share of a pixel's light from which a phase takes part
-_SOME = 20  # pixels that a mean is taken over, at least
+_ROOT_M = (1e-3, 8e-3)  # below the tip, where the plumes overlap and are hardly heated
+_SCATTERED = 0.02  # smallest weight of the walls with droplets
+_ABSORBED = 0.02  # smallest share of a phase in the light of a pixel
+_SOME = 20  # pixels of a mean, at least
 
 
 def positions_m(run: Run) -> tuple[Floats, Floats]:
-    """x and z (H, W) of the pixels in the plane of the target."""
+    """Coordinates x and z (H, W) of the pixels in the plane of the target."""
     height, width = run.maps.emissivity.shape
     x, _, z = run.scene.target_m
     pixel_x, pixel_z = run.pixel_m
@@ -38,13 +38,13 @@ def visible(run: Run) -> Mask:
 
 
 def root(run: Run) -> Mask:
-    """The visible spray 1 to 8 mm below the injector's tip."""
+    """Visible spray 1 to 8 mm below the injector tip."""
     _, z = positions_m(run)
     return np.asarray(visible(run) & (z < -_ROOT_M[0]) & (z > -_ROOT_M[1]))
 
 
 def reach_m(run: Run) -> float:
-    """Distance from the injector within which 97 % of what is visible lies, by emissivity."""
+    """Distance from the injector that contains 97 % of the visible spray, by emissivity."""
     x, z = positions_m(run)
     seen = visible(run)
     if not seen.any():
@@ -55,24 +55,21 @@ def reach_m(run: Run) -> float:
 
 
 def tips(run: Run, share: float = 0.85) -> Mask:
-    """The visible spray of `run` (H, W) beyond `share` of its reach.
-
-    Single droplets do not set the reach.
-    """
+    """Visible spray (H, W) beyond `share` of its reach, which single droplets do not determine."""
     x, z = positions_m(run)
     return np.asarray(visible(run) & (np.hypot(x, z) > share * reach_m(run)))
 
 
 @dataclass(frozen=True)
 class Phases:
-    """Pixels by what they see: droplets and vapour together, or vapour alone."""
+    """Pixels that see droplets and vapour together, or vapour alone."""
 
     both: Mask
     vapour_only: Mask
 
     @classmethod
     def of(cls, run: Run) -> Phases:
-        """Phases by the weights: droplets bring the walls' light into a pixel, vapour does not."""
+        """Phases by the weights: droplets scatter light of the walls, vapour does not."""
         weights, seen = run.weights, visible(run)
         before = np.maximum(run.reference.background, 1e-6)
         extinct = 1.0 - weights.background / before
@@ -84,7 +81,7 @@ class Phases:
 
 
 def mean_K(run: Run, where: Mask) -> float:
-    """Mean T_app over pixels `where` (H, W) of `run`, by emissivity; NaN over fewer than 20."""
+    """Mean T_app over pixels `where` (H, W), weighted by emissivity; NaN over fewer than 20."""
     chosen = where & np.isfinite(run.maps.apparent_temperature_K)
     if np.count_nonzero(chosen) < _SOME:
         return float("nan")
@@ -104,13 +101,13 @@ def mean_emissivity(run: Run, where: Mask) -> float:
 
 @dataclass(frozen=True)
 class Change:
-    """T_app of one run minus that of another, (H, W), where both are visible; NaN elsewhere."""
+    """T_app of one run minus that of another, (H, W); NaN if not visible in both."""
 
     image: NDArray[np.float32]
 
     @classmethod
     def of(cls, run: Run, other: Run) -> Change:
-        """T_app of `run` minus that of `other`, where both see the spray."""
+        """Difference of T_app from `other` to `run`."""
         here = visible(run) & visible(other)
         change = run.maps.apparent_temperature_K - other.maps.apparent_temperature_K
         return cls(np.where(here, change, np.float32(np.nan)))
@@ -130,12 +127,12 @@ class Change:
         return float(np.mean(self.within(where)))
 
     def largest(self, where: Mask | None = None, *, share: float = 99.0) -> float:
-        """Percentile `share` of the magnitude in the pixels `where` (H, W); the rest is edges."""
+        """Percentile `share` of the magnitude in the pixels `where` (H, W)."""
         return float(np.percentile(np.abs(self.within(where)), share))
 
 
 def droplets_K(spray: Spray, *, within_m: float | None = None) -> float:
-    """Mass-weighted mean temperature of the droplets of `spray`, all or `within_m` of the tip."""
+    """Mean droplet temperature of a spray by mass, of all or those `within_m` of the tip."""
     parcels = spray.parcels
     if parcels is None or not len(parcels.diameter_m):
         return float("nan")

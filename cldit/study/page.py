@@ -88,7 +88,7 @@ class StudyPage:
     """Results of a study.
 
     about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
-    sentences. pictures: figures by file name without suffix. table: rows of equal keys, with units
+    sentences. figures: by file name without suffix. table: rows of equal keys, with units
     in their names; more: further tables by title.
     """
 
@@ -99,7 +99,7 @@ class StudyPage:
     command: str = ""
     text: str = ""
     findings: Sequence[str] = ()
-    pictures: Mapping[str, Figure]
+    figures: Mapping[str, Figure]
     table: Sequence[Row]
     more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
@@ -119,7 +119,7 @@ class StudyPage:
         made = f"`{self.command}`, cldit {version('cldit')}"
         content: list[Block] = [
             self.about,
-            Section("", [*self.pictures.values(), self.text]),
+            Section("", [*self.figures.values(), self.text]),
             Section("Findings", [Bullets(self.findings)] if self.findings else []),
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
             *(Section(title, [_table(rows)]) for title, rows in tables.items()),
@@ -134,7 +134,7 @@ class StudyPage:
         at = f" at commit {made[:7] + made[40:]}" if made and not tables else ""
         figures = [
             Figure(each.png, each.caption, f"study-{self.name}-{name}.png")
-            for name, each in self.pictures.items()
+            for name, each in self.figures.items()
         ]
         content: list[Block] = [
             f"{self.about} Made by `{self.command}`{at}.",

@@ -1,8 +1,8 @@
-"""A sweep over many scenes on dask.distributed: this machine's cores, or any cluster.
+"""Sweep over many scenes with dask.distributed, on the cores of this machine or on a cluster.
 
-Scenes that one trace serves are one task, and tasks of one computed spray wait for it and share it.
-Results come back to the caller, who writes each as it comes: a worker that dies loses only what it
-was at, which the scheduler gives to another; a caller that dies finds everything that came.
+Scenes that share a trace are one task; tasks that share a computed spray wait for it. The caller
+writes each result as it arrives: after the death of a worker only its present task is repeated,
+after that of the caller only what had not arrived.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from cldit.spray.result import Spray
 from cldit.study.dataset import Result, extra, open_folder
 from cldit.study.grid import Grid, Point
 
-_DEATHS = 10  # of workers at one task before it is given up: a task that kills them all
-_ONE_PICTURE = ("pixels", "field_m", "target_m")
+_DEATHS = 10  # workers that may die at one task before it is abandoned
+_ONE_IMAGE = ("pixels", "field_m", "target_m")
 
 
 @dataclass(frozen=True)
 class Progress:
-    """Scenes done of all; seconds that remain at the present rate, None before the first."""
+    """Scenes done of all, and estimate of the remaining seconds, None before the first."""
 
     done: int
     total: int
@@ -44,7 +44,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class SweepRecord:
-    """How a sweep went. found: scenes that were there before; failed: scene number and why."""
+    """Result of a sweep. found: scenes from an earlier call; failed: scene number and message."""
 
     folder: Path
     scenes: int
@@ -67,23 +67,24 @@ def run_sweep(
     cache: Path | None = None,
     watch: Watch | None = None,
 ) -> SweepRecord:
-    """Traces and evaluates every scene of a grid; the same call goes on where it was stopped.
+    """Traces and evaluates every scene of a grid; the same call resumes a sweep.
 
     Args:
-        base: scene to begin with.
+        base: scene whose values are changed.
+        grid: of the changes.
         out: folder of the results.
         scheduler: address of a running dask scheduler; None starts workers on this machine.
-        workers: on this machine; None is one a GPU, or one a core where there is none.
-        cache: folder that workers keep tables, sprays and traces in; None is theirs by default.
+        workers: on this machine; None: one for each GPU, or for each core without one.
+        cache: folder of tables, sprays and traces of the workers; None: their default.
         watch: called after each trace.
 
     Raises:
         SceneError: a scene of the grid is not allowed.
-        StudyError: scenes of different pictures, a folder of something else, no such scheduler, or
+        StudyError: images of different size, a folder with something else, no such scheduler, or
             the extra `studies` is not installed.
     """
     points = list(grid.points(base))
-    _check_pictures(points)
+    _check_images(points)
     folder = open_folder(Path(out), points[0].scene, grid)
     done = folder.done()
     groups: dict[str, list[Point]] = defaultdict(list)
@@ -115,15 +116,15 @@ def run_sweep(
     )
 
 
-def _check_pictures(points: Sequence[Point]) -> None:
+def _check_images(points: Sequence[Point]) -> None:
     first = points[0].scene
     for point in points:
-        for key in _ONE_PICTURE:
+        for key in _ONE_IMAGE:
             here = getattr(point.scene if key == "target_m" else point.scene.camera, key)
             if here != getattr(first if key == "target_m" else first.camera, key):
                 raise StudyError(
-                    f"--grid: camera.{key} changes from scene to scene ({here}), and their "
-                    "pictures cannot lie in one data set; make a sweep for each"
+                    f"--grid: camera.{key} changes from scene to scene ({here}), and such images "
+                    "do not fit into one data set; make a sweep for each"
                 )
 
 
@@ -131,7 +132,7 @@ Finished = list[tuple[Point, Result | str, str, float]]
 
 
 def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iterator[Finished]:
-    """What tasks give, as they finish."""
+    """Results of the tasks in the order in which they finish."""
     sprays: dict[str, Any] = {}
     futures: dict[Any, list[Point]] = {}
     for group in groups:
@@ -143,7 +144,7 @@ def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iter
                 sprays[key] = client.submit(_spray, spec, cache, pure=False)
             spray = sprays[key]
         futures[client.submit(_group, group, spray, cache, pure=False)] = group
-    sprays.clear()  # each lives as long as a task that waits for it
+    sprays.clear()  # each exists while a task waits for it
     for future in extra("distributed").as_completed(list(futures)):
         group = futures.pop(future)
         error = future.exception()
@@ -160,14 +161,14 @@ def _spray(spec: LagrangianSpray, cache: Path | None) -> Spray:
 
 
 def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finished:
-    """Makes one trace on a worker, and evaluates it for every scene that it serves.
+    """Makes one trace on a worker and evaluates it for all scenes of the group.
 
-    What cldit refuses is a result, so that the other scenes go on; all else is dask's to report.
+    An error of cldit is a result, so the other scenes are evaluated; dask reports all others.
     """
     runs = RunCache(cache or default_cache())
     worker = f"{os.uname().nodename}:{os.getpid()}"
     finished: Finished = []
-    # Paths of the final gather end by their noise before the walls: the brightest ask for most.
+    # Noise in front of the brightest walls needs most paths of the final gather.
     for point in sorted(group, key=lambda one: -one.scene.walls.temperature_K):
         start = time.perf_counter()
         try:
@@ -183,14 +184,14 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
 
 @cache
 def _device() -> Device:
-    """This worker's: GPUs are dealt out by the workers' numbers."""
+    """Device of this worker, whose number chooses among the GPUs."""
     gpus = [info.index for info in list_devices() if info.kind == "gpu"]
     name = extra("distributed").get_worker().name
     return open_device(gpus[name % len(gpus)] if gpus and isinstance(name, int) else None)
 
 
 def local_workers(groups: int) -> tuple[int, int]:
-    """Workers on this machine and threads of each: one worker a GPU, or else one a core."""
+    """Workers on this machine and threads of each: one worker for each GPU, else for each core."""
     cores = len(os.sched_getaffinity(0))
     gpus = sum(info.kind == "gpu" for info in list_devices())
     count = max(1, min(gpus or cores, groups))
@@ -218,7 +219,7 @@ def _client(scheduler: str | None, groups: int, workers: int | None) -> Iterator
             return
         count, threads = local_workers(groups)
         count = workers or count
-        # One thread of work a worker; the libraries below it share out the cores that are left.
+        # One thread for each worker; the libraries in it share the remaining cores.
         limits = (
             "POCL_MAX_PTHREAD_COUNT",
             "POCL_CPU_MAX_CU_COUNT",

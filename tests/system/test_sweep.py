@@ -129,5 +129,5 @@ def test_refused(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "c" / "thesis.tex").write_text("precious")
     with pytest.raises(StudyError, match="not empty"):
         run_sweep(scene, Grid.parse("walls.temperature_K=300"), tmp_path / "c")
-    with pytest.raises(StudyError, match="holds no sweep"):
+    with pytest.raises(StudyError, match="has no sweep"):
         cldit.open_study(tmp_path / "c")

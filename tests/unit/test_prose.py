@@ -106,7 +106,7 @@ LEFT: dict[str, int] = {
     "run": 0,
     "scene": 0,
     "spray": 0,
-    "study": 64,
+    "study": 0,
     "testing": 36,
     "transport": 0,
 }

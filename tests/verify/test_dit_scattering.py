@@ -343,5 +343,5 @@ def test_the_study_takes_scenes_with_patches_and_windows(device: Device, tmp_pat
 
 
 def test_the_study_refuses_what_it_cannot_vary() -> None:
-    with pytest.raises(EvaluationError, match="needs one with plumes"):
+    with pytest.raises(EvaluationError, match="allowed: one with plumes"):
         wrong_models(Scene(name="t", spray=EmptySpray()))

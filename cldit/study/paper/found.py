@@ -42,13 +42,13 @@ def page_of(name: str, found: Found) -> StudyPage:
     def number(value: Value | None) -> float | None:
         return float(values[value]) if isinstance(value, str) else value
 
-    captions = {key: filled(text) for key, text in said.get("pictures", {}).items()}
+    captions = {key: filled(text) for key, text in said.get("figures", {}).items()}
     return StudyPage(
         name=name,
         title=said["title"],
         figure=said["figure"],
         text=filled(said["text"]),
-        pictures={
+        figures={
             **{key: Figure(png, captions[key]) for key, png in found.pngs.items()},
             **found.figures,
         },

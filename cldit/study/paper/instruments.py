@@ -21,11 +21,11 @@ from cldit.show.report.optics_summary import FIG4, scene_optics
 from cldit.show.report.spray_report import Projection, liquid_mass
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
+from cldit.study.figures import frame_of, small_png, smaller
 from cldit.study.lab import Lab
 from cldit.study.measures import mean_K, root, visible
 from cldit.study.page import Row
 from cldit.study.paper.found import Found
-from cldit.study.pictures import frame_of, small_png, smaller
 
 _UM, _N, _K = 3.4, 1.338, 0.0341  # paper
 _LARGE_M = 0.49e-3

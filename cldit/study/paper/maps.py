@@ -14,6 +14,7 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
+from cldit.study.figures import Crop, changes_figure, frame_of, maps_figure
 from cldit.study.grid import changed
 from cldit.study.lab import Lab
 from cldit.study.measures import (
@@ -31,7 +32,6 @@ from cldit.study.measures import (
 )
 from cldit.study.page import Row
 from cldit.study.paper.found import Found
-from cldit.study.pictures import Crop, changes_figure, frame_of, maps_figure
 
 _NAN = float("nan")
 _JET_TIMES_MS = (0.3, 0.6, 0.9)

@@ -13,6 +13,7 @@ from cldit.run import Run, reevaluated
 from cldit.scene.sizes import Monodisperse
 from cldit.show.page import Figure
 from cldit.show.report.optics_summary import FIG4
+from cldit.study.figures import Crop, changes_figure, frame_of, maps_figure
 from cldit.study.grid import changed
 from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import (
@@ -29,7 +30,6 @@ from cldit.study.measures import (
 from cldit.study.page import Row
 from cldit.study.paper.found import Found, sentences
 from cldit.study.paper.maps import all_round
-from cldit.study.pictures import Crop, changes_figure, frame_of, maps_figure
 
 _WALLS = {"walls.temperature_K": CAPTION_WALLS_K}
 _CHANCE = "other random numbers"

@@ -1,6 +1,5 @@
-"""How much better than plain DIT an evaluation is that knows about scattering, and where it fails.
+"""Error of plain DIT by light of the walls, and of evaluations that correct it.
 
-The truth is simulated: of one trace, the temperatures that emit are known in every pixel. It is
-then evaluated in arrangements of walls, backgrounds and filters, and with models of the spray that
-are right and that are wrong.
+The truth is simulated: the emitting temperatures are known in every pixel of one trace. It is
+evaluated in arrangements of walls, backgrounds and filters, and with correct and wrong models.
 """

@@ -1,4 +1,4 @@
-"""Estimators: what each needs to be seen, what it says, and how sure it claims to be."""
+"""Estimators of a temperature, with the images that they need and the bounds that they state."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ _SAUTER_UM = 9.0
 
 @dataclass(frozen=True)
 class Said:
-    """What an estimator says, (H, W) each.
+    """Result of an estimator, (H, W) each.
 
-    temperature_K: NaN where nothing is said. noise_K: its standard error, None where it is not
-    stated. low_K, high_K: the bound that is claimed; infinite where it is open.
+    temperature_K: NaN without a result. noise_K: standard error; None if not stated. low_K, high_K:
+    bounds; infinite if open.
     """
 
     temperature_K: Floats
@@ -53,19 +53,19 @@ class Said:
 
     @classmethod
     def of(cls, temperature_K: Floats, noise_K: Floats) -> Said:
-        """Bounds of `temperature_K` (H, W) by its standard error `noise_K` (H, W)."""
+        """Result with bounds by the standard error `noise_K` (H, W)."""
         return cls(
             temperature_K, noise_K, temperature_K - _SURE * noise_K, temperature_K + _SURE * noise_K
         )
 
     @classmethod
     def of_medium(cls, medium: Medium) -> Said:
-        """The medium's temperature with bounds by its standard error."""
+        """Result of a temperature of the medium with its standard error."""
         return cls.of(medium.temperature_K, medium.standard_error_K)
 
 
 class Knows(Enum):
-    """What an estimator is given beside the maps: about the rig, or a model of the spray too."""
+    """Inputs of an estimator beside the maps: of the rig, or a model of the spray."""
 
     NOTHING = auto()
     RIG = auto()
@@ -78,7 +78,7 @@ class Knows(Enum):
 
 @dataclass(frozen=True)
 class Estimator:
-    """One way to evaluate. about: the temperature that it is after, `medium` or `droplets`."""
+    """Evaluation of the temperature of `about`: `medium` or `droplets`."""
 
     method: str
     needs: str
@@ -88,10 +88,7 @@ class Estimator:
 
 
 def seen(truth: Traced, second: Traced) -> dict[str, Maps]:
-    """Plain DIT of every arrangement of `truth`, without noise.
-
-    `second` is the same scene through the second filter.
-    """
+    """Plain DIT of every arrangement without noise; `second`: through the second filter."""
     walls_K = truth.scene.walls.temperature_K
     cold_K = walls_K - PLATE_APART_K
     found = {
@@ -129,7 +126,7 @@ def _without(truth: Traced) -> Iterator[Estimator]:
         return Said.of(temperature_K, maps.apparent_temperature_standard_error_K.astype(float))
 
     def away_from_walls(maps: Maps) -> Said:
-        """What emits lies on the other side of T_app than the walls."""
+        """The medium is on the other side of T_app than the walls."""
         one = plain(maps)
         warm = one.temperature_K < walls_K
         return Said(
@@ -155,7 +152,7 @@ def _without(truth: Traced) -> Iterator[Estimator]:
     own = [patch for patch in truth.scene.patches if patch.name not in PLATES]
     for error_K in (0.0, WALL_ERROR_K):
         colder_K = walls_K - WALLS_APART_K
-        told = [
+        parts = [
             truth.enclosure(),
             truth.enclosure({WALL: colder_K + error_K}),
             *(truth.enclosure({p.name: p.temperature_K + WALLS_APART_K}) for p in own),
@@ -163,9 +160,11 @@ def _without(truth: Traced) -> Iterator[Estimator]:
         names = ["as it is", "colder walls", *(f"warmer {patch.name}" for patch in own)]
 
         def varied(
-            maps: Seen, told: list[dict[str, float]] = told, names: list[str] = names
+            maps: Seen, parts: list[dict[str, float]] = parts, names: list[str] = names
         ) -> Said:
-            return Said.of_medium(medium_of_enclosures([maps[name] for name in names], told, curve))
+            return Said.of_medium(
+                medium_of_enclosures([maps[name] for name in names], parts, curve)
+            )
 
         needs = f"{walls_K:g} and {colder_K:g} K"
         if error_K:
@@ -175,8 +174,8 @@ def _without(truth: Traced) -> Iterator[Estimator]:
 
 
 def _plates(truth: Traced) -> Iterator[Estimator]:
-    """A part of the enclosure at another temperature; the rest is taken to scatter as much for
-    each sr that it fills."""
+    """Estimators with a part of the enclosure at another temperature, that assume the rest to
+    scatter as much per sr."""
     curve, walls_K = truth.curve, truth.scene.walls.temperature_K
     wall = float(curve.radiance(walls_K))
     angles = solid_angles(truth.scene)
@@ -297,7 +296,7 @@ def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> I
         return say
 
     def spread(each: Mapping[str, Callable[[Seen], Said]]) -> Callable[[Seen], Said]:
-        """Over all models: the mean of the bounds, and what they and noise leave open."""
+        """Range of the bounds of all models, and its middle."""
 
         def say(maps: Seen) -> Said:
             said = [one(maps) for one in each.values()]

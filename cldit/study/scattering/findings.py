@@ -95,7 +95,7 @@ def _models(study: Study, about: Callable[[Row], Error | None], what: str) -> st
         f"({_model(high)}), whose own bounds contain the truth in {_percent(min(held))} to "
         f"{_percent(max(held))} of the pixels. The spread of all models contains it in "
         f"{_percent(bound.held)}, is {spread.width_K:.1f} K wide, and exists in "
-        f"{_percent(spread.told)} of them."
+        f"{_percent(spread.answered)} of them."
     )
 
 
@@ -137,10 +137,10 @@ def _alone(study: Study) -> Iterator[str]:
         one = Study(tuple(alone), {}, study.wet, study.classes, study.scene, study.second)
         what = "With the vapour of the model subtracted as well, the share"
         yield _models(one, lambda row: row.droplets, what)
-        told = [row.told for row in alone if row.knows is Knows.MODEL_WRONG]
+        answered = [row.answered for row in alone if row.knows is Knows.MODEL_WRONG]
         yield (
-            f"Wrong models give a droplet temperature in {_percent(min(told))} to "
-            f"{_percent(max(told))} of the pixels."
+            f"Wrong models give a droplet temperature in {_percent(min(answered))} to "
+            f"{_percent(max(answered))} of the pixels."
         )
 
 

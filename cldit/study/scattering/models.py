@@ -1,4 +1,4 @@
-"""Models of a spray that are off by what one does not know of a real one."""
+"""Models of a spray that are wrong in a quantity that is unknown for a real one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LARGER = "droplets 20 % larger"
 
 
 def wrong_models(scene: Scene) -> dict[str, Scene]:
-    """The scene, and models of it that are wrong.
+    """The scene and wrong models of it.
 
     Raises:
         EvaluationError: the scene's spray has no droplet sizes, mass and plumes to change.
@@ -23,7 +23,7 @@ def wrong_models(scene: Scene) -> dict[str, Scene]:
         spray["droplets"] or {}
     ):
         raise EvaluationError(
-            f"spray.model: {spray['model']}; the study needs one with plumes, mass and a "
+            f"spray.model: {spray['model']}; allowed: one with plumes, mass and a "
             "Nukiyama-Tanasawa distribution, as gdi has"
         )
 

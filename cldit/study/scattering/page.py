@@ -34,7 +34,7 @@ def scattering_page(study: Study, *, command: str, seconds: float = 0.0) -> Stud
         f"{scene.walls.temperature_K:g} K.",
         command=command,
         findings=findings(study),
-        pictures={
+        figures={
             "errors": Figure(
                 scattering_picture(study),
                 "Errors of plain DIT, and with a model whose droplets are 20 % too large; each "
@@ -65,7 +65,7 @@ def _main(row: Row) -> Cells:
         **_error("droplets", row.droplets),
         "noise / K": _round(row.noise_K),
         "bound's width / K": "open" if math.isinf(row.width_K) else _round(row.width_K, 1),
-        "pixels with a result / %": _round(100 * row.told, 0),
+        "pixels with a result / %": _round(100 * row.answered, 0),
     }
 
 

@@ -1,4 +1,4 @@
-"""The study itself: every estimator against the truth, and where each fails."""
+"""Errors of every estimator against the simulated truth, by class of pixels."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ LEAST_EMISSIVITY = 0.2
 
 @dataclass(frozen=True)
 class Error:
-    """Bias and RMS in K without noise, and the part of the pixels in which the truth lies within
-    the bound that is claimed, with noise."""
+    """Bias and RMS in K without noise; held: fraction of the pixels, with noise, whose stated
+    bounds contain the truth."""
 
     bias_K: float
     rms_K: float
@@ -40,13 +40,12 @@ class Error:
 
 @dataclass(frozen=True)
 class Row:
-    """One estimator, over pixels of emissivity 0.2 and more.
+    """Errors of one estimator over pixels with an emissivity of 0.2 or more.
 
-    knows: what the estimator is given. medium: against the temperature of all that emits; None
-    where the estimator is after the droplets alone. droplets: against the droplets' own, where they
-    emit more than the vapour. noise_K: median standard error at the scene's shots. width_K: median
-    width of the bound. told: part of the pixels that get a temperature. where: RMS against what the
-    estimator is after, by what the pixels see.
+    knows: its inputs. medium: against the temperature of all that emits; None for estimators of
+    droplets alone. droplets: against the droplet temperature, where droplets emit more than vapour.
+    noise_K: median standard error with the shots of the scene. width_K: median width of the bounds.
+    answered: fraction of the pixels with a result. where: RMS by class of pixels.
     """
 
     method: str
@@ -56,16 +55,16 @@ class Row:
     droplets: Error
     noise_K: float
     width_K: float
-    told: float
+    answered: float
     where: Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Study:
-    """rows, and pictures (H, W) of errors in K.
+    """Rows, and images (H, W) of errors in K.
 
-    wet: part of the pixels in which the droplets emit more than the vapour. classes: part of the
-    pixels in each class of `Row.where`. second: the scene through the second filter.
+    wet: fraction of the pixels where droplets emit more than vapour. classes: fraction in each
+    class of `Row.where`. second: the scene through the second filter.
     """
 
     rows: tuple[Row, ...]
@@ -78,8 +77,8 @@ class Study:
 
 @dataclass(frozen=True)
 class Truth:
-    """(H, W) each: temperatures of what emits and of the droplets; pixels that are looked at, and
-    those in which droplets emit more than vapour; and classes of pixels."""
+    """Temperatures of the medium and of droplets, pixels that count, those where droplets emit
+    more than vapour, and classes of pixels, (H, W) each."""
 
     medium_K: Floats
     droplets_K: Floats
@@ -89,7 +88,7 @@ class Truth:
 
     @classmethod
     def of(cls, trace: Traced, maps: Maps) -> Truth:
-        """What the `trace` says that the evaluation should find; `maps` are plain DIT's."""
+        """Truth by the sources of `trace`; `maps` are those of plain DIT."""
         lit = trace.reference.background > 0.999
         epsilon = maps.emissivity
         here = lit & (epsilon >= LEAST_EMISSIVITY) & np.isfinite(maps.apparent_temperature_K)
@@ -113,7 +112,7 @@ class Truth:
 def scattering_study(
     scene: Scene, device: Device, *, cache: Path, progress: Say | None = None
 ) -> Study:
-    """Evaluates the traced scene by every estimator.
+    """Traces the scene and its models, and evaluates them by every estimator.
 
     Raises:
         EvaluationError: the scene cannot be varied, or has one background.
@@ -134,7 +133,7 @@ def scattering_study(
 
 
 def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene: Scene) -> Study:
-    """Runs all estimators, with the model named `right` as the truth."""
+    """Runs all estimators; the model named `right` is the truth. `second`: other filter."""
     exact = seen(models[RIGHT], second[RIGHT])
     noisy = _noisy(exact)
     truth = Truth.of(models[RIGHT], exact["as it is"])
@@ -165,20 +164,20 @@ def evaluated(models: Mapping[str, Traced], second: Mapping[str, Traced], scene:
 
 def _row(estimator: Estimator, exact: Said, noisy: Said, truth: Truth) -> Row:
     after_K = truth.droplets_K if estimator.about == "droplets" else truth.medium_K
-    told = truth.here & np.isfinite(exact.temperature_K)
-    seen = told & truth.wet if estimator.about == "droplets" else told
-    width = (noisy.high_K - noisy.low_K)[told]
+    known = truth.here & np.isfinite(exact.temperature_K)
+    seen = known & truth.wet if estimator.about == "droplets" else known
+    width = (noisy.high_K - noisy.low_K)[known]
     return Row(
         method=estimator.method,
         needs=estimator.needs,
         knows=estimator.knows,
         medium=None
         if estimator.about == "droplets"
-        else _error(exact, noisy, truth.medium_K, told),
-        droplets=_error(exact, noisy, truth.droplets_K, truth.wet & told),
-        noise_K=_nan_median(None if exact.noise_K is None else exact.noise_K[told]),
+        else _error(exact, noisy, truth.medium_K, known),
+        droplets=_error(exact, noisy, truth.droplets_K, truth.wet & known),
+        noise_K=_nan_median(None if exact.noise_K is None else exact.noise_K[known]),
         width_K=_nan_median(width),
-        told=float(told.sum() / truth.here.sum()),
+        answered=float(known.sum() / truth.here.sum()),
         where={
             name: _rms((exact.temperature_K - after_K)[mask & seen])
             for name, mask in truth.classes.items()
@@ -211,7 +210,7 @@ def _nan_median(values: Floats | None) -> float:
 
 
 def _noisy(exact: Mapping[str, Maps]) -> dict[str, Maps]:
-    """The same with the camera's noise, each arrangement measured for itself."""
+    """Maps with the noise of the camera, independent for each arrangement."""
     random = np.random.default_rng(7)
 
     def drawn(image: NDArray[np.float32], error: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,8 +1,8 @@
-"""The simulated truth: a trace with heated plates in the enclosure, and what it looks like.
+"""Simulated truth: a trace with plates in the enclosure, and its maps in every arrangement.
 
-The plates are patches of the enclosure as warm as the walls unless an arrangement says otherwise:
-`ring` around the background disc, `beside` the spray, and `before` it on the camera's side. One
-trace so serves every arrangement of walls, plates and backgrounds.
+The plates are patches of the enclosure, as warm as the walls unless an arrangement changes them:
+`ring` around the background disc, `beside` the spray, and `before` it on the camera's side. So one
+trace serves every arrangement of walls, plates and backgrounds.
 """
 
 from __future__ import annotations
@@ -39,20 +39,20 @@ from cldit.transport.trace import settings_for, trace
 Floats = NDArray[np.float64]
 
 PLATES = ("ring", "beside", "before")
-SECOND_FILTER_UM = (3.5, 3.6)  # liquid absorbs most against its vapour: see docs/scattering.md
-_LIQUID_K, _VAPOUR_K = 350.0, 400.0  # of its n, k and cross section
-_RING = 1.5  # radius of the ring over that of the background disc
+SECOND_FILTER_UM = (3.5, 3.6)  # where liquid absorbs most compared with its vapour
+_LIQUID_K, _VAPOUR_K = 350.0, 400.0  # of n and k, of the cross section
+_RING = 1.5  # radius of the ring over that of the disc
 _PLATE = 0.4  # radius of the other plates over the cube's edge
 _DIRECTIONS = 40_000
 _AS_IT_IS: Mapping[str, float] = MappingProxyType({})
 
 
 def with_plates(scene: Scene) -> Scene:
-    """The scene with the three plates, at the walls' temperature.
+    """Scene with the three plates, as warm as the walls.
 
     Raises:
         EvaluationError: the background is not a disc.
-        SceneError: a patch of the scene is named as a plate.
+        SceneError: a patch of the scene has the name of a plate.
     """
     if scene.background.shape != "disc":
         raise EvaluationError("background.shape: enclosure; the study needs a disc")
@@ -79,10 +79,10 @@ def with_plates(scene: Scene) -> Scene:
 
 
 def through_second_filter(scene: Scene) -> Scene:
-    """The scene at 3.5 to 3.6 um, with n, k and the vapour's cross section of the shipped data.
+    """Scene at 3.5 to 3.6 um, with n, k and vapour cross section of the shipped data.
 
     Raises:
-        OpticsError: nothing is shipped for the scene's fuel.
+        OpticsError: there are no shipped data of the fuel.
     """
     data = scene.model_dump(mode="json")
     low, high = SECOND_FILTER_UM
@@ -102,7 +102,7 @@ def through_second_filter(scene: Scene) -> Scene:
 
 @dataclass(frozen=True)
 class Traced:
-    """A scene's weights and the shares of what emits, all (H, W) before the background."""
+    """Weights of a scene, and shares of vapour and liquid in the light, (H, W) each."""
 
     scene: Scene
     weights: Weights
@@ -112,11 +112,11 @@ class Traced:
 
     @property
     def curve(self) -> Curve:
-        """Planck's curve in the scene's filter."""
+        """Planck's curve in the filter of the scene."""
         return Curve(filter_um=scene_filter(self.scene))
 
     def surroundings(self, changed_K: Mapping[str, float] = _AS_IT_IS) -> Surroundings:
-        """Surroundings of the scene; `wall` moves walls and plates, a patch's name that patch."""
+        """Surroundings with changed temperatures: `wall` of walls and plates, else of a patch."""
         around = Surroundings.from_scene(self.scene)
         wall_K = changed_K.get(WALL, around.wall_temperature_K)
         moved = {**dict.fromkeys(PLATES, wall_K), **changed_K}
@@ -131,24 +131,21 @@ class Traced:
     def enclosure(
         self, changed_K: Mapping[str, float] = _AS_IT_IS, *, plate: str | None = None
     ) -> dict[str, float]:
-        """Radiances that leave the walls, the scene's own patches, and one `plate` if named.
-
-        `changed_K` are temperatures that differ from the scene's.
-        """
+        """Radiances of the walls, the patches of the scene, and of `plate` if named."""
         parts = enclosure(self.surroundings(changed_K), self.curve)
         return {
             name: leaving for name, leaving in parts.items() if name not in PLATES or name == plate
         }
 
     def scattered(self) -> Scattered:
-        """Scattered shares by this trace, its plates as warm as the walls."""
+        """Scattered shares with plates as warm as the walls."""
         spray, bare = (_joined(one, PLATES, into=WALL) for one in (self.weights, self.reference))
         return scattered_by(spray, bare, self.enclosure())
 
     def maps(
         self, changed_K: Mapping[str, float] = _AS_IT_IS, *, background: Sequence[str] = ()
     ) -> Maps:
-        """Plain DIT with the scene's camera."""
+        """Plain DIT; parts of the enclosure in `background` follow its temperature."""
         scene = self.scene
         traced, bare = (
             _joined(one, background, into="background") for one in (self.weights, self.reference)
@@ -169,7 +166,7 @@ class Traced:
 
 
 def _joined(weights: Weights, parts: Sequence[str], *, into: str) -> Weights:
-    """Parts of the enclosure become background, or walls."""
+    """Weights with parts of the enclosure added to background or walls."""
     images = dict(weights.images)
     for name in parts:
         images[into] = images[into] + images[name]
@@ -181,17 +178,17 @@ def _joined(weights: Weights, parts: Sequence[str], *, into: str) -> Weights:
 
 
 def traced(scene: Scene, device: Device, cache: Path) -> Traced:
-    """What the scene emits, what it would if every phase emitted 1, and the scene without spray.
+    """Traces the scene, the scene with all phases equally bright, and the scene without spray.
 
     Raises:
-        EvaluationError: the scene is resolved into several wavelengths.
+        EvaluationError: the scene has several wavelengths.
     """
     spray = make_spray(scene.spray, cache=cache)
     found = properties_of(scene, spray, cache=cache)
     if len(found.sources) != 1:
         raise EvaluationError("optics.preset: spectral; the study takes one wavelength (paper)")
     ((points, cells),) = found.sources
-    # As bright as the walls, for a trace stops where what is left is no longer seen.
+    # As bright as the walls, since a trace ends where the rest is invisible.
     unit = float(Curve(filter_um=scene_filter(scene)).radiance(scene.walls.temperature_K))
     unit_points = (
         None if points is None else replace(points, emission_m2=unit * points.absorption_m2)
@@ -227,9 +224,9 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
 
 
 def solid_angles(scene: Scene) -> Mapping[str, float]:
-    """Solid angles [sr] of the background disc and of each plate, from the middle of the picture.
+    """Solid angles [sr] of the background disc and of each plate, seen from the target.
 
-    By 40 000 even directions: to about 1 %.
+    They come from 40 000 even directions, with an error of about 1 %.
     """
     step = (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
     up, turn = 1.0 - 2.0 * step, np.pi * (1.0 + np.sqrt(5.0)) * np.arange(_DIRECTIONS)
@@ -244,7 +241,7 @@ def solid_angles(scene: Scene) -> Mapping[str, float]:
 
 
 def _meets(away: Floats, disc: Patch, start_m: tuple[float, float, float]) -> NDArray[np.bool_]:
-    """Whether lines from a point meet a disc's front."""
+    """True for the lines from a point that meet the front of a disc."""
     normal = np.asarray(disc.facing) / np.linalg.norm(disc.facing)
     to_centre = np.asarray(disc.centre_m) - start_m
     towards = away @ normal

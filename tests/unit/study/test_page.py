@@ -14,8 +14,8 @@ from cldit.errors import StudyError
 from cldit.scene import load_scene
 from cldit.show.figures.sheet import figure_of
 from cldit.show.page import Figure
+from cldit.study.figures import small_png
 from cldit.study.page import StudyPage, Verdict, summary, write_overview, write_page
-from cldit.study.pictures import small_png
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def _page() -> StudyPage:
         title="Wall <temperature>",
         command="cldit study walls --quick",
         text="One & only paragraph.",
-        pictures={"maps": Figure(small_png(figure), "caption")},
+        figures={"maps": Figure(small_png(figure), "caption")},
         table=[{"case": "a|b", "T_app / K": 400.123456}, {"case": "c", "T_app / K": math.nan}],
         verdicts=(
             Verdict(claim="good", value=0.5, unit="K", high=1.0, why="never shown"),
@@ -99,6 +99,6 @@ def test_place_that_cannot_be_written(tmp_path: Path) -> None:
 
 
 def test_without_verdicts() -> None:
-    page = StudyPage(name="n", title="t", figure="f", text="", pictures={}, table=())
+    page = StudyPage(name="n", title="t", figure="f", text="", figures={}, table=())
     assert "Against the paper" not in page.html().html()
     assert summary(()) == "All 0 statements agree."

@@ -33,7 +33,7 @@ def _row(
         droplets=Error(bias_K=rms_K + 60.0, rms_K=rms_K + 60.0, held=held),
         noise_K=1.0,
         width_K=width_K,
-        told=0.5,
+        answered=0.5,
         where=dict.fromkeys(_CLASSES, rms_K),
     )
 

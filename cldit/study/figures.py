@@ -1,4 +1,4 @@
-"""Pictures of a study: maps and differences side by side, each with one scale for all."""
+"""Figures of a study: maps and differences side by side, on a common scale."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _PANEL_IN = 3.3
 
 @dataclass(frozen=True)
 class Crop:
-    """The part of a picture that is shown, mm."""
+    """Part of an image that is shown, mm."""
 
     left: float = -45.0
     right: float = 45.0
@@ -45,27 +45,27 @@ class Crop:
 
 
 def small_png(figure: Figure) -> bytes:
-    """PNG of a figure, as `smaller`."""
+    """PNG of a figure in 255 colours."""
     return smaller(png_of(figure))
 
 
 def smaller(png: bytes) -> bytes:
-    """The picture in 255 colours, a third of the size; pages hold many."""
-    with Image.open(io.BytesIO(png)) as picture:
-        plain = picture.convert("RGB").quantize(255, Image.Quantize.MAXCOVERAGE, kmeans=3)
+    """PNG in 255 colours, a third of the size."""
+    with Image.open(io.BytesIO(png)) as image:
+        plain = image.convert("RGB").quantize(255, Image.Quantize.MAXCOVERAGE, kmeans=3)
     stream = io.BytesIO()
     plain.save(stream, format="PNG", optimize=True)
     return stream.getvalue()
 
 
 def frame_of(run: Run) -> Frame:
-    """Axes of a run's pictures."""
+    """Axes of the images of a run."""
     x, _, z = run.scene.target_m
     return Frame(pixel_m=run.pixel_m, centre_m=(x, z))
 
 
 def shared_scale(runs: Sequence[Run]) -> tuple[tuple[float, float], float]:
-    """Temperatures and emissivity of the colours that serve all of several maps."""
+    """Range of temperature and largest emissivity of the common colour scale of several maps."""
     ranges = [temperature_range_K(run.maps) for run in runs]
     known = [each for each in ranges if each[1] > each[0]] or [(0.0, 0.0)]
     low, high = min(each[0] for each in known), max(each[1] for each in known)
@@ -75,7 +75,7 @@ def shared_scale(runs: Sequence[Run]) -> tuple[tuple[float, float], float]:
 def _grid(
     titles: Sequence[str], crop: Crop, *, title: str, columns: int = _COLUMNS
 ) -> tuple[Figure, list[Axes]]:
-    """Panels with axes in mm; all share them, so that only the outermost are labelled."""
+    """Panels with shared axes in mm; only the outermost have labels."""
     columns = 2 if len(titles) == 4 else min(columns, len(titles))
     rows = -(-len(titles) // columns)
     height = _PANEL_IN * float(np.clip(crop.aspect, 0.3, 2.0))
@@ -122,7 +122,7 @@ def maps_figure(
 
 
 def _key(figure: Figure, panels: list[Axes], range_K: tuple[float, float], full: float) -> None:
-    """The two-dimensional colour scale, right of the panels."""
+    """Draws the two-dimensional colour scale, right of the panels."""
     low, high = range_K
     if not high > low:
         return
