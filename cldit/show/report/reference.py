@@ -25,7 +25,7 @@ FILES: tuple[tuple[str, str, type[Keys]], ...] = (
 )
 Schema = dict[str, Any]
 _TITLE = "Every key of a scene, rig, plan and measurement"
-_COLUMNS = ("key", "type", "range", "default", "meaning")
+_COLUMNS = ("key", "type, range", "default", "meaning")
 _INTRODUCTION = """\
 Made by `cldit scenes --reference` from the models that check the files. Units are in the names.
 Invalid values are refused with the key, the value and what is allowed. Paths are relative to the
@@ -125,7 +125,7 @@ def _table(section: Schema, places: dict[str, _Place]) -> Table:
         ranges = dict.fromkeys(text for part in _parts(value) for text in _ranges(part))
         default = "required" if key in needed else _default(value)
         about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
-        rows.append([f"`{key}`", " or ".join(kinds), ", ".join(ranges), default, about])
+        rows.append([f"`{key}`", ", ".join([" or ".join(kinds), *ranges]), default, about])
     return Table(_COLUMNS, rows)
 
 
