@@ -93,7 +93,7 @@ def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spra
 
 def case_lines(spec: CfdSpray, spray: Spray) -> list[str]:
     """Describes the `spray` that was read from the case `spec`, a line each."""
-    lines = [f"{spec.file}: {find_format(spec)}"]
+    lines = [f"{spec.file}: {find_format(spec)}", *(f"  {file.text}" for file in spray.files)]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
             if name == "time_s" and abs(spray.notes[name]) >= 1.0:  # degrees of crank angle
@@ -101,5 +101,4 @@ def case_lines(spec: CfdSpray, spray: Spray) -> list[str]:
             value = spray.notes[name] * factor
             shown = f"{value:.0f}" if name in _COUNTS else f"{value:.5g}"
             lines.append(f"  {text:34s}{shown:>12s} {unit}".rstrip())
-    lines += [f"  {remark}" for remark in spray.remarks]
-    return lines + [f"  {file.text}" for file in spray.files]
+    return lines + [f"  {remark}" for remark in spray.remarks]
