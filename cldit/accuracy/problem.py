@@ -51,9 +51,12 @@ class Problem:
         """
         given_m = self.scene.spray.lattice_m if isinstance(self.scene.spray, ConeSpray) else 0.0
         while True:
-            resolution = self._clamp_to_memory(resolution)
-            if self._prepared is not None and self._prepared[0] == resolution.prepared_key:
-                return resolution, self._prepared[1]
+            if self._prepared is not None:
+                if self._prepared[0] == resolution.prepared_key:  # even if memory is less now
+                    return resolution, self._prepared[1]
+                resolution = clamp_to_memory(resolution, self._prepared[1])
+                if self._prepared[0] == resolution.prepared_key:
+                    return resolution, self._prepared[1]
             try:
                 prepared = prepare(
                     self.scene,
@@ -82,12 +85,6 @@ class Problem:
             self._prepared = resolution.prepared_key, prepared
             self.estimates.clear()
             return resolution, prepared
-
-    def _clamp_to_memory(self, resolution: Resolution) -> Resolution:
-        """The resolution with a lattice whose parcels fit the memory, by those of the last one."""
-        if self._prepared is None:
-            return resolution
-        return clamp_to_memory(resolution, self._prepared[1])
 
     def settings(self, resolution: Resolution, prepared: Prepared) -> list[TraceSettings]:
         """Settings of each wavelength's trace; some pixels of one are traced by more rays."""
@@ -150,7 +147,8 @@ class Problem:
 
     def hardly_finer(self, finer: Resolution, than: Resolution) -> str:
         """Reason why the cells of a finer resolution are not worth a trace; empty: they are."""
-        possible = self._clamp_to_memory(finer)
+        assert self._prepared is not None
+        possible = clamp_to_memory(finer, self._prepared[1])
         if possible is finer or possible.spacing_m is None or than.spacing_m is None:
             return ""
         hardly = possible.spacing_m >= _HARDLY * than.spacing_m

@@ -190,7 +190,7 @@ def test_two_devices_scatter_as_one(
 def test_devices_by_name(device: Device) -> None:
     with pytest.raises(DeviceError, match="more than once"):
         open_device(f"{device.info.index},{device.info.index}")
-    with pytest.raises(DeviceError, match="is not here"):
+    with pytest.raises(DeviceError, match="does not exist"):
         open_device(f"{device.info.index}, 17:3")
     with pytest.raises(DeviceError, match="cannot be divided"):
         split(device, [10_000, 1])

@@ -71,7 +71,10 @@ def refined(
         estimates=tuple(estimates),
         errors=Errors.of(one.cause for one in estimates),
     )
-    finer = refine(Problem(scene, NOTHING, Stages(None), Path(), None), result)[1]
+    problem = Problem(scene, NOTHING, Stages(None), Path(), None)
+    empty = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)
+    problem._prepared = (), empty  # type: ignore[assignment]
+    finer = refine(problem, result)[1]
     return None if finer is None else finer[0]
 
 

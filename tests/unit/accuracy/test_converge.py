@@ -53,7 +53,10 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     monkeypatch.setattr(converging, "solve", solve)
     device: Any = None
     stages = Stages(None)
-    kept = converge(Problem(scene, device, stages, Path(), None), scene.transport.accuracy_K)
+    problem = Problem(scene, device, stages, Path(), None)
+    nothing: Any = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)
+    problem._prepared = (), nothing
+    kept = converge(problem, scene.transport.accuracy_K)
     assert kept.errors is not None and kept.errors.total_K == kept_K
     assert not left
     worse = found_K[-1] > kept_K

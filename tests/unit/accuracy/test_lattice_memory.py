@@ -55,9 +55,16 @@ def test_lattice_as_fine_as_memory_holds(memory: Any) -> None:
     coarser = clamp_to_memory(resolution(0.2e-3), made())
     assert coarser.spacing_m == pytest.approx(0.25e-3)
     assert "0.2 mm cells exceed memory" in coarser.limits["cells"]
+
+
+def test_a_spray_that_was_made_is_kept(memory: Any) -> None:
+    """Memory is less once its octrees are there: that makes no other spray for the estimates."""
+    memory(0.4e-3)
     device: Any = None
     problem = Problem(load_scene("gdi"), device, Stages(None), Path(), None)
-    assert problem._clamp_to_memory(resolution(0.2e-3)) == resolution(0.2e-3)  # no spray yet
+    fine, spray = resolution(0.3e-3), made()
+    problem._prepared = fine.prepared_key, spray
+    assert problem.prepared(fine) == (fine, spray)
 
 
 @pytest.mark.parametrize(("holds_m", "worth"), [(0.2e-3, True), (0.25e-3, True), (0.28e-3, False)])
