@@ -1,4 +1,4 @@
-"""The errors that users meet. Each message says what was found, where, and what is allowed."""
+"""Errors for users. Each message names the path, the value and the allowed values."""
 
 
 class ClditError(Exception):
@@ -10,11 +10,11 @@ class FileError(ClditError, OSError):
 
 
 class DiskFull(FileError):
-    """There is no room for what is to be written."""
+    """The disk has no room for a file."""
 
 
 class SceneError(ClditError, ValueError):
-    """A scene, rig or plan file holds something that is not allowed."""
+    """A scene, rig or plan file has a value that is not allowed."""
 
 
 class SprayError(ClditError, ValueError):
@@ -22,11 +22,11 @@ class SprayError(ClditError, ValueError):
 
 
 class NoFuel(SprayError):
-    """A time of a case says that there is no fuel in it: neither liquid nor vapour."""
+    """A time of a case contains no fuel: neither liquid nor vapour."""
 
 
 class EmptyCloud(SprayError):
-    """A time of a case says that its cloud holds no parcel."""
+    """The cloud of a case has no parcel at a time."""
 
 
 class NotAtThisTime(SprayError):
@@ -38,7 +38,7 @@ class MediumError(ClditError, ValueError):
 
 
 class DeviceError(ClditError, RuntimeError):
-    """No usable OpenCL device, or the device refused what was asked of it."""
+    """No usable OpenCL device, or the device refused a request."""
 
 
 class KernelError(ClditError, RuntimeError):
@@ -50,7 +50,7 @@ class TransportError(ClditError, RuntimeError):
 
 
 class NotConvergedError(TransportError):
-    """The scattered source cannot be had to the wanted accuracy at this precision."""
+    """The scattered source does not converge to its tolerance at this precision."""
 
 
 class EvaluationError(ClditError, ValueError):
@@ -62,16 +62,16 @@ class RunFolderError(ClditError, ValueError):
 
 
 class Stopped(RunFolderError):
-    """The user has stopped an acquisition; the same call goes on."""
+    """The user has stopped an acquisition; the same call resumes it."""
 
 
 class OpticsError(ClditError, ValueError):
-    """An optical property is asked for outside its data, or a table of one is impossible."""
+    """An optical property is requested outside its data, or a table of one is invalid."""
 
 
 class DropletError(OpticsError):
-    """A droplet, or its refractive index, is outside what can be solved."""
+    """A droplet, or its refractive index, is outside the range of the solver."""
 
 
 class StudyError(ClditError, ValueError):
-    """A study or a grid of scenes is not what can be computed, or its folder holds another."""
+    """A study or a grid of scenes cannot be computed, or its folder belongs to another."""
