@@ -95,12 +95,10 @@ INLINE Crossing traversal_cell(
     c.fz = w->z + (w->dz < R(0) ? 0 : 1);
     if (slot < 0) {
         c.address = g->coarse - 1 - slot;
-#ifndef EVERY_CELL
         c.mask = span[-1 - slot] - 1;
         c.fx = far_side(w->x, c.mask, w->dx, g->low.x, g->high.x);
         c.fy = far_side(w->y, c.mask, w->dy, g->low.y, g->high.y);
         c.fz = far_side(w->z, c.mask, w->dz, g->low.z, g->high.z);
-#endif
     }
     /* Where d is 0 the far side is the upper one, which lies above p: infinity. */
     c.tx = (c.fx - w->px) * w->rx;

@@ -42,15 +42,6 @@ class Needs:
         present = {"vapour": self.vapour, "liquid": self.droplets}
         return tuple(name for name, there in present.items() if there)
 
-    def with_(self, other: Needs) -> Needs:
-        """Union with other needs."""
-        return Needs(
-            vapour=self.vapour or other.vapour,
-            droplets=self.droplets or other.droplets,
-            scattering=self.scattering or other.scattering,
-            patches=self.patches or other.patches,
-        )
-
     @property
     def components(self) -> tuple[str, ...]:
         """Names of all components, in the kernels' order (kernels/components.h)."""
@@ -111,7 +102,6 @@ class OpticalCells:
         *,
         patches: tuple[str, ...] = (),
         scattered: float | NDArray[np.float64] = 1.0,
-        compiled_in: Needs | None = None,
     ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
 
@@ -119,7 +109,6 @@ class OpticalCells:
             patches: names of the enclosure's patches.
             scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the
                 transport correction.
-            compiled_in: physics to compile even if unused, to measure its cost.
         """
         fields = tree.fields
         absorption = fields["vapour_absorption"].astype(np.float64)
@@ -145,7 +134,7 @@ class OpticalCells:
         )
         return cls(
             tree=tree,
-            needs=needs if compiled_in is None else needs.with_(compiled_in),
+            needs=needs,
             scale=scale,
             depth=extinction * tree.frame.cell_m,
             emitted=emitted,

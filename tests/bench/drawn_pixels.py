@@ -1,11 +1,9 @@
-"""Whether steps that are measured in drawn pixels are those of the picture, over many draws.
+"""Errors from 10,000 drawn pixels, over many draws, against those of all pixels.
 
-Run by hand:
+    python -m tests.bench drawn_pixels --scene methane-jet --halvings 6 7 8
+    python -m tests.bench drawn_pixels --scene gdi --halvings 7 8 9
 
-    python -m tests.bench.drawn_pixels --scene methane-jet --halvings 6 7 8
-    python -m tests.bench.drawn_pixels --scene gdi --halvings 7 8 9
-
-The pictures are the same, all pixels of them traced: the draw alone makes the difference.
+The images are the same, with all pixels traced: only the draw differs.
 """
 
 from __future__ import annotations

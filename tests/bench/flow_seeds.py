@@ -1,16 +1,14 @@
-"""What chance makes of a computed spray, its gas included, and what halves of its parcels say.
+"""Scatter between seeds of a computed spray, gas included, and its split-half estimate.
 
-Run by hand, a minute a seed:
+    python -m tests.bench flow_seeds --seeds 4
+    python -m tests.bench flow_seeds --seeds 4 --droplets-per-parcel 6000
+    python -m tests.bench flow_seeds --seeds 4 --gas-cells-m 2e-3
+    python -m tests.bench flow_seeds --seeds 2 --gas-cells-m 5e-4 --one-plume
+    python -m tests.bench flow_seeds --seeds 6 --accuracy-K 4
 
-    python -m tests.bench.flow_seeds --seeds 4
-    python -m tests.bench.flow_seeds --seeds 4 --droplets-per-parcel 6000
-    python -m tests.bench.flow_seeds --seeds 4 --gas-cells-m 2e-3
-    python -m tests.bench.flow_seeds --seeds 2 --gas-cells-m 5e-4 --one-plume
-    python -m tests.bench.flow_seeds --seeds 6 --accuracy-K 4
-
-All is RMS of T_app over the pixels that have one, in pictures on cells of 0.39 mm. The difference
-of two seeds over sqrt(2) is what one picture errs by. Droplets of one seed in the gas of another
-tell both parts.
+A minute a seed. All is RMS of T_app over the pixels that have one, on cells of 0.39 mm. The error
+of one image is the difference between two seeds over sqrt(2). Droplets of one seed in the gas of
+another separate both parts.
 """
 
 from __future__ import annotations

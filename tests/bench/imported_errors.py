@@ -1,14 +1,12 @@
-"""Whether the errors that a run of an imported spray states are true.
+"""True and stated errors of a run of an imported spray.
 
-Run by hand, some minutes; CASE is an OpenFOAM case of OpenFOAM's tutorial aachenBomb:
+    python -m tests.bench imported_errors --aachenbomb CASE
 
-    python -m tests.bench.imported_errors --aachenbomb CASE
-
-**Parcels.** No case of many more parcels is at hand, so parts of the parcels stand for sprays of
-fewer. Parts that share no parcel are samples of their own: their pictures differ by sqrt(2) times
-what one of them errs by. Beside it stands what each part states of itself, by its own halves.
-**All else** is held against a trace on cells of a quarter (or `--finer 1`, where these are too many
-for the memory), with 16 rays a pixel.
+Some minutes; CASE is an OpenFOAM case of the tutorial aachenBomb. **Parcels**: parts of the parcels
+are sprays of fewer. The difference between images of parts without common parcels is sqrt(2) times
+the error of one; the error that each part states by its own halves is printed with it. **All else**
+is compared with a trace on cells of a quarter (or `--finer 1`, if memory is short), with 16 rays
+per pixel.
 """
 
 from __future__ import annotations

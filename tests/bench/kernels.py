@@ -1,8 +1,8 @@
-"""Single kernels of a trace, launched alone, so that their own time is seen."""
+"""Single kernels of a trace, launched alone and timed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,8 +15,7 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
 from cldit.transport.camera_source import final_sweeps
 from cldit.transport.cell_records import CellRecords
-from cldit.transport.cells import Needs, OpticalCells
-from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
+from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.iteration import iterate_source
@@ -26,14 +25,12 @@ from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.image import Reals
-from cldit.transport.phase import ScatteringTable
 from cldit.transport.source_iteration import formal_solution, thick_region
 from cldit.transport.view import View, upload_directory, upload_tree
 
 Floats = NDArray[np.float64]
 
 _ROUNDS = 3
-_PHASE_STEPS = 1024
 
 
 def quickest(case: Case, launch: Callable[[], Any], *, rounds: int = _ROUNDS) -> Cost:
@@ -60,42 +57,40 @@ class PathSegments:
 
 @dataclass(frozen=True)
 class Kernels:
-    """One medium and camera; compiled_in: also what nothing needs; defines: further ones."""
+    """Kernels of one medium and camera."""
 
     case: Case
-    compiled_in: Needs | None = None
-    defines: Mapping[str, Define] | None = None
 
     @cached_property
     def cells(self) -> OpticalCells:
-        """The cells that kernels see."""
+        """Cells of the medium."""
         names = tuple(patch.name for patch in self.case.scene.patches)
-        return OpticalCells.of(self.case.tree, patches=names, compiled_in=self.compiled_in)
+        return OpticalCells.of(self.case.tree, patches=names)
 
     @cached_property
     def view(self) -> View:
-        """The camera."""
+        """Camera."""
         return View.of(self.case.scene, self.cells)
 
     def _defines(self) -> dict[str, Define]:
-        return {**self.cells.needs.defines, **self.view.defines, **(self.defines or {})}
+        return {**self.cells.needs.defines, **self.view.defines}
 
-    def image(self, *, pictures: int = 1, linear: bool = False) -> Cost:
-        """So many pictures from sources that are there; linear: in each cell."""
+    def image(self, *, images: int = 1, linear: bool = False) -> Cost:
+        """Images from given sources, constant or linear in each cell."""
         device, cells, real = self.case.device, self.cells, np.float32
-        defines: dict[str, Define] = {**self._defines(), "IMAGES": pictures}
+        defines: dict[str, Define] = {**self._defines(), "IMAGES": images}
         defines["CUTOFF"] = float(self.case.settings().cutoff)
         if linear:
             defines["LINEAR_SOURCE"] = 1
         program = build(device, "image.cl", defines)
         columns, rows = self.view.pixels
-        planes = pictures * (len(cells.needs.components) + 1)
-        out = zeros(device, "picture", planes * rows * columns, real)
+        planes = images * (len(cells.needs.components) + 1)
+        out = zeros(device, "image", planes * rows * columns, real)
         cell_records = CellRecords.of(cells)
         source = None
         if cells.needs.scattering:
             source = np.zeros((len(cells.needs.components), len(cells.address)), real)
-        listed = [source] * pictures
+        listed = [source] * images
         records = cell_records.records(listed, np.zeros(len(cells.address)), None, real)
         arguments = {
             **upload_directory(device, cells),
@@ -157,7 +152,7 @@ class Kernels:
     def steps(self) -> tuple[NDArray[np.int64], Cost]:
         """Steps of every line of sight, and those of them through something, (2, H, W)."""
         device, cells, real = self.case.device, self.cells, np.float32
-        program = build(device, "count.cl", {**self.view.defines, **(self.defines or {})})
+        program = build(device, "count.cl", self.view.defines)
         columns, rows = self.view.pixels
         out = zeros(device, "steps", 2 * rows * columns, np.int32)
         arguments = {
@@ -171,13 +166,8 @@ class Kernels:
         counted = download(device, out, np.empty((rows, columns, 2), np.int32))
         return counted.transpose(2, 0, 1).astype(np.int64), cost
 
-    def sweeper(
-        self, *, vector: int | None = None, phase: ScatteringTable | None = None
-    ) -> tuple[Sweeper, CameraSweep | None]:
-        """The swept box on the device; with a phase function also the camera's weights.
-
-        vector: cells at once; None is what a trace takes.
-        """
+    def sweep(self, count: int, *, vector: int | None = None) -> Cost:
+        """Sweeps with `count` ordinates; `vector`: cells at once, None: as in a trace."""
         device, cells = self.case.device, self.cells
         defines = self._defines()
         specialised: dict[str, Define] = {**defines, **simd_defines(device)}
@@ -191,27 +181,7 @@ class Kernels:
             disc=self.view.disc,
             patches=self.view.patches,
         )
-        if phase is None:
-            return sweeper, None
-        flags: dict[str, Define] = {"CAMERA_SWEEP": 1, "PHASE_STEPS": _PHASE_STEPS}
-        program = build(device, "sweep.cl", {**specialised, **flags})
-        place = self.view.middle[:3] - np.array([0.0, self.view.distance, 0.0])
-        table = phase.by_half_sine(_PHASE_STEPS)
-        return sweeper, sweeper.to_camera(program, cells, table, place)
-
-    def sweep(
-        self, count: int, *, vector: int | None = None, phase: ScatteringTable | None = None
-    ) -> Cost:
-        """Cost of a set of sweeps."""
-        sweeper, camera = self.sweeper(vector=vector, phase=phase)
         rng = np.random.default_rng(1)
         rays = sweeper.rays(isotropic(count, rng), rng.random((count, 2)))
-        sweeper.set_source(order_0(sweeper, self.cells.albedo), shining=True)
-
-        def once() -> None:
-            if camera is None:
-                sweeper.sweep(rays, shining=True)
-            else:
-                sweeper.view_weighted_mean(camera, rays)
-
-        return quickest(self.case, once)
+        sweeper.set_source(order_0(sweeper, cells.albedo), shining=True)
+        return quickest(self.case, lambda: sweeper.sweep(rays, shining=True))

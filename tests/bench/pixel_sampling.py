@@ -1,10 +1,9 @@
-"""Whether the stated error of pixel sampling is true: a picture against 64 rays a pixel.
+"""True and stated error of pixel sampling: one ray per pixel against 64.
 
-Run by hand; CASE is an OpenFOAM case of OpenFOAM's tutorial aachenBomb:
+    python -m tests.bench pixel_sampling --scene methane-jet --scene gdi --aachenbomb CASE
 
-    python -m tests.bench.pixel_sampling --scene methane-jet --scene gdi --aachenbomb CASE
-
-Cells, ordinates and seed are the same in both pictures, so that pixels alone make the difference.
+CASE is an OpenFOAM case of the tutorial aachenBomb. Cells, ordinates and seed are the same in both
+images.
 """
 
 from __future__ import annotations

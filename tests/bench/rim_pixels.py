@@ -1,11 +1,8 @@
-"""Whether pixels at the background's rim are told by the stated error of pixel sampling.
+"""True and stated error of pixel sampling at the rim of the background, against 64 rays.
 
-Run by hand:
+    python -m tests.bench rim_pixels
 
-    python -m tests.bench.rim_pixels
-
-Grids of the budget's benchmark fill the field before a disc whose rim crosses it. The truth is the
-picture of 64 rays a pixel.
+Grids of `budget` fill the field in front of a disc whose rim crosses it.
 """
 
 from __future__ import annotations

@@ -223,7 +223,7 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
             machine,
             "image, as traces make it",
             work + ", two pictures, sources that change across cells",
-            kernels.image(pictures=2, linear=True).core_s,
+            kernels.image(images=2, linear=True).core_s,
             moved=walked + _REAL_BYTES * (record + sources) * through + 2 * out,
             flops=IMAGE_STEP * total + (IMAGE_CELL + 2 * IMAGE_SOURCE * sources) * through,
             exps=through,

@@ -1,11 +1,9 @@
-"""T_app of `source` less that of `path` on the very same cells, in the mean and RMS.
-
-Run by hand:
+"""T_app of `source` minus that of `path` on the same cells, mean and RMS.
 
     python -m tests.bench same_cells gdi --field 0.12 --z -0.05
     python -m tests.bench same_cells droplets-only --field 0.05 --z -0.02 --constant [--sharp]
 
-The reference's noise is taken out of the RMS, and stated beside the mean.
+The noise of the reference is removed from the RMS, and printed with the mean.
 """
 
 from __future__ import annotations

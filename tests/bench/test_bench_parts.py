@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import cldit
 from cldit.bench.case import Case, changed
 from cldit.gpu.device import Device
 from cldit.scene import Scene
-from cldit.transport.cells import Needs
-from tests.bench.kernels import Kernels
 from tests.bench.memory import memory
 from tests.bench.roofline import roofline
 
@@ -36,17 +33,6 @@ def case(device: Device, tables: Path) -> Case:
 
 def _quiet(_: str) -> None:
     pass
-
-
-def test_what_is_compiled_in_by_force_changes_nothing(case: Case) -> None:
-    """Vapour in droplets alone; and cell by cell through empty space counts more steps."""
-    full = Kernels(case, compiled_in=Needs(vapour=True, droplets=False, scattering=False))
-    assert "vapour" in full.cells.needs.components
-    assert "vapour" not in Kernels(case).cells.needs.components
-    few, _ = Kernels(case).steps()
-    many, _ = Kernels(case, defines={"EVERY_CELL": 1}).steps()
-    assert many[0].sum() > few[0].sum()
-    assert np.abs(many[1] - few[1]).max() <= 2  # a ray along an edge may graze a cell
 
 
 @pytest.mark.slow

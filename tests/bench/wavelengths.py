@@ -1,11 +1,10 @@
-"""Whether the stated error of the wavelengths is true: pictures with few nodes against many.
-
-Run by hand, some minutes a scene; CASE is an OpenFOAM case of OpenFOAM's tutorial aachenBomb:
+"""True and stated error of the number of wavelengths: images with few nodes against many.
 
     python -m tests.bench wavelengths --scene gdi --scene droplets-only --aachenbomb CASE
 
-All is traced twice, with directions of another seed. What both differences of T_app share is the
-wavelengths' doing: the mean product of both is the square of their error, free of noise.
+Some minutes a scene; CASE is an OpenFOAM case of the tutorial aachenBomb. All is traced twice, with
+ordinates of another seed: the mean product of both differences of T_app is the square of the error
+of the wavelengths, free of noise.
 """
 
 from __future__ import annotations
