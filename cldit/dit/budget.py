@@ -1,15 +1,15 @@
-"""What no shot shows: how much T_app and emissivity depend on what is only stated.
+"""Error budget: sensitivity of T_app and emissivity to quantities that are stated, not measured.
 
-The lines of a pixel are straight in x, the radiance that leaves the background. Where the set-up is
-stated otherwise, x becomes x', and x = a x' + b as nearly as the camera's noise asks for (exactly,
-but for the filter). Both lines then keep their pictures, so that
+The lines of a pixel are straight in x, the radiance that leaves the background. With another value
+of a stated quantity x becomes x', where x = a x' + b, exactly but for the filter, for which it is a
+fit weighted by the camera's noise. The signals stay the same, so that
 
     I(T_app') = (e I(T_app) + (1 - e) b_inj - b_ref) / (a_ref - (1 - e) a_inj)
     e' = 1 - (1 - e) a_inj / a_ref                                                e: emissivity
 
-with a and b from the weights of either kind. Where x' is linear in x they are the same for both:
-then I(T_app') = (I(T_app) - b) / a, and the emissivity does not move. A front window drops out of
-both: it is in gain and offset of the pixel.
+with a and b fitted for references and for injections. If x' is linear in x they are equal, so that
+I(T_app') = (I(T_app) - b) / a and the emissivity does not change. A front window cancels: it is
+part of gain and offset of the pixel.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from cldit.scene.vessel import Window
 Floats = NDArray[np.float64]
 
 PARTS = "budget"  # folder of the parts, in that of the maps
-_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which the backgrounds are weighed
+_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which a and b are fitted
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One cause. name: with its size. kelvin, emissivity: (H, W) change of either by that size."""
+    """One contribution: (H, W) changes of T_app [K] and emissivity by the size in its `name`."""
 
     name: str
     kelvin: Floats
@@ -51,14 +51,14 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """All parts beside the statistical error; maps are (H, W), NaN where there is no value."""
+    """Systematic contributions and the statistical error; (H, W), NaN where there is no value."""
 
     parts: tuple[Part, ...]
     maps: Maps
 
     @property
     def kelvin(self) -> Floats:
-        """Systematic standard error of T_app: the root of the sum of the squares."""
+        """Systematic standard error of T_app: root of the sum of squares."""
         return np.asarray(np.sqrt(np.sum([one.kelvin**2 for one in self.parts], axis=0)))
 
     @property
@@ -97,7 +97,7 @@ class Budget:
 
     @property
     def lines(self) -> list[str]:
-        """One for each part, medians over the evaluated pixels; none where there are none."""
+        """A line for each part, with medians over the evaluated pixels; empty without any."""
         if not np.any(self.maps.reason == Reason.OK):
             return []
         title = "budget, median pixel: T_app / K, emissivity"
@@ -108,7 +108,7 @@ class Budget:
 
     @property
     def images(self) -> dict[str, tuple[Floats, str]]:
-        """(H, W) of systematic and total errors, and their units, by the names of their files."""
+        """Systematic and total errors (H, W) and their units, by file name."""
         return {
             "apparent_temperature_systematic_error_K": (self.kelvin, "K"),
             "apparent_temperature_total_error_K": (self.total_K, "K"),
@@ -117,7 +117,7 @@ class Budget:
         }
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes the errors as TIFF into `folder`, and those of each part into `budget` within.
+        """Writes the errors as TIFF into `folder`, and those of each part into `folder`/budget.
 
         Args:
             folder: of the maps.
@@ -139,12 +139,7 @@ class Budget:
 
 
 def part_file(name: str, of: str) -> str:
-    """Where the map of a part is, below the maps and without its ending.
-
-    Args:
-        name: of the part.
-        of: `K` or `emissivity`.
-    """
+    """Path of the map of a part below the maps, without suffix; `of` is `K` or `emissivity`."""
     words = "".join(one if one.isalnum() or one == "." else "_" for one in name)
     return f"{PARTS}/{words.replace('__', '_')}_{of}"
 
@@ -162,77 +157,60 @@ def budget(
     backgrounds_K: Sequence[float],
     calibration: Calibration,
 ) -> Budget:
-    """The budget of an evaluation.
+    """Error budget of the `maps` of an evaluation.
 
-    Args:
-        maps: (H, W) of it.
-        around: set-up, with its uncertainty.
-        curve: black-body temperature to radiance, as used.
-        backgrounds_K: (K,) temperatures of the black body.
-        calibration: of the camera; its noise weighs the backgrounds.
+    It takes the uncertainty of the setup `around`, the `curve` that was used, K black-body
+    temperatures, and the `calibration` of the camera, whose noise weights the backgrounds.
     """
     unsure = around.uncertainty
     stated = _boundary(around, curve, backgrounds_K)
     middle_um = float(np.mean(edges_um(curve.filter_um)))
     less = max(around.background_emissivity - unsure.background_emissivity, 1e-3)
     change_um = unsure.filter_um / middle_um
-    changed: list[tuple[str, Boundary, Curve]] = [
-        (
+    stretched = replace(curve, stretch=curve.stretch * (1.0 + change_um))
+
+    def other(
+        name: str,
+        around: Surroundings = around,
+        *,
+        curve: Curve = curve,
+        dimmed: dict[str, float] | None = None,
+    ) -> tuple[str, Boundary, Curve]:
+        return name, _boundary(around, curve, backgrounds_K, dimmed=dimmed), curve
+
+    changed = [
+        other(
             f"background emissivity by {around.background_emissivity - less:g}",
-            _boundary(replace(around, background_emissivity=less), curve, backgrounds_K),
-            curve,
+            replace(around, background_emissivity=less),
         ),
-        (
+        other(
             f"walls by {unsure.wall_temperature_K:g} K",
-            _boundary(
-                replace(
-                    around,
-                    wall_temperature_K=around.wall_temperature_K + unsure.wall_temperature_K,
-                ),
-                curve,
-                backgrounds_K,
+            replace(
+                around, wall_temperature_K=around.wall_temperature_K + unsure.wall_temperature_K
             ),
-            curve,
         ),
-        (
-            f"filter by {unsure.filter_um:g} um",
-            _boundary(
-                around,
-                other := replace(curve, stretch=curve.stretch * (1.0 + change_um)),
-                backgrounds_K,
-            ),
-            other,
-        ),
+        other(f"filter by {unsure.filter_um:g} um", curve=stretched),
     ]
     for window in around.windows:
-        warmer = tuple(
-            one.model_copy(
-                update={"temperature_K": one.temperature_K + unsure.window_temperature_K}
-            )
-            if one is window
-            else one
-            for one in around.windows
-        )
+        kelvin = window.temperature_K + unsure.window_temperature_K
+        warmer = window.model_copy(update={"temperature_K": kelvin})
+        windows = tuple(warmer if one is window else one for one in around.windows)
         changed += [
-            (
+            other(
                 f"{window.side} window by {unsure.window_temperature_K:g} K",
-                _boundary(replace(around, windows=warmer), curve, backgrounds_K),
-                curve,
+                replace(around, windows=windows),
             ),
-            (
+            other(
                 f"{window.side} window's transmission by {unsure.window_transmission:g}",
-                _boundary(
-                    around, curve, backgrounds_K, dimmed={window.side: unsure.window_transmission}
-                ),
-                curve,
+                dimmed={window.side: unsure.window_transmission},
             ),
         ]
-    kelvin = maps.apparent_temperature_K.astype(float)
+    apparent_K = maps.apparent_temperature_K.astype(float)
     emissivity = maps.emissivity.astype(float)
-    radiance = curve.radiance(np.nan_to_num(kelvin, nan=300.0))
+    radiance = curve.radiance(np.nan_to_num(apparent_K, nan=300.0))
     x = stated.leaving(np.asarray(backgrounds_K))
     through = 1.0 - emissivity
-    known = np.isfinite(kelvin)
+    known = np.isfinite(apparent_K)
     spray = float(np.median(radiance[known])) if known.any() else float(x[0])
     parts: list[Part] = []
     for name, boundary, changed_curve in changed:
@@ -245,13 +223,13 @@ def budget(
         )
         a, b = lines[0]
         a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)
-        with np.errstate(divide="ignore", invalid="ignore"):  # where there is no spray at all
+        with np.errstate(divide="ignore", invalid="ignore"):  # without spray
             own = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
         other_K = changed_curve.temperature(np.maximum(np.where(known, own, 0.0), 0.0))
         parts.append(
             Part(
                 name=name,
-                kelvin=np.where(known, other_K - kelvin, np.nan),
+                kelvin=np.where(known, other_K - apparent_K, np.nan),
                 emissivity=through * (1.0 - a_inj / a),
             )
         )
@@ -265,7 +243,7 @@ def _boundary(
     *,
     dimmed: dict[str, float] | None = None,
 ) -> Boundary:
-    """Measurement equation, windows of the sides `dimmed` letting through so much less."""
+    """Measurement equation, with the transmission of windows reduced by `dimmed`, by side."""
     middle_K = reference_temperature_K(list(backgrounds_K))
 
     def pane(window: Window) -> Pane:
@@ -279,7 +257,7 @@ def _boundary(
 def _weight(
     emissivity: float, x: Floats, own: float, stated: Boundary, calibration: Calibration
 ) -> Floats:
-    """(K,) one over the camera's variance before a spray of this emissivity and radiance."""
+    """Inverse variance (K,) of the camera for a spray of this emissivity and radiance."""
     seen = stated.seen((1.0 - emissivity) * x + emissivity * own)
     return np.asarray(1.0 / calibration.variance_counts2(calibration.counts(seen)))
 

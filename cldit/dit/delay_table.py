@@ -1,4 +1,4 @@
-"""One table over the delays of an acquisition."""
+"""Table of medians over the delays of an acquisition."""
 
 from __future__ import annotations
 
@@ -16,10 +16,7 @@ from cldit.scene.delays import delay_text
 
 @dataclass(frozen=True)
 class DelayRow:
-    """What the maps of one delay say in the median over their pixels; NaN where none has a value.
-
-    pixels: those with an apparent temperature; only these count in the medians.
-    """
+    """Medians of the maps of one delay over the `pixels` with an apparent temperature."""
 
     delay_s: float
     pixels: int
@@ -60,7 +57,7 @@ def _median(values: NDArray[np.float32]) -> float:
 
 
 def table_csv(rows: Iterable[DelayRow]) -> str:
-    """The table as CSV, a line a delay; names with units are in the first."""
+    """CSV of the table, with a heading and a line per delay."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, [one.name for one in fields(DelayRow)], lineterminator="\n")
     writer.writeheader()

@@ -1,16 +1,15 @@
-"""Design of the experiment: which backgrounds and how many shots reach an error in the least time.
+"""Design of the experiment: backgrounds and numbers of shots that reach an error in the least time.
 
-The trace says what every pixel would see before any background, the sensor how noisy that is, the
-scene how much injections differ. Both lines of a pixel (`cldit.dit.fit`) are fitted on their own,
-so that with n injections and m references before each background the variances of T_app and of the
-emissivity are exactly
+The trace gives the signals of every pixel for any background, the sensor their noise, and the scene
+the scatter between injections. The two lines of a pixel (`cldit.dit.fit`) are fitted separately, so
+with n injections and m references per background the variances of T_app and emissivity are exactly
 
-    injections / n + references / m
+    injections / n + references / m.
 
-of which `Subject.variances` gives the numbers for a set of backgrounds, from one fit without noise.
-What is left is a search over sets, n and m for the least time. Both errors are asked for: for T_app
-alone all backgrounds would go to the spray's own temperature, where shots that differ in amount
-look alike, and the emissivity would stay unknown.
+`Subject.variances` computes both numerators for a set of backgrounds from one fit without noise.
+The rest is a search over sets, n and m for the least time. Both errors have a limit: with T_app
+alone all backgrounds would be at the spray's own temperature, where shots of different amounts look
+equal, and the emissivity would be unknown.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ from cldit.scene.schema import Scene
 
 Floats = NDArray[np.float64]
 
-MOST_SHOTS = 10_000  # of a kind, before one background
-LEAST_SHOTS = 3  # so that an outlier can be told from the others
-LEAST_BACKGROUNDS = 3  # so that there is a goodness of fit
+MOST_SHOTS = 10_000  # of a kind, per background
+LEAST_SHOTS = 3  # needed to detect an outlier
+LEAST_BACKGROUNDS = 3  # needed for a goodness of fit
 _LEVELS = 7  # of the lowest and of the highest background that are tried
 
 
 @dataclass(frozen=True, kw_only=True)
 class BlackBody:
-    """A first-order black body, the rule by which one waits for it, and its limits."""
+    """A first-order black body with its limits and the rule for its stability."""
 
     limits_K: tuple[float, float]
     start_K: float
@@ -45,7 +44,7 @@ class BlackBody:
     stability: StabilitySection
 
     def time_s(self, backgrounds_K: Iterable[float]) -> float:
-        """Time to visit all, the nearer end first: until each is within the tolerance, and held."""
+        """Time until each background was within the tolerance and held, nearer end first."""
         stops = sorted(backgrounds_K)
         if abs(stops[-1] - self.start_K) < abs(stops[0] - self.start_K):
             stops.reverse()
@@ -60,10 +59,10 @@ class BlackBody:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """One way to the wanted error.
+    """A plan that reaches the wanted errors.
 
-    error_K, emissivity_error: predicted standard errors at the quantile of pixels. time_s: of
-    which waiting_s goes to the black body.
+    error_K, emissivity_error: predicted standard errors at the quantile of pixels. time_s: includes
+    waiting_s for the black body.
     """
 
     backgrounds_K: tuple[float, ...]
@@ -91,29 +90,27 @@ class Goal:
 
     @property
     def wanted(self) -> Floats:
-        """(2,) errors of T_app [K] and emissivity."""
+        """Limits (2,) of the errors of T_app [K] and emissivity."""
         return np.array([self.error_K, self.emissivity_error])
 
     def errors(self, variances: Floats, n: float, m: float) -> Floats:
-        """(2,) errors of T_app [K] and emissivity.
+        """Errors (2,) of T_app [K] and emissivity with n injections and m references.
 
-        Args:
-            variances: (2, 2, P) as `Subject.variances` gives them.
-            n, m: number of injections and of references.
+        The `variances` (2, 2, P) are those of `Subject.variances`.
         """
         total = variances[:, 0] / n + variances[:, 1] / m
         return np.sqrt(np.quantile(total, self.quantile, axis=-1))
 
     def met(self, variances: Floats, n: float, m: float) -> bool:
-        """Whether the errors are met; arguments as in `errors`: `variances` (2, 2, P), `n`, `m`."""
+        """True if the errors are within the limits; arguments as in `errors`."""
         return bool(np.all(self.errors(variances, n, m) <= self.wanted))
 
 
 def _fewest(variances: Floats, goal: Goal) -> tuple[int, int] | None:
-    """The numbers of shots and references with the least sum; None: too many."""
+    """Numbers of shots and references with the least sum; None: too many."""
 
     def enough(n: int) -> int | None:
-        """References that n shots need."""
+        """Number of references that n shots need."""
         if not goal.met(variances, n, MOST_SHOTS):
             return None
         low, high = LEAST_SHOTS - 1, MOST_SHOTS
@@ -140,22 +137,13 @@ def designs(
     shot_s: float,
     counts: Sequence[int] = (2, 3, 4, 5, 6, 7),
 ) -> list[Design]:
-    """The fastest way to the errors for each number of backgrounds; the fastest of all first.
+    """The fastest design for each number of backgrounds in `counts`, fastest first.
 
-    The sensor is exposed for the hottest background of a set, so none saturates it.
-
-    Args:
-        subject: what is measured.
-        blackbody: limits and speed.
-        goal: errors wanted.
-        shot_s: time of one shot.
-        counts: numbers of backgrounds to try.
-
-    Returns:
-        The fastest design first.
+    The exposure suits the hottest background of a set, so that none saturates the sensor. A shot
+    takes `shot_s`.
 
     Raises:
-        EvaluationError: none reaches them, with the smallest errors that can be reached.
+        EvaluationError: no design reaches the errors; the message has the smallest ones.
     """
     low_K, high_K = blackbody.limits_K
     levels = np.linspace(low_K, high_K, _LEVELS)
@@ -193,7 +181,7 @@ def designs(
     if not found:
         raise EvaluationError(
             f"error: {goal.error_K:g} K in T_app and {goal.emissivity_error:g} in emissivity are "
-            f"not reached with {MOST_SHOTS} shots of either kind before backgrounds from "
+            f"not reached with {MOST_SHOTS} shots of either kind at backgrounds from "
             f"{low_K:g} to {high_K:g} K; the smallest are {smallest[0]:.3g} K and "
             f"{smallest[1]:.2g}. Allow a longer integration time, a wider filter, hotter "
             "backgrounds, or a larger error"
@@ -202,13 +190,13 @@ def designs(
 
 
 def chosen(found: Sequence[Design]) -> Design:
-    """The fastest with a goodness of fit."""
+    """The fastest design with enough backgrounds for a goodness of fit, if any."""
     fitting = [one for one in found if len(one.backgrounds_K) >= LEAST_BACKGROUNDS]
     return (fitting or list(found))[0]
 
 
 def plan_of(design: Design, scene: Scene) -> Plan:
-    """The plan that carries out a `design` for a `scene`."""
+    """The acquisition plan of a design."""
     base = plan_from_scene(scene, integration_time_s=design.integration_time_s)
     return Plan.model_validate(
         {
@@ -221,7 +209,7 @@ def plan_of(design: Design, scene: Scene) -> Plan:
 
 
 def shot_time_s(scene: Scene) -> float:
-    """One shot of the plan, before what camera and injector need."""
+    """Time of one shot of a scene's plan, without overhead of camera and injector."""
     plan = plan_from_scene(scene)
     trigger = plan.trigger
     return plan.pause_s + max(
@@ -233,17 +221,7 @@ def shot_time_s(scene: Scene) -> float:
 def error_against_time(
     subject: Subject, design: Design, goal: Goal, *, shot_s: float
 ) -> tuple[Floats, Floats]:
-    """Error with more and fewer shots before the same backgrounds.
-
-    Args:
-        subject: what is measured.
-        design: whose backgrounds are used.
-        goal: says which quantile of the pixels counts.
-        shot_s: time of one shot.
-
-    Returns:
-        (N,) time [s], and (N,) error of T_app [K].
-    """
+    """Time [s] and error of T_app [K], (N,) each, with other numbers of shots of a design."""
     variances = subject.variances(design.backgrounds_K)
     factor = np.geomspace(1.0 / min(design.shots, design.references), 100.0, 60)
     errors = [goal.errors(variances, f * design.shots, f * design.references)[0] for f in factor]

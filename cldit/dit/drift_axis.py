@@ -1,11 +1,11 @@
-"""Where each shot lies on the axis along which camera and black body drift.
+"""Position of each shot on the axis along which camera and black body drift.
 
-The axis is time where every shot has one, in units of the median interval between two shots, so
-that evenly spaced shots lie where their numbers do. Otherwise it is the number of the shot.
+The axis is time if every shot has one, in units of the median interval between shots, so that the
+positions of evenly spaced shots are their numbers. Otherwise it is the number of the shot.
 
-A break is a gap longer than a plan waits for a black body. What was switched off and on again
-starts anew: a break takes one interval of the axis, and `lag` has the rest. The references say
-whether one line goes through it all the same (`cldit.dit.witness.drift`).
+A break is a gap longer than a plan waits for a black body. Instruments may have been switched off,
+so their drift restarts: a break takes one interval of the axis, and `lag` has the rest. The
+references show whether the drift continues through it (`cldit.dit.witness.drift`).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ BREAK_s = 3600.0  # the default of a plan's stability.timeout_s: then it ends wi
 
 
 class Place(NamedTuple):
-    """Of one shot. at: on the axis, breaks closed. lag: intervals that breaks before it took beyond
-    the one. part: how many breaks were before it. since: intervals since its background was
-    stable, or since the first shot before it where nobody noted that."""
+    """Position of one shot. at: on the axis, with breaks shortened. lag: length of earlier breaks
+    beyond one interval each. part: number of earlier breaks. since: intervals since its background
+    was stable, or since the first shot of it if that is unknown."""
 
     at: float
     lag: float
@@ -35,7 +35,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Places:
-    """Of n shots before one background: (n,) each, as in `Place`."""
+    """Positions of n shots of one background: (n,) each, as in `Place`."""
 
     at: Floats
     lag: Floats
@@ -44,7 +44,7 @@ class Places:
 
     @classmethod
     def of(cls, places: Sequence[Place]) -> Places:
-        """Of single `places`."""
+        """Positions of several shots."""
         at, lag, part, since = np.array(places, float).T
         return cls(at, lag, part.astype(int), since)
 
@@ -53,63 +53,54 @@ class Places:
 
     @property
     def parts(self) -> int:
-        """How many there are of them, with breaks in between."""
+        """Number of parts between breaks."""
         return len(np.unique(self.part))
 
     def through(self) -> Places:
-        """The same with breaks in full length."""
+        """The positions with breaks in full length."""
         return Places(self.at + self.lag, np.zeros_like(self.lag), self.part, self.since)
 
     def away(self, values: Floats) -> Floats:
-        """(n,) `values` (n,), each less the mean of its part."""
+        """Values (n,) minus the mean of their part."""
         means = {one: values[self.part == one].mean() for one in np.unique(self.part)}
         return np.asarray(values - np.array([means[one] for one in self.part]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriftAxis:
-    """places: of every shot, in the order of the shots. breaks_s: how long each is. text: what the
-    axis is, for people."""
+    """The axis: the place of every shot, the length of breaks, and a text for people."""
 
     places: tuple[Place, ...]
     breaks_s: tuple[float, ...]
     text: str
 
     def said(self, *, through: bool) -> str:
-        """A line for the reader.
-
-        Args:
-            through: whether the references show that a drift goes on through the breaks.
-
-        Returns:
-            What the axis is, and what was made of breaks.
-        """
+        """Line for the report; `through`: the references show that drift continues over breaks."""
         if not self.breaks_s:
             return self.text
         hours = ", ".join(f"{one / 3600.0:.3g} h" for one in self.breaks_s)
-        made = "the references show that it goes on" if through else "it starts anew"
+        made = "it continues, as the references show" if through else "it restarts"
         return f"{self.text}; after a break ({hours}) {made}"
 
 
 def drift_axis(shots: Sequence[Any]) -> DriftAxis:
-    """The axis of an acquisition.
+    """The axis of an acquisition of `shots` (`cldit.dit.shots.Shot`).
 
-    Args:
-        shots: `cldit.dit.shots.Shot`; `time_s`, seconds of any clock, and `stable_s`, when its
-            background became stable by the same clock, may be there or None.
+    A shot may have `time_s`, seconds of any clock, and `stable_s`, the time by that clock at which
+    its background became stable.
     """
     times = [getattr(shot, "time_s", None) for shot in shots]
     known = [one for one in times if one is not None]
     lacking = len(times) - len(known)
     if lacking or len(set(known)) < len(known):
-        why = f"{lacking} of {len(times)} have no time" if lacking else "some have the same time"
+        why = f"{lacking} of {len(times)} shots have no time" if lacking else "some times are equal"
         if lacking == len(times):
             why = "no shot has a time"
         at = np.arange(1.0, len(shots) + 1.0)
         return DriftAxis(
             places=_placed(shots, at, at, np.zeros(len(shots), int), unit_s=None),
             breaks_s=(),
-            text=f"drift is told over the number of the shot: {why}",
+            text=f"drift fitted against the shot number: {why}",
         )
     order = np.argsort(known)
     gaps = np.diff(np.array(known)[order])
@@ -120,9 +111,9 @@ def drift_axis(shots: Sequence[Any]) -> DriftAxis:
     at[order] = 1.0 + np.concatenate([[0.0], np.cumsum(closed)])
     whole[order] = 1.0 + np.concatenate([[0.0], np.cumsum(gaps / unit_s)])
     part[order] = np.concatenate([[0], np.cumsum(broken)])
-    text = f"drift is told over time: {unit_s:.3g} s between shots (median)"
+    text = f"drift fitted against time; median shot interval {unit_s:.3g} s"
     if (longest_s := float(gaps[~broken].max())) > unit_s:
-        text += f", {longest_s:.3g} s at most"
+        text += f", longest {longest_s:.3g} s"
     return DriftAxis(
         places=_placed(shots, at, whole, part, unit_s=unit_s),
         breaks_s=tuple(gaps[broken].tolist()),

@@ -1,4 +1,4 @@
-"""Differential infrared thermography of a trace, and what it shares with that of shots."""
+"""Differential infrared thermography of a trace, and parts shared with that of shots."""
 
 from __future__ import annotations
 
@@ -26,11 +26,7 @@ _TOGETHER = 2  # blocks at a time, one a thread
 
 
 def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
-    """Backgrounds must differ in temperature and in radiance.
-
-    Args:
-        source: (K,) radiance of each background.
-        temperatures_K: (K,) their temperatures.
+    """Checks that backgrounds differ in temperature and in radiance `source` (K,).
 
     Raises:
         EvaluationError: they do not.
@@ -49,7 +45,7 @@ def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
 
 
 def blocks(shape: tuple[int, int], backgrounds: int) -> Iterator[slice]:
-    """Slices of rows of a picture of `shape`, as many rows as memory allows for `backgrounds`."""
+    """Slices of rows of an image, with as many rows as memory allows for `backgrounds`."""
     rows = max(1, _BLOCK // (backgrounds * max(shape[1], 1)))
     for begin in range(0, shape[0], rows):
         yield slice(begin, begin + rows)
@@ -81,18 +77,18 @@ def evaluate_radiance(
     shots: int,
     references: int,
 ) -> Maps:
-    """DIT of a trace: exact signals, with the errors that a camera would have.
+    """DIT of a trace: exact signals, with the errors of a camera.
 
     Args:
         weights: trace (H, W) of the spray, or one for each of `nodes`.
         reference: trace of the same scene without it, the same in all nodes.
         background_temperatures_K: (K,) at least two that differ.
-        surroundings: what the camera sees beside the spray.
+        surroundings: walls, windows and patches around the spray.
         filter_um: edges of the filter.
-        nodes: parts of the filter that were traced on their own; None: one trace stands for all.
-        sensor: its noise, taken for a sensor pixel at each ray, gives the standard errors (and the
-            weights of the backgrounds); without it they are 0. Saturation is not regarded.
-        shots, references: exposures before each background.
+        nodes: spectral nodes of the traces; None: one trace for the whole filter.
+        sensor: its noise, for a sensor pixel at each ray, gives the standard errors and the weights
+            of the backgrounds; None: errors are 0. Saturation is ignored.
+        shots, references: exposures per background.
 
     Raises:
         EvaluationError: fewer than two different backgrounds, or traces of different shape.

@@ -105,11 +105,11 @@ def fit_pair(
 
     Args:
         source: (K,) radiance of the background with references and with injections.
-        mean, variance: (K, N) of either kind; finite. Variances that are all 0 stand for no noise:
-            every background then counts alike, and the covariance is 0.
-        usable: (K, N) False leaves a background out.
-        common: errors that both kinds share, another one before each background.
-        steady: errors that are one number before all backgrounds; without noise they are left out.
+        mean, variance: (K, N) of either kind; finite. Variances that are all 0 mean no noise: all
+            backgrounds then have the same weight, and the covariance is 0.
+        usable: (K, N) False excludes a background.
+        common: errors that both kinds share, independent at each background.
+        steady: errors that are one number for all backgrounds; ignored without noise.
     """
     unit = float(np.max(np.abs(source)))
     x_ref, x_inj = (one[:, None] / unit for one in source)
@@ -201,17 +201,10 @@ def _with_steady(
     off: tuple[Floats, Floats],
     found: tuple[Floats, Floats, Floats],
 ) -> tuple[Floats, Floats, Floats]:
-    """The estimate with steady errors; see the module.
+    """Values, covariance and chi2 with steady errors, from those without (`found`); see the module.
 
-    Args:
-        columns: u of each, (K, N) of either kind.
-        weighed: V^-1 u of each.
-        lines: (K, 1) radiance of the background with either kind.
-        off: (K, N) means less the lines of the estimate without.
-        found: (4, N), (4, 4, N), (N,) values, covariance and chi2 without.
-
-    Returns:
-        The three with them.
+    columns, weighed: u and V^-1 u of each error, (K, N) of either kind. lines: (K, 1) radiance of
+    the background. off: (K, N) residuals of the estimate without.
     """
     values, covariance, chi2 = found
     in_design = [  # X' V^-1 u
@@ -303,28 +296,21 @@ def apparent_radiance(lines: Pair) -> tuple[Floats, Floats]:
 def shot_scatter(
     difference: Floats, observed: Floats, *, camera: Floats, degrees: Floats
 ) -> Floats:
-    """Variance (K, ...) of one injection beyond the camera's noise: shots differ from one another.
+    """Variance (K, ...) of one injection beyond the camera's noise, due to differences of shots.
 
-    They differ by how much spray there is, which scales what the spray does to the picture, and by
-    how warm it is, which adds the same before every background. So the variance of one shot before
-    background k is taken to be
+    Shots differ in the amount of spray, which scales its signal, and in its temperature, which adds
+    the same signal at every background. The variance of one shot at background k is therefore
 
         camera_k + q difference_k^2 + p,    q, p >= 0,
 
     and q, p are found from the variances observed among the shots of each background by iterated
-    least squares (a sample variance has the variance 2 V^2 / degrees). Two numbers a pixel instead
-    of one a background keep the degrees of freedom together: five shots before five backgrounds
-    give 20, where a single background has 4. Without scatter q and p still come out above 0 in
-    half of the pixels; standard errors are then some 5 % too large on average.
+    least squares (a sample variance has the variance 2 V^2 / degrees). Two numbers per pixel
+    instead of one per background combine the degrees of freedom: five shots at five backgrounds
+    give 20, a single background 4. Without scatter q and p are still above 0 in half of the pixels;
+    standard errors are then about 5 % too large on average.
 
-    Args:
-        difference: (K, ...) fitted Delta I.
-        observed: (K, ...) sample variance of one shot.
-        camera: (K, ...) variance of one shot by the camera's calibration.
-        degrees: (K, ...) degrees of freedom of `observed`; 0 leaves the background out.
-
-    Returns:
-        (K, ...) variance.
+    All arrays are (K, ...): fitted Delta I, sample variance of one shot, the camera's part of it,
+    and degrees of freedom of the sample variance; 0 excludes a background.
     """
     square = difference**2
     largest = np.max(square, axis=0)

@@ -1,4 +1,4 @@
-"""The result of DIT: emissivity and apparent temperature with their errors, and why not."""
+"""The result of DIT: maps of emissivity and apparent temperature with their errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Image = NDArray[np.float32]
 
 
 class Reason(IntEnum):
-    """Why a pixel is NaN; the value stands in `Maps.reason`."""
+    """Reason why a pixel is NaN, the value in `Maps.reason`."""
 
     OK = 0
     TOO_FEW_BACKGROUNDS = 1
@@ -35,7 +35,7 @@ class Reason(IntEnum):
 _TEXT = {
     Reason.OK: "evaluated",
     Reason.TOO_FEW_BACKGROUNDS: "fewer than two backgrounds with a finite signal",
-    Reason.SATURATED: "saturated before all backgrounds but one",
+    Reason.SATURATED: "saturated at all backgrounds but one",
     Reason.BAD_PIXEL: "defective pixel of the camera",
     Reason.BACKGROUND_NOT_VISIBLE: "does not see the heated background",
     Reason.EMISSIVITY_TOO_LOW: "transparent: emissivity known, no apparent temperature",
@@ -55,15 +55,15 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Maps:
-    """(H, W) each, row 0 at the top; float32, NaN where there is no value, `reason` uint8.
+    """Maps (H, W), row 0 at the top; float32, NaN where there is no value, `reason` uint8.
 
-    emissivity: 1 - share of the background's radiance that comes through.
+    emissivity: 1 - transmitted share of the background's radiance.
     apparent_temperature_K: temperature of a black body that radiates as the spray does.
     *_standard_error: one standard deviation of either.
     reason: `Reason`, 0 where both have a value.
-    reduced_chi2: of the two lines over the backgrounds, about 1 when the errors are right; NaN with
-        two backgrounds or without noise. fit_probability: that chance alone makes it as large or
-        larger; near 0 where the pixel does not follow the measurement equation.
+    reduced_chi2: of the two lines over the backgrounds, about 1 if the errors are right; NaN with
+        two backgrounds or without noise. fit_probability: probability of this or a larger value by
+        chance; near 0 where the pixel does not follow the measurement equation.
     """
 
     emissivity: Image
@@ -83,13 +83,13 @@ class Maps:
 
     @property
     def has_temperature(self) -> NDArray[np.bool_]:
-        """(H, W), pixels with an apparent temperature and an emissivity above 0.05."""
+        """Pixels (H, W) with an apparent temperature and an emissivity above 0.05."""
         return has_temperature(self.emissivity, self.apparent_temperature_K)
 
     @property
     def optical_depth(self) -> Image:
-        """-ln(1 - emissivity), (H, W): of extinction along the line of sight, as the background
-        tells it; NaN where nothing of the background comes through."""
+        """Optical depth of extinction, -ln(1 - emissivity), (H, W); NaN where nothing is
+        transmitted."""
         through = 1.0 - self.emissivity
         return np.asarray(
             -np.log(through, out=np.full(through.shape, np.nan, np.float32), where=through > 0.0)
@@ -106,7 +106,7 @@ class Maps:
         return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
-        """Writes a TIFF a map into `folder`, with names, units, and pixels of `pixel_m`."""
+        """Writes a TIFF per map into `folder`, with names, units, and pixels of `pixel_m`."""
         folder.mkdir(parents=True, exist_ok=True)
         codes = {"codes": {str(int(reason)): reason.text for reason in Reason}}
         for item in fields(self):
@@ -121,7 +121,7 @@ class Maps:
 
     @classmethod
     def load(cls, folder: Path) -> Maps:
-        """Reads what `save` wrote.
+        """Reads the files of `save`.
 
         Raises:
             RunFolderError: a file is missing or damaged.

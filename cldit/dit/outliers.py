@@ -1,7 +1,4 @@
-"""Outliers: shots unlike the others of their background, as misfires or wrong kinds.
-
-They are found, named, and weighed less.
-"""
+"""Outliers: shots that differ from the others of their background, such as misfires."""
 
 from __future__ import annotations
 
@@ -17,15 +14,15 @@ from cldit.errors import EvaluationError
 Floats = NDArray[np.float64]
 
 HUBER = 2.5  # deviations beyond which a shot counts less
-OUTLIER_DEVIATIONS = 6.0  # ... and beyond which it is named, and does not count at all
-_LEAST_SHOTS = 3  # before a background, to tell which of them is one
+OUTLIER_DEVIATIONS = 6.0  # ... and beyond which it is reported and does not count
+_LEAST_SHOTS = 3  # per background, needed to identify an outlier
 _MIRRORED = 0.1  # residual of the swapped over that of the given kinds
 _FAINT = 0.3  # of the largest Delta I: below it the scatter does not shrink further
 
 
 @dataclass(frozen=True)
 class Outlier:
-    """One shot, how many usual deviations it is off, and the weight that `robust` gives it."""
+    """A shot with its deviation, in units of the usual one, and its weight with `robust`."""
 
     id: str
     deviations: float
@@ -33,19 +30,17 @@ class Outlier:
 
     @property
     def text(self) -> str:
-        """One line for the reader."""
-        return (
-            f"shot {self.id} is an outlier: it is {self.deviations:.1f} times as far off as usual"
-        )
+        """Line for the report."""
+        return f"shot {self.id} is an outlier: {self.deviations:.1f} times the usual deviation"
 
 
 def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
-    """How far each shot is off the median of its background, over how far shots usually are.
+    """Distance of each shot from the median of its background, over the usual distance.
 
-    Distances are RMS over the blocks of the shots' thumbnails. Injections scatter in proportion to
-    what the spray does to the picture, references by the camera's noise; one number for all
-    backgrounds (1.4826 times the median distance) is then the usual distance. Shots of a
-    background that has fewer than three are not judged.
+    Distances are RMS over the blocks of the thumbnails. Injections scatter in proportion to the
+    signal of the spray, references by the camera's noise; relative to these, 1.4826 times the
+    median over all backgrounds is the usual distance. A background with fewer than three shots is
+    ignored.
     """
     found: dict[str, float] = {}
     medians = {key: np.median(group.thumbnails, axis=0) for key, group in sums.items()}
@@ -77,14 +72,7 @@ def _rms(values: NDArray[np.floating]) -> float:
 def judge(
     sums: Mapping[tuple[float, str], Sums],
 ) -> tuple[tuple[Outlier, ...], dict[str, float]]:
-    """Outliers, the farthest first, and the weight of each shot whose weight is below 1.
-
-    Args:
-        sums: by set point [K] and kind.
-
-    Returns:
-        The outliers, and the weights by the id of the shot.
-    """
+    """Outliers, the farthest first, and the weights below 1 by the id of the shot."""
     judged = deviations(sums)
     weights = {name: huber(off) for name, off in judged.items() if huber(off) < 1.0}
     outliers = [
@@ -103,13 +91,10 @@ def huber(off: float) -> float:
 def check_not_mirrored(
     sums: Mapping[tuple[float, str], Sums], sources: Mapping[str, Floats]
 ) -> None:
-    """Finds references and injections that are swapped before one of at least three backgrounds.
+    """Checks that references and injections are not swapped at one of three or more backgrounds.
 
-    The others' lines predict what the spray does before it; swapped, it does the opposite.
-
-    Args:
-        sums: by set point [K] and kind.
-        sources: (K,) radiance of each background, rising set points, with either kind.
+    The lines of the other backgrounds predict the signal of the spray; if swapped, it is opposite.
+    The radiances `sources` (K,) of each kind belong to rising set points.
 
     Raises:
         EvaluationError: names the background.
@@ -137,6 +122,6 @@ def check_not_mirrored(
             best, where = swapped / given, number
     if best < _MIRRORED:
         raise EvaluationError(
-            f"background {setpoints[where]:g} K: the spray does the opposite of what it does "
-            "before the others; are its references and injections swapped?"
+            f"background {setpoints[where]:g} K: the spray's signal is opposite to that at the "
+            "others; are its references and injections swapped?"
         )

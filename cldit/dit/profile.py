@@ -22,10 +22,9 @@ _ANGLES = 721  # directions tried for the plume: a quarter of a degree apart
 
 @dataclass(frozen=True)
 class Profile:
-    """Values of the pixels under a line, (N,) each, NaN where there is none.
+    """Values at N points of a line, (N,) each, NaN where there is none.
 
-    distance_m: from the line's start. x_m, z_m: of the places. Values are those of the pixel in
-    which a place lies, with their standard errors.
+    distance_m: from the start of the line. Values are those of the pixel at each point.
     """
 
     distance_m: Floats
@@ -37,7 +36,7 @@ class Profile:
     emissivity_standard_error: Floats
 
     def csv(self) -> str:
-        """A head with names and units, and a row for each place."""
+        """CSV with a heading and a row for each point."""
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
         names = [each.name for each in fields(self)]
@@ -47,14 +46,7 @@ class Profile:
         return stream.getvalue()
 
     def save(self, path: str | Path) -> None:
-        """Writes `csv` to a file.
-
-        Args:
-            path: of the file; one that is there is replaced.
-
-        Raises:
-            DiskFull, FileError: as `cldit.io.files.written`.
-        """
+        """Writes `csv` to a file, which is replaced if it exists."""
         write_text(Path(path), self.csv())
 
 
@@ -67,19 +59,17 @@ def profile_of(
     angle_deg: float | None = None,
     temperature_error_K: NDArray[np.floating] | None = None,
 ) -> Profile:
-    """The maps from a point to the picture's edge, a place each pixel.
+    """Profile of maps (H, W) from a point to the edge of the image, in steps of a pixel.
 
     Args:
-        maps: (H, W).
-        pixel_m: width and height of a pixel.
-        centre_m: (x, z) of the picture's middle.
-        start_m: (x, z) where the line begins: the injector's tip.
-        angle_deg: of the line, from downwards (-z) towards +x; None: along the plume, the direction
-            in which the emissivities add up to most.
-        temperature_error_K: (H, W) standard error of T_app; None: the maps' own.
+        maps, pixel_m, centre_m: maps, size of a pixel, and (x, z) of the image's centre.
+        start_m: (x, z) of the start, the injector tip.
+        angle_deg: from downwards (-z) towards +x; None: along the plume, the direction of the
+            largest sum of emissivities.
+        temperature_error_K: (H, W) standard error of T_app; None: that of the maps.
 
     Raises:
-        EvaluationError: the line does not begin in the picture.
+        EvaluationError: the start is outside the image.
     """
     shape = maps.emissivity.shape
     if angle_deg is None:
@@ -87,7 +77,7 @@ def profile_of(
     distance_m, x_m, z_m, row, column = _places(shape, pixel_m, centre_m, start_m, angle_deg)
     if not distance_m.size:
         raise EvaluationError(
-            f"profile: x {1e3 * start_m[0]:g}, z {1e3 * start_m[1]:g} mm is outside the picture"
+            f"profile: x {1e3 * start_m[0]:g}, z {1e3 * start_m[1]:g} mm is outside the image"
         )
     error_K = (
         maps.apparent_temperature_standard_error_K
@@ -118,7 +108,7 @@ def _plume_deg(
         _, _, _, row, column = _places(known.shape, pixel_m, centre_m, start_m, angle_deg)
         return float(known[row, column].sum())
 
-    # The nearest to straight down among those that are alike.
+    # Of equal sums the direction nearest to straight down.
     angles = sorted(np.linspace(-90.0, 90.0, _ANGLES), key=abs)
     return float(max(angles, key=total))
 
@@ -130,7 +120,7 @@ def _places(
     start_m: tuple[float, float],
     angle_deg: float,
 ) -> tuple[Floats, Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Distance, x, z, row and column of each place in the picture, up to its edge."""
+    """Distance, x, z, row and column of each point in the image, up to its edge."""
     rows, columns = shape
     step_m = min(pixel_m)
     count = 2 + int(math.hypot(columns * pixel_m[0], rows * pixel_m[1]) / step_m)

@@ -22,7 +22,7 @@ from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
 from cldit.dit.witness.examine import Examined, examine, examine_pictures
 from cldit.dit.witness.finding import Witness, refuse
-from cldit.dit.witness.terms import DriftTerm
+from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
@@ -36,20 +36,19 @@ Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
 
-_SEES = 0.5  # of the strongest contrast between backgrounds: the pixel sees the background
-IMPROBABLE = 1e-3  # fit_probability that one pixel in a thousand has by chance
-_MUCH = 0.01  # share of saturated pixels that is worth a word
+_SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
+IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
+_MUCH = 0.01  # share of saturated pixels that is reported
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation:
-    """Maps, and what a reader of them should know.
+    """Maps of an evaluation, with its checks and remarks.
 
-    remarks: one line each. outliers: shots unlike the others. fitted: the calibration curve, where
-    it was fitted to the references. calibration: as used, with what the pictures gave. witnesses:
-    what the shots say of the measurement (`cldit.dit.witness`). drifts: the terms of the covariance
-    that both kinds share, drift_axis: over what a drift is told. budget: what no shot shows.
-    origin: when, by which command and from which files; None where no folder was evaluated.
+    fitted: the calibration curve, if fitted to the references. calibration: as used, with values
+    estimated from the images. witnesses: checks of the measurement by the shots themselves
+    (`cldit.dit.witness`). drifts: covariance terms that both kinds share; drift_axis: the axis of
+    the drift. budget: systematic errors. origin: time, command and files; None without a folder.
     """
 
     maps: Maps
@@ -68,14 +67,14 @@ class Evaluation:
 
     @property
     def improbable(self) -> float:
-        """Share of the pixels with a goodness of fit that chance leaves to one in a thousand."""
+        """Share of the pixels with a `fit_probability` below 0.001."""
         chance = self.maps.fit_probability
         known = np.isfinite(chance)
         return float(np.mean(chance[known] < IMPROBABLE)) if known.any() else 0.0
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """All that is worth a line: remarks, witnesses, goodness of fit, and the budget."""
+        """Lines for the report: remarks, witnesses, goodness of fit, and the budget."""
         found = [*self.remarks, *(one.text for one in self.witnesses)]
         found += [self.drift_axis] if self.drift_axis else []
         if np.isfinite(self.maps.fit_probability).any():
@@ -115,14 +114,6 @@ class Evaluation:
         }
 
 
-def evaluate_acquisition(acquisition: Acquisition, *, progress: Watch | None = None) -> Maps:
-    """The maps of `evaluate_shots` of an `acquisition`, with Planck's curve.
-
-    `progress` is called with (shots read, shots in all).
-    """
-    return evaluate_shots(acquisition, progress=progress).maps
-
-
 def evaluate_shots(
     acquisition: Acquisition,
     *,
@@ -133,23 +124,22 @@ def evaluate_shots(
 ) -> Evaluation:
     """DIT of recorded shots.
 
-    Shots of one set point are averaged; one picture is held at a time, so that memory grows with
-    the number of backgrounds only (40 bytes a pixel each). A background before which a pixel was
-    saturated is left out for this pixel. Standard errors: see `cldit.dit.solve.solve`. What the
-    calibration lacks of counts_per_radiance and noise is taken from the references.
+    Shots of one set point are averaged. One image is in memory at a time, so memory grows with the
+    number of backgrounds only (40 bytes per pixel each). A background at which a pixel is saturated
+    is ignored for this pixel. Standard errors: see `cldit.dit.solve.solve`. Missing values of
+    counts_per_radiance and noise are estimated from the references.
 
     Args:
-        acquisition: recorded shots and what is known of the rig.
+        acquisition: recorded shots and properties of the rig.
         curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
-        robust: weigh shots that are far off the others less (`cldit.dit.outliers`); they are read a
-            second time.
+        robust: reduce the weight of outliers (`cldit.dit.outliers`), which are read a second time.
         accept: names of witnesses (`cldit.dit.witness.finding.ACCEPTABLE`) that do not end the
-            evaluation, whatever they say.
+            evaluation.
         progress: called with (shots read, shots in all).
 
     Raises:
-        EvaluationError: what is missing or does not fit; references and injections swapped; a
-            witness that is severe and not accepted.
+        EvaluationError: data are missing or inconsistent; references and injections are swapped; a
+            witness is severe and not accepted.
     """
     setpoints = check_shots(acquisition.shots)
     stated_counts = _saturation(acquisition.calibration)
@@ -257,7 +247,7 @@ def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, floa
 def _seeing(
     sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_]:
-    """Pixels that see the background, by what it does to the references, and never saturate."""
+    """Pixels with a high contrast between references of two backgrounds, never saturated."""
     cold, hot = (sums[k, "reference"].mean(slice(None)) for k in (setpoints[0], setpoints[-1]))
     good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0))
     if bad is not None:
@@ -271,11 +261,7 @@ def _seeing(
 def _complete(
     given: Mapping[str, Any], sums: AllSums, sees: NDArray[np.bool_], seen: Floats
 ) -> Calibration:
-    """The calibration, what it lacks taken from the references.
-
-    Args:
-        seen: (K,) radiance that the camera gets of each background, rising set points.
-    """
+    """The calibration, with missing values from references that show radiances `seen` (K,)."""
     data = dict(given)
     groups = [group for (_, kind), group in sorted(sums.items()) if kind == "reference"]
     missing = {"counts_per_radiance", "electrons_per_count", "read_noise_electrons"} - set(data)
@@ -288,8 +274,8 @@ def _complete(
         exposures = min(len(group.ids) for group in groups)
         if exposures < 2:
             raise EvaluationError(
-                "sensor: noise cannot be estimated from one reference a background; take more, or "
-                "give sensor.electrons_per_count and read_noise_electrons"
+                "sensor: noise cannot be estimated from one reference per background; take more, "
+                "or give sensor.electrons_per_count and read_noise_electrons"
             )
         several = [group for group in groups if len(group.ids) == exposures]
         noise = photon_transfer(
@@ -320,7 +306,7 @@ def _solved(
     transmission: float,
     examined: Examined,
 ) -> Maps:
-    """Offsets of the camera and what a front window adds are in the lines' intercepts."""
+    """Solves for the maps; offsets of camera and front window are in the lines' intercepts."""
     scale = calibration.counts_per_radiance * transmission
     steady = any(drift.modes.any() for drift in examined.drifts) and all(
         group.spare(steady=True) > 1.0 for group in sums.values()
@@ -369,7 +355,7 @@ def _without(maps: Maps, bad: NDArray[np.bool_]) -> Maps:
 
 
 def _check_not_swapped(maps: Maps) -> None:
-    """A spray takes from the background; where more comes through, the kinds are swapped."""
+    """Checks that the emissivity is positive in most pixels; otherwise the kinds are swapped."""
     sure = np.maximum(5.0 * maps.emissivity_standard_error, 0.05)
     more = int(np.count_nonzero(maps.emissivity < -sure))
     less = int(np.count_nonzero(maps.emissivity > sure))
@@ -391,7 +377,7 @@ def _remarks(
         if share > _MUCH:
             lines.append(
                 f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "
-                "do without it"
+                "are evaluated without it"
             )
-    ending = "left out" if robust else "counted in full; --robust leaves it out"
+    ending = "ignored" if robust else "counted in full; --robust ignores it"
     return lines + [f"{shot.text}; {ending}" for shot in outliers]

@@ -1,20 +1,20 @@
-"""DIT that knows about scattering: the temperature of what emits, without the enclosure's light.
+"""Temperature of the emitting medium: DIT corrected for scattered light of the enclosure.
 
-A pixel of emissivity epsilon = 1 - w_bg shows, whatever the background,
+A pixel of emissivity epsilon = 1 - w_bg satisfies, for any background,
 
     epsilon B(T_app) = sum over parts j of the enclosure (w_j L_j) + E_vapour + E_liquid,
 
-the parts being the walls and the patches that have temperatures of their own. So the apparent
-temperature mixes what the spray emits with what its droplets scatter of the enclosure. With
-omega_j = w_j / epsilon, the scattered parts of what is taken from the background, and because all
-weights add up to 1, the medium that emits has the temperature
+where the parts are the walls and the patches with their own temperatures. The apparent temperature
+thus mixes emission of the spray with light of the enclosure that droplets scatter. With the
+scattered shares omega_j = w_j / epsilon, and since all weights add up to 1, the emitting medium has
+the temperature
 
     B(T_medium) = (B(T_app) - sum_j omega_j L_j) / (1 - sum_j omega_j).
 
-The omega_j come from a trace of a model of the spray (`scattered_by`), in which the amount of fuel
-nearly cancels; or, without any model, from the same spray in enclosures that differ, B(T_app) being
-linear in the L_j (`medium_of_enclosures`). Of the medium, vapour and droplets are told apart by a
-model alone (`droplet_radiance`).
+The omega_j follow from a trace of a model of the spray (`scattered_by`), where the amount of fuel
+nearly cancels; or without a model from the same spray in different enclosures, since B(T_app) is
+linear in the L_j (`medium_of_enclosures`). Only a model can separate vapour and droplets
+(`droplet_radiance`).
 """
 
 from __future__ import annotations
@@ -33,18 +33,17 @@ from cldit.radiance.weights import Weights, background_radiance
 
 Floats = NDArray[np.float64]
 
-LEAST_OWN = 0.1  # of epsilon: where less than this is the medium's own light, nothing is said
+LEAST_OWN = 0.1  # least share of epsilon of the medium's own light for a result
 _APART = 1e-6  # relative difference of radiances from which enclosures differ
 WALL = "wall"
 
 
 @dataclass(frozen=True)
 class Medium:
-    """(H, W) each, NaN where nothing is said.
+    """Temperature of the emitting medium, (H, W) each, NaN without a result.
 
-    temperature_K, standard_error_K: of what emits; the error is that of T_app and of measured
-    shares, not that of a model. share: of the scattered light, all parts of the enclosure together.
-    share_error: its standard error, 0 from a model.
+    standard_error_K: due to T_app and measured shares, not to a model. share: of scattered light,
+    from all parts of the enclosure. share_error: its standard error, 0 from a model.
     """
 
     temperature_K: Floats
@@ -55,9 +54,9 @@ class Medium:
 
 @dataclass(frozen=True)
 class Scattered:
-    """(H, W) each: sum of omega_j, sum of omega_j L_j, and the standard error of the former.
+    """Scattered light, (H, W) each: sum of omega_j with its standard error, sum of omega_j L_j.
 
-    Where it comes from measured shares, radiance / share is known and the share's error is all.
+    For measured shares, radiance / share is exact and only the share has an error.
     """
 
     share: Floats
@@ -66,22 +65,13 @@ class Scattered:
 
     @classmethod
     def of_share(cls, share: Floats, radiance: float, error: Floats | None = None) -> Scattered:
-        """An enclosure that radiates alike from everywhere.
-
-        Args:
-            share: (H, W) scattered part.
-            radiance: of the enclosure.
-            error: (H, W) of the share; None: exact.
-        """
+        """Light of a uniform enclosure; the error (H, W) of its `share` (H, W) may be None: 0."""
         none = np.zeros_like(share) if error is None else error
         return cls(share, share * radiance, none)
 
 
 def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
-    """Radiance L_j, by `curve`, that leaves each part of the enclosure `around`, by name.
-
-    The walls come first, then patches.
-    """
+    """Radiance L_j of each part of an enclosure by name, the walls first, then patches."""
     wall = float(curve.radiance(around.wall_temperature_K))
     parts = {WALL: wall}
     for patch in around.patches:
@@ -93,21 +83,21 @@ def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
 
 
 def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float]) -> Scattered:
-    """Scattered shares by a trace: each part's light gained over the background's light lost.
+    """Scattered shares from a trace: gain of each part's light over loss of the background's.
 
     Args:
         spray, reference: weights (H, W) of the model with and without spray.
-        parts: as `enclosure` gives them.
+        parts: radiances of `enclosure`.
 
     Raises:
-        EvaluationError: model and measurement differ in the patches of their enclosures.
+        EvaluationError: model and measurement have different patches.
     """
     known = {WALL, *spray.patches}
     if known != set(parts):
         raise EvaluationError(
             f"model: its patches are {_listed(spray.patches)}, those of the measurement "
-            f"{_listed(name for name in parts if name != WALL)}; their light can only be told "
-            "apart by a model with the same"
+            f"{_listed(name for name in parts if name != WALL)}; a model needs the same "
+            "patches to separate their light"
         )
     lost = reference.background.astype(float) - spray.background
     bare = reference.images
@@ -130,7 +120,7 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium:
-    """The temperature of what emits, from apparent temperatures and what is scattered.
+    """Temperature of the emitting medium, from apparent temperatures and scattered light.
 
     Args:
         maps: (H, W) measured.
@@ -161,7 +151,7 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
 
 
 def apparent(maps: Maps, curve: Curve) -> tuple[Floats, Floats]:
-    """B(T_app) of `maps` by `curve`, (H, W), and its standard error."""
+    """B(T_app), (H, W), and its standard error."""
     apparent_K = maps.apparent_temperature_K.astype(float)
     error_K = maps.apparent_temperature_standard_error_K
     return curve.radiance(apparent_K), curve.slope(apparent_K) * error_K
@@ -183,8 +173,8 @@ def _medium(
 
 @dataclass(frozen=True)
 class _Line:
-    """B(T_app) over the L_j of enclosures: omega_j (J, H, W), what does not change (H, W), their
-    gradients (J + 1, K) with respect to the K radiances, and the errors (K, H, W) of those."""
+    """B(T_app) as a linear function of the L_j: omega_j (J, H, W), the constant (H, W), their
+    gradients (J + 1, K) with respect to K radiances, and the errors (K, H, W) of those."""
 
     shares: Floats
     rest: Floats
@@ -212,9 +202,8 @@ def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
     """Names of the parts whose light differs between enclosures.
 
     Raises:
-        EvaluationError: none does, they have different parts, or the parts that differ cannot be
-            told from each other: one enclosure more than there are such parts, each varied by
-            itself at least once.
+        EvaluationError: none differs, the enclosures have different parts, or the parts cannot be
+            separated: that takes one enclosure more than varied parts, each varied alone once.
     """
     names = list(enclosures[0])
     if any(set(one) != set(names) for one in enclosures):
@@ -223,16 +212,16 @@ def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
     least = _APART * np.max(np.abs(table))
     varied = [j for j in range(len(names)) if np.ptp(table[:, j]) > least]
     if not varied:
-        told = ", ".join(f"{name} {value:.4g}" for name, value in enclosures[0].items())
+        listed = ", ".join(f"{name} {value:.4g}" for name, value in enclosures[0].items())
         raise EvaluationError(
-            f"enclosures: do not differ (radiances {told}); the scattered share needs two "
+            f"enclosures: do not differ (radiances {listed}); the scattered share needs two "
             "temperatures of the walls or of a patch"
         )
     chosen = table[:, varied] / np.max(np.abs(table))
     if np.linalg.matrix_rank(chosen - chosen.mean(axis=0), tol=_APART) < len(varied):
         raise EvaluationError(
-            f"enclosures: {len(enclosures)} do not tell {', '.join(names[j] for j in varied)} "
-            "apart; vary each by itself once, and measure once more than there are parts"
+            f"enclosures: {len(enclosures)} do not separate {', '.join(names[j] for j in varied)}; "
+            "vary each alone once, and measure once more than there are parts"
         )
     return {names[j] for j in varied}
 
@@ -240,16 +229,7 @@ def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
 def measured_share(
     maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, *, part: str
 ) -> tuple[Floats, Floats]:
-    """omega (H, W) of one part and its standard error, from one spray in enclosures that differ.
-
-    Args:
-        maps: (H, W) each, of the same spray.
-        enclosures: of each, `enclosure`.
-        curve: temperature to radiance.
-        part: the part of the enclosure that is meant.
-
-    Returns:
-        omega (H, W), and its standard error.
+    """omega (H, W) of one part and its standard error, from one spray in different enclosures.
 
     Raises:
         EvaluationError: as `varied_parts`, or this part does not differ.
@@ -266,25 +246,20 @@ def measured_share(
 def medium_of_enclosures(
     maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve
 ) -> Medium:
-    """The medium's temperature without a model, from one spray in enclosures that differ.
+    """Temperature of the medium without a model, from maps of one spray in different enclosures.
 
-    With walls alone it is where the line of B(T_app) over B(T_wall) meets the diagonal: walls as
-    warm as the medium change nothing. Errors of all maps go through with their correlation.
-
-    Args:
-        maps: (H, W) each, of the same spray.
-        enclosures: of each, `enclosure`.
-        curve: temperature to radiance.
+    With walls alone it is the intersection of the line B(T_app) over B(T_wall) with the diagonal:
+    walls as warm as the medium have no influence. Errors of all maps propagate with correlation.
 
     Raises:
-        EvaluationError: as `varied_parts`, or a part keeps its temperature, so that nothing tells
-            how much of its light is scattered.
+        EvaluationError: as `varied_parts`, or a part has the same temperature in all enclosures, so
+            that its scattered share is unknown.
     """
     fixed = set(enclosures[0]) - varied_parts(enclosures)
     if fixed:
         raise EvaluationError(
-            f"enclosures: {', '.join(sorted(fixed))} keeps its temperature, and how much of its "
-            "light the spray scatters is not known; vary it too, or give a model"
+            f"enclosures: {', '.join(sorted(fixed))} has one temperature only, so its scattered "
+            "share is unknown; vary it too, or give a model"
         )
     line = _line(maps, enclosures, curve, set(enclosures[0]))
     share = line.shares.sum(axis=0)
@@ -306,17 +281,10 @@ def droplet_radiance(
     scattered: Scattered,
     curve: Curve,
 ) -> Floats:
-    """B of the droplets: T_app less the model's scattered light and the model's vapour.
+    """B of the droplets, (H, W): B(T_app) minus scattered light and vapour of a model.
 
-    Args:
-        maps: (H, W) measured.
-        spray: the model's weights, before an unobstructed background.
-        liquid_share: (H, W) weight of the droplets' emission in the model.
-        scattered: of the model, `scattered_by`.
-        curve: temperature to radiance.
-
-    Returns:
-        (H, W); NaN where droplets emit too little.
+    The model gives weights with an unobstructed background, the weight `liquid_share` (H, W) of the
+    droplets' emission, and the light that is `scattered`.
     """
     epsilon = 1.0 - spray.background.astype(float)
     radiance, _ = apparent(maps, curve)

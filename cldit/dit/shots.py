@@ -1,4 +1,4 @@
-"""Recorded shots: what the evaluation asks of them, and their sums before each background."""
+"""Protocols of recorded shots, and sums of their images by background and kind."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Floats = NDArray[np.float64]
 
 
 class Shot(Protocol):
-    """One recorded picture. `time_s` and `stable_s` may be there too (`cldit.dit.drift_axis`)."""
+    """One recorded image; `time_s` and `stable_s` are optional (`cldit.dit.drift_axis`)."""
 
     @property
     def id(self) -> str:
-        """Names the shot."""
+        """Name of the shot."""
 
     @property
     def kind(self) -> str:
@@ -31,47 +31,47 @@ class Shot(Protocol):
 
     @property
     def background_setpoint_K(self) -> float:
-        """The background that was asked for; shots of one set point are averaged."""
+        """Set point of the background; shots of one set point are averaged."""
         ...
 
     @property
     def background_K(self) -> float:
-        """The background as measured."""
+        """Measured temperature of the background."""
         ...
 
 
 class Acquisition(Protocol):
-    """What the evaluation asks of recorded data. `shots` are those that were recorded."""
+    """Recorded data as the evaluation needs them."""
 
     @property
     def calibration(self) -> Mapping[str, Any]:
-        """The camera's, as plain data."""
+        """Calibration of the camera, as plain data."""
 
     @property
     def surroundings(self) -> Surroundings:
-        """What the camera sees beside the spray."""
+        """Walls, windows and patches around the spray."""
 
     @property
     def bad_pixels(self) -> NDArray[np.bool_] | None:
-        """(rows, columns) True where a pixel is not used; None where all are."""
+        """Mask (rows, columns) of pixels that are not used; None: all are used."""
 
     @property
     def shots(self) -> Sequence[Any]:
-        """`Shot` each."""
+        """The recorded shots, `Shot` each."""
         ...
 
     def load(self, shot: Any) -> NDArray[Any]:
-        """(rows, columns) counts of one shot."""
+        """Counts (rows, columns) of one shot."""
         ...
 
 
 @dataclass
 class Sums:
-    """Sums of the pictures (h, w) of one kind before one background.
+    """Sums of the images (h, w) of one kind at one background.
 
-    total, squares, course: (h, w) weighted sums of counts, of their squares, and of counts times
-    the shot's place, that of the first taken as 0. largest: (h, w) of any exposure.
-    Lists hold an entry a shot: digests of the pictures' bytes, places on the drift's axis.
+    total, squares, course: weighted sums of counts, of their squares, and of counts times the
+    place of the shot on the drift's axis, relative to the first. largest: maximum of all exposures.
+    Lists have an entry per shot; digests are those of the images' bytes.
     """
 
     temperatures_K: list[float]
@@ -88,24 +88,18 @@ class Sums:
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> Sums:
-        """No shots yet, of pictures of this `shape`, full at and above `saturation_counts`."""
+        """Sums without any shot yet."""
         zero = np.zeros(shape)
         low = np.full(shape, -np.inf, np.float32)
         return cls([], zero, zero.copy(), zero.copy(), low, saturation_counts, [], [], [], [], [])
 
     @property
     def full(self) -> NDArray[np.bool_]:
-        """(h, w) where at least one exposure was saturated."""
+        """Pixels (h, w) that were saturated at least once."""
         return np.asarray(self.largest >= self.saturation_counts)
 
     def add(self, image: NDArray[Any], shot: Shot, *, place: Place) -> None:
-        """Counts one picture in full.
-
-        Args:
-            image: (h, w) counts.
-            shot: whose picture it is.
-            place: of the shot on the drift's axis.
-        """
+        """Adds the image (h, w) of a shot at its `place` on the drift's axis."""
         self.places.append(place)
         counts = self._weigh(image, 1.0, place)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
@@ -116,13 +110,7 @@ class Sums:
         self.ids.append(shot.id)
 
     def reweigh(self, image: NDArray[Any], number: int, weight: float) -> None:
-        """Counts a picture, already added, with another weight.
-
-        Args:
-            image: (h, w) counts.
-            number: of the picture, in the order of adding.
-            weight: the new one.
-        """
+        """Changes the weight of the image (h, w) that was added as number `number`."""
         self._weigh(image, weight - self.weights[number], self.places[number])
         self.weights[number] = weight
 
@@ -136,7 +124,7 @@ class Sums:
 
     @property
     def exposures(self) -> float:
-        """How many equal exposures tell as much: (sum w)^2 / sum w^2; repeats count as one."""
+        """Effective number of exposures, (sum w)^2 / sum w^2; repeated images count once."""
         weights: dict[bytes, float] = {}
         for digest, weight in zip(self.digests, self.weights, strict=True):
             weights[digest] = weights.get(digest, 0.0) + weight
@@ -150,7 +138,7 @@ class Sums:
 
     @property
     def temperature_variance_K2(self) -> float:
-        """Variance of the mean reading, from how the readings scatter; 0 of one exposure."""
+        """Variance of the mean reading, from the scatter of readings; 0 for one exposure."""
         if len(self.temperatures_K) < 2:
             return 0.0
         return float(np.var(self.temperatures_K, ddof=1) / len(self.temperatures_K))
@@ -160,15 +148,10 @@ class Sums:
         return np.asarray(self.total[rows] / np.sum(self.weights))
 
     def variance(self, rows: slice, *, steady: bool = False) -> Floats:
-        """Sample variance of one exposure; 0 of a single one.
+        """Sample variance (R, w) of one exposure in `rows`, counts^2; 0 for a single exposure.
 
-        Args:
-            rows: which.
-            steady: about each pixel's straight line over the shots' places: a steady drift is no
-                scatter.
-
-        Returns:
-            (R, w) counts^2.
+        With `steady` it is that about each pixel's straight line over the places of the shots, so
+        that a steady drift does not count as scatter.
         """
         weights = np.array(self.weights)
         if not self.spare(steady=steady) > 0.0:
@@ -182,14 +165,7 @@ class Sums:
         return np.asarray(np.maximum(spread, 0.0) / self.spare(steady=steady))
 
     def spare(self, *, steady: bool = False) -> float:
-        """Degrees of freedom of `variance`; 0 where there are none.
-
-        Args:
-            steady: as there.
-
-        Returns:
-            How many, by the shots' weights.
-        """
+        """Degrees of freedom of `variance`, by the weights of the shots; 0 for a single one."""
         weights = np.array(self.weights)
         left = weights.sum() - np.sum(weights**2) / weights.sum()
         return max(float(left) - steady, 0.0) if len(weights) > 1 else 0.0
@@ -211,7 +187,7 @@ def check_shots(shots: Sequence[Shot]) -> list[float]:
     """Set points in rising order, each with references and injections.
 
     Raises:
-        EvaluationError: shots of another kind, without a measured background, or missing.
+        EvaluationError: a shot is of another kind or has no measured background, or one is missing.
     """
     for shot in shots:
         if shot.kind not in ("reference", "injection"):
@@ -229,7 +205,7 @@ def check_shots(shots: Sequence[Shot]) -> list[float]:
             if kind not in kinds:
                 raise EvaluationError(
                     f"background {setpoint:g} K: no {kind} among its {len(kinds)} shots; resume "
-                    "the acquisition, or leave this background out"
+                    "the acquisition, or remove this background"
                 )
     if len(setpoints) < 2:
         raise EvaluationError(
@@ -245,19 +221,13 @@ def accumulate(
     *,
     places: Sequence[Place],
 ) -> dict[tuple[float, str], Sums]:
-    """Reads every shot once, and sums by set point and kind.
+    """Reads every shot once, and returns sums by set point [K] and kind.
 
-    Args:
-        acquisition: recorded shots.
-        saturation_counts: at and above which a pixel is full.
-        progress: called with (shots read, shots in all).
-        places: of the shots on the drift's axis, in their order.
-
-    Returns:
-        Sums by set point [K] and kind.
+    Pixels saturate at `saturation_counts`; `progress` is called with (shots read, shots in all);
+    `places` are those of the shots on the drift's axis.
 
     Raises:
-        EvaluationError: a picture has another shape than the others, or is not finite.
+        EvaluationError: an image has another shape than the others, or is not finite.
     """
     sums: dict[tuple[float, str], Sums] = {}
     bad = acquisition.bad_pixels
@@ -265,16 +235,14 @@ def accumulate(
     for done, (shot, place) in enumerate(zip(acquisition.shots, places, strict=True), start=1):
         image = acquisition.load(shot)
         if image.ndim != 2 or image.size == 0 or (shape is not None and image.shape != shape):
-            raise EvaluationError(
-                f"shot {shot.id}: picture of shape {image.shape}, expected {shape}"
-            )
+            raise EvaluationError(f"shot {shot.id}: image of shape {image.shape}; allowed: {shape}")
         shape = image.shape
         if image.dtype.kind not in "uif":
             raise EvaluationError(f"shot {shot.id}: {image.dtype} are no counts")
         if image.dtype.kind == "f" and not np.all(np.isfinite(image)):
             broken = int(np.count_nonzero(~np.isfinite(image)))
             raise EvaluationError(
-                f"shot {shot.id}: {broken} pixels are not finite; leave the shot out, or name the "
+                f"shot {shot.id}: {broken} pixels are not finite; remove the shot, or list the "
                 "pixels as bad"
             )
         key = (shot.background_setpoint_K, shot.kind)

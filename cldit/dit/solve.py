@@ -1,4 +1,4 @@
-"""From mean signals before each background to the maps, pixel by pixel."""
+"""Maps of every pixel from mean signals at each background."""
 
 from __future__ import annotations
 
@@ -25,26 +25,24 @@ from cldit.optics.visible import VISIBLE_DISC
 
 Floats = NDArray[np.float64]
 
-_AGAIN = 2  # of a drifting gain: each brings a factor of the drift itself
-DETECTION = 3.0  # an emissivity of fewer standard errors is not told from zero ...
-LEAST_EMISSIVITY = 1e-4  # ... nor is one below the accuracy of a trace
-
+_AGAIN = 2  # iterations for a drifting gain: the error falls by a factor of the drift with each
+DETECTION = 3.0  # least emissivity in standard errors ...
+LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
 
 Cause = Literal["black body", "offset", "gain"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drift:
-    """An error that both kinds share before one background, and by what it reaches the means.
+    """An error that references and injections of a background share.
 
-    cause: black body, by the lines' slopes; offset of the camera, by 1; its gain, by the signals.
-    variance: (K,) of the mean before each background: radiance^2, for the gain relative. Another
-        one before each.
-    modes: (M, K) of a steady drift, in the root of these units: each is one number of variance 1
-        before all backgrounds, the same for all causes. apart: (M, K) by how much more of each the
-        injections have; None: nothing. course: (K,) of that drift as found.
-    each: (K,) of one exposure about that mean. jitter: (K,) of it, what differs from one exposure
-        to the next; the rest is slow, and drops out of kinds that alternate.
+    cause: black body, camera's offset or camera's gain, with the factors slope, 1 and signal.
+    variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
+    modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
+        variance 1 for all backgrounds and causes. apart: (M, K) by how much larger it is in the
+        injections; None: equal. course: (K,) of that drift, as found.
+    each: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
+        between successive exposures; the slow rest cancels if the kinds alternate.
     """
 
     cause: Cause
@@ -56,7 +54,7 @@ class Drift:
     apart: Floats | None = None
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        """(N,) or (K, N) for references and for injections, of fitted `lines` and `signals`."""
+        """Factors, (N,) or (K, N), in references and in injections."""
         if self.cause == "black body":
             g, _, s, _ = np.nan_to_num(lines.values.T)
             return g, s
@@ -67,13 +65,11 @@ class Drift:
 
 @dataclass(frozen=True, kw_only=True)
 class Systematic:
-    """Errors of the injections alone, the same before all backgrounds, or of one picture.
+    """Errors of the injections alone.
 
-    The first four: how far injections may stand off references for another reason than the spray.
-
-    offset: radiance, in every pixel. kelvin: of the black body. slope, start: of the line through
-    its radiance per kelvin, over the radiance of the background. extra: (K, ...) variance of the
-    injections' means of each pixel.
+    offset: radiance in every pixel, the same for all backgrounds. kelvin: likewise of the black
+    body; slope, start: of the line of its radiance per kelvin over the radiance of the background.
+    extra: (K, ...) additional variance of the injections' means.
     """
 
     offset: float = 0.0
@@ -83,11 +79,11 @@ class Systematic:
     extra: Floats | None = None
 
     def rows(self, rows: slice) -> Systematic:
-        """The part of a picture in these rows."""
+        """The errors in these rows of the image."""
         return self if self.extra is None else replace(self, extra=self.extra[:, rows])
 
     def widened(self, lines: Pair) -> Pair:
-        """The lines with that error in their covariance, the same before all backgrounds."""
+        """The lines with that error, common to all backgrounds, in their covariance."""
         if not (self.offset or self.kelvin):
             return lines
         s = lines.values[:, 2]
@@ -100,14 +96,14 @@ class Systematic:
 
 @dataclass(frozen=True)
 class Signals:
-    """What pixels (...) saw before K backgrounds, as radiance, photons s-1 m-2 sr-1.
+    """Signals of pixels (...) at K backgrounds, as radiance, photons s-1 m-2 sr-1.
 
     source: (K,) radiance that left the background disc.
     mean: (K, ...) mean over the exposures.
-    camera: variance of one exposure by the camera's noise, of any signals.
-    exposures: (K,) how many; less where some count less than others.
-    observed: (K, ...) sample variance of one exposure; 0 where there is only one. spare: (K,) its
-        degrees of freedom; None: one less than the exposures.
+    camera: variance of one exposure due to the camera's noise, as a function of the signal.
+    exposures: (K,) effective number.
+    observed: (K, ...) sample variance of one exposure; 0 for a single one. spare: (K,) its degrees
+        of freedom; None: one less than the exposures.
     """
 
     source: Floats
@@ -129,21 +125,21 @@ def solve(
 ) -> Maps:
     """Maps of the pixels (...).
 
-    Standard errors come from the camera's noise and, for the injections, from the scatter observed
-    between shots beyond it (`shot_scatter`; needs two shots before a background, and is then never
-    below the camera's own noise). References are taken to scatter by the camera's noise alone.
+    Standard errors include the camera's noise and, for injections, additional scatter between shots
+    (`shot_scatter`, with two shots or more per background). References scatter by the camera's
+    noise.
 
-    The lines are fitted twice: the second time with the camera's noise at the fitted signals, since
-    noise taken from noisy counts would favour those that came out low. Where the gain drifts they
-    are fitted again, at the signals without that drift.
+    The lines are fitted twice, the second time with the camera's noise at the fitted signals, since
+    noise estimated from noisy counts would favour low ones. If the gain drifts they are fitted
+    again at the signals without that drift.
 
     Args:
-        reference, injection: means (K, ...) before each background, without and with spray.
-        usable: (K, ...) False where a pixel's signal before that background must not be used.
+        reference, injection: means (K, ...) at each background, without and with spray.
+        usable: (K, ...) False where a signal must not be used.
         curve: black-body temperature to radiance.
-        drifts: errors that both kinds share. What they do to single exposures is taken off the
-            observed scatter: exposures that alternate see it alike.
-        systematic: how far injections may stand off references; None: not at all.
+        drifts: errors that both kinds share; their part of single exposures is subtracted from the
+            observed scatter, as alternating exposures share it.
+        systematic: errors of the injections alone; None: none.
     """
     shape = usable.shape[1:]
     usable = usable & np.isfinite(reference.mean) & np.isfinite(injection.mean)
@@ -169,9 +165,9 @@ def solve(
     def again(lines: Pair) -> Pair:
         """The fit with all errors at the signals of `lines`.
 
-        A gain that drifts, relative course z, shows (1 + a z) times the lines, with a near to 1. So
-        the pictures are divided by 1 + z, and what that took of the lines is given back: what is
-        left is linear in a about 1, and still lets a be 0.
+        A gain with the relative drift z multiplies the lines by 1 + a z, with a near 1. The means
+        are therefore divided by 1 + z, and the change of the lines is added again: the result is
+        linear in a about 1, and still allows a = 0.
         """
         before, during = lines.at(source)
         line = (np.nan_to_num(before), np.nan_to_num(during))
@@ -242,7 +238,7 @@ def solve(
 def _modes(
     drifts: Sequence[Drift], factors: Sequence[tuple[Floats, Floats]]
 ) -> list[list[tuple[Floats, Floats, tuple[Floats, Floats]]]]:
-    """By mode, the courses (K,) of both kinds, of all causes that have it, and their factors."""
+    """Courses (K,) in both kinds and their factors, by mode and cause."""
     steady = [
         (drift.modes, drift.modes + (0.0 if drift.apart is None else drift.apart), both)
         for drift, both in zip(drifts, factors, strict=True)
@@ -262,7 +258,7 @@ def _maps(
     radiance, radiance_variance = apparent_radiance(lines)
     epsilon_error = np.sqrt(epsilon_variance)
     reason = np.zeros(backgrounds.shape, np.uint8)
-    # The first that holds is the reason; comparisons with NaN are False, hence the negations.
+    # The last assignment wins; comparisons with NaN are False, hence the negations.
     reason[~(radiance >= 0.0)] = Reason.NEGATIVE_RADIANCE
     clear = np.maximum(DETECTION * epsilon_error, LEAST_EMISSIVITY)
     reason[~(epsilon > clear)] = Reason.EMISSIVITY_TOO_LOW

@@ -1,4 +1,4 @@
-"""What a planned measurement would see of a traced spray, and how well it would know it."""
+"""Signals of a planned measurement of a traced spray, and their errors."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from cldit.scene.schema import Scene
 
 Floats = NDArray[np.float64]
 
-_PIXELS = 2000  # that stand for all: their 90 % quantile is good to 1 %
+_PIXELS = 2000  # a sample of all: its 90 % quantile is good to 1 %
 
 
 @dataclass(frozen=True, kw_only=True)
 class Subject:
-    """What the camera would see of chosen pixels of a traced scene, all of shape (1, N).
+    """Weights (1, N) of a sample of pixels of a traced scene, with camera and surroundings.
 
-    spray: weights of each spectral node. scatter: relative standard deviation of the optical depth
-    of one injection.
+    spray: of each spectral node. scatter: relative standard deviation of the optical depth of one
+    injection.
     """
 
     spray: tuple[Weights, ...]
@@ -50,14 +50,9 @@ class Subject:
         *,
         least_emissivity: float,
     ) -> Subject:
-        """The sensor's pixels before the background in which the spray is at least this emissive.
+        """Sensor pixels that see the background, with at least this emissivity of the spray.
 
-        Args:
-            scene: what is planned.
-            quadrature: spectral nodes of the trace.
-            spectral: weights of each node.
-            reference: weights without spray.
-            least_emissivity: of the pixels that count.
+        The trace has `spectral` weights of each node of `quadrature`, and those without spray.
 
         Raises:
             EvaluationError: there are none.
@@ -71,7 +66,7 @@ class Subject:
         places = np.flatnonzero((bare.background > 0.999) & (emissivity >= least_emissivity))
         if places.size == 0:
             raise EvaluationError(
-                f"no pixel before the background has an emissivity of {least_emissivity:g} or "
+                f"no pixel on the background has an emissivity of {least_emissivity:g} or "
                 f"more; the largest is {np.nanmax(emissivity, initial=0.0):.3g}"
             )
         chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(int)]
@@ -91,7 +86,7 @@ class Subject:
         )
 
     def signals(self, background_K: float) -> tuple[Floats, Floats]:
-        """(N,) radiance at the camera without and with spray."""
+        """Radiance (N,) at the camera without and with spray."""
         bare = [self.reference] * len(self.boundaries)
         return (
             picture(bare, self.boundaries, background_K=background_K)[0],
@@ -103,8 +98,8 @@ class Subject:
         return self.sensor.exposed_for(float(np.max(self.signals(hottest_K))))
 
     def variances(self, backgrounds_K: Sequence[float]) -> Floats:
-        """(2, 2, N): of T_app in K^2 and of the emissivity; by one injection and by one reference
-        before each background."""
+        """Variances (2, 2, N) of T_app [K^2] and of the emissivity, due to injections and due to
+        references, with one of each per background."""
         sensor = self.exposure(max(backgrounds_K))
         calibration = sensor.calibration()
         bare, spray = (
@@ -112,8 +107,8 @@ class Subject:
         )
         slope = (spray[-1] - spray[0]) / (bare[-1] - bare[0])
         gone = np.clip(slope, 1e-9, 1.0 - 1e-9)
-        # An optical depth larger by a part q changes Delta I by q times this (see the simulated
-        # bench: all weights change by (1 - r^g) / (1 - r), r the transmission, g = 1 + q).
+        # A relative change q of the optical depth changes Delta I by q times this (as in the
+        # simulated bench: weights change by (1 - r^g) / (1 - r), r the transmission, g = 1 + q).
         share = -gone * np.log(gone) / (1.0 - gone)
         extra = (self.scatter * share * (spray - bare)) ** 2
         scale = calibration.counts_per_radiance
@@ -167,19 +162,9 @@ def opaque_errors_K(
     shots: int = 1,
     references: int = 1,
 ) -> Floats:
-    """Standard error of T_app of sprays that only absorb, before an unobstructed background.
+    """Standard errors (N,) of T_app of absorbing sprays at `spray_K` (N,), without shot scatter.
 
-    Scatter between shots is left out.
-
-    Args:
-        subject: the camera and its surroundings.
-        spray_K: (N,) temperatures of the sprays.
-        backgrounds_K: set points.
-        emissivity: of the sprays.
-        shots, references: exposures before each background.
-
-    Returns:
-        (N,) standard errors [K].
+    Lines of sight end on the background; `shots` and `references` are exposures per background.
     """
     shape = (1, spray_K.size)
 
@@ -213,15 +198,7 @@ def coldest_K(
     shots: int = 1,
     references: int = 1,
 ) -> float:
-    """The coldest spray whose T_app is told well enough [K]; NaN if there is none.
-
-    Args:
-        subject: the camera and its surroundings.
-        backgrounds_K: set points.
-        error_K: standard error that is allowed.
-        emissivity: of the spray.
-        shots, references: exposures before each background.
-    """
+    """The coldest spray [K] with a standard error of T_app up to `error_K`; NaN: none."""
     sprays_K = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(
         subject,
@@ -231,5 +208,5 @@ def coldest_K(
         shots=shots,
         references=references,
     )
-    told = np.flatnonzero(errors <= error_K)
-    return float(sprays_K[told[0]]) if told.size else math.nan
+    resolved = np.flatnonzero(errors <= error_K)
+    return float(sprays_K[resolved[0]]) if resolved.size else math.nan

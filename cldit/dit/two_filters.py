@@ -1,18 +1,18 @@
-"""The droplets' temperature from two filters in which they absorb differently.
+"""Temperature of droplets from two filters in which they absorb differently.
 
 Each filter i gives an emissivity and an apparent temperature, in which the share omega_i of the
-walls' light depends on how much of what a droplet takes out it scatters. For droplets of one Sauter
-mean diameter d that albedo follows from the liquid's n and k. Behind one pixel the spray is taken
-as a uniform slab that scatters isotropically, before walls of one temperature: its optical depth
-follows from the emissivity, and what it absorbs of a ray that enters it normally is, by
-reciprocity, the share of what leaves it normally that is its own,
+walls' light depends on the albedo of the droplets. For a Sauter mean diameter d the albedo follows
+from n and k of the liquid. The spray along a line of sight is modelled as a uniform slab that
+scatters isotropically, with walls of one temperature. Its optical depth follows from the
+emissivity, and by reciprocity the absorbed share of a normally incident ray equals the share of its
+own emission in the radiance that leaves it normally,
 
     epsilon_i - w_wall,i = A(tau_i, albedo_i(d)),    tau_i = -ln(1 - epsilon_i).
 
-With that, either filter gives a temperature for every d; they agree at one d, and that is the
-answer. Light that is scattered forward, g of it, counts as not scattered (similarity: van de Hulst
-1980, chapter 14). No model of the spray is needed, but n and k in both filters are, droplets that
-absorb alone (vapour is not regarded), and light that differs between the filters.
+Each filter thus gives a temperature for every d, and the result is the d at which both agree. The
+share g of scattered light counts as not scattered (similarity: van de Hulst 1980, chapter 14). The
+method needs no model of the spray, but n and k in both filters, no absorption by vapour, and
+optical properties that differ between the filters.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from cldit.optics.mie import efficiencies
 Floats = NDArray[np.float64]
 
 DIAMETERS_UM = tuple(np.geomspace(3.0, 40.0, 28).tolist())
-_THICKEST = 12.0  # more is not told from it by an emissivity
+_THICKEST = 12.0  # larger depths have the same emissivity
 _LAYERS = 64
 _QUANTILES = gammaincinv(6.0, (np.arange(48) + 0.5) / 48)  # scipy.stats loads for half a second
 _SURE = 2.0  # standard errors within which the two temperatures agree
@@ -41,8 +41,8 @@ _SURE = 2.0  # standard errors within which the two temperatures agree
 
 @dataclass(frozen=True)
 class Band:
-    """What one filter saw, and the liquid's index there. isotropic: droplets scatter so, as the
-    paper has it; real ones scatter forward, and what they do is taken by 1 - g."""
+    """Maps in one filter, and the refractive index of the liquid. isotropic: droplets scatter
+    isotropically, as in the paper; otherwise scattering is reduced by 1 - g."""
 
     maps: Maps
     curve: Curve
@@ -52,10 +52,10 @@ class Band:
     isotropic: bool = False
 
     def albedos(self, diameters_um: ArrayLike) -> Floats:
-        """(D,) albedos of droplets of Sauter mean diameters `diameters_um` (D,).
+        """Albedos (D,) of droplets with Sauter mean diameters `diameters_um` (D,).
 
-        Sizes follow the paper's first distribution: a gamma distribution of shape 4, so that cross
-        sections have one of shape 6. Its width levels the resonances of single sizes.
+        Sizes follow the paper's first distribution, a gamma distribution of shape 4, so that cross
+        sections have one of shape 6. Its width averages the resonances of single sizes.
         """
         size = np.asarray(diameters_um, dtype=float)[:, None] / 6.0 * _QUANTILES
         found = efficiencies(n=self.n, k=self.k, x=np.pi * size.ravel() / self.wavelength_um)
@@ -68,10 +68,10 @@ class Band:
 
 @dataclass(frozen=True)
 class SlabTemperature:
-    """(H, W) each, NaN where nothing is said.
+    """Temperature and size of droplets, (H, W) each, NaN without a result.
 
-    low_K, high_K: of all diameters at which both filters agree within two standard errors, and
-    two standard errors about the temperature.
+    low_K, high_K: range over all diameters at which both filters agree within two standard errors,
+    and two standard errors about the temperature.
     """
 
     temperature_K: Floats
@@ -87,7 +87,7 @@ def absorbed(depth: float, albedo: float) -> float:
     Solves S(t) = albedo (exp(-t) + integral S(t') E1(|t - t'|) / 2 dt') with S constant in each of
     64 layers and the kernel integrated exactly (Milne; Chandrasekhar 1950, chapter 1).
     """
-    # Layers as thin at either face as the source is steep there.
+    # Layers are thin at the faces, where the source is steep.
     edges = 0.5 * depth * (1.0 - np.cos(np.pi * np.arange(_LAYERS + 1) / _LAYERS))
     wide = np.diff(edges)
     apart = np.abs(edges[:, None] - edges[None, :])
@@ -103,7 +103,7 @@ def absorbed(depth: float, albedo: float) -> float:
 
 @cache
 def _own_table() -> RegularGridInterpolator:
-    """Own share of what a slab takes out, over its depth and sqrt(1 - albedo)."""
+    """Absorbed over extinguished light of a slab, as a function of depth and sqrt(1 - albedo)."""
     depths = np.expm1(np.linspace(np.log1p(0.01), np.log1p(_THICKEST), 20))
     roots = np.linspace(0.0, 1.0, 21)
     own = [[absorbed(t, 1.0 - r * r) / -np.expm1(-t) for r in roots] for t in depths]
@@ -111,10 +111,7 @@ def _own_table() -> RegularGridInterpolator:
 
 
 def own_share(depth: ArrayLike, albedo: ArrayLike) -> Floats:
-    """A / (1 - exp(-depth)) of `absorbed`, to 0.3 %, of the shape of `depth` and `albedo`.
-
-    Depths are taken between 0.01 and 12.
-    """
+    """A / (1 - exp(-depth)) of `absorbed`, to 0.3 %, any shape, with depths clipped to 0.01..12."""
     depth, albedo = np.broadcast_arrays(depth, albedo)
     table = _own_table()
     low, high = table.grid[0][[0, -1]]
@@ -126,22 +123,13 @@ def own_share(depth: ArrayLike, albedo: ArrayLike) -> Floats:
 def one_filter(
     band: Band, *, diameter_um: float, wall_temperature_K: float
 ) -> tuple[Floats, Floats]:
-    """What one filter says with droplets of a known diameter.
-
-    Args:
-        band: maps and optical properties of the filter.
-        diameter_um: Sauter mean.
-        wall_temperature_K: of the enclosure.
-
-    Returns:
-        (H, W) temperature [K], and (H, W) standard error [K].
-    """
+    """Temperature and its standard error, (H, W), from one filter with a known mean diameter."""
     temperature_K, error = _over_sizes(band, np.array([diameter_um]), wall_temperature_K)
     return temperature_K[..., 0], error[..., 0]
 
 
 def _over_sizes(band: Band, diameters_um: Floats, wall_temperature_K: float) -> tuple[Floats, ...]:
-    """Temperature and its standard error for each size, (H, W, D)."""
+    """Temperature and its standard error for each diameter, (H, W, D)."""
     depth = -np.log(np.clip(1.0 - band.maps.emissivity.astype(float), 1e-9, 1.0))
     own = own_share(depth[..., None], band.albedos(diameters_um))
     radiance, error = (each[..., None] for each in apparent(band.maps, band.curve))
@@ -153,10 +141,9 @@ def _over_sizes(band: Band, diameters_um: Floats, wall_temperature_K: float) -> 
 
 
 def two_filters(bands: tuple[Band, Band], *, wall_temperature_K: float) -> SlabTemperature:
-    """Temperature and size of droplets at which two filters, `bands`, agree.
+    """Temperature and size of droplets at which two filters agree.
 
-    Walls have `wall_temperature_K`. Nothing is said where they agree at no size of 3 to 40 um
-    within two standard errors.
+    Pixels have no result if the filters agree at no size of 3 to 40 um within two standard errors.
     """
     sizes = np.array(DIAMETERS_UM)
     curves = [_over_sizes(band, sizes, wall_temperature_K) for band in bands]

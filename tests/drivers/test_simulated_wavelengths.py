@@ -11,7 +11,7 @@ import numpy as np
 from cldit.acquisition import plan_from_scene
 from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
-from cldit.dit.recorded import evaluate_acquisition
+from cldit.dit.recorded import evaluate_shots
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature
@@ -49,7 +49,7 @@ def test_the_rig_sees_every_wavelength(tiny_scene: Scene, tmp_path: Path) -> Non
     save_nodes(folder / "weights", split, glow, pixel_m=(5e-3, 5e-3))
     with open_rig(simulated_rig_data(scene, folder)) as rig:
         acquire(rig, plan_from_scene(scene), tmp_path / "shots")
-    maps = evaluate_acquisition(open_acquisition(tmp_path / "shots"))
+    maps = evaluate_shots(open_acquisition(tmp_path / "shots")).maps
     ends = np.array([440.0, 560.0])
     slopes = [
         np.diff(f(ends))[0]

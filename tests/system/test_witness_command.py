@@ -26,7 +26,7 @@ def _run(*arguments: str) -> tuple[int, str]:
 @pytest.mark.parametrize(
     ("fault", "text"),
     [
-        ({"off_K": {483.0: 1.0}}, "background 483 K reads +1.00 K off the others"),
+        ({"off_K": {483.0: 1.0}}, "background 483 K deviates by +1.00 K"),
         pytest.param(
             {"offset_of_injections": 20.0},
             "as if the camera's offset changed between the kinds",
@@ -39,9 +39,9 @@ def test_what_is_found_is_printed(tmp_path: Path, fault: dict[str, Any], text: s
     code, output = _run(str(tmp_path))
     assert code == 0 and text in output
     assert "walls by 5 K" in output and "fit_probability below 0.001" in output
-    assert "drift is told over the number of the shot" in output
+    assert "drift fitted against the shot number" in output
     page = (tmp_path / "maps" / "report.html").read_text(encoding="utf-8")
-    assert "drift is told over the number of the shot: no shot has a time" in page
+    assert "drift fitted against the shot number: no shot has a time" in page
     stored = json.loads((tmp_path / "maps" / "evaluation.json").read_text(encoding="utf-8"))
     assert any(text in one["text"] and one["stands_out"] for one in stored["witnesses"])
     assert stored["budget"]["total"]["apparent_temperature_K"] > 0.0

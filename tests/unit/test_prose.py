@@ -93,7 +93,7 @@ LEFT: dict[str, int] = {
     "camera": 0,
     "cfd": 0,
     "cldit": 2,
-    "dit": 127,
+    "dit": 0,
     "docs": 435,
     "drivers": 105,
     "gpu": 10,

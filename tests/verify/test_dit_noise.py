@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
-from cldit.dit.recorded import evaluate_acquisition
+from cldit.dit.recorded import evaluate_shots
 from cldit.optics.planck import band_radiance
 from cldit.radiance.boundary import Surroundings
 from cldit.scene.camera import Camera, Sensor
@@ -69,7 +69,7 @@ def _evaluated(
                 shot = _Shot(f"{kind}-{kelvin:g}-{number}", kind, kelvin, kelvin)
                 recorded.shots.append(shot)
                 recorded.images[shot.id] = model.expose(radiance, rng)
-    return evaluate_acquisition(recorded)
+    return evaluate_shots(recorded).maps
 
 
 def _ratios(maps: Maps) -> tuple[float, float]:

@@ -81,7 +81,7 @@ def test_time_tells_what_the_number_of_the_shot_does_not() -> None:
     kelvin, emissivity = _chi2(timed)
     assert kelvin == pytest.approx(1.0, abs=0.25) and emissivity < 1.5
     assert max(_chi2(untimed)) > 3.0
-    assert "drift is told over time: 2 s between" in _evaluated(timed[0]).drift_axis
+    assert "drift fitted against time; median shot interval 2 s" in _evaluated(timed[0]).drift_axis
     assert "no shot has a time" in _evaluated(untimed[0]).drift_axis
 
 
@@ -131,7 +131,7 @@ def test_a_break_within_a_background() -> None:
 def test_a_break_is_said_and_an_offset_after_it_is_no_other_cause() -> None:
     made = _broken(1, Drifts(offset_counts=1.0), after=2 * SHOTS, counts=40.0)
     found = _evaluated(made)
-    assert found.drift_axis.endswith("after a break (8.33 h) it starts anew")
+    assert found.drift_axis.endswith("after a break (8.33 h) it restarts")
     squares = mean_squares(found, made)
     assert np.all(squares[:, 0] < 1.5 * squares[:, 1])
     steady = [one for one in found.drifts if one.name == "offset of the camera, steady drift"]
@@ -146,4 +146,4 @@ def test_a_drift_goes_on_through_a_break_where_the_references_show_it() -> None:
         for number, shot in enumerate(made.recorded.shots)
     ]
     found = _evaluated(made)
-    assert found.drift_axis.endswith("after a break (1 h) the references show that it goes on")
+    assert found.drift_axis.endswith("after a break (1 h) it continues, as the references show")

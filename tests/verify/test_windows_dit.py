@@ -17,7 +17,7 @@ from cldit.acquisition import plan_from_scene
 from cldit.acquisition.record import open_acquisition
 from cldit.acquisition.runner import acquire
 from cldit.dit.evaluate import evaluate_radiance
-from cldit.dit.recorded import evaluate_acquisition
+from cldit.dit.recorded import evaluate_shots
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature
@@ -182,7 +182,7 @@ def test_the_rig_sees_through_its_windows(tiny_scene: Scene, tmp_path: Any) -> N
         tiny_weights(scene, depth=depth).save(folder / name, pixel_m=(5e-3, 5e-3))
     with open_rig(simulated_rig_data(scene, folder)) as rig:
         acquire(rig, plan_from_scene(scene), tmp_path / "shots")
-    maps = evaluate_acquisition(open_acquisition(tmp_path / "shots"))
+    maps = evaluate_shots(open_acquisition(tmp_path / "shots")).maps
     middle = maps.emissivity > 0.5
     assert middle.sum() > 20
     off = (maps.apparent_temperature_K - 370.0) / maps.apparent_temperature_standard_error_K

@@ -1,1 +1,1 @@
-"""Witnesses: what recorded shots say about the measurement itself."""
+"""Witnesses: checks of a measurement by its own recorded shots."""

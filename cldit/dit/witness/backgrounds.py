@@ -1,8 +1,8 @@
-"""Backgrounds against each other: each one's pictures against the line through the others'.
+"""Backgrounds against each other: the signals of each against the line through the others.
 
-References see the black body, so they lie on a straight line over its radiance, whatever gain and
-offset a pixel has. One that does not was taken at another temperature than said, or the camera
-changed. Injections do the same in the pixels with the least spray.
+References are linear in the radiance of the black body, whatever gain and offset a pixel has. A
+deviation means another temperature than stated, or a change of the camera. The same applies to
+injections in the pixels with the least spray.
 """
 
 from __future__ import annotations
@@ -19,50 +19,34 @@ from cldit.dit.witness.lines import OffLine, off_line, squares
 
 Floats = NDArray[np.float64]
 
-FLOOR_K = 0.005  # what Planck's law over mean windows leaves of itself
+FLOOR_K = 0.005  # error of mean shares of windows
 CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
 _CLEAREST = 0.3  # share of the blocks, those with the least spray
 _ICE_K = 273.15
-_COLD_K = 223.0  # no part of a rig with a black body is so cold; in Celsius it is everyday
+_COLD_K = 223.0  # colder than any part of a rig, but a common temperature in Celsius
 
 
 def references(evidence: Evidence, *, stated_K: Floats) -> tuple[Witness, OffLine | None]:
-    """References against each other.
+    """References against each other: the witness, and the deviations (None with two backgrounds).
 
-    Args:
-        evidence: of K backgrounds.
-        stated_K: (K,) standard deviation of each background that the user has stated.
-
-    Returns:
-        The witness, and how far each is off; None with two backgrounds.
+    The user states the standard deviation `stated_K` (K,) of each background.
     """
     every = np.ones(evidence.blocks, bool)
     return _judge(evidence, "reference", every, stated_K=stated_K)
 
 
 def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
-    """Injections against each other where there is the least spray.
-
-    Args:
-        evidence: of K backgrounds.
-        stated_K: (K,) standard deviation of each background that the user has stated.
-    """
+    """Injections against each other in the blocks with the least spray; see `references`."""
     return _judge(evidence, "injection", clearest(evidence), stated_K=stated_K)[0]
 
 
 def fitted_over(
     as_stated: Evidence, fitted: Evidence, lined: Witness, *, stated_K: Floats
 ) -> Witness:
-    """Whether a fitted filter hides one background that is off.
+    """Witness of references with a filter that was fitted to them.
 
-    Args:
-        as_stated, fitted: of the filter as stated, and as fitted to the references.
-        lined: what the references say of the fitted one.
-        stated_K: (K,) standard deviation of each background that the user has stated.
-
-    Returns:
-        `lined`, or a severe witness where one background explains the references and no filter
-        does.
+    It is `lined`, that of the fitted filter, unless the deviation of one background explains the
+    references and no filter does: then it is severe.
     """
     other, off = references(as_stated, stated_K=stated_K)
     if off is None or off.lone is None or not other.stands_out:
@@ -86,13 +70,13 @@ def fitted_over(
 
 
 def clearest(evidence: Evidence) -> NDArray[np.bool_]:
-    """(B,) the blocks with the least spray: 30 % of them, by the slope of the injections."""
+    """Blocks (B,) with the least spray, 30 % of all, by the slope of the injections."""
     slope = slopes(evidence)
     return np.asarray(slope >= np.quantile(slope, 1.0 - _CLEAREST))
 
 
 def slopes(evidence: Evidence) -> Floats:
-    """(B,) slope of the injections' line over that of the references'."""
+    """Slope (B,) of the injections' line over that of the references."""
     found = []
     for kind in ("reference", "injection"):
         x = evidence.source[kind]
@@ -112,7 +96,7 @@ def _judge(
         return Witness(
             name=name,
             compared=of,
-            says="two backgrounds lie on any line; a third one would tell",
+            says="two backgrounds always lie on a line; this check needs a third",
         ), None
     x, y = evidence.source[kind], evidence.mean(kind)[:, chosen].mean(axis=1)
     variance = evidence.variance(kind, chosen)
@@ -140,7 +124,7 @@ def _judge(
 
 
 def _size(off: OffLine) -> float:
-    """Kelvin of the one that is off, or the middle one of all."""
+    """Deviation of the lone background, or the median of all."""
     if off.lone is not None:
         return float(abs(off.kelvin[off.lone]))
     return float(np.median(np.abs(off.kelvin)))
@@ -155,7 +139,7 @@ def _cause(evidence: Evidence, kind: str, off: OffLine, y: Floats) -> str:
             _rise(evidence, at + _ICE_K),
             "the temperatures look like degrees Celsius: they fit with 273.15 added",
         ),
-        (at, np.ones_like(at), "counts rise as the temperature itself: do the pictures hold it?"),
+        (at, np.ones_like(at), "counts are linear in temperature: are the images temperatures?"),
     ):
         if _size(off) > LIMIT_K and squares(temperature_K, y, rise) < 0.01 * given:
             return text
@@ -166,10 +150,10 @@ def _cause(evidence: Evidence, kind: str, off: OffLine, y: Floats) -> str:
             f"the {kind}s (or temperatures) of backgrounds {names[i]} and {names[j]} look swapped"
         )
     if off.lone is not None:
-        return f"background {names[off.lone]} reads {off.kelvin[off.lone]:+.2f} K off the others"
+        return f"background {names[off.lone]} deviates by {off.kelvin[off.lone]:+.2f} K"
     if len(names) == 3:
-        return "one of the three is off, or the filter or the camera is not as stated"
-    return "they lie on no line: filter, camera or temperatures are not as stated"
+        return "one of the three deviates, or filter or camera differ from those stated"
+    return "not on a line: filter, camera or temperatures differ from those stated"
 
 
 def _rise(evidence: Evidence, at_K: Floats) -> Floats:
@@ -179,11 +163,7 @@ def _rise(evidence: Evidence, at_K: Floats) -> Floats:
 
 
 def celsius(named_K: dict[str, float]) -> Witness | None:
-    """Temperatures of the set-up that no rig has, but that are everyday in degrees Celsius.
-
-    Args:
-        named_K: temperatures by what they belong to.
-    """
+    """Witness of temperatures, by their names, that are impossible unless in degrees Celsius."""
     cold = {name: kelvin for name, kelvin in named_K.items() if kelvin < _COLD_K}
     if not cold:
         return None

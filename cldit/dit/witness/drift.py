@@ -1,14 +1,13 @@
-"""What all pixels share before one background: black body, offset or gain of the camera.
+"""Errors common to all pixels at one background: black body, offset or gain of the camera.
 
-An error z_k before background k moves references and injections of a pixel by
+An error z_k at background k changes references and injections of a pixel by
 
     black body  g z, s z        offset  z, z        gain  I_ref z, I_inj z
 
-A steady drift has a course over the backgrounds that is known but for some numbers
-(`cldit.dit.witness.trend`). Where references, without that, lie off their line, the pixels say why:
-what is left of both kinds about their lines is fitted by each of the three causes over all blocks,
-and that which leaves the least is the cause. Where the spray tells nothing of it, it is the offset,
-of which Delta I knows nothing.
+A steady drift has a course over the backgrounds with a few unknowns (`cldit.dit.witness.trend`). If
+references without that course deviate from their line, the residuals of both kinds about their
+lines are fitted by each of the three causes over all blocks; the smallest remainder identifies the
+cause. If the spray does not distinguish them, the offset is assumed, which cancels in Delta I.
 """
 
 from __future__ import annotations
@@ -27,16 +26,16 @@ from cldit.dit.witness.trend import Trends, steady, unit, without
 
 Floats = NDArray[np.float64]
 
-_BETTER = 1.1  # ratio of what is left, from which a less likely cause is believed
-_TOLD = 1e-4  # of the best determined direction: below it nothing is told
-_SAME = 1e-12  # variance of parts of Delta I where all shots are alike
-_LONE = 0.1  # share of what is explained, that one background alone may leave
+_BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
+_TOLD = 1e-4  # of the best determined direction: less is undetermined
+_SAME = 1e-12  # variance of parts of Delta I if all shots are equal
+_LONE = 0.1  # share of the explained squares that one background alone may leave
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """drifts: for the fit. cause: in words; empty where references lie on their line. through:
-    whether a drift goes on through a break."""
+    """Drifts for the fit. cause: in words; empty if references are on their line. through: True if
+    a drift continues through breaks."""
 
     drifts: tuple[Drift, ...]
     cause: str
@@ -44,12 +43,12 @@ class Found:
 
 
 def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
-    """The common errors of an acquisition.
+    """Common errors of an acquisition.
 
     Args:
         evidence: of K backgrounds.
-        off: of the references; None with two backgrounds.
-        stated_K: (K,) standard deviation of each background that the user has stated.
+        off: deviations of the references; None with two backgrounds.
+        stated_K: (K,) standard deviation of each background, stated by the user.
     """
     none = np.zeros(len(evidence.setpoints))
     beyond = off is not None and _beyond(evidence, off)
@@ -87,7 +86,7 @@ def _beyond(evidence: Evidence, off: OffLine) -> bool:
 
 
 def _largest(evidence: Evidence, trends: Trends) -> Cause:
-    """The cause of the largest course; the offset where there is none."""
+    """The cause of the largest course; the offset without any."""
     size = {
         cause: float(np.max(np.abs(one.course * unit(evidence, cause))))
         for cause, one in trends.items()
@@ -97,13 +96,13 @@ def _largest(evidence: Evidence, trends: Trends) -> Cause:
 
 _SAYS = {
     "black body": "as if the black body were at another temperature",
-    "offset": "as if the camera's offset changed, which drops out of injection minus reference",
+    "offset": "as if the camera's offset changed, which cancels in injection minus reference",
     "gain": "as if the camera's gain changed",
 }
 
 
 def _factors(evidence: Evidence) -> dict[Cause, dict[str, Floats]]:
-    """(K, B) by cause and kind, in units that may well be as large before each background."""
+    """Factors (K, B) by cause and kind, in units of similar size at each background."""
     one = np.ones((len(evidence.setpoints), evidence.blocks))
     rise = evidence.rise[:, None] * one
     through = {"reference": one, "injection": slopes(evidence) * one}
@@ -115,7 +114,7 @@ def _factors(evidence: Evidence) -> dict[Cause, dict[str, Floats]]:
 
 
 def _on_line(evidence: Evidence, kind: str) -> Floats:
-    """(K, B) the signals of a kind on each block's line."""
+    """Signals (K, B) of a kind on each block's line."""
     x = evidence.source[kind]
     design = np.stack([x / x.max(), np.ones_like(x)], axis=1)
     return np.asarray(design @ np.linalg.pinv(design) @ evidence.mean(kind))
@@ -124,8 +123,8 @@ def _on_line(evidence: Evidence, kind: str) -> Floats:
 def _cause(evidence: Evidence) -> tuple[Cause, Floats]:
     """The cause, and its variance (K,): radiance^2, of the gain relative."""
     found = {cause: _fitted(evidence, factors) for cause, factors in _factors(evidence).items()}
-    # One background that is off has another temperature; all of them, another offset. How a spray
-    # scatters is much alike in blocks that are near, so a little is no proof.
+    # A lone deviation suggests another temperature, several another offset. Scatter of the spray is
+    # correlated between blocks, so a small difference is no proof.
     lone = np.count_nonzero(found["black body"][1]) == 1
     likely: Cause = "black body" if lone else "offset"
     best = min(found, key=lambda cause: found[cause][0])
@@ -135,10 +134,10 @@ def _cause(evidence: Evidence) -> tuple[Cause, Floats]:
 
 
 def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floats]:
-    """What common errors of these `factors`, (K, B) by kind, leave of chi2; their variance (K,).
+    """Remaining chi2 with common errors of these `factors` (K, B) by kind, and variance (K,).
 
-    Beside them, each background may have had more spray than another by as much as shots differ:
-    an unknown part of Delta I, with the variance of such parts as its prior.
+    In addition each background may have another amount of spray: an unknown part of Delta I, with
+    the variance between shots as its prior.
     """
     unit = float(np.max(evidence.source["reference"]))
     count = len(evidence.setpoints)
@@ -164,12 +163,12 @@ def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floa
                 )
     prior = evidence.number("injection") / max(together, _SAME)
     normal[count:, count:] += np.diag(prior)
-    # The amounts of spray are solved for and leave the common errors.
+    # The amounts of spray are eliminated.
     z, y = slice(count), slice(count, None)
     back = np.linalg.solve(normal[y, y], np.column_stack([normal[y, z], right[y]]))
     kept = normal[z, z] - normal[z, y] @ back[:, :count]
     side = right[z] - normal[z, y] @ back[:, count]
-    # Lines absorb some directions of the errors: the least ones that explain it are found.
+    # Lines absorb some directions of the errors: the smallest solution is taken.
     amount = np.linalg.pinv(kept, rcond=_TOLD, hermitian=True) @ side
     told = int(np.linalg.matrix_rank(kept, tol=_TOLD * np.max(np.diag(kept)), hermitian=True))
     gained = float(side @ amount)
@@ -186,12 +185,7 @@ def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floa
 
 
 def _about_lines(x: Floats, variance: Floats) -> Floats:
-    """(B, K, K) inverse covariance of what is left about each block's own line.
-
-    Args:
-        x: (K,).
-        variance: (K, B) of the block's means.
-    """
+    """Inverse covariance (B, K, K) of residuals about each block's line over `x` (K,)."""
     weight = 1.0 / variance.T
     design = np.stack([x, np.ones_like(x)], axis=1)
     half = weight[:, :, None] * design
@@ -201,10 +195,10 @@ def _about_lines(x: Floats, variance: Floats) -> Floats:
 
 
 def _wander(evidence: Evidence, cause: Cause, trends: Trends) -> tuple[Floats, Floats]:
-    """(K,) variances of one exposure, in the units of the cause: in all, and from one to the next.
+    """Variances (K,) of one exposure in units of the cause: total, and between successive ones.
 
-    Both beyond the camera's noise and the steady drift, from the references' mean over all blocks.
-    What is slow is in the first and not in the second.
+    Both are beyond camera noise and steady drift, from the references' mean over all blocks; slow
+    changes are part of the first only.
     """
     every = np.ones(evidence.blocks, bool)
     noise = evidence.camera["reference"].mean(axis=1) / evidence.blocks

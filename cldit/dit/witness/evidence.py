@@ -1,4 +1,4 @@
-"""What the witnesses look at: means of blocks of pixels, shot by shot, as radiance."""
+"""Input of the witnesses: means of blocks of pixels by shot, as radiance."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ KINDS = ("reference", "injection")
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """Blocks that see the background and never saturate, before K backgrounds.
+    """Blocks that see the background and never saturate, at K backgrounds.
 
     temperatures_K, source: of the black body, and of its radiance in the chamber, (K,) by kind.
-    rise: (K,) radiance per kelvin. shots: by kind, for each background (n, B) radiance of each
-    shot. camera: (K, B) by kind, variance of one shot's block by the camera's noise.
-    places: by kind, for each background those of the n shots on the drift's axis.
-    own_radiance: of a black body, over its temperature. warmest: radiance that no spray without a
-    flame exceeds.
+    rise: (K,) radiance per kelvin. shots: by kind and background, (n, B) radiance of each shot.
+    camera: (K, B) by kind, variance of a block in one shot due to the camera's noise.
+    places: by kind and background, of the n shots on the drift's axis. own_radiance: of a black
+    body, as a function of temperature. warmest: upper bound of the radiance of a spray without
+    flame.
     """
 
     setpoints: tuple[float, ...]
@@ -51,15 +51,9 @@ class Evidence:
         calibration: Calibration,
         warmest_K: float,
     ) -> Evidence:
-        """Of sums by set point and kind.
+        """Evidence from sums by set point and kind, in pixels (h, w) that see the background.
 
-        Args:
-            sums: of every background and kind.
-            setpoints: rising.
-            sees: (h, w) pixels that see the background, unsaturated.
-            whole: measurement equation in the filter.
-            calibration: of the camera.
-            warmest_K: hottest of backgrounds, walls and windows.
+        `warmest_K` is the temperature of the hottest of backgrounds, walls and windows.
         """
         chosen = thumbnail(sees.astype(float)).ravel() >= 1.0
         if not chosen.any():
@@ -106,7 +100,7 @@ class Evidence:
 
     @property
     def blocks(self) -> int:
-        """How many blocks there are."""
+        """Number of blocks."""
         return int(self.shots["reference"][0].shape[1])
 
     def halves(self) -> tuple[Evidence, Evidence] | None:
@@ -125,18 +119,18 @@ class Evidence:
 
     @property
     def breaks(self) -> int:
-        """How many there are between the first picture and the last."""
+        """Number of breaks between the first image and the last."""
         parts = [part.part for kind in KINDS for part in self.places[kind]]
         return len(np.unique(np.concatenate(parts))) - 1
 
     def through(self) -> Evidence:
-        """The same with breaks in full length."""
+        """The evidence with breaks in full length."""
         return replace(
             self, places={k: tuple(part.through() for part in self.places[k]) for k in KINDS}
         )
 
     def number(self, kind: str) -> Floats:
-        """(K,) shots of a kind."""
+        """Number (K,) of shots of a kind."""
         return np.array([float(len(part)) for part in self.shots[kind]])
 
     def degrees(self, kind: str) -> int:
@@ -147,26 +141,19 @@ class Evidence:
         return np.array([float(_spare(places)) for places in self.places[kind]])
 
     def mean(self, kind: str) -> Floats:
-        """(K, B) means over the shots of a kind."""
+        """Means (K, B) over the shots of a kind."""
         return np.array([part.mean(axis=0) for part in self.shots[kind]])
 
     def picture(self, kind: str, chosen: NDArray[np.bool_]) -> list[Floats]:
-        """For each background, (n,) means of each shot of a kind over the `chosen` blocks (B,)."""
+        """Means (n,) of each shot of a kind over the `chosen` blocks (B,), by background."""
         return [part[:, chosen].mean(axis=1) for part in self.shots[kind]]
 
     def jitter(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
-        """(K,) variance of one shot's mean over the `chosen` blocks (B,), without what is slow.
+        """Variance (K,) of one shot's mean over the `chosen` blocks (B,), without slow changes.
 
-        It is that about a straight line over the places of the shots, which starts anew after a
-        break: a steady drift is no noise of their mean. Of two shots it is half the square of their
+        It is that about a straight line over the places of the shots, which restarts after a break,
+        since a steady drift is no noise of the mean. For two shots it is half the square of their
         difference.
-
-        Args:
-            kind: of the shots.
-            chosen: (B,) blocks.
-
-        Returns:
-            (K,) variances.
         """
         return np.array(
             [
@@ -176,17 +163,10 @@ class Evidence:
         )
 
     def variance(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
-        """(K,) variance of the mean of a kind's shots over the `chosen` blocks (B,).
+        """Variance (K,) of the mean of a kind's shots over the `chosen` blocks (B,).
 
-        The largest of the camera's noise, of the jitter before this background and of that before
-        all of them: a few shots may agree by chance.
-
-        Args:
-            kind: of the shots.
-            chosen: (B,) blocks.
-
-        Returns:
-            (K,) variances.
+        It is the largest of the camera's noise, the jitter at this background and that at all of
+        them, since a few shots may agree by chance.
         """
         n = self.number(kind)
         noise = self.camera[kind][:, chosen].mean(axis=1) / chosen.sum()
@@ -196,11 +176,10 @@ class Evidence:
         return np.asarray(np.maximum(np.maximum(noise, each), pooled) / n)
 
     def scatter(self) -> tuple[Floats, float]:
-        """How injections scatter beyond the camera's noise, in parts of Delta I.
+        """Scatter of injections beyond the camera's noise, relative to Delta I.
 
-        Returns:
-            (K, B) variance of each block's mean on its own, and the variance of the part of
-            Delta I that one shot has more than another in all blocks.
+        It is the independent variance (K, B) of each block's mean, and the variance of the relative
+        change of Delta I that all blocks of a shot share.
         """
         difference = self.mean("injection") - self.mean("reference")
         n = self.number("injection")[:, None]
@@ -231,13 +210,13 @@ class Evidence:
 
 
 def _spare(places: Places) -> int:
-    """Degrees of freedom about a line, of two points about their mean."""
+    """Degrees of freedom about a line; for two points, about their mean."""
     about_means = len(places.at) - places.parts
     return max(about_means - 1, min(about_means, 1))
 
 
 def _about_line(places: Places, values: Floats) -> float:
-    """Variance of `values` (n,) about a straight line over `places`; 0 of one."""
+    """Variance of `values` (n,) about a straight line over `places`; 0 for one value."""
     spare = _spare(places)
     if not spare:
         return 0.0

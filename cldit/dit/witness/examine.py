@@ -1,4 +1,4 @@
-"""All witnesses of recorded shots, and by how much they widen the errors."""
+"""All witnesses of recorded shots, and their contributions to the errors."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
 from cldit.dit.witness.orientation import orientation
 from cldit.dit.witness.shift import shift
-from cldit.dit.witness.terms import DriftTerm, terms
+from cldit.dit.witness.trend import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings
 
 Floats = NDArray[np.float64]
@@ -26,8 +26,8 @@ AllSums = Mapping[tuple[float, str], Sums]
 
 @dataclass(frozen=True, kw_only=True)
 class Examined:
-    """What the witnesses say, and what of it goes into the fit. terms: the drifts in kelvin.
-    through: whether a drift goes on through a break."""
+    """Witnesses, and errors for the fit. terms: the drifts in kelvin. through: True if a drift
+    continues through breaks."""
 
     witnesses: tuple[Witness, ...]
     drifts: tuple[Drift, ...]
@@ -39,17 +39,7 @@ class Examined:
 def examine_pictures(
     sums: AllSums, setpoints: Sequence[float], around: Surroundings, *, saturation_counts: float
 ) -> tuple[list[Witness], float]:
-    """What pictures and set-up say before anything is known of radiance.
-
-    Args:
-        sums: by set point and kind.
-        setpoints: rising.
-        around: what the camera sees beside the spray.
-        saturation_counts: as stated.
-
-    Returns:
-        Witnesses that found something, and the level from which a pixel says nothing.
-    """
+    """Witnesses that need no radiance and found something, and the level of saturation."""
     named_K = {f"background {k:g}": sums[k, "reference"].temperature_K for k in setpoints}
     named_K["walls"] = around.wall_temperature_K
     named_K |= {f"{window.side} window": window.temperature_K for window in around.windows}
@@ -74,17 +64,16 @@ def examine(
     calibration: Calibration,
     unfitted: Boundary | None = None,
 ) -> Examined:
-    """What the shots say of each other.
+    """Comparisons of the shots with each other.
 
     Args:
         sums: by set point and kind.
         setpoints: rising.
-        sees: (h, w) pixels that see the background unsaturated; at least one.
+        sees: (h, w) pixels that see the background unsaturated.
         whole: measurement equation in the filter.
-        around: what the camera sees beside the spray.
+        around: surroundings of the spray.
         calibration: of the camera.
-        unfitted: `whole` with the filter as stated, where it is of a curve that was fitted to the
-            references.
+        unfitted: `whole` with the filter as stated, if the curve was fitted to the references.
     """
     given = stated(sums, setpoints, whole=whole, around=around, calibration=calibration)
     if not sees.any():
@@ -152,14 +141,7 @@ def stated(
     around: Surroundings,
     calibration: Calibration,
 ) -> tuple[Drift, ...]:
-    """The common errors that the user states, and that of the black body's readings.
-
-    Args:
-        sums, setpoints, whole, around, calibration: as in `examine`.
-
-    Returns:
-        One for each that is not 0.
-    """
+    """Common errors above 0 that the user states, and that of the black body's readings."""
     scale = calibration.counts_per_radiance * whole.front.transmission
     groups = [sums[k, "injection"] for k in setpoints]
     backgrounds_K = np.array([group.temperature_K for group in groups])
@@ -182,7 +164,7 @@ def stated(
 
 
 def _stated_K2(drifts: Sequence[Drift], evidence: Evidence) -> Floats:
-    """(K,) variance of the references by what is stated, as kelvin^2 of the black body."""
+    """Variance (K,) of the references due to stated errors, as kelvin^2 of the black body."""
     total = np.zeros(len(evidence.setpoints))
     signal = evidence.mean("reference").mean(axis=1)
     for one in drifts:

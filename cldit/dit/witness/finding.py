@@ -1,4 +1,4 @@
-"""What one witness says, and when the evaluation ends because of it."""
+"""Result of one witness, and the rule by which it ends the evaluation."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from scipy.special import ndtri, stdtrit
 from cldit.acquisition.witness_names import ACCEPTABLE, Acceptable
 from cldit.errors import EvaluationError
 
-LIMIT_K = 3.0  # of the black body: an evaluation beyond it needs the user's word
-WORTH_K = 0.05  # below it a finding widens the errors and is no alarm
+LIMIT_K = 3.0  # of the black body: an evaluation beyond it needs the user's consent
+WORTH_K = 0.05  # smaller findings widen the errors without a warning
 _CHANCE = 3e-7  # one side of five standard deviations
 
 
 @dataclass(frozen=True, kw_only=True)
 class Witness:
-    """What one comparison found.
+    """Result of one comparison.
 
-    name: by which `accept` lets it pass. compared: with what. says: what it names; empty where
-    nothing stands out. setpoints, kelvin, noise_K: by background, of the black body's temperature;
-    empty where nothing is in kelvin. stands_out: far beyond its noise. severe: the evaluation ends
-    unless the name is accepted.
+    name: for `accept`. compared: the comparison. says: the finding; empty if there is none.
+    setpoints, kelvin, noise_K: by background, in kelvin of the black body, if any. stands_out: far
+    beyond its noise. severe: the evaluation ends unless the name is accepted.
     """
 
     name: Acceptable
@@ -36,30 +35,25 @@ class Witness:
 
     @property
     def text(self) -> str:
-        """A line for the reader: `compared: 423 K +0.01 ± 0.02 K, ..; says`."""
+        """Line for the report: `compared: 423 K +0.01 ± 0.02 K, ..; says`."""
         found = by_background(self.setpoints, self.kelvin, self.noise_K)
         said = "; ".join(one for one in (found, self.says) if one)
         return f"{self.compared}: {said}" if self.compared else said
 
     def to_dict(self) -> dict[str, object]:
-        """All of it, `text` included."""
+        """Plain data, with `text`."""
         return {**asdict(self), "text": self.text}
 
 
 def sure(degrees: int) -> float:
-    """How many standard errors are no chance, where the error comes from so many degrees."""
+    """Number of standard errors that excludes chance, for these degrees of freedom."""
     return -float(stdtrit(degrees, _CHANCE) if degrees > 0 else ndtri(_CHANCE))
 
 
 def by_background(
     setpoints: Sequence[float], kelvin: Sequence[float], noise_K: Sequence[float]
 ) -> str:
-    """`423 K +0.01 ± 0.02 K, ...`.
-
-    Args:
-        setpoints: K of them.
-        kelvin, noise_K: K values and their noise.
-    """
+    """Text of values by background, `423 K +0.01 ± 0.02 K, ...`."""
     return ", ".join(
         f"{setpoint:g} K {value:+.2f} ± {noise:.2f} K"
         for setpoint, value, noise in zip(setpoints, kelvin, noise_K, strict=True)
@@ -67,22 +61,18 @@ def by_background(
 
 
 def refuse(witnesses: Sequence[Witness], accept: Collection[str]) -> None:
-    """Ends the evaluation where a witness is severe and not accepted.
-
-    Args:
-        witnesses: all of them.
-        accept: names that pass.
+    """Ends the evaluation if a witness is severe and not accepted.
 
     Raises:
-        EvaluationError: says what was found and how to go on all the same; or a name is unknown.
+        EvaluationError: with the findings and the way to accept them; or a name is unknown.
     """
     unknown = sorted(set(accept) - set(ACCEPTABLE))
     if unknown:
-        raise EvaluationError(f"accept: {', '.join(unknown)}; allowed are {', '.join(ACCEPTABLE)}")
+        raise EvaluationError(f"accept: {', '.join(unknown)}; allowed: {', '.join(ACCEPTABLE)}")
     found = [one for one in witnesses if one.severe and one.name not in accept]
     if found:
         names = ", ".join(dict.fromkeys(one.name for one in found))
         raise EvaluationError(
             "\n".join(one.text for one in found)
-            + f"\nmend the data; or write `accept: [{names}]` (--accept) to evaluate all the same"
+            + f"\ncorrect the data, or set `accept: [{names}]` (--accept) to evaluate anyway"
         )

@@ -1,9 +1,9 @@
-"""Injections against references where there is no spray.
+"""Injections against references in the blocks with the least spray.
 
-There they show the same, but for what a thin rest of spray of emissivity e adds, e (b - x) before a
-background of radiance x, where b is its own radiance. A spray is no colder than nothing and no
-warmer than the warmest thing about it, so what a mixture of such sprays cannot explain comes from
-elsewhere: from the camera's offset, or from a black body that drifted between the two kinds.
+There they differ only by e (b - x), for a thin spray of emissivity e and own radiance b and a
+background of radiance x. The own radiance is between 0 and that of the warmest part of the
+surroundings. A difference that no mixture of such sprays explains is due to the camera's offset, or
+to a black body that drifted between the two kinds.
 """
 
 from __future__ import annotations
@@ -22,35 +22,31 @@ from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 Floats = NDArray[np.float64]
 
-_DENSE = 0.3  # share of the blocks, those with the most spray, that say how warm it is
-_EXPLAINED = 0.1  # share of the squares that may be left where a cause explains them
+_DENSE = 0.3  # share of the blocks, those with the most spray, that give its temperature
+_EXPLAINED = 0.1  # largest remaining share of the squares for a cause that explains them
 _MORE = 0.05  # of the background's contrast
-_LEAST = 0.02  # emissivity from which a block says how warm its spray is
+_LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kinds:
-    """The witness, and by how much it widens the errors."""
+    """The witness, and its contribution to the errors."""
 
     witness: Witness
     systematic: Systematic
 
 
 def kinds(evidence: Evidence) -> Kinds:
-    """Injections against references in the blocks with the least spray.
-
-    Args:
-        evidence: of K backgrounds.
-    """
+    """Compares injections with references in the blocks with the least spray."""
     chosen = clearest(evidence)
     gain = _gain(evidence, chosen)
-    # Blocks are chosen by some shots and looked at in the others: those that noise makes brighter
-    # would be chosen, and seem brighter.
+    # Blocks are chosen by one half of the shots and compared in the other: otherwise those that are
+    # brighter by noise would be chosen.
     halves = evidence.halves()
     blocks = 0.0 if halves else CHOSEN * _both(evidence.camera)[:, chosen].mean(axis=1)
     pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
     difference = np.mean([_difference(seen, clearest(by)) for by, seen in pairs], axis=0)
-    # Backgrounds that were read otherwise with either kind differ by that too.
+    # Different readings of the background with either kind are part of the difference.
     apart = evidence.source["injection"] - evidence.source["reference"]
     seen = difference / gain - apart
     variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
@@ -68,15 +64,15 @@ def kinds(evidence: Evidence) -> Kinds:
     says = ""
     if stands_out:
         if best.left > _EXPLAINED * float(np.sum((best.beside / noise) ** 2)):
-            says = "neither the camera's offset nor the black body alone does that"
+            says = "explained neither by the camera's offset nor by the black body alone"
         elif best.column == "offset":
             says = "as if the camera's offset changed between the kinds"
         else:
             says = f"as if the black body differed by {best.size:+.2f} K between the kinds"
-        says += ", or there is spray in all of the picture"
+        says += ", or there is spray in the whole image"
         slope = slopes(evidence)
         if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
-            says += "; injections see more of the background: are the two kinds swapped?"
+            says += "; injections show more of the background: are the two kinds swapped?"
     systematic = Systematic()
     if beyond:
         slope, start = np.polyfit(x / x.max(), evidence.rise, 1)
@@ -90,7 +86,7 @@ def kinds(evidence: Evidence) -> Kinds:
     return Kinds(
         witness=Witness(
             name="kinds",
-            compared="injections against references where there is the least spray",
+            compared="injections against references in the pixels with the least spray",
             says=says,
             setpoints=evidence.setpoints,
             kelvin=tuple(shown_K.tolist()),
@@ -107,7 +103,7 @@ def _both(variance: Mapping[str, Floats]) -> Floats:
 
 
 def _difference(evidence: Evidence, chosen: NDArray[np.bool_]) -> Floats:
-    """(K,) injections less references in the `chosen` blocks (B,)."""
+    """Injections minus references (K,) in the `chosen` blocks (B,)."""
     found = evidence.mean("injection") - evidence.mean("reference")
     return np.asarray(found[:, chosen].mean(axis=1))
 
@@ -120,7 +116,7 @@ def _gain(evidence: Evidence, chosen: NDArray[np.bool_]) -> float:
 
 
 def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> Floats:
-    """(K,) what no mixture of sprays explains of `seen` before backgrounds of radiance `x`."""
+    """Part (K,) of `seen` that no mixture of sprays explains, at backgrounds of radiance `x`."""
     coldest = np.zeros_like(x)
     design = np.stack([coldest - x, max(warmest, float(x.max())) - x], axis=1)
     share, _ = nnls(design / noise[:, None], seen / noise)
@@ -129,8 +125,8 @@ def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> 
 
 @dataclass(frozen=True)
 class _Cause:
-    """size: radiance of an offset, or kelvin. beside: (K,) what is no spray. left: unexplained
-    squares, in units of the noise."""
+    """A possible cause. size: radiance of an offset, or kelvin. beside: (K,) difference without
+    the spray. left: unexplained squares, in units of the noise."""
 
     column: str
     size: float
@@ -139,7 +135,7 @@ class _Cause:
 
 
 def _causes(seen: Floats, x: Floats, evidence: Evidence, noise: Floats) -> list[_Cause]:
-    """Offset or kelvin that explain `seen` beside a spray as warm as the dense one."""
+    """Offset or kelvin that explain `seen`, together with a spray as warm as the dense one."""
     spray = _own(evidence, x) - x
     found: list[_Cause] = []
     for name, column in (("offset", np.ones_like(x)), ("black body", evidence.rise)):
@@ -155,7 +151,7 @@ def _causes(seen: Floats, x: Floats, evidence: Evidence, noise: Floats) -> list[
 
 
 def _own(evidence: Evidence, x: Floats) -> float:
-    """Radiance of the spray where there is most of it; between that of nothing and the warmest."""
+    """Radiance of the spray where it is densest, between 0 and the warmest."""
     slope = slopes(evidence)
     dense = (slope <= np.quantile(slope, _DENSE)) & (1.0 - slope > _LEAST)
     if not dense.any():

@@ -1,4 +1,4 @@
-"""Points against a straight line: each against the others, a lone one off it, two swapped."""
+"""Deviations of points from a straight line: of each from the others, a lone one, two swapped."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_EXPLAINED = 0.1  # share of the sum of squares that may be left where one cause explains it
+_EXPLAINED = 0.1  # largest remaining share of squares for a cause that explains them
 
 
 @dataclass(frozen=True, kw_only=True)
 class OffLine:
-    """How K points lie off the line through the others.
+    """Deviations of K points from the line through the others.
 
-    kelvin, noise_K: (K,). lone: the one without which the others lie on a line; None where there is
-    none, or nobody could tell (three points). swapped: two whose exchange puts all on a line.
+    kelvin, noise_K: (K,). lone: the one without which the others are on a line; None if there is
+    none, or with three points. swapped: two whose exchange puts all on a line.
     """
 
     kelvin: Floats
@@ -27,18 +27,17 @@ class OffLine:
     swapped: tuple[int, int] | None
 
     def beyond(self, deviations: float) -> bool:
-        """Whether any point is off by more than so many of its noise."""
+        """True if a point deviates by more than so many standard deviations of its noise."""
         return bool(np.any(np.abs(self.kelvin) > deviations * self.noise_K))
 
 
 def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine:
-    """Each of K >= 3 points against the line through the others, all counted alike in kelvin.
+    """Deviation of each of K >= 3 points from the line through the others, with equal weights.
 
     Args:
         x: (K,) radiance of the background.
-        y: (K,) signal.
+        y, variance: (K,) signal, and its variance.
         rise: (K,) of x per kelvin.
-        variance: (K,) of y.
     """
     gain = _gain(x, y, rise)
     count = len(x)
@@ -46,7 +45,7 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
     for k in range(count):
         others = np.arange(count) != k
         design = np.stack([x[others], np.ones(count - 1) * x.max()], axis=1) / rise[others][:, None]
-        # (K - 1,) coefficients of the others' signals in what they foretell
+        # (K - 1,) coefficients of the others' signals in the prediction
         weight = np.array([x[k], x.max()]) @ np.linalg.pinv(design) / rise[others]
         kelvin[k] = (y[k] - weight @ y[others]) / (gain * rise[k])
         noise[k] = np.sqrt(variance[k] + weight**2 @ variance[others]) / (abs(gain) * rise[k])
@@ -64,11 +63,7 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
 
 
 def squares(x: Floats, y: Floats, rise: Floats) -> float:
-    """Sum of squares in kelvin of K points about their line.
-
-    Args:
-        x, y, rise: (K,) as in `off_line`.
-    """
+    """Sum of squares in kelvin of points about their line; `x`, `y`, `rise` as in `off_line`."""
     design = np.stack([x, np.ones_like(x) * x.max()], axis=1) / rise[:, None]
     best, *_ = np.linalg.lstsq(design, y / rise, rcond=None)
     off = y / rise - design @ best

@@ -1,9 +1,9 @@
-"""Does every picture lie alike? Pixels differ a little in gain, which tells.
+"""Orientation of images, by the fixed pattern of pixel gains.
 
-The pattern of a camera's pixels, each against its neighbours, is the same in references and
-injections and before every background. Where it is found again better in a mirrored, turned or
-shifted picture, a program did that to the picture. What the spray looks like tells the same of the
-injections of one background among the others.
+The pattern of a camera's pixels relative to their neighbours is the same in references, injections
+and at every background. If it correlates better with a mirrored, turned or shifted image, a program
+changed that image. The shape of the spray checks the injections of one background against the
+others.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 
 _LEAST = 8  # pixels along an axis
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
-_ALIKE = 0.8  # correlation of two pictures of one spray
-_CLIP = 3.0  # usual deviations, beyond which bad pixels and edges are cut
+_ALIKE = 0.8  # least correlation of two images of one spray
+_CLIP = 3.0  # usual deviations at which bad pixels and edges are clipped
 
 _TURNS: dict[str, Callable[[Floats], Floats]] = {
     "upside down": lambda image: image[::-1],
@@ -37,7 +37,7 @@ _TURNS: dict[str, Callable[[Floats], Floats]] = {
 def orientation(
     sums: Mapping[tuple[float, str], Sums], setpoints: Sequence[float]
 ) -> Witness | None:
-    """Pictures that lie otherwise than the references do; by `sums` before `setpoints`."""
+    """Witness of images that differ in orientation from the references."""
     every = slice(None)
     means = {key: group.mean(every) for key, group in sums.items()}
     if min(next(iter(means.values())).shape) < _LEAST:
@@ -52,7 +52,7 @@ def orientation(
             least = _DEVIATIONS / np.sqrt(own.size)
             found = _turned(own, others, least=least) or _shifted(own, others, least=least)
             if found is not None:
-                wrong.append(f"{kind}s before {setpoint:g} K are {found}")
+                wrong.append(f"{kind}s at {setpoint:g} K are {found}")
     if not wrong:
         deltas = {k: _level(means[k, "injection"] - means[k, "reference"]) for k in setpoints}
         if len(setpoints) >= 3:
@@ -60,19 +60,19 @@ def orientation(
             for setpoint, delta in deltas.items():
                 found = _turned(delta, _level(whole - delta), least=_ALIKE)
                 if found is not None:
-                    wrong.append(f"the spray before {setpoint:g} K is {found}")
+                    wrong.append(f"the spray at {setpoint:g} K is {found}")
     if not wrong:
         return None
     return Witness(
         name="orientation",
-        says="pictures do not lie alike: " + "; ".join(wrong) + ", against the others",
+        says="images differ in orientation: " + "; ".join(wrong),
         stands_out=True,
         severe=True,
     )
 
 
 def _pattern(image: Floats) -> Floats:
-    """Each pixel against its four neighbours, relative, without what sticks out."""
+    """Relative difference of each pixel from its four neighbours, clipped and normalised."""
     edged = np.pad(image, 1, mode="edge")
     around = (edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]) / 4.0
     fine = (image - around) / np.maximum(np.abs(around), 1.0)
@@ -81,14 +81,14 @@ def _pattern(image: Floats) -> Floats:
 
 
 def _level(image: Floats) -> Floats:
-    """Without its mean, of length 1; all 0 of a flat picture."""
+    """The image without its mean and with length 1; all 0 for a flat image."""
     flat = image - image.mean()
     size = float(np.sqrt(np.sum(flat**2)))
     return flat / size if size > 0.0 else np.zeros_like(flat)
 
 
 def _turned(own: Floats, others: Floats, *, least: float) -> str | None:
-    """How `own` must be turned to look like `others`, where that is far better than as it is."""
+    """Turn of `own` that correlates with `others` far better than none, in words."""
     length = float(np.sqrt(np.sum(others**2)))
     if not length > 0.0:
         return None
@@ -102,7 +102,7 @@ def _turned(own: Floats, others: Floats, *, least: float) -> str | None:
 
 
 def _shifted(own: Floats, others: Floats, *, least: float) -> str | None:
-    """By how much `own` is shifted against `others`, where it is then far more alike."""
+    """Shift of `own` that correlates with `others` far better than none, in words."""
     length = float(np.sqrt(np.sum(others**2)))
     if not length > 0.0:
         return None

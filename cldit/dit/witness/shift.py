@@ -1,7 +1,7 @@
-"""Pictures against each other: is one background's picture shifted?
+"""Shift of the images of one background against the others.
 
-What is left of Delta I about the lines of all pixels, before one background, is held against the
-gradient of its own picture: a picture that is shifted by u differs by u times its gradient.
+An image that is shifted by u differs by u times its gradient. The residuals of Delta I about the
+lines of all pixels at one background are therefore fitted by the gradient of its own image.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 _TILES = 4  # along either axis: their scatter is the noise of the shift
 _WORTH_PIXELS = 0.1
-_COMPARED = "pictures against the gradient of each"
+_COMPARED = "images against the gradient of each"
 
 
 def shift(
@@ -29,17 +29,12 @@ def shift(
     source: Floats,
     counts_per_kelvin: Floats,
 ) -> tuple[Witness, dict[float, Floats]]:
-    """Finds the one background whose picture of the spray is shifted.
+    """Witness of a background at which the spray is shifted, and variances [counts^2] of the shift.
 
     Args:
-        sums: by set point and kind.
-        setpoints: K of them.
+        sums, setpoints: sums by set point and kind, and the K set points.
         sees: (h, w) pixels that see the background.
-        source: (K,) radiance of the backgrounds.
-        counts_per_kelvin: (K,) of the black body.
-
-    Returns:
-        The witness, and by set point the (h, w) counts^2 by which the shift widens the errors.
+        source, counts_per_kelvin: (K,) radiance of the backgrounds, and counts per kelvin.
     """
     count = len(setpoints)
     if count < 3 or min(sees.shape) < 3 * _TILES:
@@ -49,7 +44,7 @@ def shift(
         [sums[k, "injection"].mean(every) - sums[k, "reference"].mean(every) for k in setpoints]
     )
     design = np.stack([source / source.max(), np.ones(count)], axis=1) / counts_per_kelvin[:, None]
-    keep = np.eye(count) - design @ np.linalg.pinv(design)  # what is left about the lines
+    keep = np.eye(count) - design @ np.linalg.pinv(design)  # residuals about the lines
     left = np.einsum("kl,lhw->khw", keep, delta / counts_per_kelvin[:, None, None])
     inner = _inside(sees)
     if not inner.any():
@@ -97,7 +92,7 @@ def shift(
 
 
 def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels whose four neighbours see the background too."""
+    """Pixels with four neighbours that see the background."""
     inner = np.zeros_like(sees)
     inner[1:-1, 1:-1] = (
         sees[1:-1, 1:-1] & sees[:-2, 1:-1] & sees[2:, 1:-1] & sees[1:-1, :-2] & sees[1:-1, 2:]
@@ -106,10 +101,10 @@ def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _fit(slope: Floats, left: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats, float]:
-    """Shift (rows, columns) by least squares, its standard errors, and the squares it explains.
+    """Shift (rows, columns) by least squares, its standard errors, and the explained squares.
 
-    The errors are the jackknife's over tiles of the picture: what is left is no white noise where
-    the spray of one shot is not that of the next.
+    The errors are a jackknife over tiles, since residuals are correlated if the spray differs
+    between shots.
     """
     rows, columns = (np.arange(size) * _TILES // size for size in where.shape)
     tile = (rows[:, None] * _TILES + columns)[where]
@@ -138,14 +133,10 @@ def _wander(
     keep: Floats,
     counts_per_kelvin: Floats,
 ) -> tuple[Floats, int]:
-    """(K, 2) how large a shift shots make by chance, and degrees of freedom.
+    """Standard errors (K, 2) of the shift due to scatter of the shots, and degrees of freedom.
 
-    What each shot has beyond the mean of its background is fitted by the gradient of every
-    background's mean, in the blocks of the thumbnails, as what is left about the lines is.
-
-    Args:
-        sums, setpoints, counts_per_kelvin: as in `shift`.
-        keep: (K, K) takes what is left about the lines.
+    Deviations of shots from the mean of their background are fitted by the gradient of every
+    background's mean, in blocks, like the residuals about the lines, which `keep` (K, K) projects.
     """
     groups = [sums[setpoint, "injection"] for setpoint in setpoints]
     small = [np.array(group.thumbnails, float) for group in groups]
@@ -163,7 +154,7 @@ def _wander(
         mean = (small[k].mean(axis=0) - bare) / counts_per_kelvin[k]
         g = np.array(np.gradient(mean)).reshape(2, -1) / block[:, None]
         to_shift = np.linalg.pinv(g @ g.T, hermitian=True) @ g
-        # (K, 2): variance of a shift by one shot before either background
+        # (K, 2): variance of a shift due to one shot at each background
         each = np.array(
             [
                 np.sum((one @ to_shift.T) ** 2, axis=0) / max(left, 1.0)

@@ -1,41 +1,46 @@
-"""Steady drift: how references change from shot to shot, and what that makes of their means.
+"""Steady drift: change of references from shot to shot, and its effect on their means.
 
-The rates before K backgrounds, r_k = offset + gain S_k with the signal S_k, are fitted by weighted
-least squares. The fit gives the two rates m and their covariance C. An error of the means follows
-the same course, so its second moment about zero is m m' + C, and that goes into the covariance of
-the lines' fit (`cldit.dit.fit`, steady errors): with m alone, one number of variance 1 for offset
-and gain together; with C, what the rates leave open.
+The rates at K backgrounds, r_k = offset + gain S_k with the signal S_k, are fitted by weighted
+least squares, which gives the two rates m and their covariance C. The error of the means has the
+same course, with the second moment m m' + C about zero, which is added to the covariance of the
+lines' fit (`cldit.dit.fit`, steady errors): m is one random number of variance 1 for offset and
+gain together, C the uncertainty of the rates.
 
-A black body that drifts looks much like a gain that does. Its rate, in proportion to the radiance
-per kelvin, is fitted beside the others, and so what it leaves open of them is in C.
+A drift of the black body resembles one of the gain. Its rate, proportional to the radiance per
+kelvin, is fitted too, so that C includes the ambiguity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.solve import Cause
+from cldit.dit.solve import Cause, Drift
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
 from cldit.dit.witness.lines import squares
 
 Floats = NDArray[np.float64]
 
-_AGAIN = 3  # each brings a factor of the drift itself: a tenth at most
-_NEAR = 0.5  # by how much a course may differ from what the rates foretell, relative
+_AGAIN = 3  # iterations; each reduces the error by the relative drift, a tenth at most
+_NEAR = 0.5  # largest relative deviation of a course from that of the rates
+_NAMES = {
+    "black body": "black body",
+    "offset": "offset of the camera",
+    "gain": "gain of the camera",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trend:
     """A steady drift, radiance or (gain) relative.
 
-    rate: (K,) an interval of the axis before each background. course: (K,) of the references'
-    means. modes: (M, K) parts of the course, each of variance 1; the modes of all trends of an
-    acquisition belong together. apart: (M, K) how much more of each the injections' means have.
+    rate: (K,) per interval of the axis at each background. course: (K,) of the references' means.
+    modes: (M, K) parts of the course, each of variance 1 and common to all trends. apart: (M, K)
+    excess of each mode in the injections' means.
     """
 
     rate: Floats
@@ -48,18 +53,18 @@ Trends = Mapping[Cause, Trend]
 
 
 def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
-    """What changes from shot to shot, the same way before all backgrounds.
+    """Steady drifts, with the same course at all backgrounds.
 
-    A black body starts anew before each background: where it drifts, references are nearer to their
-    line without what a gain would make of them.
+    A drift of the black body restarts at each background. It is chosen in place of a gain if the
+    references are then nearer to their line.
 
     Args:
         evidence: of K backgrounds.
-        beyond: whether references lie off their line.
-        steps: the camera's offset is another number after each break.
+        beyond: True if references deviate from their line.
+        steps: True if the camera's offset changes at breaks.
     """
     camera = _of_camera(evidence)
-    if len(evidence.setpoints) == 2:  # there is no line that would tell
+    if len(evidence.setpoints) == 2:  # a line would always fit
         return camera
     blackbody = _of_blackbody(evidence)
     if steps:
@@ -72,9 +77,9 @@ def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
 
 
 def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
-    """The offset's course with what each break did to it, from the references' line.
+    """Trends with a step of the offset at each break, from the references' line.
 
-    The line is one over all parts: those of a background with a break within show it by themselves.
+    One line is fitted over all parts; a background with a break inside determines the step itself.
     """
     if not evidence.breaks:
         return trends
@@ -118,11 +123,11 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
 
 
 def _of_camera(evidence: Evidence) -> Trends:
-    """Offset and gain, as if both went on from one background to the next."""
+    """Drift of offset and gain that continues from one background to the next."""
     way = _way(evidence)
     seen = signal(evidence)
     rates = _rates(evidence, {"offset": np.ones_like(way), "gain": seen}, beside=evidence.rise)
-    for _ in range(_AGAIN):  # at the signals as they would be with the gain of the middle
+    for _ in range(_AGAIN):  # at the signals for the gain at mid-course
         offset, gain = (rates.of(cause) for cause in ("offset", "gain"))
         still = (seen - offset * way) / (1.0 + gain * way)
         rates = _rates(evidence, {"offset": np.ones_like(way), "gain": still}, beside=evidence.rise)
@@ -138,14 +143,14 @@ def _of_camera(evidence: Evidence) -> Trends:
 
 
 def _of_blackbody(evidence: Evidence) -> Trends:
-    """Offset, and a black body that starts anew before each background."""
+    """Drift of the offset, and of a black body that restarts at each background."""
     way, rise = _way(evidence), evidence.rise
     since = np.array([places.since.mean() for places in evidence.places["reference"]])
     rates = _rates(evidence, {"offset": np.ones_like(way), "black body": rise})
     found: dict[Cause, Trend] = {}
     for cause in rates.causes:
         shape, course = (rise, rise * since) if cause == "black body" else (np.ones_like(way), way)
-        alone = np.zeros((len(rates.causes), 1))  # its start says nothing of the camera's drift
+        alone = np.zeros((len(rates.causes), 1))  # independent of the camera's drift
         alone[rates.causes.index(cause)] = np.sqrt(rates.moment(cause))
         found[cause] = Trend(
             rate=rates.of(cause) * shape, course=rates.of(cause) * course, modes=alone * course
@@ -154,33 +159,25 @@ def _of_blackbody(evidence: Evidence) -> Trends:
 
 
 def _way(evidence: Evidence) -> Floats:
-    """(K,) where the middle of the references lies on the drift's axis."""
+    """Mean position (K,) of the references on the drift's axis."""
     middle = np.array([places.at.mean() for places in evidence.places["reference"]])
     return np.asarray(middle - middle.mean())
 
 
 def signal(evidence: Evidence) -> Floats:
-    """(K,) mean of the references over all blocks."""
+    """Mean (K,) of the references over all blocks."""
     return np.asarray(evidence.mean("reference").mean(axis=1))
 
 
 def unit(evidence: Evidence, cause: Cause) -> Floats:
-    """(K,) by what an error of 1 moves the references; a black body's is one of radiance.
-
-    Args:
-        evidence: of K backgrounds.
-        cause: of the error.
-
-    Returns:
-        (K,) radiance; of the gain, the references' signal.
-    """
+    """Change (K,) of the references by an error of 1: radiance, or for the gain their signal."""
     seen = signal(evidence)
     return seen if cause == "gain" else np.ones_like(seen)
 
 
 @dataclass(frozen=True)
 class _Rates:
-    """Rates (N,) that are no chance, an interval, and their covariance (N, N)."""
+    """Significant rates (N,) per interval, and their covariance (N, N)."""
 
     causes: tuple[Cause, ...]
     best: Floats
@@ -195,7 +192,7 @@ class _Rates:
 
     @property
     def roots(self) -> Floats:
-        """(N, N) L with L L' the second moment about zero; the first column is largest."""
+        """Root L (N, N) of the second moment about zero, L L'; the first column is largest."""
         size = np.sqrt(self.best**2 + np.diag(self.covariance))
         moment = np.outer(self.best, self.best) + self.covariance
         values, vectors = np.linalg.eigh(moment / np.outer(size, size))
@@ -206,10 +203,10 @@ class _Rates:
 def _rates(
     evidence: Evidence, columns: Mapping[Cause, Floats], *, beside: Floats | None = None
 ) -> _Rates:
-    """Change of the references' mean an interval, in proportion to `columns`, (K,) each.
+    """Change of the references' mean per interval, proportional to `columns`, (K,) each.
 
-    What may be chance is left out, and the others are found without it. Those that remain are found
-    once more beside another change, in proportion to `beside`, where there are backgrounds enough.
+    Insignificant rates are removed one by one. The remaining ones are fitted again together with a
+    change proportional to `beside`, if there are enough backgrounds.
     """
     every = np.ones(evidence.blocks, bool)
     series = evidence.picture("reference", every)
@@ -224,14 +221,14 @@ def _rates(
     causes = list(columns)
     while causes:
         best, covariance = _weighted([columns[cause] for cause in causes], rate, weight)
-        told = np.abs(best) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        if told.min() > least:
+        found = np.abs(best) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        if found.min() > least:
             if beside is not None and np.count_nonzero(weight) > len(causes):
                 some = [*(columns[cause] for cause in causes), beside]
                 best, covariance = _weighted(some, rate, weight)
             n = len(causes)
             return _Rates(tuple(causes), best[:n], covariance[:n, :n])
-        del causes[int(np.argmin(told))]
+        del causes[int(np.argmin(found))]
     return _Rates((), np.zeros(0), np.zeros((0, 0)))
 
 
@@ -246,12 +243,9 @@ def _weighted(columns: Sequence[Floats], values: Floats, weight: Floats) -> tupl
 
 
 def without(evidence: Evidence, trends: Trends, *, fitted: bool = False) -> Evidence:
-    """The evidence without steady drifts.
+    """The evidence without steady drifts, except that of the black body, equal at all backgrounds.
 
-    Args:
-        evidence: of K backgrounds.
-        trends: the drifts. That of the black body is the same before all backgrounds, and stays.
-        fitted: all as much larger or smaller as suits the references' line best.
+    With `fitted` the drifts are scaled by a common factor for the best line of the references.
     """
     trends = {cause: one for cause, one in trends.items() if cause != "black body"}
     if not trends:
@@ -272,3 +266,40 @@ def without(evidence: Evidence, trends: Trends, *, fitted: bool = False) -> Evid
                 here = amount * one.course[k]
                 parts[k] = part / (1.0 + here) if cause == "gain" else part - here
     return replace(evidence, shots={kind: tuple(parts) for kind, parts in shots.items()})
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftTerm:
+    """One term of the covariance that references and injections share.
+
+    name: cause and kind. setpoints, kelvin: by background; a steady drift has a sign, the others
+    are standard deviations.
+    """
+
+    name: str
+    setpoints: tuple[float, ...]
+    kelvin: tuple[float, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data."""
+        return asdict(self)
+
+
+def terms(
+    evidence: Evidence, *, given: Sequence[Drift], found: Sequence[Drift]
+) -> tuple[DriftTerm, ...]:
+    """Terms above 0: those stated by the user or by readings, then those found."""
+    listed: list[tuple[str, Floats]] = []
+    for origin, drifts in (("stated, or by readings", given), ("found", found)):
+        for one in drifts:
+            per_kelvin = unit(evidence, one.cause) / evidence.rise
+            name = _NAMES[one.cause]
+            listed += [
+                (f"{name}, steady drift", one.course * per_kelvin),
+                (f"{name}, at each background ({origin})", np.sqrt(one.variance) * per_kelvin),
+            ]
+    return tuple(
+        DriftTerm(name=name, setpoints=evidence.setpoints, kelvin=tuple(kelvin.tolist()))
+        for name, kelvin in listed
+        if kelvin.any()
+    )

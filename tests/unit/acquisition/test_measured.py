@@ -234,7 +234,7 @@ def _missing(data: dict[str, Any], folder: Path) -> str:
 
 def _wrong_size(data: dict[str, Any], folder: Path) -> str:
     tifffile.imwrite(folder / "453" / "references" / "002.tif", np.zeros((16, 21), np.uint16))
-    return r"002.tif\[0\]: picture of shape \(16, 21\), expected \(16, 20\)"
+    return r"002.tif\[0\]: image of shape \(16, 21\); allowed: \(16, 20\)"
 
 
 def _damaged(data: dict[str, Any], folder: Path) -> str:
@@ -275,7 +275,7 @@ def _other_ending(data: dict[str, Any], folder: Path) -> str:
 def _one_reference(data: dict[str, Any], folder: Path) -> str:
     for background in data["backgrounds"]:
         background["references"] = background["references"].replace("*", "000")
-    return "one reference a background"
+    return "one reference per background"
 
 
 def _upside_down(data: dict[str, Any], folder: Path) -> str:

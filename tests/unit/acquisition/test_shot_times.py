@@ -34,7 +34,7 @@ def test_times_of_a_journal_and_waits_for_the_black_body(
     assert not axis.breaks_s and at[0] > at[-1]
     assert np.ptp(at) > 2 * len(shots)  # waits for the black body are most of the time
     found = evaluate_folder(tmp_path / "a")
-    assert found.drift_axis.startswith("drift is told over time: ")
+    assert found.drift_axis.startswith("drift fitted against time; ")
     assert found.drift_axis in found.lines
     assert found.to_dict()["drift_axis"] == found.drift_axis
 
@@ -49,7 +49,7 @@ def test_each_delay_has_its_own_times(
     for delay in range(3):
         shots = opened.at_delay(delay).shots
         axis = drift_axis(shots)
-        assert "drift is told over time" in axis.text
+        assert "drift fitted against time" in axis.text
         here = [
             place for shot, place in zip(shots, axis.places, strict=True) if not shot.background
         ]

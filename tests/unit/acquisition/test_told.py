@@ -129,7 +129,7 @@ def test_times_in_the_yaml(made: Laboratory, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     said = " ".join(result.output.split())
     assert "times of 24 of 24 images, over 100 s" in said
-    assert "drift is told over time: 2 s between shots (median), 20 s at most" in said
+    assert "drift fitted against time; median shot interval 2 s, longest 20 s" in said
 
 
 def test_times_in_a_table_as_dates(made: Laboratory, tmp_path: Path) -> None:

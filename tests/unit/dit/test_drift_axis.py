@@ -33,9 +33,9 @@ def test_a_wait_takes_its_time_in_any_order_of_shots() -> None:
 @pytest.mark.parametrize(
     ("times_s", "why"),
     [
-        ((None, None, None), "number of the shot: no shot has a time"),
-        ((1.0, None, 3.0), "1 of 3 have no time"),
-        ((1.0, 1.0, 2.0), "some have the same time"),
+        ((None, None, None), "shot number: no shot has a time"),
+        ((1.0, None, 3.0), "1 of 3 shots have no time"),
+        ((1.0, 1.0, 2.0), "some times are equal"),
     ],
 )
 def test_without_all_times_numbers_count(times_s: tuple[float | None, ...], why: str) -> None:
@@ -50,8 +50,8 @@ def test_a_break_takes_one_interval_and_is_said() -> None:
     assert [place.at for place in axis.places] == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert [place.part for place in axis.places] == [0, 0, 0, 1, 1]
     assert axis.places[3].lag == pytest.approx(3.0 * BREAK_s / 2.0 - 1.0)
-    assert axis.said(through=False).endswith("after a break (3 h) it starts anew")
-    assert axis.said(through=True).endswith("the references show that it goes on")
+    assert axis.said(through=False).endswith("after a break (3 h) it restarts")
+    assert axis.said(through=True).endswith("it continues, as the references show")
     places = Places.of(axis.places)
     np.testing.assert_allclose(places.through().at, 1.0 + np.array(times_s) / 2.0)
     np.testing.assert_allclose(places.away(places.at), [-1.0, 0.0, 1.0, -0.5, 0.5])

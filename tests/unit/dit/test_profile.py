@@ -50,7 +50,7 @@ def test_a_line_of_ones_own() -> None:
     assert found.z_m == pytest.approx(np.full(found.z_m.shape, -5e-3))
     np.testing.assert_allclose(found.apparent_temperature_K, 405.0)
     assert found.x_m[-1] == pytest.approx(60e-3)
-    with pytest.raises(EvaluationError, match=r"x 100, z 0 mm is outside the picture"):
+    with pytest.raises(EvaluationError, match=r"x 100, z 0 mm is outside the image"):
         profile_of(plume(0.0), **WHERE, start_m=(0.1, 0.0))
 
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps, Reason
-from cldit.dit.recorded import evaluate_acquisition, evaluate_shots
+from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.optics.planck import band_radiance
 from tests.verify.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, FILTER_UM, Recorded, Shot
@@ -49,7 +49,7 @@ def _spray(shape: tuple[int, int] = (6, 8)) -> Recorded:
 def test_acquisition_without_noise() -> None:
     acquisition = _spray()
     seen: list[tuple[int, int]] = []
-    maps = evaluate_acquisition(acquisition, progress=lambda *at: seen.append(at))
+    maps = evaluate_shots(acquisition, progress=lambda *at: seen.append(at)).maps
     assert seen == [(n, 10) for n in range(1, 11)]
     expected = 1 - np.linspace(0.1, 0.9, 48).reshape(6, 8)
     # rounding to counts: 0.3 counts of 6000
@@ -67,7 +67,7 @@ def test_drifting_background_is_allowed_for() -> None:
             kelvin = shot.background_setpoint_K - 3.0
             image = _counts(np.full((6, 8), _radiance(kelvin)))
             acquisition.shots[index] = replace(shot, background_K=kelvin, image=image)
-    maps = evaluate_acquisition(acquisition)
+    maps = evaluate_shots(acquisition).maps
     expected = 1 - np.linspace(0.1, 0.9, 48).reshape(6, 8)
     np.testing.assert_allclose(maps.emissivity, expected, atol=5e-4)
 
@@ -89,7 +89,7 @@ def test_every_reason() -> None:
             bare = calm[shot.background_K]
             image[1, 1] = bare[1, 1]
             image[1, 2] = np.rint((bare[1, 2] - dark) * 0.5) + dark - 60
-    maps = evaluate_acquisition(acquisition)
+    maps = evaluate_shots(acquisition).maps
     expected = np.zeros((6, 8), np.uint8)
     expected[0, 0] = Reason.BAD_PIXEL
     expected[0, 1] = Reason.SATURATED
@@ -120,7 +120,7 @@ def test_one_saturated_exposure_spoils_its_background() -> None:
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
-    maps = evaluate_acquisition(_spray())
+    maps = evaluate_shots(_spray()).maps
     maps.save(tmp_path / "maps", pixel_m=(1e-4, 2e-4))
     back = Maps.load(tmp_path / "maps")
     for name in ("emissivity", "apparent_temperature_K", "reason", "reduced_chi2"):
@@ -140,50 +140,50 @@ def test_refuses_incomplete_recordings() -> None:
     one = _spray()
     one.shots = [s for s in one.shots if s.background_setpoint_K == 400]
     with pytest.raises(EvaluationError, match=r"\[400.0\] K; .* at least two"):
-        evaluate_acquisition(one)
+        evaluate_shots(one)
     empty = _spray()
     empty.shots = []
     with pytest.raises(EvaluationError, match="at least two"):
-        evaluate_acquisition(empty)
+        evaluate_shots(empty)
     for kind in ("reference", "injection"):
         gap = _spray()
         _drop(gap, kind, 480.0)
         with pytest.raises(EvaluationError, match=f"background 480 K: no {kind}"):
-            evaluate_acquisition(gap)
+            evaluate_shots(gap)
 
 
 def test_refuses_bad_shots() -> None:
     still = _spray()
     still.shots = [replace(s, background_K=440.0) for s in still.shots]
     with pytest.raises(EvaluationError, match=r"\[440.0\] K"):
-        evaluate_acquisition(still)
+        evaluate_shots(still)
     cold = _spray()
     cold.shots = [replace(s, background_K=0.5 + s.background_setpoint_K / 1e3) for s in cold.shots]
     with pytest.raises(EvaluationError, match="the same radiance"):
-        evaluate_acquisition(cold)
+        evaluate_shots(cold)
     lost = _spray()
     lost.shots[3] = replace(lost.shots[3], background_K=float("nan"))
     with pytest.raises(EvaluationError, match="440-injection-0: background at nan"):
-        evaluate_acquisition(lost)
+        evaluate_shots(lost)
     odd = _spray()
     odd.shots[3] = replace(odd.shots[3], kind="dark")
     with pytest.raises(EvaluationError, match="440-injection-0: kind 'dark'"):
-        evaluate_acquisition(odd)
+        evaluate_shots(odd)
     cut = _spray()
     cut.shots[3] = replace(cut.shots[3], image=cut.shots[3].image[:-1])
-    with pytest.raises(EvaluationError, match=r"440-injection-0: picture of shape \(5, 8\)"):
-        evaluate_acquisition(cut)
+    with pytest.raises(EvaluationError, match=r"440-injection-0: image of shape \(5, 8\)"):
+        evaluate_shots(cut)
     swapped = _spray()
     swapped.shots = [
         replace(s, kind="injection" if s.kind == "reference" else "reference")
         for s in swapped.shots
     ]
     with pytest.raises(EvaluationError, match="swapped"):
-        evaluate_acquisition(swapped)
+        evaluate_shots(swapped)
 
 
 def test_an_empty_scene_is_no_swap() -> None:
     nothing = _acquisition(transmitted=np.ones((6, 8)), emitted=np.zeros((6, 8)))
-    maps = evaluate_acquisition(nothing)
+    maps = evaluate_shots(nothing).maps
     assert maps.count() == {Reason.EMISSIVITY_TOO_LOW: 48}
     np.testing.assert_array_equal(maps.emissivity, 0.0)
