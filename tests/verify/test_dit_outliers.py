@@ -113,5 +113,5 @@ def test_photon_transfer_needs_noise_that_rises() -> None:
         photon_transfer(mean, 1e3 - 0.1 * mean, exposures=5, offset_counts=None)
     single = record(shots=1, side=4)
     single.calibration = {k: CAMERA.to_dict()[k] for k in ("filter_um", "saturation_counts")}
-    with pytest.raises(EvaluationError, match="one reference a background"):
+    with pytest.raises(EvaluationError, match="one reference per background"):
         evaluate_shots(single)
