@@ -15,7 +15,7 @@ from cldit.optics.liquid import Bands, Table, liquid
 from cldit.optics.liquid_table import read_liquid_table
 from cldit.run import default_cache
 from cldit.scene import load_scene
-from cldit.show.figures.optics_figures import optics_picture
+from cldit.show.figures.optics_figures import optics_png
 from cldit.show.report.optics_summary import scene_optics
 
 
@@ -35,7 +35,7 @@ def optics(scene: str, out: Path | None) -> None:
         OUT.print(escaped(source), style="dim")
     figure = out or Path(f"{chosen.name}-optics.png")
     make_folder(figure.parent)
-    write_bytes(figure, optics_picture(found))
+    write_bytes(figure, optics_png(found))
     OUT.print(escaped(str(figure)))
 
 

@@ -30,7 +30,7 @@ from cldit.io.plain_data import dump_yaml
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene
-from cldit.show.figures.curves import design_picture
+from cldit.show.figures.curves import design_png
 
 _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
@@ -127,7 +127,7 @@ def plan_command(
     )
     _write(loaded, folder, best)
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
-    figure = design_picture(lines, best, goal, title=f"{loaded.name}: error against time")
+    figure = design_png(lines, best, goal, title=f"{loaded.name}: error against time")
     write_bytes(folder / "design.png", figure)
     rig, plan = folder / "rig.yaml", folder / "plan.yaml"
     print_files(plan, rig, folder / "design.png")

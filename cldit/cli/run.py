@@ -22,8 +22,8 @@ from cldit.gpu.device import open_device
 from cldit.run import Run, simulate
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
-from cldit.show.figures.figures import human_figures
 from cldit.show.figures.film import mp4_possible
+from cldit.show.figures.readable import human_figures
 
 _QUICK_PIXELS = (128, 128)
 _QUICK_K = 4.0

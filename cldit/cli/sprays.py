@@ -23,8 +23,8 @@ from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
-from cldit.show.figures.curves import life_picture
-from cldit.show.figures.figures import human_figures
+from cldit.show.figures.curves import life_png
+from cldit.show.figures.readable import human_figures
 from cldit.show.report.spray_report import write_spray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
@@ -158,7 +158,7 @@ def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) ->
         title = (
             "{fuel}, {um:g} µm, in {gas} of {gas_temperature_K:g} K, {MPa:g} MPa: {model}"
         ).format(um=diameter_um, MPa=given["pressure_Pa"] / 1e6, **given)
-        write_bytes(out, life_picture(life, title=title))
+        write_bytes(out, life_png(life, title=title))
     if not as_csv:
         _life_table(life)
 

@@ -19,7 +19,7 @@ from cldit.show.figures.colours import (
     UNKNOWN,
     emissivity_scale,
     map_colours,
-    picture_colours,
+    pixel_colours,
     temperature_range_K,
 )
 from cldit.show.figures.panels import Frame
@@ -112,7 +112,7 @@ def maps_figure(
     for axes, run in zip(panels, runs.values(), strict=True):
         shape = run.maps.emissivity.shape
         axes.imshow(
-            picture_colours(run.maps, range_K=range_K, scale=full),
+            pixel_colours(run.maps, range_K=range_K, scale=full),
             extent=frame_of(run).extent_mm(shape),
             interpolation="nearest",
         )

@@ -21,7 +21,7 @@ from cldit.optics.wavelengths import wavelengths
 from cldit.prepare.phases import droplets_content, mean_phase
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
-from cldit.show.figures.curves import nodes_picture
+from cldit.show.figures.curves import nodes_png
 from cldit.spray.result import Spray
 from tests.bench.page import Given, write_measured
 from tests.unit.optics.table_errors import check_table, compare_solvers
@@ -81,7 +81,7 @@ def optics(given: Given) -> Part:
     if resolved.errors_K:
         title = f"{scene.name}: error against number of wavelengths"
         make_folder(given.options.out)
-        figure = nodes_picture(resolved.errors_K, chosen=count, title=title)
+        figure = nodes_png(resolved.errors_K, chosen=count, title=title)
         write_bytes(given.options.out / "wavelengths.png", figure)
     return Part(
         name="optics",

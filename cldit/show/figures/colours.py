@@ -65,9 +65,7 @@ def map_colours(
     return np.asarray(hsv_to_rgb(colour))
 
 
-def picture_colours(
-    maps: Maps, *, range_K: tuple[float, float], scale: float
-) -> NDArray[np.float64]:
+def pixel_colours(maps: Maps, *, range_K: tuple[float, float], scale: float) -> NDArray[np.float64]:
     """RGB (H, W, 3) of maps as `map_colours`; pixels without a value are light grey."""
     colour = map_colours(maps.emissivity, maps.apparent_temperature_K, range_K=range_K, scale=scale)
     known = (maps.reason == Reason.OK) | (maps.reason == Reason.EMISSIVITY_TOO_LOW)

@@ -91,7 +91,7 @@ def profile_figure(profile: Profile, *, title: str) -> Figure:
     return figure
 
 
-def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
+def nodes_png(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
     """PNG of the error of T_app with 1, 2, .. wavelengths; the chosen number is marked."""
     figure = figure_of(5.0, 3.4)
     axes = figure.subplots()
@@ -107,7 +107,7 @@ def nodes_picture(errors_K: Sequence[float], *, chosen: int, title: str) -> byte
     return png_of(figure)
 
 
-def design_picture(
+def design_png(
     lines: Sequence[tuple[Design, Floats, Floats]], best: Design, goal: Goal, *, title: str
 ) -> bytes:
     """PNG of the error of T_app against the time of a measurement; the chosen design is marked.
@@ -161,7 +161,7 @@ def design_picture(
     return png_of(figure)
 
 
-def life_picture(life: Life, *, title: str) -> bytes:
+def life_png(life: Life, *, title: str) -> bytes:
     """PNG of d^2, temperature, speed and mass of a droplet against time."""
     figure = figure_of(9.0, 6.0)
     figure.suptitle(title)

@@ -21,7 +21,7 @@ _FILTER = "#f3e3b3"
 PAPER_UM, PAPER_N, PAPER_K = 3.4, 1.338, 0.0341  # Sections "Ray Tracing" and "Refractive Index"
 
 
-def optics_picture(data: SceneOptics) -> bytes:
+def optics_png(data: SceneOptics) -> bytes:
     """PNG of six panels; those of droplets are omitted if the scene has none."""
     droplets = data.droplets is not None
     panels = [_vapour, *([_growth] if data.growth else []), _camera]

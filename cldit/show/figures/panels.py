@@ -74,7 +74,7 @@ def aspect_of(frame: Frame, shape: tuple[int, ...]) -> float:
     return (top - bottom) / (right - left)
 
 
-def panels_picture(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
+def panels_png(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
     """PNG of `panels_figure` of `panels` in `frame` under a `title`."""
     return png_of(panels_figure(panels, frame, title=title))
 

@@ -22,14 +22,14 @@ from cldit.show.figures.curves import (
     profile_figure,
     spectrum_figure,
 )
-from cldit.show.figures.figures import human_figures
-from cldit.show.figures.panels import Frame, panels_figure
-from cldit.show.figures.pictures import (
+from cldit.show.figures.maps import (
     error_maps_panels,
     errors_panels,
     map_figure,
     weights_panels,
 )
+from cldit.show.figures.panels import Frame, panels_figure
+from cldit.show.figures.readable import human_figures
 from cldit.show.figures.sheet import png_of
 from cldit.show.report.spray_report import views_figure
 from cldit.spray.result import Spray
@@ -47,7 +47,7 @@ def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -
             of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`, its masses
             from the side and from below.
         options: of `maps` and `acquired` range_K and scale, as for
-            `cldit.show.figures.pictures.map_figure`; of `profile` start_m and angle_deg, as for
+            `cldit.show.figures.maps.map_figure`; of `profile` start_m and angle_deg, as for
             `cldit.dit.profile.profile_of`.
 
     Raises:

@@ -16,8 +16,8 @@ from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
-from cldit.show.figures.panels import Frame, Panel, panels_picture
-from cldit.show.figures.pictures import errors_panels, map_picture
+from cldit.show.figures.maps import errors_panels, map_png
+from cldit.show.figures.panels import Frame, Panel, panels_png
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
@@ -165,7 +165,7 @@ def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -
         (single, "T_app by cause", "Change of the apparent temperature by each cause alone."),
     ]  # fmt: skip
     return [
-        Figure(panels_picture(some, frame, title=f"{title}: {what}"), caption)
+        Figure(panels_png(some, frame, title=f"{title}: {what}"), caption)
         for some, what, caption in drawn
         if some
     ]
@@ -193,11 +193,11 @@ def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
     drawn = Maps.load(maps)
     figures = [
         Figure(
-            map_picture(drawn, frame, title=title),
+            map_png(drawn, frame, title=title),
             "Hue is the apparent temperature, saturation the emissivity.",
         ),
         Figure(
-            panels_picture(errors_panels(drawn), frame, title=f"{title}: standard errors"),
+            panels_png(errors_panels(drawn), frame, title=f"{title}: standard errors"),
             "Standard errors, including what the witnesses found.",
         ),
     ]

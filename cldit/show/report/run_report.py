@@ -21,17 +21,17 @@ from cldit.run import Run, open_run
 from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s
-from cldit.show.figures.curves import nodes_picture
-from cldit.show.figures.figures import human_figures
-from cldit.show.figures.panels import Frame, panels_picture
-from cldit.show.figures.pictures import (
+from cldit.show.figures.curves import nodes_png
+from cldit.show.figures.maps import (
     Shares,
-    camera_pictures,
+    camera_pngs,
     error_maps_panels,
     errors_panels,
-    map_picture,
+    map_png,
     weights_panels,
 )
+from cldit.show.figures.panels import Frame, panels_png
+from cldit.show.figures.readable import human_figures
 from cldit.show.page import (
     Bar,
     Block,
@@ -73,12 +73,12 @@ def write_figures(run: Run) -> dict[str, Figure]:
     if run.measured is not None:
         add(
             "maps",
-            map_picture(run.measured, sensor, title=f"{name}: DIT of the acquired shots"),
+            map_png(run.measured, sensor, title=f"{name}: DIT of the acquired shots"),
             "Acquired by the rig: hue is the apparent temperature, saturation the emissivity.",
         )
         add(
             "errors",
-            panels_picture(errors_panels(run.measured), sensor, title=f"{name}: standard errors"),
+            panels_png(errors_panels(run.measured), sensor, title=f"{name}: standard errors"),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
         )
     for number, delay_s in enumerate(delays if len(delays) > 1 else ()):
@@ -86,29 +86,29 @@ def write_figures(run: Run) -> dict[str, Figure]:
         if place.is_dir():
             maps, title = Maps.load(place), f"{name}: DIT of the shots at {delay_text(delay_s)}"
             caption = f"{DelayRow.of(delay_s, maps).text}."
-            add(f"maps_{place.name}", map_picture(maps, sensor, title=title), caption)
+            add(f"maps_{place.name}", map_png(maps, sensor, title=title), caption)
     add(
         "maps_noise_free",
-        map_picture(run.maps, traced, title=f"{name}: DIT of the trace, without noise"),
+        map_png(run.maps, traced, title=f"{name}: DIT of the trace, without noise"),
         "The same from the traced radiances, on the traced field.",
     )
     add(
         "weights",
-        panels_picture(weights_panels(run.weights), traced, title=f"{name}: weights of the trace"),
+        panels_png(weights_panels(run.weights), traced, title=f"{name}: weights of the trace"),
         "Origin of the light of every pixel; one trace serves every background.",
     )
     if run.error_maps:
         title = f"{name}: standard error of the simulated T_app"
         add(
             "simulation_errors",
-            panels_picture(error_maps_panels(run.error_maps), traced, title=title),
+            panels_png(error_maps_panels(run.error_maps), traced, title=title),
             "Standard error of the simulation itself; errors/ has a map of every cause.",
         )
     if run.info.spectral is not None and run.info.spectral.errors_K:
         chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"
         add(
             "wavelengths",
-            nodes_picture(run.info.spectral.errors_K, chosen=chosen, title=title),
+            nodes_png(run.info.spectral.errors_K, chosen=chosen, title=title),
             "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
         )
     figures.setdefault("maps", figures["maps_noise_free"])
@@ -133,7 +133,7 @@ def _camera(run: Run) -> Slider:
             total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
-    drawn = camera_pictures(means, frame, title=run.scene.name)
+    drawn = camera_pngs(means, frame, title=run.scene.name)
     return Slider(
         "Background",
         {
@@ -175,7 +175,7 @@ def _origin(run: Run) -> list[Block]:
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
     title = f"{run.scene.name}: origin of the signal"
-    figure = panels_picture(shares.panels(), _frame(run, run.pixel_m), title=title)
+    figure = panels_png(shares.panels(), _frame(run, run.pixel_m), title=title)
     means = shares.means()
     rows: list[list[Cell]] = [
         [name, f"{100 * share:.1f} %", Bar(share)] for name, share in means.items()
@@ -383,5 +383,5 @@ def show_folder(folder: str | Path) -> Path:
         title = f"{_name(found)}: DIT of the acquired shots{when}"
         # one delay: beside the folder of its maps, as before there were several
         drawn.append((maps if when else found.folder) / "maps.png")
-        write_bytes(drawn[-1], map_picture(Maps.load(maps), frame, title=title))
+        write_bytes(drawn[-1], map_png(Maps.load(maps), frame, title=title))
     return drawn[0]

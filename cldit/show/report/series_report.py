@@ -21,8 +21,8 @@ from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
 from cldit.show.figures.colours import emissivity_scale, temperature_range_K
 from cldit.show.figures.film import write_film
+from cldit.show.figures.maps import map_png
 from cldit.show.figures.panels import Frame
-from cldit.show.figures.pictures import map_picture
 from cldit.show.figures.sheet import figure_of, plain, png_of
 
 # Notes of a spray that become columns.
@@ -122,7 +122,7 @@ def _picture(plan: SeriesPlan, scene: Scene, time: SeriesTime, scale: Scale) -> 
     if acquired:
         pixel_m = SensorView.from_scene(scene).pixel_m
     x, _, z = scene.target_m
-    return map_picture(
+    return map_png(
         Maps.load(place),
         Frame(pixel_m, (x, z)),
         title=f"{scene.name}: DIT of {'acquired shots' if acquired else 'traces, without noise'}",

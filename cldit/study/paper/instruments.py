@@ -14,7 +14,7 @@ from cldit.optics.liquid import liquid
 from cldit.radiance.boundary import Boundary, Surroundings, picture
 from cldit.run import Run
 from cldit.scene.sizes import Monodisperse
-from cldit.show.figures.optics_figures import optics_picture
+from cldit.show.figures.optics_figures import optics_png
 from cldit.show.figures.panels import Frame
 from cldit.show.figures.sheet import figure_of
 from cldit.show.report.optics_summary import FIG4, scene_optics
@@ -73,7 +73,7 @@ def optics(lab: Lab) -> Found:
             "off_um": max(off),
         },
         table=rows,
-        pngs={"optics": smaller(optics_picture(data))},
+        pngs={"optics": smaller(optics_png(data))},
     )
 
 

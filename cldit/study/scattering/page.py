@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.show.figures.panels import Frame, Panel, panels_picture
+from cldit.show.figures.panels import Frame, Panel, panels_png
 from cldit.show.page import Figure
 from cldit.study.page import Row as Cells
 from cldit.study.page import StudyPage
@@ -106,7 +106,7 @@ def scattering_picture(study: Study) -> bytes:
         x + ((columns.start + columns.stop) / 2.0 - width / 2.0) * wide,
         z - ((rows.start + rows.stop) / 2.0 - height / 2.0) * high,
     )
-    return panels_picture(
+    return panels_png(
         panels,
         Frame(pixel_m=(wide, high), centre_m=centre_m),
         title=f"{scene.name}: errors of the temperature",

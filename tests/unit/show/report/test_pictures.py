@@ -16,17 +16,17 @@ from cldit.show.figures.colours import (
     UNKNOWN,
     emissivity_scale,
     map_colours,
-    picture_colours,
+    pixel_colours,
     temperature_range_K,
 )
-from cldit.show.figures.panels import Frame, Panel, panels_picture, robust_limits
-from cldit.show.figures.pictures import (
+from cldit.show.figures.maps import (
     Shares,
-    camera_pictures,
+    camera_pngs,
     errors_panels,
-    map_picture,
+    map_png,
     weights_panels,
 )
+from cldit.show.figures.panels import Frame, Panel, panels_png, robust_limits
 
 FRAME = Frame((1e-3, 1e-3))
 
@@ -70,7 +70,7 @@ def test_colours_by_hand() -> None:
 def test_unknown_is_grey_and_transparent_is_white() -> None:
     maps = _maps(np.array([[0.9, np.nan, 0.0]]), np.array([[400.0, np.nan, np.nan]]))
     maps.reason[0, 2] = Reason.EMISSIVITY_TOO_LOW
-    got = picture_colours(maps, range_K=(300, 400), scale=0.9)
+    got = pixel_colours(maps, range_K=(300, 400), scale=0.9)
     expected = np.array([(1.0, 0.0, 0.0), (UNKNOWN,) * 3, (1.0, 1.0, 1.0)])
     np.testing.assert_allclose(got[0], expected, atol=1e-6)
 
@@ -108,7 +108,7 @@ def test_map_picture_shows_the_colours() -> None:
     temperature[:, :20] = 500.0
     maps = _maps(np.where(np.isfinite(temperature), 1.0, np.nan), temperature)
     picture = _pixels(
-        map_picture(maps, Frame((1e-3, 1e-3), (0.0, 0.5)), title="t", range_K=(300, 500), scale=1)
+        map_png(maps, Frame((1e-3, 1e-3), (0.0, 0.5)), title="t", range_K=(300, 500), scale=1)
     )
     red, grey = _has(picture, (1, 0, 0)), _has(picture, (UNKNOWN,) * 3)
     assert red > 10_000
@@ -123,7 +123,7 @@ def test_up_is_up() -> None:
     temperature[:10] = 500.0
     maps = _maps(np.ones((40, 40)), temperature)
     frame = Frame((1e-3, 1e-3), (0.01, -0.5))
-    picture = _pixels(map_picture(maps, frame, title="t", range_K=(300, 500), scale=1))
+    picture = _pixels(map_png(maps, frame, title="t", range_K=(300, 500), scale=1))
     left = picture[:, : picture.shape[1] // 2]
     red = np.nonzero(np.all(left == (1, 0, 0), axis=-1))[0]
     blue = np.nonzero(np.all(left == (0, 0, 1), axis=-1))[0]
@@ -135,28 +135,28 @@ def test_user_text_is_no_formula() -> None:
     """An unbalanced `$` or a bad formula in a scene's name must not stop the picture."""
     maps = _maps(np.ones((4, 4)), np.full((4, 4), 400.0))
     for title in (r"$\frac{", "5 $ a $^$ shot", ""):
-        assert map_picture(maps, FRAME, title=title).startswith(b"\x89PNG")
+        assert map_png(maps, FRAME, title=title).startswith(b"\x89PNG")
 
 
 def test_pictures_of_nothing() -> None:
     """All NaN, all equal, one pixel, very wide: still a picture, and no warning."""
     nan = np.full((3, 3), np.nan)
     nothing = _maps(nan, nan)
-    assert map_picture(nothing, FRAME, title="nothing").startswith(b"\x89PNG")
-    assert panels_picture(errors_panels(nothing), FRAME, title="nothing").startswith(b"\x89PNG")
+    assert map_png(nothing, FRAME, title="nothing").startswith(b"\x89PNG")
+    assert panels_png(errors_panels(nothing), FRAME, title="nothing").startswith(b"\x89PNG")
     exact = replace(
         nothing,
         emissivity_standard_error=np.zeros((3, 3), np.float32),
         apparent_temperature_standard_error_K=np.zeros((3, 3), np.float32),
     )
-    assert panels_picture(errors_panels(exact), FRAME, title="exact").startswith(b"\x89PNG")
+    assert panels_png(errors_panels(exact), FRAME, title="exact").startswith(b"\x89PNG")
     for shape in ((1, 1), (2, 200), (200, 2)):
         image = np.zeros(shape, np.uint16)
-        both = camera_pictures({400.0: image, 450.0: image + 1}, FRAME, title="t")
+        both = camera_pngs({400.0: image, 450.0: image + 1}, FRAME, title="t")
         assert list(both) == [400.0, 450.0]
         assert all(png.startswith(b"\x89PNG") for png in both.values())
         assert both[400.0] != both[450.0]
-    assert camera_pictures({}, FRAME, title="t") == {}
+    assert camera_pngs({}, FRAME, title="t") == {}
     assert robust_limits(np.array([])) == (0.0, 1.0)
     assert robust_limits(np.array([np.nan, 5.0]))[0] == 5.0
     low, high = robust_limits(np.append(np.full(99_999, 7.0), 1e9))
@@ -166,10 +166,10 @@ def test_pictures_of_nothing() -> None:
 def test_weights_and_panels() -> None:
     zero = np.zeros((10, 10), np.float32)
     weights = Weights(zero + 1, zero, zero, zero)
-    assert panels_picture(weights_panels(weights), FRAME, title="w").startswith(b"\x89PNG")
+    assert panels_png(weights_panels(weights), FRAME, title="w").startswith(b"\x89PNG")
     # Three panels leave the fourth place blank.
     panels = [Panel(zero + n, f"{n}", "1", (0.0, 2.0), "gray") for n in range(3)]
-    picture = _pixels(panels_picture(panels, FRAME, title="p"))
+    picture = _pixels(panels_png(panels, FRAME, title="p"))
     assert _has(picture, (0, 0, 0)) > 10_000
     corner = picture[picture.shape[0] * 3 // 4, picture.shape[1] * 3 // 4]
     np.testing.assert_array_equal(corner, [1, 1, 1])
@@ -185,7 +185,7 @@ def test_shares() -> None:
     expected = {"background": 0.5, "walls": 0.1, "vapour": 0.3, "droplets": 0.1}
     assert shares.means() == pytest.approx(expected)
     assert shares.where.tolist() == [[True, False]]
-    assert panels_picture(shares.panels(), FRAME, title="s").startswith(b"\x89PNG")
+    assert panels_png(shares.panels(), FRAME, title="s").startswith(b"\x89PNG")
     nothing = Shares.of(empty, empty, background=0.0, wall=0.0)
     assert nothing.means() == {}
     assert np.isnan(nothing.vapour).all()

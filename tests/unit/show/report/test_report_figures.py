@@ -9,7 +9,7 @@ import pytest
 
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import load_scene
-from cldit.show.figures.figures import human, human_figures
+from cldit.show.figures.readable import human, human_figures
 
 
 @pytest.mark.parametrize(

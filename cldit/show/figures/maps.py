@@ -17,7 +17,7 @@ from cldit.radiance.weights import Weights, compose
 from cldit.show.figures.colours import (
     emissivity_scale,
     map_colours,
-    picture_colours,
+    pixel_colours,
     temperature_range_K,
 )
 from cldit.show.figures.panels import (
@@ -48,7 +48,7 @@ def _explained(maps: Maps) -> str:
     return "\n".join(lines)
 
 
-def map_picture(maps: Maps, frame: Frame, *, title: str, **options: Any) -> bytes:
+def map_png(maps: Maps, frame: Frame, *, title: str, **options: Any) -> bytes:
     """PNG of `map_figure` of `maps` (H, W) in `frame`, under a `title`, with its `options`."""
     return png_of(map_figure(maps, frame, title=title, **options))
 
@@ -88,7 +88,7 @@ def map_figure(
     )
     axes, key = place.image, place.key
     axes.imshow(
-        picture_colours(maps, range_K=chosen_K, scale=full),
+        pixel_colours(maps, range_K=chosen_K, scale=full),
         extent=frame.extent_mm(shape),
         interpolation="nearest",
         aspect="auto",
@@ -140,7 +140,7 @@ def weights_panels(weights: Weights) -> list[Panel]:
     ]
 
 
-def camera_pictures(
+def camera_pngs(
     images: Mapping[float, NDArray[np.floating | np.integer]], frame: Frame, *, title: str
 ) -> dict[float, bytes]:
     """PNGs of recorded `images` (H, W) with one scale, by the temperature of the background, K."""
