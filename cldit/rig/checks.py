@@ -1,4 +1,4 @@
-"""What every driver of a kind refuses, in the same words; for drivers of other packages too."""
+"""Checks that all drivers of a kind share, with the same messages; also for other packages."""
 
 from __future__ import annotations
 
@@ -16,22 +16,16 @@ _HOTTEST_K = 1e4
 
 
 class Thermometer(Protocol):
-    """The part of a background that is asked here."""
+    """A background, as far as its temperature."""
 
     def read_temperature(self) -> float:
         """Present temperature [K]."""
 
 
 def check_answer(kind: str, query: str, answer: str | float) -> float:
-    """The number that an instrument gives.
+    """Converts an instrument's answer to a query to a finite number.
 
-    Args:
-        kind: of instrument, for the message.
-        query: that was asked.
-        answer: that came.
-
-    Raises:
-        NotConnected: the answer is no finite number, so that the link is not to be trusted.
+    Raises NotConnected, which names the kind of instrument, if it is none: the link is unreliable.
     """
     try:
         value = float(answer)
@@ -39,38 +33,32 @@ def check_answer(kind: str, query: str, answer: str | float) -> float:
         value = math.nan
     if not abs(value) < _SCPI_NONE:
         raise NotConnected(
-            f"{kind}: {answer!r} came for {query}, expected a finite number; is another program "
-            "talking to it?"
+            f"{kind}: answered {answer!r} to {query}, expected a finite number; is another program "
+            "using it?"
         )
     return value
 
 
 def check_temperature(kind: str, query: str, temperature_K: float) -> float:
-    """Gives the temperature back, where anything can be so hot.
+    """Returns the temperature that an instrument of this kind gave in answer to a query.
 
-    Args:
-        kind: of instrument, for the message.
-        query: that was asked.
-        temperature_K: that came.
-
-    Raises:
-        NotConnected: nothing can be so hot or so cold.
+    Raises NotConnected if nothing can be so hot or so cold.
     """
     if not 0.0 < temperature_K < _HOTTEST_K:
         raise NotConnected(
-            f"{kind}: {temperature_K:g} K came for {query}, expected 0 to {_HOTTEST_K:g} K; is "
-            "another program talking to it?"
+            f"{kind}: answered {temperature_K:g} K to {query}, expected 0 to {_HOTTEST_K:g} K; is "
+            "another program using it?"
         )
     return temperature_K
 
 
 def read_temperature(background: Thermometer) -> float:
-    """Kelvin. Raises NotConnected where the driver gives what cannot be a temperature."""
+    """Temperature of a background [K]; raises NotConnected for an impossible one."""
     return check_temperature("background", "read_temperature()", background.read_temperature())
 
 
 def check_exposure(can: Capabilities, integration_time_s: float) -> None:
-    """Raises OutOfLimits where a camera that `can` this does not take `integration_time_s`."""
+    """Raises OutOfLimits if the exposure is outside the camera's limits."""
     low, high = can.integration_time_limits_s
     if not low <= integration_time_s <= high:
         raise OutOfLimits(
@@ -79,11 +67,7 @@ def check_exposure(can: Capabilities, integration_time_s: float) -> None:
 
 
 def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
-    """The part `roi` of the sensor of a camera that `can` this; None stands for all of it.
-
-    Raises:
-        OutOfLimits: it does not fit on the sensor.
-    """
+    """Returns the part of the sensor, all of it for None; raises OutOfLimits if it does not fit."""
     columns, rows = can.sensor_pixels
     part = Roi(0, 0, columns, rows) if roi is None else roi
     inside = part.x >= 0 and part.y >= 0 and part.width > 0 and part.height > 0
@@ -93,7 +77,7 @@ def check_roi(can: Capabilities, roi: Roi | None) -> Roi:
 
 
 def check_format(can: Capabilities, pixel_format: str | None) -> None:
-    """Raises ConfigRejected where a camera that `can` this lacks `pixel_format`; None is fine."""
+    """Raises ConfigRejected if the camera lacks the pixel format; None is accepted."""
     if pixel_format is not None and pixel_format not in can.pixel_formats:
         raise ConfigRejected(
             f"camera: pixel_format: {pixel_format!r}; allowed: {', '.join(can.pixel_formats)}"
@@ -101,17 +85,17 @@ def check_format(can: Capabilities, pixel_format: str | None) -> None:
 
 
 def check_trigger(modes: Collection[TriggerMode], trigger: TriggerInfo) -> None:
-    """Raises ConfigRejected where a camera with these `modes` cannot take this `trigger`."""
+    """Raises ConfigRejected if a camera with these modes cannot be triggered this way."""
     enough = min(trigger.n_frames, trigger.frames_per_trigger) >= 1
     if trigger.mode not in modes or not enough or trigger.activation not in EDGES:
         raise ConfigRejected(
-            f"camera: {trigger}; allowed are {', '.join(sorted(modes))}, 1 frame or more, and "
+            f"camera: {trigger}; allowed: {', '.join(sorted(modes))}, 1 frame or more, and "
             f"{' or '.join(EDGES)}"
         )
 
 
 def check_setpoint(limits: Limits, temperature_K: float) -> None:
-    """Raises OutOfLimits where `temperature_K` is outside `limits`."""
+    """Raises OutOfLimits if the set point is outside the limits."""
     if not limits.low_K <= temperature_K <= limits.high_K:
         raise OutOfLimits(
             f"background: {temperature_K:g} K is outside {limits.low_K:g}..{limits.high_K:g} K"
@@ -119,12 +103,12 @@ def check_setpoint(limits: Limits, temperature_K: float) -> None:
 
 
 def check_burst(burst: Burst) -> None:
-    """Raises ConfigRejected."""
+    """Raises ConfigRejected if no generator can send the burst."""
     delays = (burst.camera_delay_s, burst.injector_delay_s)
     last_s = max(d + w for d, w in zip(delays, burst.widths_s, strict=True))
     good = all(delay >= 0.0 for delay in delays) and all(width > 0.0 for width in burst.widths_s)
     if burst.n < 1 or not good:
-        raise ConfigRejected(f"trigger: {burst}: allowed are n >= 1, delays >= 0, widths > 0")
+        raise ConfigRejected(f"trigger: {burst}: allowed: n >= 1, delays >= 0, widths > 0")
     if burst.n > 1 and not burst.period_s >= last_s:
         raise ConfigRejected(
             f"trigger: period_s: {burst.period_s:g} is shorter than one shot, {last_s:g}"
@@ -132,5 +116,5 @@ def check_burst(burst: Burst) -> None:
 
 
 def plain_burst(burst: Burst | None) -> dict[str, Any] | None:
-    """A burst as JSON can hold it."""
+    """Converts a burst to plain data for JSON."""
     return None if burst is None else {**asdict(burst), "widths_s": list(burst.widths_s)}

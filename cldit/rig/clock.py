@@ -1,4 +1,4 @@
-"""Time as a part of the rig, so that a two-hour sequence can run in seconds."""
+"""Clocks of a rig: the computer's, and a simulated one on which two hours pass in seconds."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Protocol
 
 StopCheck = Callable[[], bool]
 
-_SLICE_S = 0.05  # how long a sleep may overlook a stop
+_SLICE_S = 0.05  # longest time for which a sleep ignores a stop
 
 
 class Clock(Protocol):
-    """What the rig takes the time from."""
+    """Source of time for a rig."""
 
     def now_s(self) -> float:
         """Monotonic time, seconds from an arbitrary start."""
@@ -26,10 +26,10 @@ class Clock(Protocol):
         """Wall time as ISO 8601 in UTC."""
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
-        """Waits for `seconds`; False where `should_stop` ended it early."""
+        """Waits for `seconds`; returns False if `should_stop` ended the wait early."""
 
     def catch_up(self, epoch_s: float) -> None:
-        """Told when a sequence resumes: nothing from now on happens before this wall time."""
+        """Called when a sequence resumes: later events are not before this wall time."""
 
 
 def _iso(epoch_s: float) -> str:
@@ -52,7 +52,7 @@ class SystemClock:
         return _iso(self.epoch_s())
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
-        """Waits for `seconds`; False where `should_stop` ended it early."""
+        """Waits for `seconds`; returns False if `should_stop` ended the wait early."""
         end = time.monotonic() + seconds
         while not (should_stop is not None and should_stop()):
             left = end - time.monotonic()
@@ -62,17 +62,17 @@ class SystemClock:
         return False
 
     def catch_up(self, epoch_s: float) -> None:
-        """Does nothing: real time passed by itself."""
+        """Does nothing, because real time has passed meanwhile."""
 
 
 class SimulatedClock:
-    """Advances only while somebody sleeps on it.
+    """A clock that advances only while somebody sleeps on it.
 
     Args:
         real_time_factor: None: sleeping takes no time; 1: real time; 60: a minute in a second.
-        start_epoch_s: wall time at the start. A fixed one (2000-01-01) makes runs repeatable.
-        jump_after_s, jump_s: a fault: after so many seconds the wall time is set by so much, as
-            when somebody sets the computer's clock. Monotonic time goes on.
+        start_epoch_s: wall time at the start, fixed (2000-01-01) to make runs repeatable.
+        jump_after_s, jump_s: a fault: after `jump_after_s` the wall time jumps by `jump_s`, as if
+            somebody had set the computer's clock. Monotonic time continues.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class SimulatedClock:
         return self._elapsed_s
 
     def epoch_s(self) -> float:
-        """Simulated seconds since 1970, with the jump where there is one."""
+        """Simulated seconds since 1970, including the jump."""
         jump_s = self._jump_s if self._elapsed_s >= self._jump_after_s else 0.0
         return self._start_epoch_s + self._elapsed_s + jump_s
 
@@ -104,7 +104,7 @@ class SimulatedClock:
         return _iso(self.epoch_s())
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
-        """Lets `seconds` pass; False where `should_stop` ended it early."""
+        """Lets `seconds` pass; returns False if `should_stop` ended the wait early."""
         if should_stop is not None and should_stop():
             return False
         if self._factor is None:
@@ -117,5 +117,5 @@ class SimulatedClock:
         return whole
 
     def catch_up(self, epoch_s: float) -> None:
-        """Goes on to `epoch_s` where that is later."""
+        """Advances to `epoch_s` if that is later."""
         self._elapsed_s = max(self._elapsed_s, epoch_s - self._start_epoch_s)

@@ -1,7 +1,7 @@
 """Drivers by name: the entry points of the group `cldit.drivers`.
 
-A driver is a callable `factory(settings, context)` that yields a device; any installed package
-can bring some. It checks its settings with `check_settings`.
+A driver is a callable `factory(settings, context)` that returns a device; any installed package
+can contain drivers. A driver checks its settings with `check_settings`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ S = TypeVar("S", bound=Section)
 
 @dataclass(frozen=True)
 class RigContext:
-    """What a driver may know of the rig around it.
+    """The rig around a driver.
 
     clock: the rig's time. bench: the simulated optical bench that simulated devices share, None
-    on a real rig. folder: relative paths in settings are taken from here. seed: of simulations.
+    on a real rig. folder: start of relative paths in settings. seed: of simulations.
     """
 
     clock: Clock
@@ -42,10 +42,10 @@ class RigContext:
 
 @dataclass(frozen=True)
 class DriverAbout:
-    """What a driver's module says of it as `ABOUT`, for `cldit devices`.
+    """Description of a driver for `cldit devices`, the constant `ABOUT` of its module.
 
-    kind: camera, background, trigger or bench. needs: the modules that it imports when it
-    connects; install: what brings them. tested: on what it was tried, in words.
+    kind: camera, background, trigger or bench. needs: modules that it imports when it connects;
+    install: the command that installs them. tested: the instruments it was tried on, in words.
     """
 
     kind: str
@@ -62,7 +62,7 @@ class DriverAbout:
 def _is_installed(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except ImportError:  # what it is a part of is not, or (GObject's) its description is not
+    except ImportError:  # its parent package is missing, or (GObject) its description
         return False
 
 
@@ -70,7 +70,7 @@ Factory = Callable[[dict[str, Any], RigContext], Any]
 
 
 def check_settings(model: type[S], settings: dict[str, Any]) -> S:
-    """`settings` as the driver's own frozen data, of type `model`.
+    """Converts settings to the driver's own frozen data, of type `model`.
 
     Raises:
         SceneError: one line for each key that is unknown, missing or not allowed.
@@ -82,12 +82,12 @@ def check_settings(model: type[S], settings: dict[str, Any]) -> S:
 
 
 def installed_drivers() -> dict[str, EntryPoint]:
-    """Every driver that is installed, by name."""
+    """All installed drivers, by name."""
     return {entry.name: entry for entry in sorted(entry_points(group=GROUP))}
 
 
 def describe_drivers() -> dict[str, DriverAbout]:
-    """What every installed driver says of itself, by name."""
+    """Descriptions of all installed drivers, by name."""
     found: dict[str, DriverAbout] = {}
     for name, entry in installed_drivers().items():
         try:
@@ -95,7 +95,7 @@ def describe_drivers() -> dict[str, DriverAbout]:
         except ImportError as error:
             about = DriverAbout("?", entry.value, f"cannot be loaded: {error}")
         if not isinstance(about, DriverAbout):
-            about = DriverAbout("?", entry.value, "says nothing of itself")
+            about = DriverAbout("?", entry.value, "has no description")
         found[name] = about
     return found
 
@@ -104,8 +104,8 @@ def load_driver(name: str) -> Factory:
     """The factory of a driver.
 
     Raises:
-        SceneError: no such driver, it cannot be imported, or what it needs is not installed;
-            without a path in front.
+        SceneError: there is no such driver, it cannot be imported, or a module that it needs is
+            missing; the message does not begin with a path.
     """
     known = installed_drivers()
     if name not in known:
@@ -113,19 +113,19 @@ def load_driver(name: str) -> Factory:
         hint = f"; did you mean {close[0]}?" if close else ";"
         raise SceneError(
             f"driver: {name!r} is not installed{hint} "
-            f"Installed are {', '.join(known) or 'none: reinstall cldit'}"
+            f"allowed: {', '.join(known) or 'none (reinstall cldit)'}"
         )
     try:
         factory: Factory = known[name].load()
     except (ImportError, AttributeError) as error:
         raise SceneError(
             f"driver: {name!r} ({known[name].value}) cannot be loaded: {error}; "
-            "install what it needs"
+            "install the modules that it needs"
         ) from error
     about = getattr(import_module(known[name].module), "ABOUT", None)
     if isinstance(about, DriverAbout) and (missing := about.missing()):
         raise SceneError(
-            f"driver: {name!r} needs {', '.join(missing)}, which this Python does not find; "
+            f"driver: {name!r} needs {', '.join(missing)}, which this Python does not have; "
             f"{about.install}"
         )
     return factory

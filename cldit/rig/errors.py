@@ -1,4 +1,4 @@
-"""What goes wrong on a rig, each with what to do about it."""
+"""Errors of instruments; each message says what to do."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ class RigError(ClditError, RuntimeError):
 
 
 class NotConnected(RigError):
-    """The instrument does not answer, or was not connected before it was used."""
+    """The instrument does not answer, or was used before it was connected."""
 
 
 class DeviceTimeout(RigError):
-    """The instrument did not get there in the time allowed."""
+    """The instrument did not reach the wanted state in the time allowed."""
 
 
 class MissingFrames(RigError):
-    """Frames were asked for and did not come: the one error that allows a retake.
+    """Requested frames did not arrive; the only error after which a shot is retaken.
 
     Attributes:
-        expected, received: frames asked for, and those that came whole.
-        incomplete: frames that came with a part missing.
+        expected, received: frames requested, and those that arrived complete.
+        incomplete: frames that arrived with a part missing.
     """
 
     def __init__(self, expected: int, received: int, incomplete: int = 0) -> None:
@@ -40,19 +40,19 @@ class MissingFrames(RigError):
 
 
 class ConfigRejected(RigError):
-    """The instrument refuses a setting, or reads back another than was written."""
+    """The instrument rejects a setting, or reads back another value than was written."""
 
 
 class NotSafe(RigError):
-    """The instrument may still be on: hot, armed or ready to inject. Somebody must go to it."""
+    """The instrument may still be on (hot, armed, ready to inject), and needs a person's hand."""
 
 
 class OutOfLimits(RigError):
-    """A set point or setting is outside what the instrument can do; nothing was moved."""
+    """A set point or setting is outside the instrument's limits; nothing was changed."""
 
 
 class FireUncertain(RigError):
-    """The trigger was sent and nobody knows whether the injector fired. Never fire again on it."""
+    """The trigger was sent, and it is unknown whether the injector fired; never fire again."""
 
 
 class RetakesExhausted(RigError):
@@ -60,4 +60,4 @@ class RetakesExhausted(RigError):
 
 
 class Aborted(RigError):
-    """The operator stopped what was going on."""
+    """The operator stopped the operation."""

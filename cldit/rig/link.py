@@ -1,4 +1,4 @@
-"""What this process owes an instrument once it was connected: to leave it harmless.
+"""Connection to an instrument, which this process must leave harmless once it was connected.
 
 ```
                  open()                lost or spoiled answer
@@ -6,11 +6,11 @@
       ^  close(), after      |  ^                                 |
       |  make_safe()         |  +--- connect(), make_safe() ------+
       +----------------------+
-                             |  close() while it may be on: CLOSED, which is owed as LOST is
+                             |  close() while it may be on: CLOSED, to be made safe as LOST is
 ```
 
-`make_safe` of an instrument that is LOST or CLOSED reaches for it again, a few times and not for
-long, and raises NotSafe where that fails. Only NEVER is a reason to do nothing.
+`make_safe` of an instrument that is LOST or CLOSED connects again, with a few attempts in a limited
+time, and raises NotSafe if they fail. It does nothing in the state NEVER alone.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSaf
 from cldit.rig.protocols import Safety
 
 _LEFT = 0.5  # part of the time for connecting that a second attempt needs
-_TRIES = 3  # a link that is only out of step is in step again at the second
+_TRIES = 3  # a link that is only out of step recovers at the second
 
 
 class LinkState(Enum):
-    """Where an instrument stands; see the head of this file."""
+    """State of the connection; see the head of this file."""
 
-    NEVER = "never connected, or let go of harmless"
+    NEVER = "never connected, or closed while harmless"
     OPENING = "being opened"
     OPEN = "connected"
     LOST = "connected, then lost"
-    CLOSED = "let go of before it was made safe"
+    CLOSED = "closed before it was made safe"
 
 
 class Told:
-    """What an instrument confirmed last, and what was written to it since without an answer."""
+    """Last confirmed setting of an instrument, and what was written since without an answer."""
 
     def __init__(self, what: str) -> None:
         self._what = what
         self._words = ["not written"]
 
     def written(self, text: str) -> None:
-        """Notes what was written without an answer."""
+        """Records text that was written and not confirmed."""
         self._words.append(text)
 
     def confirmed(self, text: str) -> None:
-        """Notes what the instrument confirmed."""
+        """Records text that the instrument confirmed."""
         self._words = [text]
 
     def __str__(self) -> str:
@@ -61,14 +61,14 @@ class Told:
 class Linked(ABC):
     """`connect`, `close` and `make_safe` of an instrument behind a line that can fail.
 
-    A driver says how to open the line, how to drop it, what makes the instrument harmless and what
-    it was last told. It wraps every exchange in `with self._asking():`.
+    A driver implements how to open the line, how to drop it, how to make the instrument harmless,
+    and the last known setting. It wraps every exchange in `with self._asking():`.
 
     Args:
         kind: camera, background or trigger; messages begin with it.
-        where: model and address, for whoever has to find the instrument.
-        by_hand: what to do at the instrument itself where the computer cannot reach it.
-        reach_s: how long `make_safe` reaches for a lost instrument.
+        where: model and address, to find the instrument.
+        by_hand: what to do at the instrument if the computer cannot reach it.
+        reach_s: time in which `make_safe` tries to reach a lost instrument.
     """
 
     def __init__(self, kind: str, where: str, *, by_hand: str, reach_s: float = 10.0) -> None:
@@ -84,25 +84,25 @@ class Linked(ABC):
 
     @abstractmethod
     def _open(self, timeout_s: float) -> None:
-        """Opens the line and finds out who answers. Raises RigError."""
+        """Opens the line and identifies the instrument; raises RigError."""
 
     @abstractmethod
     def _drop(self) -> None:
-        """Lets go of the line, whatever state that is in. Never raises."""
+        """Closes the line in any state; never raises."""
 
     @abstractmethod
     def _still(self) -> str:
-        """Makes the instrument harmless, and reads back that it is; what was done, in words.
+        """Makes the instrument harmless, reads back that it is, and says what was done.
 
         Raises RigError.
         """
 
     @abstractmethod
     def _last_known(self) -> str:
-        """What the instrument was last told, in words, without asking it."""
+        """Last known settings in words, without a query."""
 
     def connect(self, timeout_s: float = 10.0) -> None:
-        """Raises NotConnected, ConfigRejected; does nothing where it is connected already."""
+        """Connects, unless connected already; raises NotConnected, ConfigRejected."""
         if self._state is LinkState.OPEN:
             return
         before, self._state = self._state, LinkState.OPENING
@@ -119,8 +119,8 @@ class Linked(ABC):
         self._state, self._why_lost = LinkState.OPEN, ""
 
     def _open_again(self, timeout_s: float) -> None:
-        """Opens the line, and once more where an answer was lost or spoiled on it, as noise does:
-        whatever is asked while it opens may be asked twice."""
+        """Opens the line, a second time if an answer was lost or damaged, as by noise: every query
+        during opening may be sent twice."""
         self._unanswered = False
         start_s = time.monotonic()
         try:
@@ -133,17 +133,17 @@ class Linked(ABC):
             self._open(left_s)
 
     def close(self) -> None:
-        """Lets go; an instrument that may be on stays owed to `make_safe`."""
+        """Closes the line; an instrument that may be on must still be made safe."""
         if self._state is LinkState.OPEN:
             self._state = LinkState.NEVER if self._harmless else LinkState.CLOSED
             self._answered = not self._harmless
         self._drop()
 
     def make_safe(self) -> Safety:
-        """As `cldit.rig.protocols.Device.make_safe`.
+        """Implements `cldit.rig.protocols.Device.make_safe`.
 
         Raises:
-            NotSafe: says which instrument, where, what it was last told, what to do by hand.
+            NotSafe: names the instrument, its address, its last known settings, and what to do.
         """
         before, why = self._state, self._why_lost
         if before is LinkState.NEVER:
@@ -157,7 +157,7 @@ class Linked(ABC):
             try:
                 self.connect(max(left_s, 0.1))
                 did = self._still()
-            except Exception as error:  # whatever it was, the instrument may be on
+            except Exception as error:  # after any error, the instrument may be on
                 failures.append(str(error))
                 self._lose(error)
                 continue
@@ -175,16 +175,15 @@ class Linked(ABC):
 
     @contextmanager
     def _asking(self) -> Iterator[None]:
-        """One exchange, its answer checked within. Where it fails, or is cut short by whatever
-        exception, an answer may still come that would be taken for the next one's: the line is
-        dropped. A ConfigRejected is an answer.
+        """Context of one exchange, its answer checked within.
 
-        Raises:
-            NotConnected: the instrument is not connected, or is lost.
+        After any exception but ConfigRejected, which is an answer, a late answer could be taken for
+        that of the next query, so the line is dropped. Raises NotConnected if the instrument is not
+        connected, or is lost.
         """
         if self._state not in (LinkState.OPEN, LinkState.OPENING):
             raise NotConnected(
-                f"{self._kind}: was lost ({self._why_lost}); connect() reaches for it again"
+                f"{self._kind}: was lost ({self._why_lost}); connect() tries again"
                 if self._state is LinkState.LOST
                 else f"{self._kind}: is not connected; call connect()"
             )
@@ -201,7 +200,7 @@ class Linked(ABC):
         self._answered = True
 
     def _lose(self, error: BaseException) -> None:
-        """From OPEN to LOST; what is being opened, `connect` drops."""
+        """Changes from OPEN to LOST; a line that is being opened is dropped by `connect`."""
         if self._state is LinkState.OPEN:
             self._state = LinkState.LOST
             self._why_lost = str(error) or type(error).__name__

@@ -1,4 +1,4 @@
-"""The rig from its YAML file: which drivers, with which settings, on which clock."""
+"""The rig of a YAML file: its drivers, their settings, and the clock."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from cldit.scene.vessel import Windows
 
 
 class ClockChoice(Section):
-    """`simulated` only where every device is; then a sequence takes no time."""
+    """The rig's clock."""
 
     model: Literal["system", "simulated"] = "system"
-    """`simulated` only where every device is."""
+    """`simulated` only if every device is; then a sequence takes no time."""
     real_time_factor: Annotated[float, Within(1e-3, 1e6)] | None = None
-    """Simulated seconds to a real one; left out: no waiting."""
+    """Simulated seconds per real second; without it nothing waits."""
     jump_after_s: Annotated[float, Within(0.0, 1e9)] | None = None
-    """A fault of a simulated clock: when its date is set."""
+    """A fault of a simulated clock: time after which its date jumps."""
     jump_s: Annotated[float, Within(-1e9, 1e9)] = 0.0
-    """By how much."""
+    """Size of the jump."""
 
     @model_validator(mode="after")
     def _only_simulated(self) -> ClockChoice:
         if self.model == "system" and self.jump_after_s is not None:
-            raise ValueError("jump_after_s: the system's clock is not ours to set; allowed is null")
+            raise ValueError("jump_after_s: the system's clock cannot be set; allowed: null")
         return self
 
     def make(self) -> Clock:
-        """The clock that was chosen."""
+        """Makes the chosen clock."""
         if self.model == "system":
             return SystemClock()
         return SimulatedClock(
@@ -58,37 +58,37 @@ class DriverChoice(Section):
     driver: str
     """Name of the driver; `cldit devices` lists them."""
     settings: dict[str, Any] = Field(default_factory=dict)
-    """Of that driver; what is wrong is named with what is allowed."""
+    """Settings of that driver."""
 
 
 class UncertaintySection(Section):
-    """Standard uncertainties of what no picture shows; for the evaluation's budget."""
+    """Standard uncertainties of quantities that no image shows, for the evaluation's budget."""
 
     background_emissivity: Annotated[float, Within(0.0, 0.5)] = 0.01
-    """Of the black body's emissivity."""
+    """Uncertainty of the black body's emissivity."""
     wall_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
-    """Of the walls."""
+    """Uncertainty of the walls' temperature."""
     window_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
-    """Of either window."""
+    """Uncertainty of either window's temperature."""
     window_transmission: Annotated[float, Within(0.0, 0.5)] = 0.01
-    """Of either window."""
+    """Uncertainty of either window's transmission."""
     filter_um: Annotated[float, Within(0.0, 1.0)] = 0.01
-    """By how much the filter may lie beside what is stated."""
+    """Uncertainty of the filter's position."""
 
 
 class Setup(Section):
-    """What the evaluation must know of the place and no instrument can say."""
+    """Properties of the place that the evaluation needs and no instrument measures."""
 
     background_emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
-    """Of the black body."""
+    """Emissivity of the black body."""
     wall_temperature_K: Temperature = 300.0
-    """Of what is around the spray."""
+    """Temperature of the walls around the spray."""
     background_surroundings_K: Temperature | None = None
-    """What the black body reflects; the walls where left out."""
+    """Temperature of what the black body reflects; without it that of the walls."""
     camera_surroundings_K: Temperature = 295.0
-    """What a front window reflects into the camera."""
+    """Temperature of what a front window reflects into the camera."""
     windows: Windows = ()
-    """Windows before the camera and before the black body, one each."""
+    """Windows in front of the camera and in front of the black body, at most one each."""
     background_error_K: Annotated[float, Within(0.0, 10.0)] = 0.0
     """Standard deviation of the black body about its reading, from one set point to the next."""
     camera_offset_error_counts: Annotated[float, Within(0.0, 1e5)] = 0.0
@@ -96,15 +96,15 @@ class Setup(Section):
     camera_gain_error: Annotated[float, Within(0.0, 1.0)] = 0.0
     """Standard deviation of the camera's gain, relative, from one background to the next."""
     uncertainty: UncertaintySection = UncertaintySection()
-    """How well the rest of this section is known."""
+    """Uncertainties of the quantities of this section."""
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
-    """x and z of the picture's middle."""
+    """x and z of the image's centre."""
     pixel_m: tuple[Length, Length]
     """Width and height of a pixel in the plane of the spray."""
 
     @property
     def surroundings(self) -> Surroundings:
-        """What the camera sees beside the spray."""
+        """Radiation sources that the camera sees beside the spray."""
         return Surroundings(
             wall_temperature_K=self.wall_temperature_K,
             background_emissivity=self.background_emissivity,
@@ -119,18 +119,18 @@ class Setup(Section):
 
 
 class RigFile(Section):
-    """A rig file."""
+    """Content of a rig file."""
 
     name: str = "rig"
-    """Of the rig."""
+    """Name of the rig."""
     clock: ClockChoice = ClockChoice()
-    """The rig's time."""
+    """Clock of the rig."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Of simulated devices."""
+    """Seed of simulated devices."""
     folder: Path | None = None
-    """Where relative paths start; the file's own folder where left out."""
+    """Start of relative paths; without it the folder of the file."""
     setup: Setup
-    """What no instrument can say."""
+    """Properties that no instrument measures."""
     bench: DriverChoice | None = None
     """The simulated optical bench; for simulated rigs."""
     camera: DriverChoice
@@ -143,9 +143,9 @@ class RigFile(Section):
 
 @dataclass(frozen=True)
 class Rig:
-    """The instruments and the time. As a context manager it ends safe and closed.
+    """The instruments and the clock; as a context manager it ends safe and closed.
 
-    `file` is the rig file as used, with nothing left to defaults.
+    `file` is the rig file with all defaults filled in.
     """
 
     camera: Camera
@@ -153,7 +153,7 @@ class Rig:
     trigger: TriggerGenerator
     clock: Clock
     file: RigFile
-    # Names of devices that were connected, but for those that were made safe and closed since.
+    # Names of devices that were connected, without those that were made safe and closed since.
     _connected: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
     _safe: set[str] = field(default_factory=set, init=False, repr=False, compare=False)
 
@@ -186,19 +186,19 @@ class Rig:
             raise NotConnected("\n".join(failures))
 
     def make_safe(self, *, connect_s: float | None = None) -> RigSafety:
-        """Makes every device safe, the last one first; see `cldit.rig.safety.make_safe`."""
+        """Makes every device safe, the last first; see `cldit.rig.safety.make_safe`."""
         safety = make_safe(self.devices, self._connected, connect_s=connect_s)
         self._safe.clear()
         self._safe.update(safety.did)
         return safety
 
     def close(self) -> list[str]:
-        """Closes every device, the last one first; what went wrong, one line a device."""
+        """Closes every device, the last first, and returns one line for each failure."""
         problems: list[str] = []
         for name, device in reversed(self.devices.items()):
             try:
                 device.close()
-            except Exception as error:  # one broken device must not keep the others
+            except Exception as error:  # the others must be closed all the same
                 problems.append(f"{name}: {error}")
         self._connected.difference_update(self._safe)
         return problems
@@ -222,10 +222,9 @@ class Rig:
 
 
 def read_rig(path_or_mapping: str | Path | dict[str, Any]) -> RigFile:
-    """A rig file, checked but for the drivers' own settings.
+    """Reads a rig file and checks all but the drivers' own settings.
 
-    Raises:
-        SceneError: names every key that is not allowed.
+    Raises SceneError, which names every key that is not allowed.
     """
     if isinstance(path_or_mapping, dict):
         data, source, folder = path_or_mapping, "rig", Path.cwd()
@@ -241,14 +240,14 @@ def read_rig(path_or_mapping: str | Path | dict[str, Any]) -> RigFile:
 
 
 def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | None = None) -> Rig:
-    """The rig that a file (or the mapping in it) describes. Nothing is connected yet.
+    """Makes the rig of a file, with nothing connected yet.
 
     Args:
-        path_or_mapping: the YAML file, or what is in it.
-        clock: in place of the one that the file names.
+        path_or_mapping: the YAML file, or its content.
+        clock: replaces the one that the file names.
 
     Raises:
-        SceneError: names every key that is not allowed, every driver that is missing.
+        SceneError: names every key that is not allowed, and every driver that is missing.
     """
     file = read_rig(path_or_mapping)
     folder = file.folder or Path.cwd()

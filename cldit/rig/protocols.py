@@ -1,7 +1,7 @@
-"""What the acquisition asks of a camera, a background and a trigger generator.
+"""Protocols of a camera, a background and a trigger generator.
 
-A driver is the smallest thing that meets one of these Protocols. It does no I/O in `__init__`,
-blocks until done, and raises the errors of `cldit.rig.errors` and no others.
+A driver implements one of them. It does no I/O in `__init__`, blocks until done, and raises the
+errors of `cldit.rig.errors` and no others.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cldit.rig.clock import StopCheck
 
 
 class TriggerMode(StrEnum):
-    """What starts an exposure."""
+    """Source of the signal that starts an exposure."""
 
     INTERNAL = "internal"
     SOFTWARE = "software"
@@ -28,7 +28,7 @@ class TriggerMode(StrEnum):
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Who answers. `simulated` and `tested_on_hardware` are shown wherever a user sees the rig."""
+    """Identity of an instrument; `simulated` and `tested_on_hardware` are shown with the rig."""
 
     kind: str
     maker: str
@@ -41,10 +41,10 @@ class DeviceInfo:
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture: data (h, w) uint16, row 0 at the top, raw counts.
+    """One image: data (h, w) uint16, row 0 at the top, raw counts.
 
-    frame_id counts the triggers that the camera took, without gaps; device_timestamp_ns is on the
-    camera's own clock, host_timestamp_ns is wall time.
+    frame_id counts the triggers that the camera accepted, without gaps; device_timestamp_ns is on
+    the camera's own clock, host_timestamp_ns is wall time.
     """
 
     data: NDArray[np.uint16]
@@ -67,7 +67,7 @@ class Roi:
 
 @dataclass(frozen=True)
 class Settings:
-    """The camera's settings as it reads them back."""
+    """Settings of the camera as read back from it."""
 
     integration_time_s: float
     roi: Roi
@@ -76,7 +76,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What the camera can do."""
+    """Capabilities of a camera."""
 
     trigger_modes: frozenset[TriggerMode]
     integration_time_limits_s: tuple[float, float]
@@ -88,9 +88,9 @@ class Capabilities:
 
 @dataclass(frozen=True)
 class TriggerInfo:
-    """How frames are started once the camera is armed; it stops by itself after `n_frames`.
+    """Trigger of an armed camera, which stops by itself after `n_frames`.
 
-    frames_per_trigger: an external edge starts so many, at the camera's own rate.
+    frames_per_trigger: frames that an external edge starts, at the camera's own rate.
     """
 
     mode: TriggerMode
@@ -101,10 +101,10 @@ class TriggerInfo:
 
 @dataclass(frozen=True)
 class Burst:
-    """n pulses; in each, the camera's and the injector's edge after their delays.
+    """A burst of n pulses, each with an edge for the camera and the injector after their delays.
 
-    widths_s are those of the camera's and the injector's pulse. Without `inject` the injector's
-    line stays still: a reference picture.
+    widths_s: widths of the camera's and the injector's pulse. Without `inject` the injector gets no
+    pulse: a reference image.
     """
 
     n: int = 1
@@ -117,7 +117,7 @@ class Burst:
 
 @dataclass(frozen=True)
 class Stability:
-    """Stable: within tolerance_K for hold_s and settle_s more, without a break."""
+    """Criterion of stability: within tolerance_K for hold_s + settle_s without a break."""
 
     tolerance_K: float
     hold_s: float
@@ -127,7 +127,7 @@ class Stability:
 
 @dataclass(frozen=True)
 class Limits:
-    """Set points that the background takes."""
+    """Limits of a background's set point."""
 
     low_K: float
     high_K: float
@@ -135,10 +135,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class Safety:
-    """What `make_safe` did, which is checked and stored.
+    """Result of `make_safe`, which is checked and stored.
 
-    connected: False where there was nothing to do, because the device was never connected; whoever
-    connected it takes that for a failure. did: in words.
+    connected: False if there was nothing to do because the device was never connected, which is a
+    failure for a device that was. did: the actions, in words.
     """
 
     connected: bool
@@ -146,25 +146,25 @@ class Safety:
 
 
 class Device(Protocol):
-    """An instrument, whatever it is."""
+    """An instrument of any kind."""
 
     def connect(self, timeout_s: float = 10.0) -> None:
-        """Raises NotConnected; does nothing where it is connected already."""
+        """Connects, unless connected already; raises NotConnected."""
 
     def close(self) -> None:
-        """Lets go of the instrument; does nothing where it is not connected."""
+        """Releases the instrument; does nothing if it is not connected."""
 
     def identify(self) -> DeviceInfo:
-        """Maker, model, serial number; whether it is simulated."""
+        """Maker, model, serial number, and if it is simulated."""
 
     def read_configuration(self) -> dict[str, Any]:
-        """Present settings, as JSON can hold them; stored with every acquisition."""
+        """Present settings as plain data for JSON; stored with every acquisition."""
 
     def make_safe(self) -> Safety:
-        """Leaves the instrument harmless and usable. Idempotent, bounded in time.
+        """Makes the instrument harmless and leaves it usable; idempotent, bounded in time.
 
-        An instrument that was connected and lost is reached for again. Raises NotSafe where that
-        fails: it never returns from an instrument that may be on.
+        If the connection was lost, connects again. Raises NotSafe if that fails: it never returns
+        normally from an instrument that may be on.
         """
 
 
@@ -173,10 +173,10 @@ class Camera(Device, Protocol):
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the camera can do; known once it is connected."""
+        """Capabilities, known once connected."""
 
     def wait_ready(self, timeout_s: float) -> None:
-        """Cooler and non-uniformity correction; raises DeviceTimeout."""
+        """Waits for cooler and non-uniformity correction; raises DeviceTimeout."""
 
     def configure(
         self, integration_time_s: float, roi: Roi | None = None, pixel_format: str | None = None
@@ -189,17 +189,17 @@ class Camera(Device, Protocol):
             pixel_format: None is the widest.
 
         Raises:
-            OutOfLimits, ConfigRejected: the camera does not take them.
+            OutOfLimits, ConfigRejected: the camera does not accept them.
         """
 
     def prepare(self, trigger: TriggerInfo) -> None:
-        """Raises ConfigRejected where the camera cannot be started that way."""
+        """Sets the trigger; raises ConfigRejected if the camera does not support it."""
 
     def arm(self) -> None:
-        """The next trigger starts an exposure."""
+        """Arms the camera: the next trigger starts an exposure."""
 
     def flush(self) -> int:
-        """Throws away what lies in the buffer; how many frames that were."""
+        """Discards the frames in the buffer, and returns their number."""
 
     def software_trigger(self) -> None:
         """Triggers an armed camera in mode SOFTWARE."""
@@ -208,10 +208,10 @@ class Camera(Device, Protocol):
         """Yields the next `n` frames; raises MissingFrames when `timeout_s` passes without one."""
 
     def disarm(self) -> None:
-        """Triggers are ignored from now on."""
+        """Disarms the camera: triggers are ignored from now on."""
 
     def statistics(self) -> dict[str, int]:
-        """Counts, at least `delivered`, `missed` (triggers not taken) and `flushed`."""
+        """Counts, at least `delivered`, `missed` (triggers not accepted) and `flushed`."""
 
 
 class Background(Device, Protocol):
@@ -219,16 +219,16 @@ class Background(Device, Protocol):
 
     @property
     def limits(self) -> Limits:
-        """The set points that the background takes."""
+        """Limits of the set point."""
 
     def set_setpoint(self, temperature_K: float) -> float:
-        """The set point as read back. Raises OutOfLimits before anything moves."""
+        """Sets the set point, and returns it as read back; raises OutOfLimits before any change."""
 
     def read_temperature(self) -> float:
-        """Kelvin, finite. Raises NotConnected, also for an answer that is no temperature."""
+        """Temperature [K], finite; raises NotConnected, also for an impossible answer."""
 
     def is_stable(self) -> bool | None:
-        """The controller's own opinion, None where it has none. Never relied on alone."""
+        """The controller's own judgement, None if it has none; never relied on alone."""
 
     def wait_stable(
         self,
@@ -237,27 +237,23 @@ class Background(Device, Protocol):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """Waits as `cldit.rig.stability.wait_stable` does, which drivers call.
-
-        Args:
-            temperature_K, stability, should_stop, on_progress: as there.
-        """
+        """Waits with `cldit.rig.stability.wait_stable`."""
 
 
 class TriggerGenerator(Device, Protocol):
-    """Triggers the camera, and the injector where it is asked to."""
+    """Generator of the pulses that trigger the camera and, on request, the injector."""
 
     def configure(self, burst: Burst) -> Burst:
-        """The burst as the instrument quantises it; lifts `inhibit`. Raises ConfigRejected."""
+        """Sets a burst, returns it as quantised, and ends `inhibit`; raises ConfigRejected."""
 
     def fire(self) -> None:
-        """Sends the configured burst, once. Raises FireUncertain where nobody knows."""
+        """Sends the configured burst once; raises FireUncertain if that is unconfirmed."""
 
     def wait_done(self, timeout_s: float) -> None:
-        """Raises DeviceTimeout."""
+        """Waits for the end of the burst; raises DeviceTimeout."""
 
     def inhibit(self) -> None:
-        """Nothing fires until `configure` is called again."""
+        """Prevents all pulses until `configure` is called again."""
 
     def abort(self) -> None:
-        """Stops a burst; pulses not sent yet are never sent."""
+        """Stops a burst; the rest of its pulses are never sent."""

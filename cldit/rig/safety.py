@@ -1,4 +1,4 @@
-"""Makes all devices of a rig safe, and believes none of them that says nothing."""
+"""Makes all devices of a rig safe; a device that does not confirm it counts as unsafe."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ STILL_ON = {
 
 @dataclass(frozen=True)
 class RigSafety:
-    """What making a rig safe did. did: in words, by device; problems: a line a device that may
-    still be on."""
+    """Result of making a rig safe.
+
+    did: the actions in words, by device. problems: one line for each device that may still be on.
+    """
 
     did: dict[str, str]
     problems: list[str]
 
     @property
     def moved(self) -> bool:
-        """Whether there was anything to make safe."""
+        """True if any device had to be made safe."""
         return bool(self.did or self.problems)
 
 
@@ -35,13 +37,12 @@ def make_safe(
     *,
     connect_s: float | None = None,
 ) -> RigSafety:
-    """Makes each device safe by itself, the last one first: one that is dead must not keep the
-    others hot.
+    """Makes each device safe, the last first; a dead one does not keep the others from it.
 
     Args:
         devices: by name.
-        connected: names of those that were connected; of these none may say that it never was.
-        connect_s: connects each first, and waits so long for it; None: as they are.
+        connected: names of devices that were connected, and that must not deny it.
+        connect_s: time to connect each device first; None leaves the connections as they are.
     """
     did: dict[str, str] = {}
     problems: list[str] = []
@@ -60,10 +61,10 @@ def make_safe(
 
 
 def _check(result: object, *, was_connected: bool) -> None:
-    """Raises NotSafe."""
+    """Raises NotSafe if the result does not confirm that the device is safe."""
     if not isinstance(result, Safety):
         raise NotSafe(
-            f"its make_safe() gives {result!r}; allowed is a cldit.rig.protocols.Safety, which "
+            f"its make_safe() returned {result!r}; allowed: a cldit.rig.protocols.Safety, which "
             "says what was done"
         )
     if was_connected and not result.connected:

@@ -1,4 +1,4 @@
-"""The rig file of a simulated rig that looks at a traced run."""
+"""The rig file of a simulated rig in front of a traced run."""
 
 from __future__ import annotations
 
@@ -19,16 +19,13 @@ def simulated_rig_data(
 ) -> dict[str, Any]:
     """Content of the rig file for a traced run.
 
-    The black body takes every temperature of the scene, even those that a real one does not.
+    The black body accepts all temperatures of the scene, even those that a real one does not.
 
     Args:
         scene: of the run.
         run_folder: with scene.yaml, weights/ and weights_reference/.
         further_runs: folders of the same scene traced at other times of the spray.
         real_time_factor: None: the sequence takes no time; 1: real time.
-
-    Returns:
-        The mapping, as YAML holds it.
     """
     wanted = scene.background.temperatures_K
     return {

@@ -1,4 +1,4 @@
-"""When a background's temperature counts as stable."""
+"""Stability of a background's temperature."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cldit.rig.protocols import Stability
 
 
 class Settled(Thermometer, Protocol):
-    """The part of a background that is asked here."""
+    """A background, as far as its temperature and its stability."""
 
     def is_stable(self) -> bool | None:
-        """What the controller says; None where it says nothing."""
+        """The controller's own judgement; None if it has none."""
 
 
 def wait_stable(
@@ -28,27 +28,27 @@ def wait_stable(
     should_stop: StopCheck | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> float:
-    """Waits until `device` stays at `temperature_K`; gives the last temperature read [K].
+    """Waits until a background stays at a temperature; returns the last temperature read [K].
 
-    Stable is an unbroken window of hold_s, and settle_s more, in which every reading lies within
-    tolerance_K and the controller never says "not stable"; a first crossing is never enough.
+    It is stable after an unbroken window of hold_s + settle_s in which every reading is within
+    tolerance_K and the controller never reports the contrary; a first crossing is not enough.
 
     Args:
         device: the background.
         clock: on which to wait.
         temperature_K: set point.
-        stability: what counts as stable.
-        should_stop: asked while it waits.
+        stability: the criterion.
+        should_stop: called during the wait; True ends it.
         on_progress: called with each temperature read [K].
 
     Raises:
         DeviceTimeout: timeout_s passed.
-        Aborted: `should_stop` said so.
-        NotConnected: a reading is no temperature.
+        Aborted: `should_stop` returned True.
+        NotConnected: a reading is not a temperature.
     """
     start = clock.now_s()
     poll_s = min(1.0, max(stability.hold_s / 4.0, 0.05))
-    since: float | None = None  # when the present unbroken window began
+    since: float | None = None  # start of the present unbroken window
     while True:
         reading = read_temperature(device)
         if on_progress is not None:
@@ -67,11 +67,11 @@ def wait_stable(
                 "check the controller, or allow more in the plan's stability.timeout_s"
             )
         if not clock.sleep(poll_s, should_stop):
-            raise Aborted(f"stopped while the background went to {temperature_K:g} K")
+            raise Aborted(f"stopped while the background approached {temperature_K:g} K")
 
 
 class Settling(ABC):
-    """Gives a background its `wait_stable`: the one that all of them have."""
+    """Base of backgrounds, with the `wait_stable` that all of them share."""
 
     _clock: Clock
 
@@ -81,7 +81,7 @@ class Settling(ABC):
 
     @abstractmethod
     def is_stable(self) -> bool | None:
-        """What the controller says; None where it says nothing."""
+        """The controller's own judgement; None if it has none."""
 
     def wait_stable(
         self,
@@ -90,11 +90,7 @@ class Settling(ABC):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """Waits as the function of that name does.
-
-        Args:
-            temperature_K, stability, should_stop, on_progress: as there.
-        """
+        """Waits as the function of that name."""
         return wait_stable(
             self,
             self._clock,
