@@ -1,7 +1,7 @@
-"""What every driver must do, whoever made it; tests and `cldit check-driver` use this one.
+"""The contract of drivers, for tests and for `cldit check-driver`.
 
-`cameras`, `backgrounds`, `triggers` and `devices` ask of a device of that kind, `pulses` of a
-generator whose pulses can be seen, `together` of a whole rig, `lost_replies` of any driver before
-an emulator whose replies can be lost or spoiled. `instrument` is the part that is safe before
-real ones. What is broken is `cldit.testing.expect.ContractBroken`.
+`cameras`, `backgrounds`, `triggers` and `devices` check a device of that kind, `pulses` a generator
+whose pulses can be recorded, `together` a whole rig, `lost_replies` any driver connected to an
+emulator whose replies can be lost or damaged. `run` runs it, on emulators or, as far as that is
+safe, on an instrument. A violation raises `cldit.testing.expect.ContractBroken`.
 """

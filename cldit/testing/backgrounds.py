@@ -1,4 +1,4 @@
-"""What every background must do."""
+"""Contract of backgrounds."""
 
 from __future__ import annotations
 
@@ -14,38 +14,28 @@ _RULE = Stability(tolerance_K=0.5, hold_s=10.0, settle_s=5.0, timeout_s=3600.0)
 
 
 def limits(background: Background, allowed: Allowed) -> None:
-    """Set points outside are refused before anything moves; those at the limits are taken.
-
-    Args:
-        background: connected.
-        allowed: sets no set point above `warmest_K`.
-    """
+    """Checks that set points at the limits are accepted, and that those outside change nothing."""
     can = background.limits
     before = background.read_configuration()
     for outside in (can.low_K - 1.0, can.high_K + 1.0, math.nan, math.inf):
         what = f"set_setpoint({outside:g})"
         refuses(lambda K=outside: background.set_setpoint(K), OutOfLimits, what)  # type: ignore[misc]
-    expect(background.read_configuration() == before, "a refused set point moved something")
+    expect(background.read_configuration() == before, "a rejected set point changed something")
     for inside in (can.low_K, can.high_K):
         if inside <= allowed.warmest_K:
             near(background.set_setpoint(inside), inside, _AGREE_K, "set point [K]")
 
 
 def settles(background: Background, allowed: Allowed) -> None:
-    """`wait_stable` comes back when it is stable, and not before; it gives up in time.
+    """Checks that `wait_stable` returns at stability, not before, and that it times out.
 
-    Args:
-        background: connected.
-        allowed: heats up to `warmest_K`.
-
-    Raises:
-        NotAllowed: it may not be heated by 5 K.
+    Raises NotAllowed if heating by 5 K is not allowed.
     """
     start_K = background.read_temperature()
     wanted_K = min(start_K + _RISE_K, background.limits.high_K, allowed.warmest_K)
     if wanted_K < max(start_K + 5.0, background.limits.low_K):
         raise NotAllowed(
-            f"needs a set point 5 K above {start_K:.1f} K; {allowed.warmest_K:.1f} K is allowed"
+            f"needs a set point 5 K above {start_K:.1f} K; allowed: {allowed.warmest_K:.1f} K"
         )
     background.set_setpoint(wanted_K)
     expect(background.is_stable() in (False, None), "is_stable() before it can be")
@@ -61,6 +51,6 @@ def settles(background: Background, allowed: Allowed) -> None:
 
 
 BACKGROUND = [
-    Check("limits", "sets its lowest set point, where that is allowed", limits),
-    Check("settles", "warms it by 5 to 20 K, where that is allowed", settles),
+    Check("limits", "sets its lowest set point, if that is allowed", limits),
+    Check("settles", "warms it by 5 to 20 K, if that is allowed", settles),
 ]

@@ -1,7 +1,8 @@
-"""A bed: a driver before its emulator, whose replies can be lost, and the instrument's side of it.
+"""Test bench for a driver: the driver connected to an emulator whose replies can be lost.
 
-A package that brings a driver brings its beds as an entry point of the group `cldit.emulators`,
-under the driver's name: a mapping from a variant (`tcp`, `serial`) to what makes a bed of it.
+A package with a driver registers its test benches as an entry point of the group
+`cldit.emulators`, under the driver's name: a mapping from a variant (`tcp`, `serial`) to a function
+that makes a `Bed`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ GROUP = "cldit.emulators"
 
 @dataclass(frozen=True)
 class Step:
-    """Part of a session. right: whether what `call` gave agrees with the instrument's side."""
+    """Step of a session; `right` compares the result of `call` with the instrument's state."""
 
     name: str
     call: Callable[[], Any]
@@ -29,13 +30,13 @@ class Step:
 
 @dataclass(frozen=True)
 class Bed:
-    """One device, and the instrument's side of it.
+    """Test bench for a driver: one device, and access to the state of its emulator.
 
-    steps: a session between connect() and make_safe(). left_on: what is on at the instrument, in
-    words, empty where nothing is. told: what must be said of the instrument where it cannot be
-    reached after the session. replies: their way, None for a simulated device, which is unplugged
-    after its session. pulses: times [s] of the pulses that went out to the `camera` and to the
-    `injector`; for generators.
+    steps: a session between connect() and make_safe(). left_on: describes what is on at the
+    instrument; empty if nothing is. told: texts of the error if the instrument cannot be reached
+    after the session. replies: channel of the replies; None for a simulated device, which is
+    unplugged after its session. pulses: of generators, times [s] of the pulses sent to the `camera`
+    or the `injector`.
     """
 
     device: Any
@@ -47,17 +48,17 @@ class Bed:
 
     @property
     def injections(self) -> int:
-        """Pulses at the injector."""
+        """Number of pulses sent to the injector."""
         return 0 if self.pulses is None else len(self.pulses("injector"))
 
 
 Make = Callable[[ExitStack, Mapping[str, Any], float | None], Bed]
-"""Switches the emulator on within a stack; takes the driver's settings as far as the rig file
-gives them (without the address, which is the emulator's) and how long to wait for an answer [s]."""
+"""Starts the emulator within a stack; takes the driver's settings in the rig file, without the
+address, which is the emulator's, and the time to wait for an answer [s]."""
 
 
 def beds_of(driver: str) -> dict[str, Make]:
-    """The beds that are installed for a driver, by variant.
+    """Installed test benches of a driver, by variant.
 
     Raises:
         SceneError: there are none, or they cannot be loaded.
@@ -70,8 +71,8 @@ def beds_of(driver: str) -> dict[str, Make]:
                 f"the emulators of {driver!r} ({entry.value}) cannot be loaded: {error}"
             ) from error
     raise SceneError(
-        f"the driver {driver!r} has no emulator, so nobody tries what it does when an answer is "
-        f"lost: give it beds as an entry point of the group {GROUP} (docs/extending.md)"
+        f"the driver {driver!r} has no emulator, so its behaviour after a lost answer is not "
+        f"tested: register beds as an entry point of the group {GROUP} (docs/extending.md)"
     )
 
 
@@ -79,15 +80,12 @@ def beds_of(driver: str) -> dict[str, Make]:
 def opened(
     make: Make, settings: Mapping[str, Any] | None = None, *, answer_s: float | None = None
 ) -> Iterator[Bed]:
-    """A new bed, its emulator switched on, its device not connected; closed at the end.
+    """Context of a new bed, its emulator running, its device not connected; closed at the end.
 
     Args:
-        make: of `beds_of`.
-        settings: the driver's, without the address.
-        answer_s: how long the driver waits for an answer, where that can be set.
-
-    Returns:
-        The bed, as a context manager.
+        make: from `beds_of`.
+        settings: of the driver, without the address.
+        answer_s: time for which the driver waits for an answer, if that can be set.
     """
     with ExitStack() as stack:
         bed = make(stack, settings or {}, answer_s)

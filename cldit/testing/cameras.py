@@ -1,4 +1,4 @@
-"""What every camera must do."""
+"""Contract of cameras."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from cldit.rig.protocols import Camera, Frame, TriggerInfo, TriggerMode
 from cldit.testing.expect import Allowed, Check, expect, near, refuses
 
 _INTEGRATION_s = 25e-6
-_WALL_s = (-0.1, 60.0)  # host time of a frame after the start, to what a busy machine may take
-# Aravis' own camera looks for a trigger every 0.1 s, and no one can ask what time it has: the
-# host's is that of reading.
+_WALL_s = (-0.1, 60.0)  # host time of a frame after the start, on a busy machine too
+# Aravis' own camera polls for a trigger every 0.1 s, and its clock cannot be read: the host time is
+# that of reading.
 _SLOW_MAKER, _LOOKS_s = "Aravis", 0.1
 
 
@@ -36,12 +36,7 @@ def _missing(camera: Camera, n: int, timeout_s: float, arrived: int, what: str) 
 
 
 def frames(camera: Camera, allowed: Allowed) -> None:
-    """Shape, type, ids, times and noise of pictures, over two starts.
-
-    Args:
-        camera: connected.
-        allowed: triggers by software alone.
-    """
+    """Checks shape, type, ids, times and noise of images over two starts."""
     camera.wait_ready(60.0)
     columns, rows = camera.capabilities.sensor_pixels
     x, y, width, height = camera.read_configuration()["roi"]
@@ -70,12 +65,7 @@ def frames(camera: Camera, allowed: Allowed) -> None:
 
 
 def configuration_is_read_back(camera: Camera, allowed: Allowed) -> None:
-    """What is set is read back, what is outside is refused, and a refusal changes nothing.
-
-    Args:
-        camera: connected.
-        allowed: sets exposures.
-    """
+    """Checks that settings are read back, and that rejected ones change nothing."""
     low, high = camera.capabilities.integration_time_limits_s
     stored = camera.read_configuration()
     for wanted in (low, min(max(_INTEGRATION_s, low), high), high):
@@ -89,7 +79,7 @@ def configuration_is_read_back(camera: Camera, allowed: Allowed) -> None:
     for outside in (0.5 * low, 2.0 * high, 0.0, -1.0, math.nan):
         what = f"configure({outside:g})"
         refuses(lambda s=outside: camera.configure(s), OutOfLimits, what, "integration_time_s")  # type: ignore[misc]
-    expect(camera.read_configuration() == stored, "a refused exposure changed the configuration")
+    expect(camera.read_configuration() == stored, "a rejected exposure changed the configuration")
     wrong = "Mono1"
     refuses(
         lambda: camera.configure(low, pixel_format=wrong), ConfigRejected, wrong, "pixel_format"
@@ -97,12 +87,7 @@ def configuration_is_read_back(camera: Camera, allowed: Allowed) -> None:
 
 
 def misses_are_errors(camera: Camera, allowed: Allowed) -> None:
-    """Frames that do not come are MissingFrames, which counts them.
-
-    Args:
-        camera: connected.
-        allowed: waits for edges that nobody sends.
-    """
+    """Checks that missing frames raise MissingFrames with their number."""
     refuses(camera.software_trigger, ConfigRejected, "software_trigger() before prepare()")
     camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))
     camera.arm()
@@ -117,12 +102,7 @@ def misses_are_errors(camera: Camera, allowed: Allowed) -> None:
 
 
 def stops_and_flushes(camera: Camera, allowed: Allowed) -> None:
-    """It stops by itself after n frames; `flush` counts what it throws away.
-
-    Args:
-        camera: connected.
-        allowed: triggers by software alone.
-    """
+    """Checks that it stops by itself after n frames, and that `flush` counts discarded frames."""
     camera.prepare(TriggerInfo(TriggerMode.SOFTWARE, n_frames=2))
     camera.arm()
     before = camera.statistics()
@@ -138,26 +118,16 @@ def stops_and_flushes(camera: Camera, allowed: Allowed) -> None:
 
 
 def internal_trigger(camera: Camera, allowed: Allowed) -> None:
-    """It runs freely for n frames, where it can.
-
-    Args:
-        camera: connected.
-        allowed: it runs freely.
-    """
+    """Checks that it runs freely for n frames, if it supports that."""
     if TriggerMode.INTERNAL not in camera.capabilities.trigger_modes:
         return
     camera.prepare(TriggerInfo(TriggerMode.INTERNAL, n_frames=4))
     camera.arm()
-    expect(len(list(camera.read_frames(4, 5.0))) == 4, "four frames were asked for")
+    expect(len(list(camera.read_frames(4, 5.0))) == 4, "four frames were requested")
 
 
 def refuses_what_it_lacks(camera: Camera, allowed: Allowed) -> None:
-    """Modes that it has not, and no frames.
-
-    Args:
-        camera: connected.
-        allowed: only asks.
-    """
+    """Checks that unsupported modes and a number of 0 frames are rejected."""
     for mode in sorted(set(TriggerMode) - camera.capabilities.trigger_modes):
         what = f"prepare({mode})"
         refuses(lambda m=mode: camera.prepare(TriggerInfo(m)), ConfigRejected, what)  # type: ignore[misc]
@@ -166,10 +136,10 @@ def refuses_what_it_lacks(camera: Camera, allowed: Allowed) -> None:
 
 
 CAMERA = [
-    Check("frames", "takes five pictures by software trigger", frames),
+    Check("frames", "takes five images by software trigger", frames),
     Check("read-back", "sets its shortest and longest exposure", configuration_is_read_back),
-    Check("misses", "arms it, and waits for an edge that does not come", misses_are_errors),
-    Check("stops and flushes", "takes two pictures and throws them away", stops_and_flushes),
-    Check("internal trigger", "lets it run for four pictures", internal_trigger),
-    Check("refusals", "asks for modes that it lacks", refuses_what_it_lacks),
+    Check("misses", "arms it, and waits for an edge that does not arrive", misses_are_errors),
+    Check("stops and flushes", "takes two images and discards them", stops_and_flushes),
+    Check("internal trigger", "lets it run for four images", internal_trigger),
+    Check("refusals", "requests modes that it lacks", refuses_what_it_lacks),
 ]

@@ -1,4 +1,4 @@
-"""What every device must do, whatever its kind."""
+"""Contract of devices of all kinds."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from cldit.testing.expect import Allowed, Check, expect, refuses
 
 
 def life(device: Device, allowed: Allowed) -> None:
-    """Connect, make safe and close may each be called twice; before, it says what is wrong.
-
-    Args:
-        device: not connected; it is connected when this ends.
-        allowed: nothing more is done than to make it safe.
-    """
+    """Checks that connect, make_safe and close may be repeated, and the error before connect."""
     device.make_safe()
     device.close()
     refuses(device.read_configuration, NotConnected, "before connect()", "connect")
@@ -34,17 +29,12 @@ def life(device: Device, allowed: Allowed) -> None:
 
 
 def identity(device: Device, allowed: Allowed) -> None:
-    """Kind, maker and model are said.
-
-    Args:
-        device: connected or not.
-        allowed: nothing is done.
-    """
+    """Checks that kind, maker and model are given."""
     info = device.identify()
     expect(info.kind in ("camera", "background", "trigger"), f"kind: {info.kind!r}")
     expect(info.maker and info.model, f"{info} lacks maker or model")
     expect(isinstance(info.simulated, bool), f"simulated: {info.simulated!r}")
 
 
-LIFE = Check("life", "connects, makes safe and lets go, several times", life)
-IDENTITY = Check("identity", "asks who answers", identity)
+LIFE = Check("life", "connects, makes safe and closes, several times", life)
+IDENTITY = Check("identity", "reads its identity", identity)

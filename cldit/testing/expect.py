@@ -1,4 +1,4 @@
-"""How a check says what is broken, and what it may do on the instrument before it."""
+"""Checks of the contract: their errors, and what they are allowed to do with an instrument."""
 
 from __future__ import annotations
 
@@ -11,32 +11,31 @@ from cldit.errors import ClditError
 
 
 class ContractBroken(ClditError, AssertionError):
-    """A driver does not do what every driver must."""
+    """A driver violates the contract of drivers."""
 
 
 class NotAllowed(ClditError):
-    """A check would do what it is not allowed to do on this instrument; nothing was done."""
+    """A check is not allowed on this instrument; nothing was done."""
 
 
 @dataclass(frozen=True)
 class Allowed:
-    """What a check may do. warmest_K: the highest set point; inject: a burst with injection may be
-    configured and fired."""
+    """Limits of a check: the highest set point, and if a burst may be fired with injection."""
 
     warmest_K: float
     inject: bool
 
 
 EVERYTHING = Allowed(warmest_K=math.inf, inject=True)
-"""On an emulator."""
+"""No limits, as on an emulator."""
 
 
 @dataclass(frozen=True)
 class Check:
     """One part of the contract.
 
-    name: of the check. does: what it does with an instrument, in words. run: takes the device and
-    what is allowed; raises ContractBroken, NotAllowed.
+    does: describes its effect on an instrument. run: takes the device and the limits; raises
+    ContractBroken, NotAllowed.
     """
 
     name: str
@@ -45,21 +44,21 @@ class Check:
 
 
 def expect(right: object, text: str) -> None:
-    """Raises ContractBroken with `text` where it is not `right`."""
+    """Raises ContractBroken with `text` if `right` is false."""
     if not right:
         raise ContractBroken(text)
 
 
 def near(got: float, wanted: float, within: float, what: str) -> None:
-    """`got` must be `wanted`.
+    """Checks that a value is the wanted one.
 
     Args:
         got, wanted: values of one unit.
-        within: the same unit; what may lie between them.
-        what: for the message.
+        within: largest difference between them.
+        what: name of the quantity, for the message.
 
     Raises:
-        ContractBroken: it is not.
+        ContractBroken: they differ by more.
     """
     expect(abs(got - wanted) <= within, f"{what}: {got:g}, expected {wanted:g} within {within:g}")
 
@@ -67,16 +66,16 @@ def near(got: float, wanted: float, within: float, what: str) -> None:
 def refuses(
     call: Callable[[], object], error: type[Exception], what: str, saying: str = ""
 ) -> Exception:
-    """The error with which `call` refuses.
+    """Checks that a call raises an error, and returns the error.
 
     Args:
-        call: what must be refused.
+        call: without arguments.
         error: its class.
-        what: for the message.
+        what: name of the call, for the message.
         saying: part of the error's text.
 
     Raises:
-        ContractBroken: it does not refuse, or otherwise.
+        ContractBroken: the call raises no error, or another.
     """
     try:
         got = call()
@@ -87,4 +86,4 @@ def refuses(
         raise ContractBroken(
             f"{what}: {type(other).__name__}: {other}; expected {error.__name__}"
         ) from other
-    raise ContractBroken(f"{what}: gives {got!r}; expected {error.__name__}")
+    raise ContractBroken(f"{what}: returned {got!r}; expected {error.__name__}")

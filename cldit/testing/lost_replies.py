@@ -1,13 +1,12 @@
-"""A lost instrument does not stay on: what every driver must do when an answer is lost or spoiled.
+"""Contract of drivers after a lost or damaged answer: no instrument is left on.
 
 After a lost answer the link is closed, and a make_safe() that takes a closed link for "nothing to
-do" leaves a black body hot and an injector armed. A session of a driver before its emulator, of
-which reply number n is lost, is no number, is garbage, ends half-way, or comes when nobody waits
-for it any more, for every n. After an error the session ends (even n), or connects again and goes
-on (odd n). Afterwards, on the instrument's side: heater off or at its safe set point, output
-disarmed, camera not armed, never a second injection; on the driver's side: each result is what the
-instrument has, or it is one of the rig's errors. Where the instrument stays silent, NotSafe says
-what may be on.
+do" leaves a black body hot and an injector armed. Here a driver runs a session with its emulator in
+which reply number n is lost, is not a number, is garbage, ends half-way, or arrives too late, for
+every n. After an error the session ends (even n), or connects again and continues (odd n).
+Afterwards the instrument must have its heater off or at its safe set point, its output disarmed,
+its camera not armed, and never a second injection; each result of the driver must agree with the
+instrument or be a RigError. If the instrument stays silent, NotSafe must say what may be on.
 """
 
 from __future__ import annotations
@@ -23,8 +22,8 @@ from cldit.testing.bed import Bed, Make, Step, opened
 from cldit.testing.expect import ContractBroken, expect, refuses
 from cldit.testing.replies import Fault
 
-# How long an answer is waited for, and after how long a late one comes. A busy machine may lose an
-# answer more by the first, which the contract allows, but not three times in a row.
+# Time to wait for an answer, and delay of a late one. On a busy machine the first may lose another
+# answer, which the contract allows, but not three times in a row.
 _ANSWER_s, _LATE_s = 0.1, 0.15
 _DEAD_ANSWER_s, _REACH_s = 0.3, 20.0
 _SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
@@ -36,33 +35,33 @@ Faults = Callable[[int], Sequence[Fault]]
 
 
 def every(replies: int) -> Sequence[int]:
-    """The number of each of so many replies."""
+    """Numbers of all replies."""
     return range(1, replies + 1)
 
 
 def some(replies: int) -> Sequence[int]:
-    """Eight of them, from the first to the last; for cameras, which have many."""
+    """Numbers of eight replies, from the first to the last; for cameras, which send many."""
     return sorted({1 + (replies - 1) * part // (_SAMPLES - 1) for part in range(_SAMPLES)})
 
 
 def lost(number: int) -> Sequence[Fault]:
-    """The reply never arrives."""
+    """Fault of a reply that never arrives."""
     return [Fault.DROP]
 
 
 def spoiled_in_turn(number: int) -> Sequence[Fault]:
-    """Another kind reply by reply; with a shift, so that each kind meets even and odd replies."""
+    """A fault that changes from reply to reply, so that each meets even and odd numbers."""
     turn = len(_SPOILED)
     return [_SPOILED[(number + number // turn) % turn]]
 
 
 def any_in_turn(number: int) -> Sequence[Fault]:
-    """The same with the lost ones among them."""
+    """A fault that changes from reply to reply, lost replies included."""
     return [list(Fault)[number % len(Fault)]]
 
 
 def all_faults(number: int) -> Sequence[Fault]:
-    """Every kind, one after the other."""
+    """All faults, one after the other."""
     return list(Fault)
 
 
@@ -74,18 +73,18 @@ def check_replies(
     *,
     at_once: int = 1,
 ) -> int:
-    """A session for each reply and each of its faults; the number of sessions.
+    """Runs a session for each reply and each of its faults, and returns the number of sessions.
 
     Args:
-        make: of `cldit.testing.bed.beds_of`.
-        numbers: which replies, of so many.
-        faults: what befalls the reply with this number, in a session each.
+        make: from `cldit.testing.bed.beds_of`.
+        numbers: gives the numbers of the replies to damage, from the number of all replies.
+        faults: gives the faults of the reply of a number, each for one session.
         settings: of the driver, without the address.
-        at_once: sessions side by side, each before an emulator of its own, as most of their time is
-            waiting for answers that do not come.
+        at_once: sessions in parallel, each with its own emulator, because they mostly wait for
+            answers that do not arrive.
 
     Raises:
-        ContractBroken: one line for each session that went wrong.
+        ContractBroken: one line for each session that failed.
     """
     with opened(make, settings) as bed:
         assert bed.replies is not None
@@ -112,7 +111,7 @@ def check_replies(
 def check_connect(
     make: Make, settings: Mapping[str, Any] | None = None, *, at_once: int = 1
 ) -> int:
-    """One reply that is lost while it connects is no reason to give up; the number of sessions.
+    """Checks that it connects in spite of any one lost reply, and returns the number of sessions.
 
     Args:
         make, settings, at_once: as for `check_replies`.
@@ -141,21 +140,22 @@ def check_connect(
 
 
 def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: int = 2) -> None:
-    """Not one answer comes any more after a session: NotSafe says which instrument, where, what it
-    was last told and what to do; asked again after it was closed it says so again; when it answers
-    again it is made safe.
+    """Checks an instrument that is silent after a session.
+
+    NotSafe must name the instrument, its address, its last known settings and what to do, also
+    after close(); an instrument that answers again must be made safe.
 
     Args:
         make, settings: as for `check_replies`.
-        times: how often it is asked; each may take seconds.
+        times: number of calls of make_safe(); each may take seconds.
 
     Raises:
-        ContractBroken: it does not.
+        ContractBroken: the driver does otherwise.
     """
     with opened(make, settings, answer_s=_DEAD_ANSWER_s) as bed:
         _session(bed, go_on=False)
         if bed.replies is not None:
-            expect(bed.left_on(), "the session leaves nothing on, so that this checks nothing")
+            expect(bed.left_on(), "the session leaves nothing on, so nothing is checked")
             bed.replies.spoil(Fault.DROP, bed.replies.sent + 1, last=10**9)
         begin_s = time.monotonic()
         for _ in range(times):
@@ -164,7 +164,7 @@ def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: 
                 expect(text in str(error), f"{error}; expected {text!r} in it")
             bed.device.close()
         took_s = time.monotonic() - begin_s
-        expect(took_s < _REACH_s, f"reaches for it for {took_s:.0f} s, allowed is {_REACH_s:g} s")
+        expect(took_s < _REACH_s, f"tries to reach it for {took_s:.0f} s; allowed: {_REACH_s:g} s")
         if bed.replies is not None:
             bed.replies.heal()
             did = bed.device.make_safe().did
@@ -173,13 +173,14 @@ def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: 
 
 
 def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
-    """Never connected, connected, let go of harmless, and let go of hot are different.
+    """Checks that a device distinguishes four states: never connected, connected, closed while
+    harmless, and closed while on.
 
     Args:
         make, settings: as for `check_replies`.
 
     Raises:
-        ContractBroken: they are not.
+        ContractBroken: it does not.
     """
     with opened(make, settings) as bed:
         expect(not bed.device.make_safe().connected, "it says it was connected before connect()")
@@ -192,19 +193,19 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
             return
         _session(bed, go_on=False)
         bed.device.close()
-        expect(bed.device.make_safe().connected, "closed while on, it does not reach for it")
+        expect(bed.device.make_safe().connected, "closed while on, it does not connect again")
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
 
 
 def _all_right(session: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
-    """Raises ContractBroken with what each case's session finds wrong; `at_once` of them a time."""
+    """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
     with ThreadPoolExecutor(at_once) as pool:
         failures = [problem for problem in pool.map(session, cases) if problem]
     expect(not failures, "\n".join(failures))
 
 
 def _session(bed: Bed, *, go_on: bool) -> list[str]:
-    """Each error of the rig's. Raises ContractBroken at once for a result that is wrong."""
+    """RigErrors of a session; a wrong result raises ContractBroken at once."""
     errors: list[str] = []
     for step in [Step("connect", bed.device.connect), *bed.steps]:
         try:
@@ -218,12 +219,12 @@ def _session(bed: Bed, *, go_on: bool) -> list[str]:
             except RigError:
                 break
         else:
-            expect(step.right(got), f"{step.name} gives {got!r}")
+            expect(step.right(got), f"{step.name} returned {got!r}")
     return errors
 
 
 def _problem(bed: Bed, *, go_on: bool) -> str:
-    """What a session with a fault left wrong; empty where nothing."""
+    """Problem after a session with a fault; empty if there is none."""
     try:
         _session(bed, go_on=go_on)
     except ContractBroken as error:
@@ -234,7 +235,7 @@ def _problem(bed: Bed, *, go_on: bool) -> str:
     except RigError as error:
         return f"not made safe: {error}"
     if not isinstance(safety, Safety):
-        return f"make_safe() gives {safety!r}"
+        return f"make_safe() returned {safety!r}"
     if bed.left_on():
         return f"make_safe() did {safety.did!r}, and the instrument is left on: {bed.left_on()}"
     if hot and not safety.connected:

@@ -1,4 +1,4 @@
-"""What a generator must send, and what not: before an emulator whose pulses can be seen."""
+"""Contract of generators as to their pulses, with an emulator that records them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cldit.testing.bed import Bed
 from cldit.testing.expect import Allowed, Check, expect, near, refuses
 
 _PERIOD_s = 0.05
-_BUSY_s = 0.02  # a busy machine delays a pulse of an emulator by so much
+_BUSY_s = 0.02  # delay of an emulator's pulse on a busy machine
 
 
 def _seen(bed: Bed, output: str) -> list[float]:
@@ -20,12 +20,7 @@ def _seen(bed: Bed, output: str) -> list[float]:
 
 
 def references_do_not_inject(bed: Bed, allowed: Allowed) -> None:
-    """Each burst pulses the camera once, and the injector where it is asked to.
-
-    Args:
-        bed: its device connected.
-        allowed: injects.
-    """
+    """Checks that each burst pulses the camera once, and the injector on request only."""
     for number, (inject, injections) in enumerate(((False, 0), (True, 1), (False, 1)), 1):
         bed.device.configure(Burst(inject=inject))
         bed.device.fire()
@@ -40,12 +35,7 @@ def references_do_not_inject(bed: Bed, allowed: Allowed) -> None:
 
 
 def burst(bed: Bed, allowed: Allowed) -> None:
-    """Three pulses, a period apart; fired again before its end, it refuses and sends no more.
-
-    Args:
-        bed: its device connected.
-        allowed: pulses the camera.
-    """
+    """Checks a burst of three pulses, and that a second fire() within it is rejected."""
     got = bed.device.configure(Burst(n=3, period_s=_PERIOD_s))
     bed.device.fire()
     refuses(bed.device.fire, RigError, "fire() within a burst")
@@ -57,12 +47,7 @@ def burst(bed: Bed, allowed: Allowed) -> None:
 
 
 def abort(bed: Bed, allowed: Allowed) -> None:
-    """Pulses not sent yet are never sent.
-
-    Args:
-        bed: its device connected.
-        allowed: pulses the camera.
-    """
+    """Checks that abort() prevents the rest of the pulses."""
     bed.device.configure(Burst(n=20, period_s=_PERIOD_s))
     bed.device.fire()
     time.sleep(2.5 * _PERIOD_s)

@@ -1,4 +1,4 @@
-"""What becomes of a peer's replies on their way: lost, spoiled or late, as a test asks for it."""
+"""Channel of an emulator's replies, on which a test can lose, damage or delay them."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from enum import StrEnum
 
 
 class Fault(StrEnum):
-    """What befalls a reply."""
+    """Fault of a reply."""
 
-    DROP = "drop"  # it never arrives
-    NAN = "nan"  # its data are no number
+    DROP = "drop"  # the reply never arrives
+    NAN = "nan"  # its data are not a number
     GARBAGE = "garbage"  # its data are other bytes; what frames them is whole
     HALF = "half"  # its end never arrives
-    LATE = "late"  # it arrives when nobody waits for it any more, and holds up what follows
+    LATE = "late"  # it arrives after the time to wait, and delays the following ones
 
 
 TEXT_NAN = b"NAN"  # as an instrument with text commands writes it
@@ -22,12 +22,12 @@ INTEGER_NONE = b"\x80\x00"  # int16, the most negative: integers have no NaN
 
 
 class Replies:
-    """The way of all replies of one peer, which calls `passed` for each.
+    """Channel of all replies of one peer, which calls `passed` for each.
 
     Attributes:
-        sent: replies so far; a command without a reply does not count.
-        struck: those of them that a fault befell.
-        no_number: what stands in for a reply's data; binary, it is repeated over all of them.
+        sent: number of replies; a command without a reply does not count.
+        struck: number of replies with a fault.
+        no_number: replaces the data of a reply; if binary, it is repeated over all of them.
     """
 
     def __init__(self, no_number: bytes = TEXT_NAN) -> None:
@@ -40,27 +40,16 @@ class Replies:
     def spoil(
         self, fault: Fault, first: int, *, last: int | None = None, late_s: float = 0.1
     ) -> None:
-        """From now on `fault` befalls some replies.
-
-        Args:
-            fault: which.
-            first, last: replies, counted from 1; `first` alone where `last` is left out.
-            late_s: by how much one that is late is late.
-        """
+        """Sets a fault for replies `first` to `last` (by default `first` alone), counted from 1."""
         self._fault, self._late_s = fault, late_s
         self._numbers = range(first, (first if last is None else last) + 1)
 
     def heal(self) -> None:
-        """No more faults."""
+        """Ends the faults."""
         self._fault = None
 
     def passed(self, reply: bytes, data: slice) -> bytes:
-        """What of `reply` arrives; returns when it does.
-
-        Args:
-            reply: as it was sent.
-            data: where the reply's data are; the rest frames them.
-        """
+        """The part of a reply that arrives, returned when it does; `data` are its framed data."""
         if not reply:
             return reply
         self.sent += 1

@@ -1,4 +1,4 @@
-"""The contract for one driver: before its emulators, or its safe part before an instrument."""
+"""Runs the contract for a driver: on its emulators, or the safe part of it on an instrument."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ OF_KIND: dict[str, list[Check]] = {
     "background": [LIFE, IDENTITY, *BACKGROUND],
     "trigger": [LIFE, IDENTITY, *TRIGGER],
 }
-"""What a device of each kind must do, in this order; the first one connects it."""
+"""Checks of a device of each kind, in order; the first one connects it."""
 
 
 class Verdict(StrEnum):
-    """Of a check."""
+    """Verdict of a check."""
 
     PASSED = "passed"
     FAILED = "failed"
@@ -37,8 +37,11 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a check. where: the emulator's variant, or `instrument`; text: what is broken,
-    why it was skipped, or how much was tried; seconds: that it took."""
+    """Result of a check.
+
+    where: variant of the emulator, or `instrument`. text: the violation, the reason for skipping,
+    or the number of trials. seconds: duration.
+    """
 
     where: str
     name: str
@@ -54,19 +57,19 @@ def on_emulators(
     *,
     all_faults: bool = False,
 ) -> Iterator[Result]:
-    """The contract before every emulator of a driver, lost and spoiled replies included.
+    """Runs the contract on all emulators of a driver, with lost and damaged replies.
 
     Args:
         driver: its name.
         kind: camera, background or trigger.
-        settings: the driver's, without the address.
-        all_faults: each fault of each reply, which takes minutes; else the faults in turn.
+        settings: of the driver, without the address.
+        all_faults: tries each fault of each reply, which takes minutes; otherwise one of them each.
 
     Returns:
-        A result as each check ends.
+        Results, each as its check ends.
 
     Raises:
-        SceneError: there is no emulator, or the settings are not the driver's.
+        SceneError: there is no emulator, or the driver rejects the settings.
     """
     for variant, make in beds_of(driver).items():
         for check in OF_KIND[kind]:
@@ -82,16 +85,16 @@ def on_emulators(
 def on_instrument(
     device: Device, kind: str, allowed: Allowed, *, pause_s: float = 1.0
 ) -> Iterator[Result]:
-    """The part of the contract that is safe before an instrument; whoever calls makes it safe.
+    """Runs the part of the contract that is safe on an instrument; the caller makes it safe.
 
     Args:
         device: not connected.
         kind: camera, background or trigger.
-        allowed: what may be done.
-        pause_s: from check to check.
+        allowed: limits of the checks.
+        pause_s: time between checks.
 
     Returns:
-        A result as each check ends. After a link that failed the rest is not tried.
+        Results, each as its check ends. If the connection fails, the rest is not tried.
     """
     for number, check in enumerate(OF_KIND[kind]):
         if number:
@@ -105,7 +108,7 @@ def on_instrument(
 
 
 def _disarm(device: Any) -> None:
-    """What the check before left armed, if it is connected at all."""
+    """Disarms a camera that the previous check left armed, if it is connected."""
     try:
         device.disarm()
     except RigError:
@@ -115,7 +118,7 @@ def _disarm(device: Any) -> None:
 def _alone(
     make: Make, settings: Mapping[str, Any] | None, check: Check, connects: bool, *, whole: bool
 ) -> Callable[[], None]:
-    """A check on a bed of its own; of the whole bed, or of its device alone."""
+    """A check on its own bed: of the whole bed, or of its device alone."""
 
     def work() -> None:
         with opened(make, settings) as bed:
@@ -130,7 +133,7 @@ def _alone(
 def _lines(
     make: Make, kind: str, settings: Mapping[str, Any] | None, all_faults: bool
 ) -> dict[str, Callable[[], object]]:
-    """What is tried with the line, by name."""
+    """Checks with faults of the line, by name."""
 
     def replies(numbers: lost_replies.Numbers, faults: lost_replies.Faults) -> Callable[[], str]:
         return lambda: f"{lost_replies.check_replies(make, numbers, faults, settings)} sessions"
@@ -162,6 +165,6 @@ def _tried(where: str, name: str, work: Callable[[], object]) -> Result:
         verdict, text = Verdict.SKIPPED, str(error)
     except ContractBroken as error:
         verdict, text = Verdict.FAILED, str(error)
-    except Exception as error:  # a driver that raises whatever it likes breaks the contract
+    except Exception as error:  # other errors violate the contract
         verdict, text = Verdict.FAILED, f"{type(error).__name__}: {error}"
     return Result(where, name, verdict, text, time.monotonic() - begin_s)

@@ -1,6 +1,6 @@
-"""A session with a camera, a background and a trigger generator between connect() and make_safe().
+"""Sessions with a camera, a background and a trigger generator, between connect() and make_safe().
 
-Each step knows whether what the driver gave agrees with the instrument, that is with its emulator.
+Each step compares the result of the driver with the state of the emulator.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ _AGREE_s = 1e-8
 
 @dataclass(frozen=True)
 class BackgroundSide:
-    """What an emulated black body knows of itself. stored: what read_configuration() must give
-    besides the set point; stable: the flag of its own, None where it has none."""
+    """State of an emulated black body.
+
+    stored: content of read_configuration() besides the set point. stable: its own flag, if any.
+    """
 
     setpoint_K: Callable[[], float]
     temperature_K: Callable[[], float]
@@ -33,20 +35,12 @@ class BackgroundSide:
 
 
 def hot_K(background: Background) -> float:
-    """The set point of a session: 420 K, or what the limits allow of it."""
+    """Set point of a session: 420 K, or the upper limit if that is lower."""
     return min(HOT_K, background.limits.high_K)
 
 
 def background_steps(device: Background, side: BackgroundSide | None = None) -> list[Step]:
-    """A session with a black body.
-
-    Args:
-        device: the driver.
-        side: the instrument's; None where it cannot be asked.
-
-    Returns:
-        The steps, in order.
-    """
+    """Session with a black body; without `side` its emulator's state is not compared."""
     wanted_K = hot_K(device)
 
     def near(got_K: float, right_K: float) -> bool:
@@ -77,15 +71,7 @@ def background_steps(device: Background, side: BackgroundSide | None = None) -> 
 def trigger_steps(
     device: Any, agrees: Callable[[Mapping[str, Any]], bool] = lambda stored: True
 ) -> list[Step]:
-    """A session with a generator, one injection in it.
-
-    Args:
-        device: the driver.
-        agrees: whether what read_configuration() gives is what the instrument has.
-
-    Returns:
-        The steps, in order.
-    """
+    """Session with a generator and one injection; `agrees` checks the configuration read."""
     burst = Burst(camera_delay_s=1e-3, inject=True)
     return [
         Step("configuration", device.read_configuration, agrees),
@@ -102,23 +88,15 @@ def camera_steps(
     edge: Callable[[], None],
     picture: Callable[[], NDArray[np.uint16]] | None = None,
 ) -> list[Step]:
-    """A session with a camera, one picture in it.
+    """Session with a camera and one image, for which `edge` pulses the trigger input; `picture` is
+    the last image that the emulator sent."""
 
-    Args:
-        device: the driver.
-        edge: pulses its trigger input.
-        picture: the last one that it took, (rows, columns); None where it cannot be asked.
-
-    Returns:
-        The steps, in order.
-    """
-
-    def pictures() -> list[Any]:
+    def images() -> list[Any]:
         edge()
         return [frame.data for frame in device.read_frames(1, 0.5)]
 
-    def seen(images: list[Any]) -> bool:
-        return picture is None or np.array_equal(images, [picture()])
+    def seen(found: list[Any]) -> bool:
+        return picture is None or np.array_equal(found, [picture()])
 
     def settings(got: Any) -> bool:
         seconds = got["integration_time_s"] if isinstance(got, dict) else got.integration_time_s
@@ -131,5 +109,5 @@ def camera_steps(
         Step("prepare", lambda: device.prepare(external)),
         Step("configuration", device.read_configuration, settings),
         Step("arm", device.arm),
-        Step("pictures", pictures, seen),
+        Step("images", images, seen),
     ]

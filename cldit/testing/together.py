@@ -1,4 +1,4 @@
-"""What the devices of a rig must do together; the generator's output is the camera's line."""
+"""Contract of a rig's devices together; the generator's output triggers the camera."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from cldit.testing.expect import Allowed, Check, expect, near, refuses
 
 
 def trigger_reaches_the_camera(rig: Rig, allowed: Allowed) -> None:
-    """One burst of three: three frames, a period apart, and the generator is then done.
-
-    Args:
-        rig: connected.
-        allowed: sends pulses to the camera.
-    """
+    """Checks that a burst of three gives three frames, a period apart."""
     burst = rig.trigger.configure(Burst(n=3, period_s=0.05, camera_delay_s=1e-3))
     rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=3))
     rig.camera.arm()
@@ -29,12 +24,7 @@ def trigger_reaches_the_camera(rig: Rig, allowed: Allowed) -> None:
 
 
 def abort_stops_a_burst(rig: Rig, allowed: Allowed) -> None:
-    """Pulses not sent yet are never sent.
-
-    Args:
-        rig: connected.
-        allowed: sends pulses to the camera.
-    """
+    """Checks that abort() prevents the rest of the pulses."""
     rig.trigger.configure(Burst(n=10, period_s=0.1))
     rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=10))
     rig.camera.arm()
@@ -48,12 +38,7 @@ def abort_stops_a_burst(rig: Rig, allowed: Allowed) -> None:
 
 
 def one_trigger_starts_several_frames(rig: Rig, allowed: Allowed) -> None:
-    """A burst at the camera's own rate, continuous in its ids; the generator pulsed once.
-
-    Args:
-        rig: connected.
-        allowed: `inject`: sends a pulse to the injector.
-    """
+    """Checks that one pulse starts five frames at the camera's own rate, with continuous ids."""
     rig.trigger.configure(Burst(camera_delay_s=1e-3, inject=allowed.inject))
     trigger = TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=5, frames_per_trigger=5)
     rig.camera.prepare(trigger)
@@ -66,13 +51,13 @@ def one_trigger_starts_several_frames(rig: Rig, allowed: Allowed) -> None:
     period_s = rig.camera.capabilities.minimum_period_s
     for gap_ns in np.diff([frame.device_timestamp_ns for frame in frames]):
         near(1e-9 * gap_ns, period_s, 0.02 * period_s, "from frame to frame [s]")
-    refuses(lambda: list(rig.camera.read_frames(1, 0.1)), MissingFrames, "a frame more")
+    refuses(lambda: list(rig.camera.read_frames(1, 0.1)), MissingFrames, "one more frame")
     rig.camera.disarm()
-    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))  # and back to one frame each
+    rig.camera.prepare(TriggerInfo(TriggerMode.EXTERNAL_EDGE))  # back to one frame for each
     rig.camera.arm()
     rig.clock.sleep(0.1)
     rig.trigger.fire()
-    expect(len(list(rig.camera.read_frames(1, 1.0))) == 1, "one frame was asked for")
+    expect(len(list(rig.camera.read_frames(1, 1.0))) == 1, "one frame was requested")
 
 
 TOGETHER = [

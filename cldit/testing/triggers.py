@@ -1,4 +1,4 @@
-"""What every trigger generator must do."""
+"""Contract of trigger generators."""
 
 from __future__ import annotations
 
@@ -13,12 +13,7 @@ _DONE_s = 5.0
 
 
 def starts_inhibited(trigger: TriggerGenerator, allowed: Allowed) -> None:
-    """Nothing fires before `configure`, nor after `inhibit` and `make_safe`.
-
-    Args:
-        trigger: connected.
-        allowed: sets bursts without injection.
-    """
+    """Checks that nothing fires before `configure`, or after `inhibit` and `make_safe`."""
     refuses(trigger.fire, ConfigRejected, "fire() before configure()", "configure")
     trigger.configure(Burst())
     trigger.inhibit()
@@ -29,12 +24,7 @@ def starts_inhibited(trigger: TriggerGenerator, allowed: Allowed) -> None:
 
 
 def quantises_a_little(trigger: TriggerGenerator, allowed: Allowed) -> None:
-    """`configure` gives the burst as it will be, which it then takes exactly.
-
-    Args:
-        trigger: connected.
-        allowed: sets a burst with injection where `inject`.
-    """
+    """Checks that `configure` returns the quantised burst, which it then accepts exactly."""
     asked = Burst(
         camera_delay_s=0.95e-3 + 1e-10,
         injector_delay_s=1e-5,
@@ -45,17 +35,12 @@ def quantises_a_little(trigger: TriggerGenerator, allowed: Allowed) -> None:
     near(got.camera_delay_s, asked.camera_delay_s, _QUANTUM_s, "camera_delay_s [s]")
     expect((got.n, got.inject) == (1, asked.inject), f"{got} for {asked}")
     again = trigger.configure(got)
-    expect(again == got, f"{again} for {got}, which it can do")
+    expect(again == got, f"{again} for {got}, which it supports")
     trigger.inhibit()
 
 
 def refuses_bursts(trigger: TriggerGenerator, allowed: Allowed) -> None:
-    """Bursts that cannot be are refused, and nothing fires afterwards.
-
-    Args:
-        trigger: connected.
-        allowed: sets a burst without injection.
-    """
+    """Checks that impossible bursts are rejected, and that nothing fires afterwards."""
     good = Burst()
     for burst in (
         replace(good, n=0),
@@ -69,12 +54,7 @@ def refuses_bursts(trigger: TriggerGenerator, allowed: Allowed) -> None:
 
 
 def reference(trigger: TriggerGenerator, allowed: Allowed) -> None:
-    """A burst without injection is sent once, and is then done.
-
-    Args:
-        trigger: connected.
-        allowed: fires the camera's pulse, and no injection.
-    """
+    """Checks that a burst without injection is sent, and ends."""
     trigger.configure(Burst(camera_delay_s=1e-3))
     trigger.fire()
     trigger.wait_done(_DONE_s)
@@ -84,6 +64,6 @@ def reference(trigger: TriggerGenerator, allowed: Allowed) -> None:
 TRIGGER = [
     Check("starts inhibited", "sets bursts without injection", starts_inhibited),
     Check("read-back", "sets delays and widths, without injection", quantises_a_little),
-    Check("refusals", "asks for bursts that cannot be", refuses_bursts),
+    Check("refusals", "requests impossible bursts", refuses_bursts),
     Check("reference", "sends ONE pulse to the camera, none to the injector", reference),
 ]

@@ -164,7 +164,7 @@ def test_what_is_no_temperature_ends_the_run(
         return {"read_temperature": read_temperature}
 
     rig = wrapped(tiny_rig, background=odd)
-    with pytest.raises(NotConnected, match=r"K came for read_temperature\(\)"):
+    with pytest.raises(NotConnected, match=r"answered .* K to read_temperature\(\)"):
         acquire(rig, tiny_plan, tmp_path / "a")
     assert seen == calls + 1
     assert rig.trigger.read_configuration()["inhibited"]

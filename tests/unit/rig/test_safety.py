@@ -26,7 +26,7 @@ def never() -> Safety:
 @pytest.mark.parametrize(
     ("make_safe", "said"),
     [
-        (silent, "gives None; allowed is"),
+        (silent, "returned None; allowed: a"),
         (never, "it was connected, but its make_safe() did nothing"),
     ],
 )
