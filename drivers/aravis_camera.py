@@ -19,13 +19,13 @@ from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 
 from .genicam_camera import GenicamCamera
-from .genicam_client import GigeSettings, Picture
+from .genicam_client import GigeSettings, Image
 
 T = TypeVar("T")
 
 _GVCP = 3956
-_SPARE = 4  # buffers beyond the pictures that are asked for
-_ROOM, _LEAST_ROOM = 4, 2**20  # of the socket: pictures, bytes; net.core.rmem_max bounds it
+_SPARE = 4  # buffers beyond the requested images
+_ROOM, _LEAST_ROOM = 4, 2**20  # of the socket: images, bytes; limited by net.core.rmem_max
 _PIXELS = {8: "u1", 16: "<u2"}  # by the bits of a pixel in its format's code
 _LINK_ERRORS = ("NOT_CONNECTED", "NOT_FOUND", "TIMEOUT", "TRANSFER_ERROR", "NOT_CONTROLLER")
 
@@ -40,10 +40,10 @@ ABOUT = DriverAbout(
 
 
 class AravisClient:
-    """A `genicam_client.Client`."""
+    """Implements `genicam_client.Client`."""
 
     def __init__(self, settings: GigeSettings) -> None:
-        """Raises NotConnected."""
+        """Takes control of the camera; raises NotConnected."""
         import gi
 
         gi.require_version("Aravis", "0.8")
@@ -59,7 +59,7 @@ class AravisClient:
             for text in (settings.interface or _way_to(settings.address), settings.address)
         )
         if here is None or there is None:
-            raise NotConnected("address, interface: allowed are IP addresses")
+            raise NotConnected("address, interface: allowed: IP addresses")
         try:
             self._device = Aravis.GvDevice.new(here, there)
         except GLib.Error as error:
@@ -76,7 +76,7 @@ class AravisClient:
             raise
 
     def _ask(self, action: Callable[[Any], T]) -> T:
-        """What `action(device)` gives."""
+        """Result of `action(device)`, with errors of the rig."""
         try:
             return action(self._device)
         except self._error as error:
@@ -145,63 +145,63 @@ class AravisClient:
         if bits not in _PIXELS:
             raise ConfigRejected(
                 f"camera: pixel_format: {self.get_enum('PixelFormat')} has {bits} bits a pixel; "
-                "allowed are formats of 8 and 16"
+                "allowed: formats of 8 and 16"
             )
-        self._stream = None  # the old one gives up its port first
-        # (The device's own create_stream cannot be called without a callback.)
+        self._stream = None  # releases the port of the old one
+        # The device's own create_stream cannot be called without a callback.
         self._stream = self._ask(
             lambda d: self._aravis.Camera.new_with_device(d).create_stream(None, None)
         )
         size = self.get_integer("PayloadSize")
-        # By itself it asks for room for one picture, which the kernel fills with half of one, and
-        # it does so when the first packet has come, too late for those right behind.
+        # Aravis reserves room for one image, of which the kernel uses half, and only at the first
+        # packet, too late for the next ones.
         room = max(_ROOM * size, _LEAST_ROOM)
         self._stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
         self._stream.set_property("socket-buffer-size", room)
         _make_room(self._stream.get_port(), room)
-        # Any part of a picture may be asked for again, not the usual quarter alone.
+        # Any part of an image may be requested again, not the usual quarter alone.
         self._stream.set_property("packet-request-ratio", 1.0)
         for _ in range(frames + _SPARE):
             self._stream.push_buffer(self._aravis.Buffer.new_allocate(size))
 
-    def next_picture(self, timeout_s: float) -> Picture | None:
+    def next_image(self, timeout_s: float) -> Image | None:
         got = self._stream.timeout_pop_buffer(max(1, round(1e6 * timeout_s)))
         if got is None:
             self._under_control()
             return None
         pixels = None
         whole = got.get_status() == self._aravis.BufferStatus.SUCCESS
-        if whole:  # of others it gives nothing away
+        if whole:  # Aravis returns no data of others
             kind = _PIXELS[(got.get_image_pixel_format() >> 16) & 0xFF]
             shape = got.get_image_height(), got.get_image_width()
             flat = np.frombuffer(got.get_image_data(), kind, shape[0] * shape[1])
             pixels = flat.astype(np.uint16).reshape(shape)
-        picture = Picture(pixels, got.get_frame_id(), got.get_timestamp(), whole)
+        image = Image(pixels, got.get_frame_id(), got.get_timestamp(), whole)
         self._stream.push_buffer(got)
-        return picture
+        return image
 
     def close(self) -> None:
         self._stream = None
-        if not self._lost:  # else that would take the time of all its repetitions
+        if not self._lost:  # a lost link would take the time of all retries
             try:
                 self._device.leave_control()
-            except self._error:  # it is gone already
+            except self._error:  # already gone
                 pass
         self._device = None
 
 
 def _way_to(address: str) -> str:
-    """The computer's own address on the way there; nothing is sent."""
+    """The computer's own address towards the camera; nothing is sent."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((address, _GVCP))
         except OSError as error:
-            raise NotConnected(f"no way to {address} ({error})") from error
+            raise NotConnected(f"no route to {address} ({error})") from error
         return str(probe.getsockname()[0])
 
 
 def _make_room(port: int, size: int) -> None:
-    """For so many bytes in this process's socket at a port; Aravis does not hand out its own."""
+    """Enlarges the buffer of this process's socket at a port, which Aravis does not expose."""
     folder = Path("/proc/self/fd")
     for entry in list(folder.iterdir()) if folder.is_dir() else ():
         try:

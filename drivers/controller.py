@@ -1,4 +1,4 @@
-"""What the drivers of black bodies share: limits, the line to real ones, the safe set point."""
+"""Base of the drivers of black bodies: limits, settings of the line, the safe set point."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from cldit.scene.checks import Section, Within
 from cldit.scene.values import Temperature
 
 KELVIN = 273.15  # 0 °C
-_COLDEST, _HOTTEST = 0.5, 1.5  # times the limits: beyond, an answer is no temperature of a source
-_AGREE_K = 0.1  # a set point may read back rounded to a tenth
+_COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
+_AGREE_K = 0.1  # a set point is read back rounded to a tenth
 
 
 class BlackBodyLimits(Section):
-    limits_K: tuple[Temperature, Temperature]  # set points that the source may get
+    limits_K: tuple[Temperature, Temperature]  # of the set point
 
     @model_validator(mode="after")
     def _ordered(self) -> BlackBodyLimits:
         if self.limits_K[0] >= self.limits_K[1]:
-            raise ValueError(f"limits_K: {self.limits_K} is empty; allowed is (low, high)")
+            raise ValueError(f"limits_K: {self.limits_K} is empty; allowed: (low, high)")
         return self
 
 
@@ -41,12 +41,12 @@ class ControllerSettings(BlackBodyLimits):
     @model_validator(mode="after")
     def _one_line(self) -> ControllerSettings:
         if (self.host is None) == (self.serial is None):
-            raise ValueError("host, serial: allowed is one of the two")
+            raise ValueError("host, serial: allowed: one of the two")
         return self
 
     @property
     def where(self) -> str:
-        """For messages, and the name of a serial line."""
+        """Address for messages, and name of a serial line."""
         return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
 
     @property
@@ -59,7 +59,7 @@ S = TypeVar("S", bound=BlackBodyLimits)
 
 
 class BlackBody(Settling, Generic[S]):
-    """A background that refuses set points outside its limits, and how it gets to the others."""
+    """A background that rejects set points outside its limits."""
 
     def __init__(self, settings: S, clock: Clock) -> None:
         self._settings = settings
@@ -68,7 +68,7 @@ class BlackBody(Settling, Generic[S]):
 
     @property
     def safe_setpoint_K(self) -> float:
-        """What make_safe() sets; the lowest where the settings name none."""
+        """Set point of make_safe(); the lowest unless the settings name one."""
         return float(getattr(self._settings, "safe_setpoint_K", self._settings.limits_K[0]))
 
     @property
@@ -76,28 +76,20 @@ class BlackBody(Settling, Generic[S]):
         return Limits(*self._settings.limits_K)
 
     def _plausible(self, query: str, temperature_K: float) -> float:
-        """`temperature_K`, which came for `query`. A whole number that was spoiled on its way looks
-        like any other; it shows by what this source can be.
-
-        Raises:
-            NotConnected: the source cannot be so hot or so cold.
-        """
+        """Checks the answer to a query against the limits of the source, because a damaged integer
+        looks like any other; raises NotConnected."""
         low, high = self._settings.limits_K
         coldest, hottest = low * _COLDEST, high * _HOTTEST
         if not coldest <= temperature_K <= hottest:
             raise NotConnected(
-                f"background: {temperature_K:g} K came for {query}, expected {coldest:.0f} to "
-                f"{hottest:.0f} K with limits_K {low:g} to {high:g}; is another program talking to "
-                "it, or its unit another?"
+                f"background: answered {temperature_K:g} K to {query}, expected {coldest:.0f} to "
+                f"{hottest:.0f} K with limits_K {low:g} to {high:g}; is another program using it, "
+                "or its unit another?"
             )
         return temperature_K
 
     def _confirmed(self, wanted_K: float, got_K: float) -> float:
-        """`got_K`, the set point as read back.
-
-        Raises:
-            ConfigRejected: it is another one.
-        """
+        """Returns the set point as read back; raises ConfigRejected if it is not the wanted one."""
         if not abs(got_K - wanted_K) <= _AGREE_K:
             raise ConfigRejected(
                 f"background: the set point reads back {got_K:.2f} K after {wanted_K:.2f} K was "
@@ -112,4 +104,4 @@ class BlackBody(Settling, Generic[S]):
 
     @abstractmethod
     def _aim(self, temperature_K: float) -> float:
-        """The set point as read back."""
+        """Writes the set point, and returns it as read back."""

@@ -1,11 +1,11 @@
 """Stanford Research Systems DG645 digital delay generator, over SCPI on TCP.
 
 Commands: DG645 user manual, remote programming; the maker's driver (srsinst.dg645) agrees.
-Each output pair gives a pulse from its first edge to its second: AB from A to B.
+Each output pair sends a pulse from its first edge to its second: AB from A to B.
 
-A reference picture must not inject: the injector's pair then has both edges at the same moment,
-and its level is the lowest that the instrument has (0.5 V). Look at that output with an
-oscilloscope before the first acquisition.
+A reference image must not inject: both edges of the injector's pair are then at the same time, and
+its level is the lowest of the instrument (0.5 V). Check that output with an oscilloscope before the
+first acquisition.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _EDGES = {"AB": (2, 3), "CD": (4, 5), "EF": (6, 7), "GH": (8, 9)}  # channels of
 _OUTPUTS = {"AB": 1, "CD": 2, "EF": 3, "GH": 4}  # of LAMP, LOFF, LPOL
 _SINGLE_SHOT = 5
 _LOWEST_V = 0.5
-_STEP_S = 1e-11  # how far a delay may read back from what was written
+_STEP_S = 1e-11  # largest difference between a delay written and read back
 _TRIGGERED, _RATE_ERROR = 1 << 0, 1 << 1  # of INSR?
 _BUSY, _IN_BURST = 1 << 1, 1 << 2  # of *STB?
 
@@ -55,7 +55,9 @@ class Dg645Settings(Section):
     @model_validator(mode="after")
     def _apart(self) -> Dg645Settings:
         if self.camera == self.injector:
-            raise ValueError(f"camera, injector: both are {self.camera}; allowed are two outputs")
+            raise ValueError(
+                f"camera, injector: both are {self.camera}; allowed: two different outputs"
+            )
         return self
 
 
@@ -67,7 +69,7 @@ class Dg645(Linked):
         super().__init__(
             "trigger",
             f"DG645 at {where}",
-            by_hand=f"take the cable off the output {settings.injector}, or switch the DG645 off",
+            by_hand=f"unplug the cable of the output {settings.injector}, or switch the DG645 off",
         )
         self._settings = settings
         self._clock = context.clock
@@ -154,22 +156,22 @@ class Dg645(Linked):
         return self._burst
 
     def fire(self) -> None:
-        self._line.integer("INSR?")  # reading clears it; a link that is dead shows here, unfired
+        self._line.integer("INSR?")  # reading clears it; detects a dead link before firing
         if self._burst is None or self._inhibited:
             raise ConfigRejected("trigger: is inhibited; configure a burst first")
         try:
             status = self._line.integer("*TRG;INSR?")
         except RigError as error:
             raise FireUncertain(
-                f"trigger: the link failed while the trigger went out ({error})"
+                f"trigger: the link failed while the trigger was sent ({error})"
             ) from error
         if status & _RATE_ERROR:
             raise FireUncertain(
-                "trigger: rate error, the trigger came while the last one was still running"
+                "trigger: rate error, the trigger was sent while the last one was still running"
             )
         if not status & _TRIGGERED:
             raise FireUncertain(
-                f"trigger: the instrument does not say that it was triggered (INSR {status}); is "
+                f"trigger: the instrument does not confirm the trigger (INSR {status}); is "
                 "its inhibit input active?"
             )
 
@@ -187,10 +189,10 @@ class Dg645(Linked):
         self._still()
 
     def abort(self) -> None:
-        self._line.write("BURM 0")  # a change of settings ends the running cycle
+        self._line.write("BURM 0")  # a changed setting ends the running cycle
 
     def _still(self) -> str:
-        """Only *TRG triggers, it would give one cycle, and the injector's output would not move."""
+        """Allows *TRG alone to trigger one cycle, without a pulse at the injector's output."""
         self._inhibited = True
         injector = self._settings.injector
         first, second = _EDGES[injector]

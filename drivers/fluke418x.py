@@ -1,6 +1,6 @@
 """Fluke 4180/4181 infrared calibrators: SCPI on a serial line (9600 8N1) or through a TCP server.
 
-Commands: Fluke 418x technical guide. The instrument is told to speak degrees Celsius.
+Commands: Fluke 418x technical guide. The instrument is set to degrees Celsius.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class FlukeSettings(ControllerSettings):
 
 
 class Fluke418x(Linked, BlackBody[FlukeSettings]):
-    """A `cldit.rig.protocols.Background`."""
+    """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: FlukeSettings, context: RigContext) -> None:
         where = settings.where
@@ -78,7 +78,7 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         }
 
     def _still(self) -> str:
-        """The lowest harmless set point, and the heater off: that first, it works by itself."""
+        """Switches the heater off first, which suffices by itself; then sets the safe set point."""
         self._output(False)
         got_K = self._write(self._settings.safe_setpoint_K)
         return f"heater off, set point {got_K:.1f} K"

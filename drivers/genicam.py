@@ -1,4 +1,4 @@
-"""A GenICam camera's features, each read back after it is written; errors are the rig's."""
+"""Features of a GenICam camera, each read back after it is written, with errors of the rig."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cldit.rig.errors import ConfigRejected, RigError
 from .genicam_client import TIMESTAMP, TIMESTAMP_CONTROL, Client, nanoseconds_a_tick
 
 _LATCH = 2
-_RATES = (  # the one that it can reach first
+_RATES = (  # first those that the camera can reach
     "ResultingFrameRate",
     "ResultingFrameRateAbs",
     "AcquisitionFrameRate",
@@ -18,7 +18,7 @@ _RATES = (  # the one that it can reach first
 
 
 class Features:
-    """Around a connected client."""
+    """Features through a connected client."""
 
     def __init__(self, client: Client) -> None:
         self.client = client
@@ -38,19 +38,15 @@ class Features:
             raise ConfigRejected(f"camera: {name}: reads back {got} after {entry} was written")
 
     def entries(self, name: str) -> tuple[str, ...]:
-        """What a choice allows; nothing where the camera has no such feature."""
+        """Entries of an enumeration; none if the camera lacks it."""
         return self.client.entries(name) if self.has(name) else ()
 
     def text(self, name: str) -> str:
-        """Empty where the camera has no such feature."""
+        """Value of a text feature; empty if the camera lacks it."""
         return self.client.get_string(name) if self.has(name) else ""
 
     def named(self, *names: str) -> str:
-        """Which of these names of one thing the camera has; SFNC 2 renamed some.
-
-        Raises:
-            ConfigRejected: none.
-        """
+        """The name that the camera has among several for one feature (SFNC 2 renamed some)."""
         for name in names:
             if self.has(name):
                 return name
@@ -58,11 +54,11 @@ class Features:
 
     @property
     def _exposure(self) -> str:
-        """In microseconds."""
+        """Name of the exposure time in microseconds."""
         return self.named("ExposureTime", "ExposureTimeAbs")
 
     def sensor_pixels(self) -> tuple[int, int]:
-        """Columns, rows."""
+        """Columns and rows of the sensor."""
         columns = self.integer(self.named("SensorWidth", "WidthMax"))
         return columns, self.integer(self.named("SensorHeight", "HeightMax"))
 
@@ -70,7 +66,7 @@ class Features:
         return 1e-6 * self.client.get_float(self._exposure)
 
     def expose(self, seconds: float) -> None:
-        """To be read back by `exposure_s`."""
+        """Sets the exposure, which `exposure_s` reads back."""
         self.client.set_float(self._exposure, 1e6 * seconds)
 
     def exposure_limits_s(self) -> tuple[float, float]:
@@ -78,8 +74,7 @@ class Features:
         return 1e-6 * low, 1e-6 * high
 
     def stop_after(self, frames: int) -> None:
-        """The camera ends by itself after so many frames, where it can count them; else its
-        driver reads no more than these."""
+        """Makes the camera stop after so many frames; if it cannot, its driver reads no more."""
         if self.has("AcquisitionFrameCount"):
             self.choose("AcquisitionMode", "MultiFrame")
             self.set_integer("AcquisitionFrameCount", frames)
@@ -87,15 +82,12 @@ class Features:
             self.choose("AcquisitionMode", "Continuous")
 
     def trigger(self, source: str | None, activation: str, frames: int) -> None:
-        """Each edge at `source` starts so many frames; None: the camera runs freely.
+        """Makes each edge at `source` start so many frames; None lets the camera run freely.
 
-        Several frames are SFNC 2's FrameBurstStart, or the AcquisitionStart of before.
-
-        Raises:
-            ConfigRejected: the camera has no such trigger, source or edge.
+        Several frames are started by FrameBurstStart of SFNC 2, or the former AcquisitionStart.
         """
         selectors = self.entries("TriggerSelector")
-        for selector in selectors:  # one that stays on would hold up the others
+        for selector in selectors:  # one that stays on would block the others
             self.choose("TriggerSelector", selector)
             self.choose("TriggerMode", "Off")
         if source is None:
@@ -107,7 +99,7 @@ class Features:
             self.choose("TriggerSelector", "AcquisitionStart")
         elif frames > 1:
             raise ConfigRejected(
-                "camera: no trigger of it starts several frames; allowed in the plan is frames: 1"
+                "camera: none of its triggers starts several frames; allowed in the plan: frames: 1"
             )
         elif selectors:
             self.choose("TriggerSelector", "FrameStart")
@@ -115,19 +107,19 @@ class Features:
         if self.has("TriggerActivation"):
             self.choose("TriggerActivation", activation)
         elif activation != "RisingEdge":
-            raise ConfigRejected("camera: triggers on the rising edge alone")
+            raise ConfigRejected("camera: triggers on the rising edge only")
         self.choose("TriggerMode", "On")
 
     def maximum_rate_Hz(self) -> float:
-        """Raises ConfigRejected where the camera does not tell it."""
+        """Frame rate that the camera reports; raises ConfigRejected if it reports none."""
         for name in _RATES:
             if self.has(name):
                 return self.client.get_float(name)
-        raise ConfigRejected("camera: does not tell its frame rate; give maximum_rate_Hz")
+        raise ConfigRejected("camera: does not report its frame rate; set maximum_rate_Hz")
 
     def clock_offset_ns(self) -> int | None:
-        """What to add to the camera's nanoseconds for wall time: from the quickest of some
-        readings; None where the camera has no clock to ask."""
+        """Offset from the camera's nanoseconds to wall time, by the quickest of several readings;
+        None if the camera's clock cannot be read."""
         offset_ns, best_ns = None, 10**9
         seen: set[int] = set()
         try:
@@ -146,4 +138,4 @@ class Features:
                     offset_ns = (before_ns + after_ns) // 2 - round(ticks * ns_per_tick)
         except RigError:
             return None
-        return offset_ns if len(seen) > 1 else None  # a clock that stands still tells nothing
+        return offset_ns if len(seen) > 1 else None  # a stopped clock is useless

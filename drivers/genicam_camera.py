@@ -1,7 +1,7 @@
-"""GenICam cameras on GigE Vision, through any client that is a `genicam_client.Client`.
+"""GenICam cameras on GigE Vision, through any `genicam_client.Client`.
 
-Feature names: GenICam SFNC 2. The camera's radiometric calibration is not in any register, so the
-rig file gives it; counts per radiance are taken as proportional to the integration time.
+Feature names: GenICam SFNC 2. No register contains the radiometric calibration, so the rig file
+gives it; counts per radiance are assumed proportional to the integration time.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from .genicam_client import Client, GigeSettings, watched
 _SOURCES = {TriggerMode.SOFTWARE: "Software", TriggerMode.EXTERNAL_EDGE: ""}
 _MODES = frozenset({TriggerMode.INTERNAL, *_SOURCES})
 _EDGES = {"rising": "RisingEdge", "falling": "FallingEdge"}
-_BLOCKS = 65535  # 16-bit block ids count 1..65535 and again
-_REACH_s = 3.0  # for a lost camera to come back, beyond its heartbeat
-_IN_FLIGHT_s = 0.5  # a picture arrives this long after its exposure, or never
+_BLOCKS = 65535  # 16-bit block ids count 1..65535, then from 1
+_REACH_s = 3.0  # time for a lost camera to return, beyond its heartbeat
+_IN_FLIGHT_s = 0.5  # longest time from an exposure to its image
 
 
 class GenicamCamera(Linked):
-    """A `cldit.rig.protocols.Camera`; `take_control` gives the client, or raises NotConnected."""
+    """Implements `cldit.rig.protocols.Camera` on the client that `take_control` returns."""
 
     def __init__(
         self, take_control: Callable[[GigeSettings], Client], settings: GigeSettings
@@ -48,7 +48,7 @@ class GenicamCamera(Linked):
             "camera",
             f"GigE Vision camera at {settings.address}",
             by_hand="pull its trigger cable, or switch it off",
-            # What died in this process, the camera holds until its heartbeat is over.
+            # After a lost link, the camera keeps the control until its heartbeat expires.
             reach_s=settings.heartbeat_s + _REACH_s,
         )
         self._take_control = take_control
@@ -81,11 +81,11 @@ class GenicamCamera(Linked):
                 raise
             except RigError as error:
                 self._drop()
-                # After a crash the camera is held until the last heartbeat is old enough.
+                # After a crash, the camera keeps the control until the heartbeat expires.
                 if time.monotonic() + 0.2 >= end_s:
                     raise NotConnected(
                         f"camera: {self._settings.address} cannot be used ({error}); check its "
-                        "power and address, and that no other program holds it"
+                        "power and address, and that no other program uses it"
                     ) from error
                 time.sleep(0.2)
 
@@ -100,7 +100,7 @@ class GenicamCamera(Linked):
         self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
         rate_Hz = wanted.maximum_rate_Hz or features.maximum_rate_Hz()
         if not rate_Hz > 0.0:
-            raise NotConnected(f"camera: {rate_Hz:g} Hz came for its frame rate, expected more")
+            raise NotConnected(f"camera: its frame rate is {rate_Hz:g} Hz, expected more than 0")
         self._period_s = 1.0 / rate_Hz
         self._clock_offset_ns = features.clock_offset_ns()
         features.client.stop()
@@ -136,7 +136,7 @@ class GenicamCamera(Linked):
         }
 
     def wait_ready(self, timeout_s: float) -> None:
-        """Nothing in the SFNC says that a cooler is ready: watch the camera's own display."""
+        """Checks the connection only: the SFNC has no feature for a cooler that is ready."""
         self._connected()
 
     # Settings
@@ -189,14 +189,14 @@ class GenicamCamera(Linked):
         features.trigger(source, _EDGES[trigger.activation], trigger.frames_per_trigger)
         self._trigger = trigger
 
-    # Pictures
+    # Images
 
     def arm(self) -> None:
         client = self._connected().client
         if self._trigger is None:
             raise ConfigRejected("camera: prepare() before arm()")
-        # A new stream for each start: block ids then count from 1, which a client would take for
-        # a late packet of the last picture on a stream that goes on.
+        # A new stream for each start, because block ids then count from 1, which a client would
+        # take for late packets of the last image on the old stream.
         client.open_stream(self._trigger.n_frames)
         self._streams = True
         self._base, self._first_block = self._last_id, None
@@ -229,7 +229,7 @@ class GenicamCamera(Linked):
             return
         time.sleep(max(self._last_trigger_s + 1.05 * self._period_s - time.monotonic(), 0.0))
         self._connected().client.execute("TriggerSoftware")
-        self._last_trigger_s = time.monotonic()  # it was taken before this
+        self._last_trigger_s = time.monotonic()  # the exposure was before this
         self._triggered += 1
 
     def read_frames(self, n: int, timeout_s: float) -> Iterator[Frame]:
@@ -251,12 +251,12 @@ class GenicamCamera(Linked):
         return dict(self._counts)
 
     def _next(self, timeout_s: float) -> Frame | None:
-        """None where none comes in time."""
+        """The next frame; None if none arrives in time."""
         client = self._connected().client
         if not self._streams:
             time.sleep(timeout_s)
             return None
-        got = client.next_picture(timeout_s)
+        got = client.next_image(timeout_s)
         if got is None:
             return None
         now_ns = time.time_ns()
@@ -274,8 +274,8 @@ class GenicamCamera(Linked):
         )
 
     def _frame_id(self, block: int) -> int:
-        """Ids go on from start to start; block ids do so on some cameras only. A picture that is
-        lost right after a start shows by its absence."""
+        """Id of a frame, continuous over starts, as block ids are on some cameras only. An image
+        that is lost right after a start is detected by its absence."""
         if self._first_block is None:
             self._first_block = block
         since = block - self._first_block
@@ -304,6 +304,6 @@ class GenicamCamera(Linked):
         )
 
     def _connected(self) -> Features:
-        with self._asking():  # says so where it is not connected
+        with self._asking():  # raises if it is not connected
             assert self._features is not None
             return self._features

@@ -1,7 +1,7 @@
-"""What a camera's driver asks of a GigE Vision client, and the settings that a client needs.
+"""Protocol of a GigE Vision client, and its settings.
 
-A client is an adapter of the smallest kind: no decisions, no read-back, the client library's
-errors as the rig's. `genicam.py` and `genicam_camera.py` do the rest, once for all clients.
+A client is a minimal adapter: no decisions, no read-back, errors of the library converted to those
+of the rig. `genicam.py` and `genicam_camera.py` do the rest for all clients.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TIMESTAMP_CONTROL, TIMESTAMP = 0x944, (0x948, 0x94C)
 
 
 class CalibrationSection(Section):
-    """As `cldit.camera.calibration.Calibration`, at this integration time."""
+    """`cldit.camera.calibration.Calibration` at an integration time."""
 
     integration_time_s: Annotated[float, Within(1e-9, 10.0)]
     filter_um: tuple[float, float]
@@ -38,16 +38,15 @@ class GigeSettings(Section):
     calibration: CalibrationSection
     line: str = "Line1"  # the camera's trigger input
     pixel_format: str = "Mono16"
-    maximum_rate_Hz: Annotated[float, Within(1e-3, 1e6)] | None = None  # what the camera says
-    heartbeat_s: Annotated[float, Within(1.5, 60.0)] = 2.0  # after a crash it is free then
-    packet_size: Annotated[int, Within(576, 9000)] | None = None  # what the camera has
+    maximum_rate_Hz: Annotated[float, Within(1e-3, 1e6)] | None = None  # None: the camera's
+    heartbeat_s: Annotated[float, Within(1.5, 60.0)] = 2.0  # after a crash the camera is free then
+    packet_size: Annotated[int, Within(576, 9000)] | None = None  # None: the camera's
 
 
 @dataclass(frozen=True)
-class Picture:
-    """What a stream brings. pixels: (h, w) uint16, or None where too much of it is missing to
-    make a picture; block: the number that the camera gave it; device_ns: on the camera's clock;
-    missing_packets: None where the client does not tell."""
+class Image:
+    """An image of a stream. pixels: (h, w) uint16, None if too much is missing; block: its number
+    on the stream; device_ns: time on the camera's clock; missing_packets: None if unknown."""
 
     pixels: NDArray[np.uint16] | None
     block: int
@@ -57,10 +56,10 @@ class Picture:
 
 
 class Client(Protocol):
-    """A camera that is under control. Everything raises NotConnected or ConfigRejected."""
+    """A camera under control; all methods raise NotConnected or ConfigRejected."""
 
     def has(self, name: str) -> bool:
-        """Whether the camera's description knows the feature."""
+        """True if the camera's description has the feature."""
 
     def get_integer(self, name: str) -> int: ...
 
@@ -79,12 +78,12 @@ class Client(Protocol):
     def set_enum(self, name: str, entry: str) -> None: ...
 
     def entries(self, name: str) -> tuple[str, ...]:
-        """What the choice allows at present."""
+        """Entries of an enumeration that are allowed at present."""
 
     def execute(self, command: str) -> None: ...
 
     def read_register(self, address: int) -> int:
-        """32 bits."""
+        """Value of a register of 32 bits."""
 
     def write_register(self, address: int, value: int) -> None: ...
 
@@ -93,17 +92,17 @@ class Client(Protocol):
     def stop(self) -> None: ...
 
     def open_stream(self, frames: int) -> None:
-        """Room for so many pictures that nobody has read; ends the stream before."""
+        """Opens a stream with room for so many unread images, and closes the previous one."""
 
-    def next_picture(self, timeout_s: float) -> Picture | None:
-        """None where none comes in time."""
+    def next_image(self, timeout_s: float) -> Image | None:
+        """The next image; None if none arrives in time."""
 
     def close(self) -> None:
-        """Gives up control; never raises."""
+        """Releases the control; never raises."""
 
 
 def nanoseconds_a_tick(client: Client) -> float | None:
-    """Of the camera's clock; None where it has none."""
+    """Nanoseconds per tick of the camera's clock; None if it has none."""
     high, low = (client.read_register(at) for at in TICKS)
     ticks_per_s = (high << 32) | low
     return 1e9 / ticks_per_s if ticks_per_s else None
@@ -124,5 +123,5 @@ class _Watched:
 
 
 def watched(client: Client, asking: Callable[[], AbstractContextManager[None]]) -> Client:
-    """`client`, each call of it an exchange in the sense of `cldit.rig.link.Linked`."""
+    """The client, with each call as an exchange of `cldit.rig.link.Linked`."""
     return cast(Client, _Watched(client, asking))

@@ -12,12 +12,12 @@ from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
 
 from .genicam_camera import GenicamCamera
-from .genicam_client import GigeSettings, Picture, nanoseconds_a_tick
+from .genicam_client import GigeSettings, Image, nanoseconds_a_tick
 
 T = TypeVar("T")
 
 _DISCOVERY_s = 0.3
-# viva raises one class for a feature that the camera refuses and for one that it never answers.
+# viva raises one class for a feature that the camera rejects and for one without an answer.
 _FAILED, _REFUSED = "register I/O failed", "device reported status"
 
 ABOUT = DriverAbout(
@@ -29,16 +29,16 @@ ABOUT = DriverAbout(
 
 
 class VivaClient:
-    """A `genicam_client.Client`."""
+    """Implements `genicam_client.Client`."""
 
     def __init__(self, settings: GigeSettings) -> None:
-        """Raises NotConnected."""
+        """Takes control of the camera; raises NotConnected."""
         import viva_genicam as viva
 
         self._viva = viva
         self._settings = settings
         self._stream: Any = None
-        loopback = settings.address.startswith("127.")  # searched only beside all others
+        loopback = settings.address.startswith("127.")  # searched only together with all others
         try:
             found = viva.discover(
                 timeout_ms=round(1e3 * _DISCOVERY_s),
@@ -56,14 +56,14 @@ class VivaClient:
             self._nodes = frozenset(self._ask(lambda c: c.nodes()))
             try:
                 self._ns_per_tick = nanoseconds_a_tick(self) or 1.0
-            except ConfigRejected:  # it has no such register
+            except ConfigRejected:  # no such register
                 self._ns_per_tick = 1.0
         except RigError:
             self.close()
             raise
 
     def _ask(self, action: Callable[[Any], T]) -> T:
-        """What `action(camera)` gives."""
+        """Result of `action(camera)`, with errors of the rig."""
         try:
             return action(self._camera)
         except self._viva.TransportError as error:
@@ -128,7 +128,7 @@ class VivaClient:
             lambda c: c.stream(iface=wanted.interface, deliver_incomplete=True, **options)
         )
 
-    def next_picture(self, timeout_s: float) -> Picture | None:
+    def next_image(self, timeout_s: float) -> Image | None:
         try:
             got = self._stream.next_frame(max(1, round(1e3 * timeout_s)))
         except self._viva.TransportError as error:
@@ -139,9 +139,9 @@ class VivaClient:
             raise NotConnected("camera: the stream has ended; connect again")
         try:
             pixels = np.asarray(got.to_numpy()).astype(np.uint16, copy=False)
-        except self._viva.GenicamError:  # its end is missing, so that it fills no picture
+        except self._viva.GenicamError:  # incomplete: its end is missing
             pixels = None
-        return Picture(
+        return Image(
             pixels,
             block=int(got.block_id),
             device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
@@ -154,7 +154,7 @@ class VivaClient:
             if item is not None:
                 try:
                     item.close()
-                except Exception:  # it is gone already
+                except Exception:  # already gone
                     continue
 
 

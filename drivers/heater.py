@@ -1,4 +1,4 @@
-"""How a simulated black body's cavity follows its set point, faults included."""
+"""Simulated temperature of a black body's cavity, which follows its set point, with faults."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Annotated
 from cldit.rig.clock import Clock
 from cldit.scene.checks import Section, Within
 
-_BUMP_FROM = 3.0  # time constants after which an overshoot shows
+_BUMP_FROM = 3.0  # time constants before an overshoot begins
 
 
 class Dynamics(Section):
-    """A first-order approach; what is 0 or None is left out."""
+    """First-order approach to the set point; effects that are 0 or None are omitted."""
 
     time_constant_s: Annotated[float, Within(0.0, 1e5)] = 120.0
-    slew_K_per_s: Annotated[float, Within(1e-6, 1e6)] | None = None  # never faster than this
+    slew_K_per_s: Annotated[float, Within(1e-6, 1e6)] | None = None  # largest rate
     overshoot: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the step, beyond the set point
     drift_K_per_hour: Annotated[float, Within(-1e4, 1e4)] = 0.0  # away from the set point
-    swing_K: Annotated[float, Within(0.0, 100.0)] = 0.0  # it never settles: a lasting oscillation
+    swing_K: Annotated[float, Within(0.0, 100.0)] = 0.0  # amplitude of a lasting oscillation
     swing_period_s: Annotated[float, Within(1e-3, 1e5)] = 60.0
 
 
 class Heater:
-    """Temperature of a cavity as a function of time on `clock`."""
+    """Temperature of a cavity as a function of a clock's time."""
 
     def __init__(self, dynamics: Dynamics, clock: Clock, start_K: float) -> None:
         self._dynamics = dynamics
@@ -33,7 +33,7 @@ class Heater:
         self.setpoint_K = start_K
 
     def aim(self, setpoint_K: float) -> None:
-        """From now on it goes there."""
+        """Sets the set point, which the temperature approaches from now on."""
         now_s = self._clock.now_s()
         self._from_K, self._since_s = self._without_swing(now_s), now_s
         self.setpoint_K = setpoint_K
@@ -42,7 +42,7 @@ class Heater:
         return self.temperature_K(self._clock.now_s())
 
     def temperature_K(self, time_s: float) -> float:
-        """What the cavity really has at `time_s`, seconds on the clock."""
+        """True temperature of the cavity at a time of the clock [s]."""
         how = self._dynamics
         swing = how.swing_K * sin(2.0 * pi * time_s / how.swing_period_s) if how.swing_K else 0.0
         return self._without_swing(time_s) + swing
@@ -68,7 +68,7 @@ class Heater:
         return self.setpoint_K + left_K * exp(-since_s / tau_s) + bump_K + drift_K
 
     def settling_time_s(self, step_K: float, tolerance_K: float) -> float:
-        """Until a step of this size is within the tolerance, without overshoot and drift."""
+        """Time until a step is within the tolerance, without overshoot and drift."""
         how = self._dynamics
         size_K, time_s = abs(step_K), 0.0
         if how.slew_K_per_s is not None:

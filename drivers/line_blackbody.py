@@ -1,7 +1,7 @@
 """Black bodies with a line protocol over TCP or a serial line, whose commands the rig file gives.
 
-Nothing in here is of one instrument: its manual says what to write into the rig file, and
-`cldit check-driver line_blackbody rig.yaml` tries that on an emulator of the same templates.
+Nothing here is specific to an instrument: its manual gives the templates for the rig file, and
+`cldit check-driver line_blackbody rig.yaml` tries them on an emulator of the same templates.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ ABOUT = DriverAbout(
 class LineSettings(ControllerSettings):
     maker: str = "unknown maker"
     model: str = "black body"
-    unit: Literal["celsius", "kelvin"] = "celsius"  # of all its numbers
+    unit: Literal["celsius", "kelvin"] = "celsius"  # unit of all numbers
     temperature: Ask
-    setpoint: Ask  # what it was set to
-    set: Tell  # sets it
-    identity: Command | None = None  # whose answer looks like no other: asked first on a line
+    setpoint: Ask  # reads it
+    set: Tell  # writes it
+    identity: Command | None = None  # with a unique answer, as the first query on a line
     stable: Ask | None = None  # 1 or 0
-    heater_on: Command | None = None  # where it has a switch (YAML takes `on` for true)
+    heater_on: Command | None = None  # if it has a switch (in YAML `on` means true)
     heater_off: Command | None = None
     port: Annotated[int, Within(1, 65535)] = 5025
     baudrate: Annotated[int, Within(300, 1_000_000)] = 9600
@@ -48,7 +48,7 @@ class LineSettings(ControllerSettings):
 
 
 class LineBlackBody(Linked, BlackBody[LineSettings]):
-    """A `cldit.rig.protocols.Background`."""
+    """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: LineSettings, context: RigContext) -> None:
         where = settings.where
@@ -108,7 +108,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         }
 
     def _still(self) -> str:
-        """Off first, where it can be: that works by itself."""
+        """Switches the heater off first, if possible; then sets the safe set point."""
         off = self._settings.heater_off
         if off is not None:
             self._tell(off)
@@ -131,7 +131,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
             return None
         value = self._number(self._settings.stable)
         if value not in (0.0, 1.0):
-            raise NotConnected(f"background: {value:g} came for stable, expected 0 or 1")
+            raise NotConnected(f"background: answered {value:g} to stable, expected 0 or 1")
         return value == 1.0
 
     def _write(self, temperature_K: float) -> float:
@@ -149,7 +149,9 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
 
         def parse(answer: str) -> None:
             if not pattern(expected).fullmatch(answer):
-                raise NotConnected(f"background: {answer!r} came for {text}, expected {expected}")
+                raise NotConnected(
+                    f"background: answered {answer!r} to {text}, expected {expected}"
+                )
 
         self._line.ask(text, parse)
 
@@ -166,8 +168,8 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         found = pattern(ask.answer).fullmatch(answer)
         if found is None:
             raise NotConnected(
-                f"background: {answer!r} came for {ask.send}, expected {ask.answer}; is another "
-                "program talking to it?"
+                f"background: answered {answer!r} to {ask.send}, expected {ask.answer}; is another "
+                "program using it?"
             )
         return check_answer("background", ask.send, found[1])
 

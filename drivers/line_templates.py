@@ -1,7 +1,7 @@
 """Commands and answers of an instrument with a line protocol, as templates in the rig file.
 
-`{value}` stands for a number and `{any}` for any text; everything else is as written, but for the
-amount of white space. What is sent may say how the number is written, as in Python: `{value:.2f}`.
+`{value}` is a number and `{any}` any text; everything else is literal, except the amount of white
+space. A command may have a format of the number, as in Python: `{value:.2f}`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 
 
 def pattern(template: str) -> re.Pattern[str]:
-    """Of a template; its groups are the numbers."""
+    """Regular expression of a template; its groups are the numbers."""
     parts = _FIELD.split(template)
     text = [re.sub(r"(?:\\?\s)+", r"\\s+", re.escape(part)) for part in parts[::2]]
     fields = [".*?" if name == "any" else _NUMBER for name in parts[1::2]]
@@ -31,12 +31,12 @@ def _fields(template: str) -> list[str]:
 
 
 class Command(Section):
-    """What is sent, and the answer to it."""
+    """A command and its answer."""
 
     send: str
-    """Without the end of the line."""
+    """Text without the end of the line."""
     answer: str | None = None
-    """Left out: there is none."""
+    """Answer, if there is one."""
 
     @field_validator("send")
     @classmethod
@@ -44,32 +44,32 @@ class Command(Section):
         try:
             send.format(value=1.0)
         except (KeyError, IndexError, ValueError) as error:
-            raise ValueError(f"{send!r}: {error}; allowed is {{value}}, as {{value:.2f}}") from None
+            raise ValueError(f"{send!r}: {error}; allowed: {{value}}, as {{value:.2f}}") from None
         return send
 
     @field_validator("answer")
     @classmethod
     def _can_be_read(cls, answer: str | None) -> str | None:
         if answer is not None and re.search(r"[{}]", _FIELD.sub("", answer)):
-            raise ValueError(f"{answer!r}: allowed in braces are {{value}} and {{any}}")
+            raise ValueError(f"{answer!r}: allowed in braces: {{value}} and {{any}}")
         if answer is not None and ":" in "".join(_FIELD.findall(answer)):
-            raise ValueError(f"{answer!r}: {{value}} of an answer takes no format")
+            raise ValueError(f"{answer!r}: {{value}} of an answer has no format")
         return answer
 
     def text(self, value: float = 0.0) -> str:
-        """What goes out."""
+        """Text to send."""
         return self.send.format(value=value)
 
 
 class Ask(Command):
-    """A question after one number."""
+    """A query for one number."""
 
     answer: str
 
     @model_validator(mode="after")
     def _one_number(self) -> Ask:
         if _fields(self.answer).count("value") != 1 or "value" in _fields(self.send):
-            raise ValueError(f"answer: {self.answer!r}; allowed is one {{value}}, and none in send")
+            raise ValueError(f"answer: {self.answer!r}; allowed: one {{value}}, and none in send")
         return self
 
 
@@ -79,11 +79,11 @@ class Tell(Command):
     @model_validator(mode="after")
     def _one_number(self) -> Tell:
         if _fields(self.send).count("value") != 1:
-            raise ValueError(f"send: {self.send!r}; allowed is one {{value}}")
+            raise ValueError(f"send: {self.send!r}; allowed: one {{value}}")
         return self
 
 
 def example(template: str, value: float) -> str:
-    """An answer that fits: the number with three decimals."""
+    """An answer that matches a template, with three decimals."""
     fields: dict[str, Any] = {"value": f"{value:.3f}", "any": "x"}
     return _FIELD.sub(lambda field: str(fields[field[1]]), template)

@@ -1,7 +1,7 @@
-"""Black bodies whose controller speaks Modbus: Eurotherm 3200, Infrared Systems IR-2100, and any
-other whose registers the rig file gives.
+"""Black bodies with a Modbus controller: Eurotherm 3200, Infrared Systems IR-2100, and any other
+by its registers in the rig file.
 
-Eurotherm keeps SP1 (24) in a memory that wears out: it is written only when it changes, which is
+The SP1 (24) of Eurotherm is in a memory that wears out: it is written only if it changes, which is
 once for each background.
 """
 
@@ -35,16 +35,16 @@ ABOUT = DriverAbout(
 
 class ModbusSettings(ControllerSettings):
     model: Literal["eurotherm-3200", "ir-2100"] | None = None
-    registers: RegisterMap | None = None  # of another model, or used otherwise
+    registers: RegisterMap | None = None  # of another model, or in another use
     port: Annotated[int, Within(1, 65535)] = 502
-    baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # the controller's usual one
+    baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # None: the controller's default
     unit: Annotated[int, Within(1, 247)] = 1
     answer_s: Annotated[float, Within(0.01, 60.0)] = 1.0
 
     @model_validator(mode="after")
     def _one_map(self) -> ModbusSettings:
         if (self.model is None) == (self.registers is None):
-            raise ValueError("model, registers: allowed is one of the two")
+            raise ValueError("model, registers: allowed: one of the two")
         return self
 
     @property
@@ -54,7 +54,7 @@ class ModbusSettings(ControllerSettings):
 
 
 class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
-    """A `cldit.rig.protocols.Background`."""
+    """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: ModbusSettings, context: RigContext) -> None:
         Linked.__init__(
@@ -71,10 +71,10 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
     def _open(self, timeout_s: float) -> None:
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-        # Its errors come as the rig's; nobody needs them a second time, on the terminal.
+        # Its errors are raised as the rig's; they need not appear on the terminal too.
         logging.getLogger("pymodbus").addHandler(logging.NullHandler())
         settings = self._settings
-        # No retries of pymodbus' own: the answer to the first request could come to the second.
+        # No retries by pymodbus: the answer to the first request could be taken for the second's.
         options: dict[str, Any] = {"timeout": min(timeout_s, settings.answer_s), "retries": 0}
         if settings.host is not None:
             self._client = ModbusTcpClient(settings.host, port=settings.port, **options)
@@ -84,21 +84,21 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         try:
             if not self._client.connect():
                 raise NotConnected(f"{settings.where} does not answer")
-            # Nobody asks for so many registers else: what was late for somebody shows by its size.
+            # No other request has so many registers, so the size of a late answer gives it away.
             many = 2 * max(self._map.temperature.words, self._map.setpoint.words)
-            with suppress(ConfigRejected):  # a refusal is an answer to this question, too
+            with suppress(ConfigRejected):  # a rejection is an answer, too
                 self._registers(self._map.temperature, many)
             self.read_temperature()
         except Exception as error:
             raise NotConnected(
                 f"background: {self._where}: {error}; check that it is switched on, its address, "
-                "and that nobody else uses the line"
+                "and that no other program uses the line"
             ) from error
 
     def _drop(self) -> None:
         client, self._client = self._client, None
         if client is not None:
-            with suppress(Exception):  # it is gone already
+            with suppress(Exception):  # already gone
                 client.close()
 
     def _last_known(self) -> str:
@@ -125,7 +125,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         return self._get(self._map.temperature)
 
     def is_stable(self) -> bool | None:
-        """These controllers have no flag of their own."""
+        """Always None, because these controllers have no flag."""
         return None
 
     def _aim(self, temperature_K: float) -> float:
@@ -137,7 +137,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         return self._confirmed(temperature_K, self._get(register))
 
     def _get(self, register: Register) -> float:
-        """Kelvin."""
+        """Temperature in a register [K]."""
 
         def kelvin(words: list[int]) -> float:
             what = f"register {register.address}"
@@ -153,7 +153,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         def parsed(answer: Any) -> T:
             if len(answer.registers) != count:
                 raise NotConnected(
-                    f"background: {len(answer.registers)} registers came for register "
+                    f"background: answered {len(answer.registers)} registers to register "
                     f"{first.address}, expected {count}"
                 )
             return parse(answer.registers)
@@ -164,14 +164,14 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         def written(answer: Any) -> None:
             if (answer.address, answer.count) != (address, len(words)):
                 raise NotConnected(
-                    f"background: {answer} came for writing {len(words)} registers at {address}"
+                    f"background: answered {answer} to {len(words)} registers written at {address}"
                 )
 
         self._ask("write_registers", address, {"values": words}, written)
 
     def _ask(self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]) -> T:
-        """An answer that was lost or spoiled, as noise on a long line does it, is asked for once
-        more on a line that was opened anew: whatever is asked here may be asked twice."""
+        """One exchange, repeated once on a newly opened line if the answer was lost or damaged, as
+        by noise on a long line: every request may be sent twice."""
         was_open = self._state is LinkState.OPEN
         try:
             return self._exchange(what, address, named, parse)
@@ -189,13 +189,13 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
                 answer = getattr(self._client, what)(
                     address, device_id=self._settings.unit, **named
                 )
-            except Exception as error:  # of pymodbus, of pyserial, of bytes that mean nothing
+            except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
                 raise NotConnected(
                     f"background: no answer at register {address} ({error}); check the line"
                 ) from error
             if answer.isError():
                 raise ConfigRejected(
-                    f"background: the controller refuses register {address}: {answer}"
+                    f"background: the controller rejects register {address}: {answer}"
                 )
             return parse(answer)
 

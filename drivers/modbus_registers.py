@@ -1,4 +1,4 @@
-"""Where a black body's controller keeps what, and how a register holds a number.
+"""Registers of a black body's controller: their addresses and formats of numbers.
 
 Presets: Eurotherm 3200 engineering manual (HA028651), floats at 0x8000 + 2n; Infrared Systems
 IR-2100 manual.
@@ -23,23 +23,23 @@ class Register(Section):
     """One number of the controller."""
 
     address: Annotated[int, Within(0, 65535)]
-    """As it goes over the line, from 0."""
+    """Address on the line, from 0."""
     format: Literal["int16", "uint16", "int32", "uint32", "float32"]
-    """Of 32 bits: two registers."""
+    """Format; 32 bits take two registers."""
     decimals: Annotated[int, Within(0, 4)] = 0
-    """1: the register holds tenths."""
+    """Decimals; with 1 the register contains tenths."""
     low_word_first: bool = False
-    """Of two registers, the first one has the lower 16 bits."""
+    """True if the first of two registers has the lower 16 bits."""
     table: Literal["holding", "input"] = "holding"
-    """Function 3 or 4 reads it."""
+    """Table, read with function 3 or 4."""
 
     @property
     def words(self) -> int:
-        """Registers that it takes."""
+        """Number of registers."""
         return struct.calcsize(_CODES[self.format]) // _WORD
 
     def encode(self, value: float) -> list[int]:
-        """Raises ConfigRejected where `value` does not fit."""
+        """Converts a number to registers; raises ConfigRejected if it does not fit."""
         scaled = value * 10.0**self.decimals
         try:
             raw = struct.pack(
@@ -53,7 +53,7 @@ class Register(Section):
         return words[::-1] if self.low_word_first else words
 
     def decode(self, words: list[int]) -> float:
-        """Raises NotConnected where that is no finite number."""
+        """Converts registers to a number; raises NotConnected if it is not finite."""
         ordered = words[::-1] if self.low_word_first else words
         raw = b"".join(word.to_bytes(_WORD, "big") for word in ordered)
         number = float(struct.unpack(_CODES[self.format], raw)[0])
@@ -61,20 +61,20 @@ class Register(Section):
 
 
 class RegisterMap(Section):
-    """Of one model of controller."""
+    """Registers of one model of controller."""
 
     maker: str = "unknown maker"
     model: str = "Modbus controller"
     unit: Literal["celsius", "kelvin"] = "celsius"
-    """Of both registers."""
+    """Unit of both registers."""
     temperature: Register
     """Process value."""
     setpoint: Register
-    """The one that is written; one in a memory that wears out is written only when it changes."""
+    """Set point, written only if it changes, because some memories wear out."""
     extra: dict[str, Annotated[int, Within(0, 65535)]] = Field(default_factory=dict)
-    """Further holding registers, plain integers, that are stored with every acquisition."""
+    """Further holding registers (integers), stored with every acquisition."""
     baudrate: Annotated[int, Within(300, 1_000_000)] = 9600
-    """Of the serial line, where the settings give none."""
+    """Default of the serial line."""
 
     @model_validator(mode="after")
     def _writable(self) -> RegisterMap:

@@ -1,11 +1,11 @@
 """Berkeley Nucleonics 505, 575, 577 and Quantum Composers 9200, 9510, 9520 pulse generators.
 
-Text commands over TCP or a serial line, as in the makers' manuals of the 575 and the 9520 series.
-Every command is answered: `ok`, a value, or `?n` where it is refused. One burst is what the
-instrument sends after its outputs are switched on: one pulse (SINGle), or n of them (BURSt), with
-its external trigger disabled. Nothing tells that a burst is over, so that its time is waited for.
+Text commands over TCP or a serial line, from the makers' manuals of the 575 and the 9520 series.
+Every command has an answer: `ok`, a value, or `?n` for a rejection. The instrument sends a burst
+after its outputs are switched on: one pulse (SINGle), or n pulses (BURSt), with its external
+trigger disabled. It does not report the end of a burst, so the driver waits for its duration.
 
-For a reference the injector's channel is switched off. Look at that output with an oscilloscope
+For a reference image the injector's channel is switched off. Check that output with an oscilloscope
 before the first acquisition: none of this was tried on an instrument.
 """
 
@@ -34,16 +34,16 @@ ABOUT = DriverAbout(
 
 Output = Literal["A", "B", "C", "D", "E", "F", "G", "H"]
 
-_STEP_s = 1e-8  # how far a time may read back from what was written: the coarsest series' step
+_STEP_s = 1e-8  # largest difference between a time written and read back (coarsest series)
 _STEP_V = 0.05
 _LONGEST_BURST = 10**6
-_MARGIN_s = 0.02  # after the last pulse's time until the burst is taken for over
+_MARGIN_s = 0.02  # from the last pulse to the assumed end of the burst
 
 
 @dataclass(frozen=True)
 class Series:
-    """How one series differs. model: as *IDN? begins it; system: the keyword of what all outputs
-    share; trigger: of the external trigger's mode; baudrate: as delivered."""
+    """Properties of a series. model: begin of the model in *IDN?; system: keyword of the common
+    settings; trigger: keyword of the external trigger's mode; baudrate: as delivered."""
 
     model: str
     system: str
@@ -66,35 +66,37 @@ class PulseGeneratorSettings(Section):
     host: str | None = None
     port: Annotated[int, Within(1, 65535)] = 2101
     serial: str | None = None  # /dev/ttyUSB0, COM3
-    baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # the series' usual one
+    baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # None: that of the series
     camera: Output = "A"  # the output at the camera's trigger input
     injector: Output = "B"  # the output at the injector's driver
-    camera_V: Annotated[float, Within(2.0, 20.0)] | None = None  # left out: the TTL output
+    camera_V: Annotated[float, Within(2.0, 20.0)] | None = None  # None: the TTL output
     injector_V: Annotated[float, Within(2.0, 20.0)] | None = None
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
     @model_validator(mode="after")
     def _apart(self) -> PulseGeneratorSettings:
         if (self.host is None) == (self.serial is None):
-            raise ValueError("host, serial: allowed is one of the two")
+            raise ValueError("host, serial: allowed: one of the two")
         if self.camera == self.injector:
-            raise ValueError(f"camera, injector: both are {self.camera}; allowed are two outputs")
+            raise ValueError(
+                f"camera, injector: both are {self.camera}; allowed: two different outputs"
+            )
         return self
 
     @property
     def where(self) -> str:
-        """For messages, and the name of a serial line."""
+        """Address for messages, and name of a serial line."""
         return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
 
 
 class PulseGenerator(Linked):
-    """A `cldit.rig.protocols.TriggerGenerator`."""
+    """Implements `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(self, settings: PulseGeneratorSettings, context: RigContext) -> None:
         super().__init__(
             "trigger",
             f"{settings.series} at {settings.where}",
-            by_hand=f"take the cable off the output {settings.injector}, or switch it off",
+            by_hand=f"unplug the cable of the output {settings.injector}, or switch it off",
         )
         self._settings = settings
         self._series = SERIES[settings.series]
@@ -113,7 +115,7 @@ class PulseGenerator(Linked):
         self._system = f":{self._series.system}:"
         self._burst: Burst | None = None
         self._inhibited = True
-        self._over_s = 0.0  # when the last burst is
+        self._over_s = 0.0  # end of the last burst
         self._told = "only identified"
 
     def _open(self, timeout_s: float) -> None:
@@ -152,7 +154,7 @@ class PulseGenerator(Linked):
         self.inhibit()
         check_burst(burst)
         if burst.n > _LONGEST_BURST:
-            raise ConfigRejected(f"trigger: n: {burst.n}; allowed is up to {_LONGEST_BURST}")
+            raise ConfigRejected(f"trigger: n: {burst.n}; allowed: up to {_LONGEST_BURST}")
         state = "on" if burst.inject else "off"
         self._told = (
             f"a burst of {burst.n}, injector's output {self._settings.injector} {state}; switching "
@@ -165,7 +167,7 @@ class PulseGenerator(Linked):
         ):
             times_s.append(self._set(f"{channel}DEL", f"{delay_s:.11f}", _STEP_s))
             times_s.append(self._set(f"{channel}WIDT", f"{width_s:.11f}", _STEP_s))
-        period_s = float(f"{burst.period_s:.9f}")  # it takes no more digits
+        period_s = float(f"{burst.period_s:.9f}")  # the instrument's number of digits
         if burst.n > 1:
             period_s = self._set(f"{self._system}PER", f"{burst.period_s:.9f}", _STEP_s)
             self._set(f"{self._system}BCO", f"{burst.n}", 0.0)
@@ -185,11 +187,11 @@ class PulseGenerator(Linked):
     def fire(self) -> None:
         burst = self._burst
         if burst is None or self._inhibited:
-            self._flag(f"{self._system}STAT")  # a link that is dead says so first
+            self._flag(f"{self._system}STAT")  # detects a dead link first
             raise ConfigRejected("trigger: is inhibited; configure a burst first")
         if self._clock.now_s() < self._over_s:
             raise ConfigRejected("trigger: the last burst is not over; call wait_done()")
-        # Off again first: what stays on after a burst sends nothing when it is switched on.
+        # Off first: outputs that stayed on after a burst send nothing when switched on.
         self._switch(f"{self._system}STAT", False)
         last_s = max(
             burst.camera_delay_s + burst.widths_s[0], burst.injector_delay_s + burst.widths_s[1]
@@ -198,7 +200,7 @@ class PulseGenerator(Linked):
             self._command(f"{self._system}STAT 1")
         except RigError as error:
             raise FireUncertain(
-                f"trigger: the outputs were to be switched on, and it does not say so ({error})"
+                f"trigger: switching the outputs on was not confirmed ({error})"
             ) from error
         self._over_s = self._clock.now_s() + (burst.n - 1) * burst.period_s + last_s + _MARGIN_s
 
@@ -218,7 +220,7 @@ class PulseGenerator(Linked):
         self._over_s = 0.0
 
     def _still(self) -> str:
-        """Off, for all outputs; then what would send a pulse when they are switched on again."""
+        """Switches all outputs off; then resets what would send a pulse once they are on."""
         self._inhibited = True
         output = self._settings.injector
         self._switch(f"{self._system}STAT", False)
@@ -238,7 +240,7 @@ class PulseGenerator(Linked):
         self._told = f"outputs off, injector's output {output} off"
         return f"inhibited: all outputs stopped, output {output} off"
 
-    # One command, one answer; what was written is read back
+    # One command, one answer; written values are read back
 
     def _command(self, text: str) -> None:
         self._line.acknowledged(text, "ok")

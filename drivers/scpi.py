@@ -13,23 +13,21 @@ from cldit.rig.protocols import DeviceInfo
 
 T = TypeVar("T")
 
-_MANAGER = threading.Lock()  # pyvisa makes one resource manager a process, without a lock
+_MANAGER = threading.Lock()  # pyvisa makes one resource manager per process, without a lock
 _QUIET_s = 0.02
-_NO_WORDS = ("NAN", "OK")  # no entries of a choice: spoiled, or late for a command
-_STALE = 5  # late answers, and rests of some, that may come before an identity
+_NO_WORDS = ("NAN", "OK")  # not entries of an enumeration: damaged, or late for a command
+_STALE = 5  # late answers, and parts of some, that may arrive before an identity
 
 
 class ScpiLine:
-    """One line out, one line back. Every failure is one of the rig's errors.
+    """Sends a line and reads a line, with errors of the rig.
 
-    pyvisa's resource manager belongs to all lines of the process, so that none of them closes it.
+    All lines of the process share pyvisa's resource manager, so none closes it.
 
-    Args:
-        kind: the device in messages.
-        resource: as VISA writes it: `TCPIP::HOST::PORT::SOCKET` or `ASRL/dev/ttyUSB0::INSTR`.
-        asking: entered around each exchange; see `cldit.rig.link.Linked`.
-        quiet_s: a serial line is drained when nothing has come for so long.
-        options: further attributes of the pyvisa resource (`baud_rate`).
+    kind: the device in messages. resource: VISA name, `TCPIP::HOST::PORT::SOCKET` or
+    `ASRL/dev/ttyUSB0::INSTR`. asking: context of each exchange, see `cldit.rig.link.Linked`.
+    quiet_s: silence after which a serial line counts as drained. options: further attributes of the
+    pyvisa resource (`baud_rate`).
     """
 
     def __init__(
@@ -48,11 +46,11 @@ class ScpiLine:
         self._visa: Any = None
 
     def add_options(self, **options: Any) -> None:
-        """Further attributes, that only pyvisa can name."""
+        """Adds attributes that only pyvisa can name."""
         self._options |= options
 
     def open(self, timeout_s: float) -> None:
-        """Raises NotConnected."""
+        """Opens the line; raises NotConnected."""
         import pyvisa
 
         milliseconds = max(1, round(1e3 * timeout_s))
@@ -75,7 +73,7 @@ class ScpiLine:
             ) from error
 
     def _drain(self) -> None:
-        """Throws away what came for somebody before."""
+        """Discards answers to earlier programs."""
         import pyvisa
 
         usual, self._visa.timeout = self._visa.timeout, round(1e3 * self._quiet_s)
@@ -88,19 +86,19 @@ class ScpiLine:
     def close(self) -> None:
         visa, self._visa = self._visa, None
         if visa is not None:
-            with suppress(Exception):  # it is gone already
+            with suppress(Exception):  # already gone
                 visa.close()
 
     def write(self, command: str) -> None:
-        """Raises NotConnected."""
+        """Sends a command without an answer; raises NotConnected."""
         self._exchange(command, lambda: self._visa.write(command))
 
     def query(self, command: str) -> str:
-        """The answer without white space around it. Raises NotConnected, DeviceTimeout."""
+        """The answer without surrounding white space; raises NotConnected, DeviceTimeout."""
         return self.ask(command, str)
 
     def numbers(self, command: str, count: int) -> list[float]:
-        """As many finite numbers, with commas between. Raises NotConnected, DeviceTimeout."""
+        """Finite numbers of an answer, separated by commas; raises as `query`."""
 
         def parse(answer: str) -> list[float]:
             values = [check_answer(self._kind, command, part) for part in answer.split(",")]
@@ -111,11 +109,11 @@ class ScpiLine:
         return self.ask(command, parse)
 
     def number(self, command: str) -> float:
-        """A finite one. Raises NotConnected, DeviceTimeout."""
+        """The finite number of an answer; raises as `query`."""
         return self.numbers(command, 1)[0]
 
     def integer(self, command: str) -> int:
-        """Raises NotConnected, DeviceTimeout."""
+        """The integer of an answer; raises as `query`."""
 
         def parse(answer: str) -> int:
             value = check_answer(self._kind, command, answer)
@@ -126,7 +124,7 @@ class ScpiLine:
         return self.ask(command, parse)
 
     def flag(self, command: str) -> bool:
-        """Raises NotConnected, DeviceTimeout."""
+        """The flag of an answer, 0 or 1; raises as `query`."""
 
         def parse(answer: str) -> bool:
             value = check_answer(self._kind, command, answer)
@@ -137,7 +135,7 @@ class ScpiLine:
         return self.ask(command, parse)
 
     def word(self, command: str) -> str:
-        """An entry of a choice, in capitals. Raises NotConnected, DeviceTimeout."""
+        """The entry of an enumeration in capitals; raises as `query`."""
 
         def parse(answer: str) -> str:
             if not answer.isalpha() or answer.upper() in _NO_WORDS:
@@ -147,29 +145,24 @@ class ScpiLine:
         return self.ask(command, parse)
 
     def acknowledged(self, command: str, word: str) -> None:
-        """For instruments that answer each command.
-
-        Raises:
-            ConfigRejected: it answers with `?` and a number.
-            NotConnected, DeviceTimeout: it answers with something else than `word`, or not at all.
-        """
+        """Sends a command to an instrument that answers `word` to each, or `?` and a number, which
+        raises ConfigRejected; otherwise raises as `query`."""
 
         def parse(answer: str) -> None:
             if answer.startswith("?") and answer[1:].isdigit():
-                raise ConfigRejected(f"{self._kind}: {self._resource} refuses {command} ({answer})")
+                raise ConfigRejected(f"{self._kind}: {self._resource} rejects {command} ({answer})")
             if answer.lower() != word:
                 raise self._odd(command, answer, word)
 
         self.ask(command, parse)
 
     def identity(self, model: str) -> DeviceInfo:
-        """Who answers: the first question on a line, because no other answer looks like this one.
+        """Identity, as the first query on a line, because its answer is unique.
 
-        Raises:
-            NotConnected: no model that begins with `model` answers.
+        Raises NotConnected unless the name of the model begins with `model`.
         """
 
-        def told(answer: str) -> DeviceInfo | None:
+        def parse(answer: str) -> DeviceInfo | None:
             parts = [part.strip() for part in answer.split(",")]
             if len(parts) != 4:
                 return None
@@ -178,24 +171,19 @@ class ScpiLine:
                 raise self._odd("*IDN?", answer, f"a {model}")
             return DeviceInfo(self._kind, maker, name, serial, firmware, tested_on_hardware=False)
 
-        return self.first("*IDN?", told, f"a {model}")
+        return self.first("*IDN?", parse, f"a {model}")
 
-    def first(self, command: str, told: Callable[[str], T | None], expected: str) -> T:
-        """The answer to the first question on a line; what comes before it was late for somebody.
+    def first(self, command: str, parse: Callable[[str], T | None], expected: str) -> T:
+        """Result of the first query on a line, after late answers to earlier programs.
 
-        Args:
-            command: whose answer looks like no other.
-            told: makes something of it; None where that is not it.
-            expected: in words.
-
-        Raises:
-            NotConnected: it does not come.
+        `parse` converts the unique answer, and returns None for others; `expected` describes it in
+        the NotConnected that is raised without it.
         """
 
         def ask() -> T:
             answer = str(self._visa.query(command)).strip()
             for _ in range(_STALE):
-                if (found := told(answer)) is not None:
+                if (found := parse(answer)) is not None:
                     return found
                 answer = str(self._visa.read()).strip()
             raise self._odd(command, answer, expected)
@@ -203,13 +191,12 @@ class ScpiLine:
         return self._exchange(command, ask)
 
     def ask(self, command: str, parse: Callable[[str], T]) -> T:
-        """What `parse` makes of the answer; what it raises spoils the exchange, but for
-        ConfigRejected. Raises NotConnected, DeviceTimeout.
-        """
+        """Result of `parse` for the answer, whose errors but ConfigRejected break the link; raises
+        as `query`."""
         return self._exchange(command, lambda: parse(str(self._visa.query(command)).strip()))
 
     def _odd(self, command: str, answer: str, expected: str) -> NotConnected:
-        return NotConnected(f"{self._kind}: {answer!r} came for {command}, expected {expected}")
+        return NotConnected(f"{self._kind}: answered {answer!r} to {command}, expected {expected}")
 
     def _exchange(self, command: str, action: Callable[[], T]) -> T:
         import pyvisa

@@ -23,20 +23,20 @@ ABOUT = DriverAbout(
 
 
 class BlackBodySettings(Dynamics, BlackBodyLimits):
-    start_K: Temperature = 295.0  # also where it is safe
+    start_K: Temperature = 295.0  # also the safe set point
     limits_K: tuple[Temperature, Temperature] = (253.0, 873.0)
     noise_K: Annotated[float, Within(0.0, 10.0)] = 0.02  # standard deviation of a reading
-    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings, then it is gone
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings before it is unplugged
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
 
 class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
-    """A `cldit.rig.protocols.Background`."""
+    """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(
         self, settings: BlackBodySettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        Linked.__init__(self, "background", "simulated black body", by_hand="mend `unplug_after`")
+        Linked.__init__(self, "background", "simulated black body", by_hand="remove `unplug_after`")
         BlackBody.__init__(self, settings, context.clock)
         self._bench = bench
         self._heater = Heater(settings, context.clock, settings.start_K)
@@ -47,7 +47,7 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
         self._bench.attach_blackbody(self._heater.temperature_K)
 
     def _drop(self) -> None:
-        """There is no line."""
+        """Does nothing, because there is no line."""
 
     def _still(self) -> str:
         return f"set point {self._aim(self._settings.start_K):.1f} K"

@@ -1,4 +1,4 @@
-"""A simulated infrared camera that looks at the bench."""
+"""Simulated infrared camera in front of the bench."""
 
 from __future__ import annotations
 
@@ -42,25 +42,25 @@ ABOUT = DriverAbout(
 
 
 class CameraSettings(Section):
-    """Faults; what the camera is, the scene of the bench says."""
+    """Faults of the camera, whose properties are in the scene of the bench."""
 
-    warm_up_s: Annotated[float, Within(0.0, 1e5)] = 0.0  # of the cooler, after it is connected
-    warm_up_counts: Annotated[float, Within(0.0, 65535.0)] = 2000.0  # on top while it is warm
-    gain_spread: Annotated[float, Within(0.0, 1.0)] = 0.0  # of the pixels, standard deviation
-    offset_spread_counts: Annotated[float, Within(0.0, 1e4)] = 0.0  # the same, of their offsets
+    warm_up_s: Annotated[float, Within(0.0, 1e5)] = 0.0  # of the cooler, from connection on
+    warm_up_counts: Annotated[float, Within(0.0, 65535.0)] = 2000.0  # added while it is warm
+    gain_spread: Annotated[float, Within(0.0, 1.0)] = 0.0  # standard deviation of the pixels
+    offset_spread_counts: Annotated[float, Within(0.0, 1e4)] = 0.0  # the same for their offsets
 
-    drop: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the frames that never arrive
-    incomplete: Annotated[float, Within(0.0, 1.0)] = 0.0  # part that arrives with lines missing
-    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # frames, then it is gone
+    drop: Annotated[float, Within(0.0, 1.0)] = 0.0  # fraction of the frames that never arrive
+    incomplete: Annotated[float, Within(0.0, 1.0)] = 0.0  # fraction that arrives with lines missing
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # frames before it is unplugged
 
 
 class SimulatedCamera(Linked):
-    """A `cldit.rig.protocols.Camera`."""
+    """Implements `cldit.rig.protocols.Camera`."""
 
     def __init__(
         self, settings: CameraSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        super().__init__("camera", "simulated camera", by_hand="mend `unplug_after`")
+        super().__init__("camera", "simulated camera", by_hand="remove `unplug_after`")
         self._faults = settings
         self._rate_Hz = _FRAME_RATE_Hz
         self._warm_until_s = -np.inf
@@ -128,7 +128,7 @@ class SimulatedCamera(Linked):
         }
 
     def _bad_pixels(self) -> list[list[int]]:
-        """Row and column, in the region of interest, of the pixels that the maker found bad."""
+        """Row and column, in the region of interest, of the bad pixels."""
         roi = self._ready().roi
         bad = self._connected().bad_pixels()
         inside = bad[roi.y : roi.y + roi.height, roi.x : roi.x + roi.width]
@@ -146,7 +146,7 @@ class SimulatedCamera(Linked):
         self._clock.sleep(max(left_s, 0.0))
 
     def _non_uniformity(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gain and offset in counts of each pixel: the same ones whenever it is switched on."""
+        """Gain and offset in counts of each pixel, the same after every start."""
         columns, rows = self._bench.scene.camera.sensor.pixels
         gain, offset = np.random.default_rng([self._seed, 0xF1A7]).normal(size=(2, rows, columns))
         gains = np.maximum(1.0 + self._faults.gain_spread * gain, 0.0)
@@ -217,13 +217,13 @@ class SimulatedCamera(Linked):
         return dict(self._counts)
 
     def forget(self, after_s: float) -> None:
-        """Triggers after this time are not coming."""
+        """Removes the triggers after this time."""
         kept = [entry for entry in self._buffer if entry[1].time_s <= after_s]
         self._frame_id -= len(self._buffer) - len(kept)
         self._buffer = deque(kept)
 
     def hear(self, pulse: Pulse) -> None:
-        """The external line: only an armed camera with a free slot takes the trigger."""
+        """Accepts an edge of the external line if armed, with frames left."""
         external = self._trigger is not None and self._trigger.mode == TriggerMode.EXTERNAL_EDGE
         if self._armed and external and self._trigger is not None:
             for number in range(self._trigger.frames_per_trigger):
@@ -233,7 +233,7 @@ class SimulatedCamera(Linked):
 
     def _take(self, pulse: Pulse) -> None:
         assert self._trigger is not None
-        # A rounding error of the clock must not cost a frame.
+        # Rounding errors of the clock must not lose a frame.
         soon = pulse.time_s - self._last_s < (1.0 - 1e-6) / _FRAME_RATE_Hz
         if soon or self._taken >= self._trigger.n_frames:
             self._counts["missed"] += 1

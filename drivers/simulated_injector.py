@@ -17,7 +17,7 @@ from cldit.scene.checks import Section, Within
 
 from .simulated_scene import Pulse, SimulatedScene, bench_of
 
-_STEP_S = 1e-8  # to which delays and widths are rounded
+_STEP_S = 1e-8  # of delays and widths
 
 
 ABOUT = DriverAbout(
@@ -28,19 +28,19 @@ ABOUT = DriverAbout(
 
 
 class InjectorSettings(Section):
-    misfire: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the injections without fuel
-    rate_error: Annotated[float, Within(0.0, 1.0)] = 0.0  # part of the triggers that are refused
-    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # triggers, then it is gone
-    pulse_log: Path | None = None  # one JSON line a burst: what the device itself counts
+    misfire: Annotated[float, Within(0.0, 1.0)] = 0.0  # fraction of the injections without fuel
+    rate_error: Annotated[float, Within(0.0, 1.0)] = 0.0  # fraction of the triggers, rejected
+    unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # triggers before it is unplugged
+    pulse_log: Path | None = None  # one JSON line for each burst, as the device counts
 
 
 class SimulatedInjector(Linked):
-    """A `cldit.rig.protocols.TriggerGenerator`."""
+    """Implements `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(
         self, settings: InjectorSettings, context: RigContext, bench: SimulatedScene
     ) -> None:
-        super().__init__("trigger", "simulated injector", by_hand="mend `unplug_after`")
+        super().__init__("trigger", "simulated injector", by_hand="remove `unplug_after`")
         self._log = None if settings.pulse_log is None else context.folder / settings.pulse_log
         self._faults = settings
         self._clock = context.clock
@@ -58,7 +58,7 @@ class SimulatedInjector(Linked):
         self._check()
 
     def _drop(self) -> None:
-        """There is no line."""
+        """Does nothing, because there is no line."""
 
     def _still(self) -> str:
         self.abort()
@@ -81,7 +81,7 @@ class SimulatedInjector(Linked):
         }
 
     def configure(self, burst: Burst) -> Burst:
-        self.inhibit()  # what is refused leaves nothing that could fire
+        self.inhibit()  # nothing can fire after a rejected burst
         check_burst(burst)
         self._burst = replace(
             burst,

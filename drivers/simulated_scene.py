@@ -1,7 +1,7 @@
-"""What stands between the simulated instruments: the traced scene, and the trigger line.
+"""Simulated optical bench, shared by the simulated instruments: traced scene and trigger line.
 
-The bench holds no random state: what a shot looks like depends on the seed and on when it is
-fired, so that a sequence that is killed and resumed never shows the same noise twice.
+The bench has no random state: a shot depends on the seed and on its time, so that a sequence that
+is killed and resumed never has the same noise twice.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from cldit.scene.vessel import Windows
 
 ABOUT = DriverAbout(
     "bench",
-    "what the simulated instruments look at",
+    "the scene of the simulated instruments",
     "simulated",
 )
 
 
 class SceneSettings(Section):
     run: Path  # folder with scene.yaml, weights/ and weights_reference/
-    runs: tuple[Path, ...] = ()  # further ones, the same but for the time of the spray
-    shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: as the scene says
-    windows: Windows | None = None  # those before the camera; None: the scene's
-    window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # that nobody measured
+    runs: tuple[Path, ...] = ()  # of the same scene at other times of the spray
+    shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: the scene's
+    windows: Windows | None = None  # in front of the camera; None: the scene's
+    window_heating_K: Annotated[float, Within(-200.0, 500.0)] = 0.0  # unknown to the evaluation
 
 
 @dataclass(frozen=True)
 class Pulse:
-    """One edge on the camera's trigger line, and whether fuel was in the air at that moment.
+    """One edge on the camera's trigger line; `injected` is True if fuel was in the air then.
 
-    after_injection_s: since the injector's pulse of this shot.
+    after_injection_s: time since the injector's pulse of this shot.
     """
 
     time_s: float
@@ -57,7 +57,7 @@ class Pulse:
 
 
 class Listener(Protocol):
-    """What hangs on the trigger line."""
+    """A device on the trigger line."""
 
     def hear(self, pulse: Pulse) -> None: ...
 
@@ -65,7 +65,7 @@ class Listener(Protocol):
 
 
 class SimulatedScene:
-    """Shared by the simulated devices of one rig."""
+    """Simulated optical bench of one rig."""
 
     def __init__(self, settings: SceneSettings, context: RigContext) -> None:
         self._runs = [context.folder / run for run in (settings.run, *settings.runs)]
@@ -78,11 +78,9 @@ class SimulatedScene:
         self._temperature: Callable[[float], float] | None = None
 
     def open(self) -> None:
-        """Reads the runs; the first device that connects pays for it.
+        """Reads the runs, when the first device connects.
 
-        Raises:
-            RunFolderError, SceneError: a run is incomplete or damaged, or is none of the same scene
-                at another time.
+        Raises RunFolderError, SceneError if a run is damaged, or not one of the same scene.
         """
         with self._lock:
             if not self._loaded:
@@ -96,8 +94,7 @@ class SimulatedScene:
 
     @property
     def spray_times_s(self) -> tuple[float, ...]:
-        """Times after the start of injection of which there is a run; none where a spray has no
-        time of its own."""
+        """Times of the runs after the start of injection; none for sprays without a time."""
         times = (spray_time_s(one.scene) for one in self._opened)
         return tuple(time_s for time_s in times if time_s is not None)
 
@@ -107,32 +104,32 @@ class SimulatedScene:
         return self._loaded
 
     def _at(self, after_injection_s: float) -> _Loaded:
-        """The run whose spray is nearest in time."""
+        """The run of the spray nearest in time."""
         if len(self._opened) == 1:
             return self._opened[0]
         off_s = [abs(time_s - after_injection_s) for time_s in self.spray_times_s]
         return self._opened[off_s.index(min(off_s))]
 
     def attach_blackbody(self, temperature_K: Callable[[float], float]) -> None:
-        """`temperature_K(time_s)` is asked at each exposure."""
+        """Connects the black body, whose temperature is read at each exposure."""
         self._temperature = temperature_K
 
     def attach_camera(self, camera: Listener) -> None:
-        """`camera` hears every pulse."""
+        """Connects a camera to the trigger line."""
         self._cameras.append(camera)
 
     def pulse(self, pulse: Pulse) -> None:
-        """An edge on the trigger line, now or soon."""
+        """Sends an edge on the trigger line, now or soon."""
         for camera in self._cameras:
             camera.hear(pulse)
 
     def cancel(self, *, after_s: float) -> None:
-        """Edges after this time never come."""
+        """Cancels the edges after this time."""
         for camera in self._cameras:
             camera.forget(after_s)
 
     def random(self, time_s: float, *stream: int) -> np.random.Generator:
-        """A generator of its own for what happens at `time_s`."""
+        """Random generator for the events of a time."""
         since_s = time_s - self._clock.now_s()
         microseconds = round((self._clock.epoch_s() + since_s) * 1e6)
         return np.random.default_rng([self._seed, microseconds, *stream])
@@ -194,8 +191,8 @@ class _Loaded:
         """Weights of one injection, whose optical depth is g times the traced one.
 
         With r the traced transmission, each weight becomes w_ref + s (w - w_ref) with
-        s = (1 - r^g) / (1 - r): the background's is then w_ref r^g, and because one factor goes
-        for all weights, a cavity at one temperature stays flat. g is the same in all nodes.
+        s = (1 - r^g) / (1 - r): the background's is then w_ref r^g, and because all weights have
+        one factor, a cavity at one temperature stays flat. g is the same in all nodes.
         """
         rig = self.scene.rig
         if rig.shot_scatter == 0.0:
@@ -228,7 +225,7 @@ class _Loaded:
 
 
 def _check_times(runs: Sequence[Path], scenes: Sequence[Scene]) -> None:
-    """Several runs must be one scene, with a spray of each time once."""
+    """Checks that several runs are of one scene, at different times of the spray."""
     first = scenes[0].model_dump(exclude=_OF_A_TIME)
     seen: list[float] = []
     for run, scene in zip(runs, scenes, strict=True):
@@ -246,7 +243,7 @@ _OF_A_TIME = {"name": True, "spray": True, "plan": True}
 
 
 def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
-    """The traced scene with the rig file's injector and windows, which no trace depends on."""
+    """The traced scene with the rig file's injector and windows, which do not affect a trace."""
     rig = scene.rig
     if settings.shot_scatter is not None:
         rig = rig.model_copy(update={"shot_scatter": settings.shot_scatter})
@@ -261,7 +258,7 @@ def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
 
 
 def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:
-    """Read off the boundary that fills most of the pixel."""
+    """Transmission of the boundary that fills most of each pixel."""
     names = ("background", "wall", *reference.patches)
     bare = np.stack([reference.images[name] for name in names])
     most = np.argmax(bare, axis=0)[None]
@@ -280,11 +277,13 @@ def _on_sensor(folder: Path, scene: Scene, view: SensorView) -> Weights:
         path = folder / f"{name}.tif"
         if image.shape != (rows, columns):
             raise RunFolderError(
-                f"{path}: shape {image.shape}, but camera.pixels of the scene asks for "
+                f"{path}: shape {image.shape}, but camera.pixels of the scene is "
                 f"{(rows, columns)}; trace the run again"
             )
         if not np.all(np.isfinite(image)):
-            raise RunFolderError(f"{path}: holds values that are not finite; trace the run again")
+            raise RunFolderError(
+                f"{path}: contains values that are not finite; trace the run again"
+            )
         images[name] = view.image(image).astype(np.float32)
     return Weights.of(images)
 
@@ -299,7 +298,7 @@ def _scatter(
 ) -> NDArray[np.float64]:
     """Lognormal field of mean 1: a smooth part correlated as exp(-(r/length)^2), and a global one.
 
-    White noise is filtered in Fourier space, where exp(-(r/L)^2) belongs to the amplitude
+    White noise is filtered in Fourier space, where exp(-(r/L)^2) has the amplitude
     exp(-(pi L f)^2 / 2).
     """
     rows, columns = shape
@@ -318,11 +317,7 @@ def _scatter(
 
 
 def bench_of(context: RigContext) -> SimulatedScene:
-    """The bench of a rig with simulated devices.
-
-    Raises:
-        SceneError: the rig has none.
-    """
+    """The bench of a rig with simulated devices; raises SceneError if there is none."""
     if not isinstance(context.bench, SimulatedScene):
         raise SceneError(
             "bench: is missing; simulated devices need `bench: {driver: simulated_scene, "

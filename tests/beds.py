@@ -11,8 +11,10 @@ import pytest
 from cldit.errors import SceneError
 from cldit.rig.drivers import DriverAbout, describe_drivers
 from cldit.rig.load import open_rig
+from cldit.testing.backgrounds import background_steps
 from cldit.testing.bed import Bed, Make, beds_of
-from cldit.testing.sessions import background_steps, camera_steps, trigger_steps
+from cldit.testing.cameras import camera_steps
+from cldit.testing.triggers import trigger_steps
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.simulated_scene import Pulse

@@ -13,6 +13,7 @@ from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.errors import SceneError
 from cldit.rig.drivers import describe_drivers, load_driver
 from cldit.rig.load import open_rig, read_rig
+from cldit.rig.protocols import KINDS
 from cldit.rig.safety import make_safe
 from cldit.testing.expect import Allowed
 from cldit.testing.run import OF_KIND, Result, Verdict, on_emulators, on_instrument
@@ -88,7 +89,7 @@ def _of_rig(name: str, rig: Path | None) -> tuple[str | None, dict[str, Any]]:
     if rig is None:
         return None, {}
     file = read_rig(rig)
-    drivers = {part: getattr(file, part) for part in ("camera", "background", "trigger")}
+    drivers = {part: getattr(file, part) for part in KINDS}
     for part, choice in drivers.items():
         if choice.driver == name:
             return part, choice.settings

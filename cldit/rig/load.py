@@ -16,7 +16,7 @@ from cldit.radiance.boundary import Surroundings, Uncertainty
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, RigError
-from cldit.rig.protocols import Background, Camera, Device, TriggerGenerator
+from cldit.rig.protocols import KINDS, Background, Camera, Device, TriggerGenerator
 from cldit.rig.safety import RigSafety, make_safe
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.values import Coordinate, Length, Temperature
@@ -160,7 +160,7 @@ class Rig:
     @property
     def devices(self) -> dict[str, Device]:
         """Devices in the order of connection; the trigger is made safe first."""
-        return {"camera": self.camera, "background": self.background, "trigger": self.trigger}
+        return {kind: getattr(self, kind) for kind in KINDS}
 
     def connect(self, timeout_s: float = 10.0) -> None:
         """Connects all devices at once.
@@ -269,10 +269,7 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
 
     bench = None if file.bench is None else build("bench", file.bench, None)
     if file.bench is None or bench is not None:
-        devices = {
-            key: build(key, getattr(file, key), bench)
-            for key in ("camera", "background", "trigger")
-        }
+        devices = {key: build(key, getattr(file, key), bench) for key in KINDS}
     if problems:
         source = "rig" if isinstance(path_or_mapping, dict) else str(path_or_mapping)
         raise SceneError(f"{source}:\n" + "\n".join(problems))

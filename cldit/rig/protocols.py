@@ -16,6 +16,13 @@ from numpy.typing import NDArray
 
 from cldit.rig.clock import StopCheck
 
+KINDS = {
+    "camera": "the camera may still be armed",
+    "background": "the black body may still be hot",
+    "trigger": "the generator may still inject on a trigger",
+}
+"""Kinds of devices in the order of connection, each with the danger of one that is left on."""
+
 
 class TriggerMode(StrEnum):
     """Source of the signal that starts an exposure."""

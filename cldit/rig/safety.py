@@ -6,13 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from cldit.rig.errors import NotSafe
-from cldit.rig.protocols import Device, Safety
-
-STILL_ON = {
-    "camera": "the camera may still be armed",
-    "background": "the black body may still be hot",
-    "trigger": "the generator may still inject on a trigger",
-}
+from cldit.rig.protocols import KINDS, Device, Safety
 
 
 @dataclass(frozen=True)
@@ -72,5 +66,5 @@ def _check(result: object, *, was_connected: bool) -> None:
 
 
 def _problem(name: str, error: Exception) -> str:
-    still_on = f"; {STILL_ON[name]}: switch it off by hand" if name in STILL_ON else ""
+    still_on = f"; {KINDS[name]}: switch it off by hand" if name in KINDS else ""
     return f"{name}: {error}{still_on}"

@@ -1,15 +1,20 @@
-"""Contract of backgrounds."""
+"""Contract of backgrounds, and a session with one."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 from cldit.rig.errors import DeviceTimeout, OutOfLimits
 from cldit.rig.protocols import Background, Stability
+from cldit.testing.bed import Step
 from cldit.testing.expect import Allowed, Check, NotAllowed, expect, near, refuses
 
 _RISE_K = 20.0
 _AGREE_K = 0.1
+HOT_K = 420.0
 _RULE = Stability(tolerance_K=0.5, hold_s=10.0, settle_s=5.0, timeout_s=3600.0)
 
 
@@ -54,3 +59,50 @@ BACKGROUND = [
     Check("limits", "sets its lowest set point, if that is allowed", limits),
     Check("settles", "warms it by 5 to 20 K, if that is allowed", settles),
 ]
+
+
+@dataclass(frozen=True)
+class BackgroundSide:
+    """State of an emulated black body.
+
+    stored: content of read_configuration() besides the set point. stable: its own flag, if any.
+    """
+
+    setpoint_K: Callable[[], float]
+    temperature_K: Callable[[], float]
+    stable: Callable[[], bool | None] = lambda: None
+    stored: Callable[[], Mapping[str, Any]] = dict
+
+
+def hot_K(background: Background) -> float:
+    """Set point of a session: 420 K, or the upper limit if that is lower."""
+    return min(HOT_K, background.limits.high_K)
+
+
+def background_steps(device: Background, side: BackgroundSide | None = None) -> list[Step]:
+    """Session with a black body; without `side` its emulator's state is not compared."""
+    wanted_K = hot_K(device)
+
+    def agree(got_K: float, right_K: float) -> bool:
+        return bool(abs(got_K - right_K) < _AGREE_K)
+
+    def configuration(stored: dict[str, Any]) -> bool:
+        return side is None or (
+            agree(stored["setpoint_K"], side.setpoint_K())
+            and all(stored[name] == value for name, value in side.stored().items())
+        )
+
+    def temperature(got_K: float) -> bool:
+        return side is None or agree(got_K, side.temperature_K())
+
+    def stable(got: bool | None) -> bool:
+        return side is None or got is side.stable()
+
+    return [
+        Step("configuration", device.read_configuration, configuration),
+        Step("set point", lambda: device.set_setpoint(wanted_K), lambda got: agree(got, wanted_K)),
+        Step("temperature", device.read_temperature, temperature),
+        Step("stable", device.is_stable, stable),
+        Step("temperature again", device.read_temperature, temperature),
+        Step("configuration again", device.read_configuration, configuration),
+    ]

@@ -1,17 +1,21 @@
-"""Contract of cameras."""
+"""Contract of cameras, and a session with one."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.rig.errors import ConfigRejected, MissingFrames, OutOfLimits
 from cldit.rig.protocols import Camera, Frame, TriggerInfo, TriggerMode
+from cldit.testing.bed import Step
 from cldit.testing.expect import Allowed, Check, expect, near, refuses
 
-_INTEGRATION_s = 25e-6
+_INTEGRATION_s, _AGREE_s = 25e-6, 1e-8
 _WALL_s = (-0.1, 60.0)  # host time of a frame after the start, on a busy machine too
 # Aravis' own camera polls for a trigger every 0.1 s, and its clock cannot be read: the host time is
 # that of reading.
@@ -143,3 +147,33 @@ CAMERA = [
     Check("internal trigger", "lets it run for four images", internal_trigger),
     Check("refusals", "requests modes that it lacks", refuses_what_it_lacks),
 ]
+
+
+def camera_steps(
+    device: Camera,
+    edge: Callable[[], None],
+    picture: Callable[[], NDArray[np.uint16]] | None = None,
+) -> list[Step]:
+    """Session with a camera and one image, for which `edge` pulses the trigger input; `picture` is
+    the last image that the emulator sent."""
+
+    def images() -> list[Any]:
+        edge()
+        return [frame.data for frame in device.read_frames(1, 0.5)]
+
+    def seen(found: list[Any]) -> bool:
+        return picture is None or np.array_equal(found, [picture()])
+
+    def settings(got: Any) -> bool:
+        seconds = got["integration_time_s"] if isinstance(got, dict) else got.integration_time_s
+        return bool(abs(seconds - _INTEGRATION_s) < _AGREE_s)
+
+    external = TriggerInfo(TriggerMode.EXTERNAL_EDGE, n_frames=2)
+    return [
+        Step("ready", lambda: device.wait_ready(1.0)),
+        Step("configure", lambda: device.configure(_INTEGRATION_s), settings),
+        Step("prepare", lambda: device.prepare(external)),
+        Step("configuration", device.read_configuration, settings),
+        Step("arm", device.arm),
+        Step("images", images, seen),
+    ]

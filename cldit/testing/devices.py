@@ -6,7 +6,7 @@ import json
 
 from cldit.io.plain_data import parse_json
 from cldit.rig.errors import NotConnected
-from cldit.rig.protocols import Device
+from cldit.rig.protocols import KINDS, Device
 from cldit.testing.expect import Allowed, Check, expect, refuses
 
 
@@ -31,7 +31,7 @@ def life(device: Device, allowed: Allowed) -> None:
 def identity(device: Device, allowed: Allowed) -> None:
     """Checks that kind, maker and model are given."""
     info = device.identify()
-    expect(info.kind in ("camera", "background", "trigger"), f"kind: {info.kind!r}")
+    expect(info.kind in KINDS, f"kind: {info.kind!r}")
     expect(info.maker and info.model, f"{info} lacks maker or model")
     expect(isinstance(info.simulated, bool), f"simulated: {info.simulated!r}")
 

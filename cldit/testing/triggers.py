@@ -1,11 +1,14 @@
-"""Contract of trigger generators."""
+"""Contract of trigger generators, and a session with one."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from cldit.rig.errors import ConfigRejected
 from cldit.rig.protocols import Burst, TriggerGenerator
+from cldit.testing.bed import Step
 from cldit.testing.expect import Allowed, Check, expect, near, refuses
 
 _QUANTUM_s = 1e-6  # no instrument is coarser
@@ -67,3 +70,18 @@ TRIGGER = [
     Check("refusals", "requests impossible bursts", refuses_bursts),
     Check("reference", "sends ONE pulse to the camera, none to the injector", reference),
 ]
+
+
+def trigger_steps(
+    device: Any, agrees: Callable[[Mapping[str, Any]], bool] = lambda stored: True
+) -> list[Step]:
+    """Session with a generator and one injection; `agrees` checks the configuration read."""
+    burst = Burst(camera_delay_s=1e-3, inject=True)
+    return [
+        Step("configuration", device.read_configuration, agrees),
+        Step("configure", lambda: device.configure(burst), lambda got: bool(got == burst)),
+        Step("fire", device.fire),
+        Step("wait", lambda: device.wait_done(1.0)),
+        Step("configure again", lambda: device.configure(burst), lambda got: bool(got == burst)),
+        Step("configuration again", device.read_configuration, agrees),
+    ]

@@ -1,4 +1,4 @@
-"""Beds of the drivers here: each before its emulator (see `cldit.testing.bed`)."""
+"""Test benches of the drivers here, each with its emulator (see `cldit.testing.bed`)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,10 @@ from typing import Any
 
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, check_settings, load_driver
+from cldit.testing.backgrounds import BackgroundSide, background_steps, hot_K
 from cldit.testing.bed import Bed, Make
-from cldit.testing.sessions import (
-    BackgroundSide,
-    background_steps,
-    camera_steps,
-    hot_K,
-    trigger_steps,
-)
+from cldit.testing.cameras import camera_steps
+from cldit.testing.triggers import trigger_steps
 
 from ..line_blackbody import LineSettings
 from ..modbus_registers import MAPS, RegisterMap
@@ -29,7 +25,7 @@ from .pulse_generator import PulseGeneratorPeer
 from .rig import CALIBRATION
 
 _WARM_K = 1.0  # above the safe set point
-_ADDRESS = {"host", "port", "serial", "address", "interface"}  # which are the emulator's
+_ADDRESS = {"host", "port", "serial", "address", "interface"}  # settings that the emulator gives
 _STABLE_K = 0.2
 
 
@@ -41,7 +37,7 @@ def make_device(
     answer_s: float | None,
     line: Mapping[str, Any],
 ) -> Any:
-    """The driver with the user's `settings` over the `usual` ones, before a peer at `line`."""
+    """The driver with the user's settings, or the usual ones, connected to a peer at `line`."""
     asked = {name: value for name, value in settings.items() if name not in _ADDRESS}
     waits = {} if answer_s is None else {"answer_s": answer_s}
     context = RigContext(clock, None, Path(), 1)
@@ -49,27 +45,27 @@ def make_device(
 
 
 def line_to(peer: Any) -> dict[str, Any]:
-    """Where a peer listens, as a driver's settings."""
+    """Address of a peer as settings of a driver."""
     if peer.serial is not None:
         return {"serial": peer.serial}
     return {"host": peer.host, "port": peer.port}
 
 
 def where_is(peer: Any) -> str:
-    """The same in words."""
+    """Address of a peer in words."""
     return peer.serial or f"{peer.host}:{peer.port}"
 
 
 def hot(peer: Any, device: Any) -> str:
-    """What is hot at a black body, in words; empty where nothing is."""
-    # Those that can switch their heater off are cold without it.
+    """State of a hot black body in words; empty if it is cold."""
+    # Controllers that can switch their heater off are cold without it.
     on = getattr(peer, "heating", True)
     warm = peer.setpoint_K > device.safe_setpoint_K + _WARM_K
     text = f"set point {peer.setpoint_K:.1f} K"
     return text if on and warm else f"{text}, heater on" if on and hasattr(peer, "heating") else ""
 
 
-# Of a controller that is nobody's: every way to hold a number that the presets do not have.
+# An invented controller, with all formats of numbers that the presets do not use.
 _OTHER = {
     "maker": "nobody",
     "model": "other registers",
@@ -83,7 +79,7 @@ _OTHER = {
 
 
 def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
-    """The user's own registers, where the rig file gives some, on the same line."""
+    """Bench with the registers of the rig file, if it has any."""
 
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         clock = SimulatedClock()
@@ -107,7 +103,7 @@ def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
     return make
 
 
-_BARE = {  # numbers alone: an answer could be that of another question
+_BARE = {  # numbers alone: an answer does not show its question
     "temperature": {"send": "T?", "answer": "{value}"},
     "setpoint": {"send": "SP?", "answer": "{value}"},
     "set": {"send": "SP {value:.2f}"},
@@ -125,7 +121,7 @@ _TALKS = {
 
 
 def _line(usual: Mapping[str, Any], serial: bool) -> Make:
-    """The user's own templates, where the rig file gives some, on the same line."""
+    """Bench with the templates of the rig file, if it has any."""
 
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         clock = SimulatedClock()
@@ -249,7 +245,7 @@ def _gige(driver: str, legacy: bool) -> Make:
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         peer = stack.enter_context(GigePeer((64, 48), legacy=legacy))
         usual = {"calibration": CALIBRATION}
-        # A session is short, and a camera is reached for as long as its heartbeat.
+        # Short, because make_safe() tries for as long as the heartbeat.
         line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
         device = make_device(driver, SystemClock(), usual, settings, None, line)
         told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")

@@ -1,16 +1,13 @@
-"""Black bodies on a loopback socket or a pseudo-terminal: what the drivers are tested against.
+"""Emulators of black bodies on a loopback socket or a pseudo-terminal, for tests of the drivers.
 
-The Modbus side is pymodbus' server, not ours; the temperature is that of a `Heater`.
+The Modbus side is the server of pymodbus, an independent peer; a `Heater` gives the temperature.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
-import select
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
@@ -19,12 +16,12 @@ from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Replies
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
 from ..modbus_registers import MAPS, RegisterMap
-from .line_peer import AtOneLine
+from .lines import AtOneLine, Terminals
 
 
 class Peer:
-    """A cavity, and where it listens: `host`:`port`, or `serial` for a pseudo-terminal; `replies`
-    is the way of its answers, where they can be lost."""
+    """A cavity and its address, `host`:`port`, or `serial` for a pseudo-terminal; `replies` is the
+    channel of its answers."""
 
     def __init__(
         self,
@@ -40,59 +37,16 @@ class Peer:
         self.serial: str | None = None
         self.replies = Replies()
         self.writes = 0  # of the set point
-        self._master = self._slave = -1
-        self._handles: list[int] = []  # to be closed when no thread reads them any more
-        self._readers: list[threading.Thread] = []
-        self._on = True
         self._wants_serial = serial
-
-    def _open_terminal(self) -> None:
-        if self._wants_serial:
-            self._master, self._slave = self._pair()
-            self.serial = os.ttyname(self._slave)
-
-    def _pair(self) -> tuple[int, int]:
-        import tty
-
-        pair = os.openpty()
-        for handle in pair:
-            tty.setraw(handle)
-        self._handles += pair
-        return pair
-
-    def _read(self, handle: int, take: Callable[[bytes], None]) -> None:
-        """In a thread of its own, until the terminal is closed."""
-
-        def run() -> None:
-            while self._on:
-                try:
-                    if select.select([handle], [], [], 0.02)[0]:
-                        take(os.read(handle, 4096))
-                except OSError:  # nobody has the other end open
-                    time.sleep(0.02)
-
-        self._readers.append(threading.Thread(target=run, daemon=True))
-        self._readers[-1].start()
-
-    def _close_terminal(self) -> None:
-        self._on = False
-        for reader in self._readers:  # else it would read from whoever gets the same number next
-            reader.join(10.0)
-        for handle in self._handles:
-            os.close(handle)
-        self._handles.clear()
 
     @property
     def setpoint_K(self) -> float:
         return self.heater.setpoint_K
 
 
-def _send(handle: int, data: bytes) -> None:
-    os.write(handle, data)
-
-
 class ModbusPeer(Peer):
-    """`model` as in the driver: eurotherm-3200 or ir-2100; or the `registers` of another."""
+    """Emulated controller with Modbus: a `model` of the driver (eurotherm-3200, ir-2100), or the
+    `registers` of another."""
 
     def __init__(
         self,
@@ -110,9 +64,13 @@ class ModbusPeer(Peer):
         self._unit = unit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: Any = None
+        self._terminals = Terminals()
+        self._master = -1
 
     def __enter__(self) -> ModbusPeer:
-        self._open_terminal()
+        if self._wants_serial:
+            self._master, slave = self._terminals.pair()
+            self.serial = os.ttyname(slave)
         ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), daemon=True)
         self._thread.start()
@@ -122,7 +80,7 @@ class ModbusPeer(Peer):
 
     def __exit__(self, *_: object) -> None:
         self.unplug()
-        self._close_terminal()
+        self._terminals.close()
 
     def unplug(self) -> None:
         """Ends the server, as if the instrument were switched off."""
@@ -160,18 +118,18 @@ class ModbusPeer(Peer):
             return
 
     def _trace(self, sending: bool, packet: bytes) -> bytes:
-        """A packet as it goes out; the whole server waits for one that is late."""
+        """A packet as it leaves; the whole server waits for one that is late."""
         if not sending:
             return packet
-        # Unit, function and number of bytes are before the data; six bytes or a check are around.
+        # The data are after unit, function and number of bytes, within six bytes or a check sum.
         data = slice(9, None) if self.serial is None else slice(3, -2)
         return self.replies.passed(packet, data)
 
     def _master_path(self) -> str:
-        """The server opens one end of the line by its name, so there are two pairs, coupled."""
-        far_master, far = self._pair()
-        self._read(self._master, lambda data: _send(far_master, data))
-        self._read(far_master, lambda data: _send(self._master, data))
+        """Path of a second terminal, coupled to the first: the server opens its end by name."""
+        far_master, far = self._terminals.pair()
+        self._terminals.read(self._master, lambda data: os.write(far_master, data))
+        self._terminals.read(far_master, lambda data: os.write(self._master, data))
         return os.ttyname(far)
 
     async def _act(
@@ -183,7 +141,7 @@ class ModbusPeer(Peer):
         current: list[int],
         values: list[int] | list[bool] | None,
     ) -> None:
-        """Before pymodbus takes `values`, or answers with `current`, which begins at `start`."""
+        """Called before pymodbus stores `values`, or answers `current`, which begins at `start`."""
         setpoint = self._map.setpoint
         if values is not None and address == setpoint.address and len(values) == setpoint.words:
             self._aim(setpoint.decode([int(word) for word in values]) + self._offset_K)
@@ -193,7 +151,7 @@ class ModbusPeer(Peer):
                 current[at : at + len(words)] = words
 
     def _words(self) -> dict[int, tuple[int, ...]]:
-        """What the registers hold now, by address."""
+        """Present content of the registers, by address."""
         held: dict[int, tuple[int, ...]] = {
             at: (2100 if name == "model_code" else 0,) for name, at in self._map.extra.items()
         }
@@ -210,7 +168,7 @@ class ModbusPeer(Peer):
 
 
 class FlukePeer(AtOneLine, Peer):
-    """A Fluke 4181."""
+    """Emulated Fluke 4181."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
@@ -218,7 +176,6 @@ class FlukePeer(AtOneLine, Peer):
         self._limit_K = 0.5
 
     def _obey(self, line: bytes) -> bytes:
-        """The answer as bytes, none for a command."""
         name, _, value = line.decode("ascii", "replace").strip().upper().partition(" ")
         off_K = abs(self.heater.now_K() - self.heater.setpoint_K)
         answers = {

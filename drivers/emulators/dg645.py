@@ -1,7 +1,7 @@
-"""A DG645 on a loopback socket: what the driver is tested against, and scripts may be.
+"""Emulator of a DG645 on a loopback socket, for tests of the driver and of scripts.
 
-Follows the manual where it matters here: registers that reading clears, an error queue, a rate
-error for a trigger while busy, settings that abort the running cycle, bursts, the inhibit input.
+From the manual it has registers that reading clears, an error queue, a rate error for a trigger
+while busy, settings that abort the running cycle, bursts, and the inhibit input.
 """
 
 from __future__ import annotations
@@ -10,11 +10,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from cldit.testing.replies import Replies
-
-from .line_server import LineServer
+from .lines import Edge, PulsePeer
 
 _SCALARS = {  # command: lowest, highest, value after *RST
     "TSRC": (0, 6, 5),
@@ -34,26 +31,12 @@ _RANGE, _SYNTAX, _UNKNOWN = 10, 112, 111  # codes of LERR?
 _NAMES = ("T0", "AB", "CD", "EF", "GH")
 
 
-@dataclass(frozen=True)
-class Edge:
-    """One pulse on one output, as an oscilloscope there would see it."""
+class Dg645Peer(PulsePeer):
+    """Emulated DG645, a TCP server on `host`; `port` is known once it is entered.
 
-    output: str
-    time_s: float  # of time.monotonic()
-    width_s: float
-    level_V: float
-
-
-class Dg645Peer:
-    """A TCP server on `host`; `port` is known once it is entered.
-
-    Attributes:
-        edges: every pulse that went out, in order.
-        on_edge: called at the time of each pulse, in a thread of the peer.
-        inhibit_input: the level of the input at the back, which INHB gives a meaning.
-        deaf: commands are read and never answered, as by an instrument that hangs.
-        replies: the way of its answers, where they can be lost.
-        fail_rate: the next so many triggers find the instrument busy.
+    inhibit_input: level of the input at the back, which INHB gives a meaning. deaf: commands are
+    read and never answered, as by an instrument that hangs. fail_rate: number of the next triggers
+    that find the instrument busy.
     """
 
     def __init__(
@@ -62,37 +45,20 @@ class Dg645Peer:
         port: int = 0,
         on_edge: Callable[[Edge], None] | None = None,
     ) -> None:
+        super().__init__(on_edge)
         self.host, self.port = host, port
-        self.on_edge = on_edge
-        self.edges: list[Edge] = []
-        self.triggers = 0
         self.inhibit_input = False
         self.deaf = False
-        self.replies = Replies()
         self.fail_rate = 0
-        self._lock = threading.RLock()
-        self._cycle = 0
         self._busy_until_s = 0.0
         self._running = self._in_burst = False
         self._insr = 0
         self._errors: deque[int] = deque()
         self._reset()
 
-    def __enter__(self) -> Dg645Peer:
-        self._server = LineServer(self.host, self.port, self._answer, self.replies)
-        self.port = self._server.port
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._server.close()
-
-    def unplug(self) -> None:
-        """Cuts every connection; new ones are taken again."""
-        self._server.unplug()
-
-    def _answer(self, line: bytes) -> bytes:
+    def _obey(self, line: bytes) -> bytes:
         commands = line.decode("ascii", "replace").strip().split(";")
-        answers = [self._obey(command.strip()) for command in commands]
+        answers = [self._answer(command.strip()) for command in commands]
         said = "".join(f"{answer}\r\n" for answer in answers if answer is not None)
         return b"" if self.deaf else said.encode()
 
@@ -102,19 +68,14 @@ class Dg645Peer:
 
     @property
     def injects_on_trigger(self) -> bool:
-        """Whether a trigger now would move the output CD."""
+        """True if a trigger now would pulse the output CD."""
         return self.injects("CD")
 
     def injects(self, output: str) -> bool:
-        """Whether a trigger now would move that output."""
+        """True if a trigger now would pulse the output."""
         first = 2 * _NAMES.index(output)
         with self._lock:
             return self._delay(first + 1) > self._delay(first)
-
-    def pulses(self, output: str) -> list[Edge]:
-        """Pulses that went out there."""
-        with self._lock:
-            return [edge for edge in self.edges if edge.output == output]
 
     def _reset(self) -> None:
         self.values: dict[str, float] = {name: item[2] for name, item in _SCALARS.items()}
@@ -128,7 +89,7 @@ class Dg645Peer:
         reference, delay = self.delays[channel]
         return delay if channel < 2 else delay + self._delay(reference)
 
-    def _obey(self, line: str) -> str | None:
+    def _answer(self, line: str) -> str | None:
         name, _, rest = line.partition(" ")
         name = name.upper()
         arguments = [part.strip() for part in rest.split(",")] if rest.strip() else []
@@ -250,18 +211,11 @@ class Dg645Peer:
                 begin, end = self._delay(2 * number), self._delay(2 * number + 1)
                 if end > begin and number > silent:
                     level = self.values[f"LAMP {number}"]
-                    pulses.append((begin, _NAMES[number], end - begin, level))
+                    pulses.append(Edge(_NAMES[number], begin, end - begin, level))
+        pulses.sort(key=lambda pulse: pulse.time_s)
         for index in range(n):
-            for begin, output, width, level in sorted(pulses):
-                at_s = start_s + index * period_s + begin
-                time.sleep(max(at_s - time.monotonic(), 0.0))
-                edge = Edge(output, at_s, width, level)
-                with self._lock:
-                    if cycle != self._cycle:
-                        return
-                    self.edges.append(edge)
-                if self.on_edge is not None:
-                    self.on_edge(edge)
+            if not self._send(cycle, pulses, start_s + index * period_s):
+                return
         time.sleep(max(self._busy_until_s - time.monotonic(), 0.0))
         with self._lock:
             if cycle == self._cycle:

@@ -1,8 +1,8 @@
-"""A GigE Vision camera on loopback, with a trigger line: what the driver is tested against.
+"""Emulator of a GigE Vision camera on loopback, with a trigger line, for tests of the drivers.
 
-GVCP (control) and GVSP (pictures) after the GigE Vision 1.2 specification: discovery, registers,
-control privilege with heartbeat, packet resend. Several can run at once, each on a loopback
-address of its own; all hear the discovery broadcast.
+GVCP (control) and GVSP (images) by the GigE Vision 1.2 specification: discovery, registers, control
+privilege with heartbeat, packet resend. Several can run at once, each at its own loopback address;
+all receive the discovery broadcast.
 """
 
 from __future__ import annotations
@@ -23,29 +23,25 @@ from numpy.typing import NDArray
 from cldit.testing.replies import BINARY_NAN, Replies
 
 from . import gige_registers as reg
-from .gige_stream import Image, pattern, picture_packets
+from .gige_stream import Image, image_packets, pattern
 
 _GVCP = 3956
 _DENIED, _BAD_ADDRESS, _UNSUPPORTED = 0x8006, 0x8003, 0x8001
-_KEPT = 8  # pictures that can be sent again
+_KEPT = 8  # images that can be sent again
 
 
 class GigePeer:
-    """Enter it to switch it on; `host` is its address.
+    """Emulated camera, which runs once entered; `host` is its address.
 
-    Args:
-        legacy: a camera with GenICam 1.0: its own registers are numbers for READREG and WRITEREG,
-            but READMEM and WRITEMEM see the little-endian memory of its processor (GenICam
-            standard 2.0, appendix 3); names of SFNC 1.
+    legacy: a camera with GenICam 1.0: its own registers are numbers for READREG and WRITEREG, but
+    READMEM and WRITEMEM access the little-endian memory of its processor (GenICam standard 2.0,
+    appendix 3); names of SFNC 1.
 
-    Attributes:
-        loss: part of the stream's packets that never arrive, drawn with `seed`.
-        skip: the next so many pictures are taken and never sent; `skipped` were.
-        cut: the next so many pictures lack their second half, and are not sent again.
-        picture: what it sees, from the picture's number and the integration time in seconds.
-        taken: pictures since it was switched on.
-        missed: triggers that found it not ready.
-        replies: the way of what it answers on the control channel, where that can be lost.
+    loss: fraction of the stream's packets that never arrive, drawn with `seed`. skip: number of the
+    next images that are never sent; `skipped` counts them. cut: number of the next images that lack
+    their second half, and are not sent again. scene: gives an image by its number and the
+    integration time in seconds. taken: images since the start. missed: triggers while not ready.
+    replies: channel of its answers on the control channel.
     """
 
     def __init__(
@@ -66,7 +62,7 @@ class GigePeer:
         self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
         self.taken = self.missed = self.lost_packets = self.resent_packets = 0
         self.replies = Replies(BINARY_NAN)
-        self.picture = image or pattern(sensor)
+        self.scene = image or pattern(sensor)
         self._rate_Hz = frame_rate_Hz
         self._random = random.Random(seed)
         self._lock = threading.RLock()
@@ -96,8 +92,8 @@ class GigePeer:
         self._stream.bind((self.host, 0))
         self._put(reg.STREAM_SOURCE, self._stream.getsockname()[1])
         self._hearing = [self._control]
-        # Clients look for cameras by broadcast, and on loopback at 127.0.0.1, where of several
-        # peers the newest hears them.
+        # Clients search for cameras by broadcast, and on loopback at 127.0.0.1, where the newest of
+        # several peers receives them.
         for address in ("255.255.255.255", "127.255.255.255", "127.0.0.1"):
             if address == self.host:
                 continue
@@ -117,7 +113,7 @@ class GigePeer:
         self.switch_off()
 
     def switch_off(self) -> None:
-        """As if its cable were pulled."""
+        """Stops it, as if its cable were unplugged."""
         if not self._on:
             return
         self._on = False
@@ -128,26 +124,26 @@ class GigePeer:
             item.close()
 
     def unheard(self) -> None:
-        """From now on its present client is not heard, as if that had died."""
+        """Ignores its present client from now on, as if that had died."""
         with self._lock:
             self._deaf_to = self._controller
 
     @property
     def armed(self) -> bool:
-        """Whether an edge on the line would be taken."""
+        """True if an edge on the line would start an exposure."""
         with self._lock:
             self._expire()
             return self._active and self._left > 0
 
     @property
     def controlled(self) -> bool:
-        """Whether some client has control."""
+        """True if a client has control."""
         with self._lock:
             self._expire()
             return self._controller is not None
 
     def line(self, at_s: float | None = None) -> None:
-        """A rising edge on Line1, now; at this time of time.monotonic() if a peer knows better."""
+        """Sends a rising edge to Line1, now or at a given time of time.monotonic()."""
         with self._lock:
             self._expire()
             if self._triggered and self._get(reg.TRIGGER_SOURCE) == reg.SOURCES["Line1"]:
@@ -156,12 +152,12 @@ class GigePeer:
                 self._miss()
 
     def image(self, number: int) -> NDArray[np.uint16]:
-        """The picture with this number (from 1) as it was sent with the present settings."""
-        whole = self.picture(number, 1e-6 * self._get_float(reg.EXPOSURE))
+        """The image of a number (from 1) as sent with the present settings."""
+        whole = self.scene(number, 1e-6 * self._get_float(reg.EXPOSURE))
         x, y, w, h = (self._get(at) for at in (reg.OFFSET_X, reg.OFFSET_Y, reg.WIDTH, reg.HEIGHT))
         return whole[y : y + h, x : x + w]
 
-    # Triggers and pictures
+    # Triggers and images
 
     @property
     def _triggered(self) -> bool:
@@ -224,7 +220,7 @@ class GigePeer:
             self._triggers.put(next_s)
 
     def _packets(self, block: int, taken_s: float) -> list[bytes]:
-        return picture_packets(
+        return image_packets(
             self.image(self.taken),
             block=block,
             taken_s=taken_s,

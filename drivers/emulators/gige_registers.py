@@ -34,15 +34,14 @@ EXPOSURE_LIMITS_us = (0.32, 1e6)
 
 
 def own(address: int) -> bool:
-    """Whether it is one of the camera's own registers, which its description names."""
+    """True for the camera's own registers, which its description names."""
     return WIDTH <= address < XML_AT
 
 
 def bootstrap(
     memory: bytearray, host: str, sensor: tuple[int, int], serial: str, schema: tuple[int, int]
 ) -> None:
-    """Fills the memory of a camera that has just been switched on; its description has a schema
-    of that version of GenApi."""
+    """Fills the memory of a camera after its start; its description has this schema of GenApi."""
 
     def put(address: int, value: int) -> None:
         struct.pack_into(">I", memory, address, value)

@@ -1,4 +1,4 @@
-"""Pictures on the stream channel of GigE Vision (GVSP): their packets, and a picture to send."""
+"""Images on the stream channel of GigE Vision (GVSP): their packets, and a test image."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _HEADERS = 36  # of IP, UDP and GVSP, which the packet size includes
 
 
 def pattern(sensor: tuple[int, int]) -> Image:
-    """14-bit noise that differs from picture to picture and can be calculated again."""
+    """14-bit noise that differs from image to image and is reproducible."""
     columns, rows = sensor
     base = np.random.default_rng(7).integers(0, 2**13, (rows, columns), dtype=np.uint16)
     return lambda number, exposure_s: base + np.uint16(number % 2**13)
 
 
-def picture_packets(
-    picture: NDArray[np.uint16],
+def image_packets(
+    image: NDArray[np.uint16],
     *,
     block: int,
     taken_s: float,
@@ -31,19 +31,14 @@ def picture_packets(
     corner: tuple[int, int],
     packet_size: int,
 ) -> list[bytes]:
-    """Leader, parts and trailer of a picture, in this order.
+    """Leader, parts and trailer of an image, in this order.
 
-    Args:
-        picture: (rows, columns).
-        block: its number on the stream.
-        taken_s: when it was taken.
-        pixel: the pixel format's number.
-        corner: column and row of its first pixel on the sensor.
-        packet_size: bytes, with all headers.
+    block: number of the image on the stream. pixel: number of the pixel format. corner: column and
+    row of its first pixel on the sensor. packet_size: bytes, including all headers.
     """
     kind = "<u2" if pixel == reg.MONO16 else "u1"
-    data = np.ascontiguousarray(picture, dtype=kind).tobytes()
-    rows, columns = picture.shape
+    data = np.ascontiguousarray(image, dtype=kind).tobytes()
+    rows, columns = image.shape
     stamp = round(1e9 * taken_s)
     leader = struct.pack(">HHQIIIIIHH", 0, 1, stamp, pixel, columns, rows, *corner, 0, 0)
     size = packet_size - _HEADERS

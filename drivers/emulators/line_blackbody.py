@@ -1,4 +1,4 @@
-"""A black body that obeys the templates of a rig file, on a loopback socket or a terminal."""
+"""Emulator of a black body with the commands of a rig file, on a socket or a terminal."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from ..controller import KELVIN
 from ..line_blackbody import LineSettings
 from ..line_templates import Command, example, pattern
 from .blackbody import Peer
-from .line_peer import AtOneLine
+from .lines import AtOneLine
 
 _STABLE_K = 0.2
 
 
 class LinePeer(AtOneLine, Peer):
-    """Obeys the commands of `settings`, whose address is not looked at."""
+    """Emulated black body with the commands of `settings`, whose address is ignored."""
 
     def __init__(self, settings: LineSettings, **options: Any) -> None:
         super().__init__(**options)

@@ -1,7 +1,7 @@
-"""A BNC 575 or Quantum Composers 9530 on a loopback socket or a pseudo-terminal.
+"""Emulator of a BNC 575 or Quantum Composers 9530 on a loopback socket or a pseudo-terminal.
 
-Follows the makers' manuals where it matters here: each command is answered with `ok` or `?n`,
-outputs send one pulse or a burst after they are switched on, a step of 250 ps.
+From the makers' manuals it has an answer `ok` or `?n` to each command, outputs that send one pulse
+or a burst after they are switched on, and a step of 250 ps.
 """
 
 from __future__ import annotations
@@ -11,10 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from cldit.testing.replies import Replies
-
-from .dg645 import Edge
-from .line_peer import AtOneLine
+from .lines import Edge, PulsePeer
 
 _CHANNELS = "ABCDEFGH"
 _STEP_s = 250e-12
@@ -38,21 +35,17 @@ _CHANNEL: dict[str, Any] = {
 _TIMES = ("PER", "DEL", "WIDT")
 
 
-class PulseGeneratorPeer(AtOneLine):
-    """Listens at `host`:`port`, or at `serial`, once it is entered.
+def _channel(output: str) -> str:
+    """Begin of the keywords of an output."""
+    return f"PULSE{_CHANNELS.index(output) + 1}:"
 
-    Args:
-        identity: the answer to *IDN?.
-        system: the keyword of what all outputs share.
-        trigger: that of the external trigger's mode.
-        outputs: how many.
-        serial: a pseudo-terminal in place of a socket.
-        on_edge: called at the time of each pulse, in a thread of the peer.
 
-    Attributes:
-        edges: every pulse that went out, in order.
-        triggers: how often a burst began.
-        replies: the way of its answers, where they can be lost.
+class PulseGeneratorPeer(PulsePeer):
+    """Emulated generator, which listens at `host`:`port`, or at `serial`, once entered.
+
+    identity: answer to *IDN?. system, trigger: keywords of the settings that all outputs share, and
+    of the external trigger's mode. outputs: their number. serial: replaces the socket by a
+    pseudo-terminal.
     """
 
     def __init__(
@@ -65,15 +58,10 @@ class PulseGeneratorPeer(AtOneLine):
         serial: bool = False,
         on_edge: Callable[[Edge], None] | None = None,
     ) -> None:
+        super().__init__(on_edge)
         self.host, self.port = "127.0.0.1", 0
         self.serial: str | None = None
-        self.replies = Replies()
-        self.edges: list[Edge] = []
-        self.triggers = 0
         self._identity, self._system, self._outputs = identity, system, outputs
-        self._on_edge = on_edge
-        self._lock = threading.RLock()
-        self._cycle = 0
         self._known = {f"{system}:{name}": allowed for name, allowed in _SYSTEM.items()}
         self._known[f"{system}:{trigger}"] = ("DIS", "TRIG")
         for number in range(1, outputs + 1):
@@ -89,14 +77,9 @@ class PulseGeneratorPeer(AtOneLine):
             self._cycle += 1
         super().__exit__()
 
-    def pulses(self, output: str) -> list[Edge]:
-        """Pulses that went out there."""
-        with self._lock:
-            return [edge for edge in self.edges if edge.output == output]
-
     def injects(self, output: str) -> bool:
-        """Whether that output would send a pulse with the next burst, or free-running."""
-        return bool(self.values[f"PULSE{_CHANNELS.index(output) + 1}:STAT"])
+        """True if the output would send a pulse with the next burst, or free-running."""
+        return bool(self.values[f"{_channel(output)}STAT"])
 
     @property
     def running(self) -> bool:
@@ -152,7 +135,7 @@ class PulseGeneratorPeer(AtOneLine):
         return "ok"
 
     def _begin(self) -> None:
-        """What the outputs that are on send, from now on."""
+        """Starts the pulses of the outputs that are on."""
         mode = self.values[f"{self._system}:MOD"]
         n = {"SING": 1, "BURS": int(self.values[f"{self._system}:BCO"])}.get(mode, 10**6)
         self.triggers += 1
@@ -170,19 +153,14 @@ class PulseGeneratorPeer(AtOneLine):
         self, cycle: int, n: int, period_s: float, pulses: list[tuple[float, str, float]]
     ) -> None:
         start_s = time.monotonic()
+        edges = [
+            Edge(output, delay_s, width_s, self.values[f"{_channel(output)}OUTP:AMPL"])
+            for delay_s, output, width_s in pulses
+        ]
         for index in range(n):
-            for delay_s, output, width_s in pulses:
-                at_s = start_s + index * period_s + delay_s
-                time.sleep(max(at_s - time.monotonic(), 0.0))
-                level = self.values[f"PULSE{_CHANNELS.index(output) + 1}:OUTP:AMPL"]
-                edge = Edge(output, at_s, width_s, level)
-                with self._lock:
-                    if cycle != self._cycle:
-                        return
-                    self.edges.append(edge)
-                if self._on_edge is not None:
-                    self._on_edge(edge)
-            time.sleep(1e-4)  # (a burst without pulses, and one that runs freely, end here)
+            if not self._send(cycle, edges, start_s + index * period_s):
+                return
+            time.sleep(1e-4)  # a burst without pulses, and one that runs freely, end here
             with self._lock:
                 if cycle != self._cycle:
                     return

@@ -1,4 +1,4 @@
-"""A whole rig on loopback sockets: camera, black body and delay generator, wired to each other.
+"""Emulator of a whole rig on loopback sockets: camera, black body, delay generator, and wires.
 
 python -m cldit.drivers.emulators.rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
 """
@@ -20,13 +20,14 @@ from cldit.io.terminal import tell
 
 from ..heater import Dynamics
 from .blackbody import FlukePeer, ModbusPeer
-from .dg645 import Dg645Peer, Edge
+from .dg645 import Dg645Peer
 from .gige_camera import GigePeer
+from .lines import Edge
 
-_IN_AIR_s = 0.05  # how long fuel is seen after an injection
+_IN_AIR_s = 0.05  # time for which fuel is visible after an injection
 _FAST = Dynamics(time_constant_s=0.05)
 
-# A camera of 14 bit that sees black bodies from 340 K.
+# A camera of 14 bit that can measure black bodies from 340 K.
 CALIBRATION = {
     "integration_time_s": 25e-6,
     "filter_um": [3.3, 3.5],
@@ -39,8 +40,8 @@ CALIBRATION = {
 
 
 class PeerRig:
-    """Enter it to switch everything on. The generator's output AB is the camera's Line1, CD the
-    injector, which brings fuel while `fuel_pressure`. The black body speaks Modbus, or `fluke`."""
+    """Emulated rig, running once entered. The generator's output AB is the camera's Line1, CD the
+    injector, which injects while `fuel_pressure`. The black body is a Eurotherm, or `fluke`."""
 
     def __init__(
         self,
@@ -59,8 +60,8 @@ class PeerRig:
         self.generator = Dg645Peer(on_edge=self._wire)
         self.fuel_pressure = True
         self._injected_s = -1.0
-        self._fuel: dict[int, bool] = {0: False}  # from the picture with this number on
-        self._plain, self.camera.picture = self.camera.picture, self._picture
+        self._fuel: dict[int, bool] = {0: False}  # from the image of this number on
+        self._plain, self.camera.scene = self.camera.scene, self._image
         self._stack = ExitStack()
 
     def _wire(self, edge: Edge) -> None:
@@ -71,8 +72,8 @@ class PeerRig:
             self._fuel[self.camera.taken + 1] = self.fuel_pressure and 0.0 <= since_s < _IN_AIR_s
             self.camera.line(edge.time_s)
 
-    def _picture(self, number: int, exposure_s: float) -> NDArray[np.uint16]:
-        """What the camera sees anyway, at half the counts where fuel is."""
+    def _image(self, number: int, exposure_s: float) -> NDArray[np.uint16]:
+        """The camera's image, with half the counts where fuel is."""
         image = self._plain(number, exposure_s)
         if self._fuel[max(first for first in self._fuel if first <= number)]:
             rows, columns = image.shape
@@ -81,7 +82,7 @@ class PeerRig:
 
     @property
     def injections(self) -> int:
-        """Pulses at the injector since it was switched on."""
+        """Number of pulses at the injector."""
         return len(self.generator.pulses("CD"))
 
     def __enter__(self) -> PeerRig:
@@ -93,7 +94,7 @@ class PeerRig:
         self._stack.close()
 
     def rig_data(self) -> dict[str, Any]:
-        """The rig file for it."""
+        """Content of its rig file."""
         return {
             "name": "peers on loopback",
             "setup": {"pixel_m": [1e-4, 1e-4]},

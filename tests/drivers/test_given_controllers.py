@@ -20,12 +20,12 @@ for _module in ("pyvisa_py", "pymodbus"):
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.emulators.blackbody import ModbusPeer
-    from drivers.emulators.line_server import LineServer
+    from drivers.emulators.lines import LineServer
     from drivers.line_templates import pattern
     from drivers.modbus_registers import Register, RegisterMap
 else:
     from cldit.drivers.emulators.blackbody import ModbusPeer
-    from cldit.drivers.emulators.line_server import LineServer
+    from cldit.drivers.emulators.lines import LineServer
     from cldit.drivers.line_templates import pattern
     from cldit.drivers.modbus_registers import Register, RegisterMap
 
@@ -104,8 +104,8 @@ BARE = {
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"set": {"send": "SP"}}, "allowed is one {value}"),
-        ({"set": {"send": "SP {kelvin}"}}, "allowed is {value}"),
+        ({"set": {"send": "SP"}}, "allowed: one {value}"),
+        ({"set": {"send": "SP {kelvin}"}}, "allowed: {value}"),
         ({"temperature": {"send": "T?", "answer": "{value} of {value}"}}, "one {value}"),
         ({"temperature": {"send": "T?", "answer": "{value:.2f}"}}, "takes no format"),
         ({"temperature": {"send": "T?", "answer": "{number}"}}, "{value} and {any}"),
@@ -124,7 +124,7 @@ def test_registers_that_say_nothing() -> None:
     good = {"address": 1, "format": "int16"}
     line = {"host": "x", "limits_K": [283, 500]}
     for settings, text in (
-        ({}, "model, registers: allowed is one of the two"),
+        ({}, "model, registers: allowed: one of the two"),
         (both, "registers.temperature.address"),
         ({"registers": {"temperature": good, "setpoint": {**good, "table": "input"}}}, "holding"),
     ):

@@ -92,4 +92,4 @@ def test_no_number_is_no_temperature(
     peer.replies.no_number = answer
     with pytest.raises(NotConnected) as caught:
         body.read_temperature()
-    assert f"background: {answer.decode()!r} came for SOUR:SENS:DATA?" in str(caught.value)
+    assert f"background: answered {answer.decode()!r} to SOUR:SENS:DATA?" in str(caught.value)

@@ -50,7 +50,7 @@ def lossy(peers: PeerRig, *, last: int | None) -> dict[str, Any]:
     """The rig file; the generator loses the answer to the first level above 0.5 V at 440 K, and
     the following ones up to `last` more."""
     generator = peers.generator
-    obey = generator._answer
+    obey = generator._obey
 
     def answer(line: bytes) -> bytes:
         if line.startswith(b"LAMP 2,5") and peers.blackbody.setpoint_K > 400.0:
@@ -59,7 +59,7 @@ def lossy(peers: PeerRig, *, last: int | None) -> dict[str, Any]:
                 generator.replies.spoil(Fault.DROP, first, last=first + (last or 0))
         return obey(line)
 
-    generator._answer = answer  # type: ignore[method-assign]
+    generator._obey = answer  # type: ignore[method-assign]
     generator.__exit__()  # switched off, and on again with that ear
     generator.__enter__()
     data = peers.rig_data()
@@ -95,7 +95,7 @@ def test_generator_stays_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         said = [
             f"DG645 at {peers.generator.host}:{peers.generator.port}",
             "injector's output CD 5 V",
-            "take the cable off",
+            "unplug the cable of",
             "the generator may still inject on a trigger",
             "the guard could not help either",
         ]
