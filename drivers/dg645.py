@@ -55,9 +55,7 @@ class Dg645Settings(Section):
     @model_validator(mode="after")
     def _apart(self) -> Dg645Settings:
         if self.camera == self.injector:
-            raise ValueError(
-                f"camera, injector: both are {self.camera}; allowed: two different outputs"
-            )
+            raise ValueError(f"camera, injector: both are {self.camera}; allowed: two outputs")
         return self
 
 

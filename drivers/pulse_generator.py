@@ -78,9 +78,7 @@ class PulseGeneratorSettings(Section):
         if (self.host is None) == (self.serial is None):
             raise ValueError("host, serial: allowed: one of the two")
         if self.camera == self.injector:
-            raise ValueError(
-                f"camera, injector: both are {self.camera}; allowed: two different outputs"
-            )
+            raise ValueError(f"camera, injector: both are {self.camera}; allowed: two outputs")
         return self
 
     @property

@@ -15,11 +15,7 @@ from .controller import BlackBody, BlackBodyLimits
 from .heater import Dynamics, Heater
 from .simulated_scene import SimulatedScene, bench_of
 
-ABOUT = DriverAbout(
-    "background",
-    "a black body",
-    "simulated",
-)
+ABOUT = DriverAbout("background", "a black body", "simulated")
 
 
 class BlackBodySettings(Dynamics, BlackBodyLimits):

@@ -34,11 +34,7 @@ _FORMAT = "Mono16"
 _MODES = frozenset({TriggerMode.INTERNAL, TriggerMode.SOFTWARE, TriggerMode.EXTERNAL_EDGE})
 
 
-ABOUT = DriverAbout(
-    "camera",
-    "an InSb camera",
-    "simulated",
-)
+ABOUT = DriverAbout("camera", "an InSb camera", "simulated")
 
 
 class CameraSettings(Section):

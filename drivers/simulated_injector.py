@@ -20,11 +20,7 @@ from .simulated_scene import Pulse, SimulatedScene, bench_of
 _STEP_S = 1e-8  # of delays and widths
 
 
-ABOUT = DriverAbout(
-    "trigger",
-    "a delay generator with an injector",
-    "simulated",
-)
+ABOUT = DriverAbout("trigger", "a delay generator with an injector", "simulated")
 
 
 class InjectorSettings(Section):

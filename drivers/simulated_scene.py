@@ -28,11 +28,7 @@ from cldit.scene.checks import Section, Within
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s
 from cldit.scene.vessel import Windows
 
-ABOUT = DriverAbout(
-    "bench",
-    "the scene of the simulated instruments",
-    "simulated",
-)
+ABOUT = DriverAbout("bench", "the scene of the simulated instruments", "simulated")
 
 
 class SceneSettings(Section):

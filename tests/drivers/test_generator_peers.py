@@ -169,7 +169,7 @@ def test_pulse_generator_refusals() -> None:
         with pytest.raises(NotConnected, match="expected a 95"):
             other.connect(1.0)
         wrong = load_driver("pulse_generator")({"series": "bnc-575", **line}, CONTEXT)
-        with pytest.raises(ConfigRejected, match=r"refuses :PULSE0:STAT 0 \(\?3\)"):
+        with pytest.raises(ConfigRejected, match=r"rejects :PULSE0:STAT 0 \(\?3\)"):
             wrong.connect(1.0)
     with PulseGeneratorPeer() as peer:
         peer.values |= {"PULSE0:STAT": 1.0, "PULSE0:TRIG:MOD": "TRIG", "PULSE2:STAT": 1.0}

@@ -107,7 +107,7 @@ BARE = {
         ({"set": {"send": "SP"}}, "allowed: one {value}"),
         ({"set": {"send": "SP {kelvin}"}}, "allowed: {value}"),
         ({"temperature": {"send": "T?", "answer": "{value} of {value}"}}, "one {value}"),
-        ({"temperature": {"send": "T?", "answer": "{value:.2f}"}}, "takes no format"),
+        ({"temperature": {"send": "T?", "answer": "{value:.2f}"}}, "has no format"),
         ({"temperature": {"send": "T?", "answer": "{number}"}}, "{value} and {any}"),
         ({"temperature": {"send": "T?"}}, "answer"),
         ({"unit": "fahrenheit"}, "unit"),

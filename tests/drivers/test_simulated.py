@@ -174,7 +174,7 @@ def test_damaged_run(fault: str, tiny_scene: Scene, tiny_run: Path, tmp_path: Pa
         image = weights.wall[1:] if fault == "shape" else weights.wall * np.float32(np.nan)
         changed = Weights(weights.background, image, weights.vapour, weights.liquid)
         changed.save(folder / "weights", pixel_m=(5e-3, 5e-3))
-        message = r"wall\.tif: (shape|holds values that are not finite)"
+        message = r"wall\.tif: (shape|contains values that are not finite)"
     with pytest.raises(RunFolderError, match=message):
         bench_before(folder).open()
 

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-EXTRAS = ("pocl", "cfd", "export", "files", "parquet", "hcc", "studies")
-# A scene end to end; imports (binary OpenFOAM, VTKHDF); files of cameras; evaluations; a study.
+EXTRAS = ("pocl", "cfd", "export", "files", "parquet", "hcc", "studies", "rig")
+# A scene end to end; imports (binary OpenFOAM, VTKHDF); images of cameras; evaluations; properties
+# of fluids; a study; drivers on their emulators.
 USES = (
     "tests/system/test_run.py",
     "tests/unit/cfd/test_openfoam.py",
@@ -21,7 +22,9 @@ USES = (
     "tests/unit/acquisition/test_pictures.py",
     "tests/unit/acquisition/test_export.py",
     "tests/unit/dit",
+    "tests/unit/spray/droplet/test_fluids.py",
     "tests/system/test_study.py",
+    "tests/drivers/test_contract.py",
 )
 
 
