@@ -33,7 +33,7 @@ class Bed:
     """Test bench for a driver: one device, and access to the state of its emulator.
 
     steps: a session between connect() and make_safe(). left_on: describes what is on at the
-    instrument; empty if nothing is. told: texts of the error if the instrument cannot be reached
+    instrument; empty if nothing is. `told`: texts of the error if the instrument cannot be reached
     after the session. replies: channel of the replies; None for a simulated device, which is
     unplugged after its session. pulses: of generators, times [s] of the pulses sent to the `camera`
     or the `injector`.
