@@ -244,7 +244,11 @@ class Background(Device, Protocol):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """Waits with `cldit.rig.stability.wait_stable`."""
+        """Waits with `cldit.rig.stability.wait_stable`.
+
+        Args:
+            temperature_K, stability, should_stop, on_progress: as there.
+        """
 
 
 class TriggerGenerator(Device, Protocol):

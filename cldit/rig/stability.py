@@ -90,7 +90,11 @@ class Settling(ABC):
         should_stop: StopCheck | None = None,
         on_progress: Callable[[float], None] | None = None,
     ) -> float:
-        """Waits as the function of that name."""
+        """Waits as the function of that name.
+
+        Args:
+            temperature_K, stability, should_stop, on_progress: as there.
+        """
         return wait_stable(
             self,
             self._clock,

@@ -86,6 +86,9 @@ def opened(
         make: from `beds_of`.
         settings: of the driver, without the address.
         answer_s: time for which the driver waits for an answer, if that can be set.
+
+    Returns:
+        The bed, as a context manager.
     """
     with ExitStack() as stack:
         bed = make(stack, settings or {}, answer_s)
