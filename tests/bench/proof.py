@@ -1,19 +1,21 @@
 """Records what the program gives, and compares two records to the bit.
 
-`python -m tests.bench.proof record OUT.json [--cases FOLDER ...] [--scenes NAME ...]`
+`python -m tests.bench.proof record OUT.json [--cases FOLDER ...] [--scenes NAME ...] [--free GB]`
 `python -m tests.bench.proof compare BEFORE.json AFTER.json`
 
 A record holds the help of every command, the names of the API pages, the scene reference, and for
 each shipped scene at two accuracies and three seeds a digest of every array of weights and maps,
 the stated errors, the remarks and core seconds. An acquisition is simulated and evaluated, and
-every CFD case below `--cases` is read. It uses public names only, so that it also runs on older
-code: put that tree first on PYTHONPATH.
+every CFD case below `--cases` is read. It also runs on older code: put that tree first on
+PYTHONPATH. Free memory limits the cells of some scenes at 1 K, so that their bits depend on what
+else the machine runs: `--free` sets the same limit for both records.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib
 import json
 import os
 import subprocess
@@ -21,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +101,14 @@ def one_run(name: str, accuracy_K: float, seed: int, cache: Path) -> Record:
             "remarks": list(run.info.remarks),
             "core_s": round(core_s, 2),
         }  # fmt: skip
+
+
+def set_free_memory(free_bytes: int) -> None:
+    """Replaces the free memory of the machine where cells are chosen, here and in older code."""
+    for name in ("cldit.prepare.cell_choice", "cldit.run.cell_choice"):
+        with suppress(ImportError):
+            module: Any = importlib.import_module(name)
+            module.free_bytes = lambda: free_bytes
 
 
 def experiment() -> Record:
@@ -191,11 +202,14 @@ def main() -> None:
     made.add_argument("out", type=Path)
     made.add_argument("--cases", type=Path, nargs="*", default=[])
     made.add_argument("--scenes", nargs="*", default=[])
+    made.add_argument("--free", type=float, metavar="GB", help="free memory that is assumed")
     both = tasks.add_parser("compare")
     both.add_argument("before", type=Path)
     both.add_argument("after", type=Path)
     given = parser.parse_args()
     if given.task == "record":
+        if given.free is not None:
+            set_free_memory(round(1e9 * given.free))
         record(given.out, given.cases, given.scenes)
     else:
         sys.exit(bool(compare(*(json.loads(path.read_text(encoding="utf-8"))
