@@ -11,7 +11,6 @@ import pytest
 
 from cldit.errors import ClditError, OpticsError, SceneError
 from cldit.optics import mie
-from cldit.optics.scene_phase import scene_phase
 from cldit.prepare.medium import properties_of
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.show.report.optics_summary import scene_optics
@@ -79,20 +78,6 @@ def test_the_second_use_solves_nothing(tmp_path: Path, monkeypatch: pytest.Monke
         known = len(list(tmp_path.glob("wavelengths-*")))
         properties_of(changed, other, cache=tmp_path)
         assert len(list(tmp_path.glob("wavelengths-*"))) == known + 1
-
-
-def test_phase_of_the_presets() -> None:
-    """`spectral` takes Mie's, `paper` none; what the scene says goes before."""
-    spray = spray_of()
-    assert scene_phase(scene_of(), spray, "spectral").mie
-    assert scene_phase(scene_of(), spray, "paper").name == "isotropic (preset paper)"
-    for given in ("isotropic", "mie", {"henyey_greenstein": 0.5}):
-        said = scene_of(transport={"phase": given})
-        for preset in ("paper", "spectral"):
-            found = scene_phase(said, spray, preset)
-            assert found.mie == (given == "mie") and found.remarks == ()
-    branching = scene_phase(scene_of(transport={"method": "branching"}), spray, "spectral")
-    assert not branching.mie and "branching" in branching.remarks[0]
 
 
 def test_coefficients_have_no_phase_function_and_say_so() -> None:
