@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -202,12 +202,8 @@ class Shares:
     where: True where the spray adds or takes something; the means are over these pixels.
     """
 
-    background: NDArray[np.float64]
-    wall: NDArray[np.float64]
-    vapour: NDArray[np.float64]
-    liquid: NDArray[np.float64]
+    images: Mapping[str, NDArray[np.float64]]
     where: NDArray[np.bool_]
-    patches: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, kw_only=True)
 
     @classmethod
     def of(
@@ -225,44 +221,33 @@ class Shares:
         """
         radiances = {"background": background, "wall": wall, **(patches or {})}
         total = compose(weights, background=background, wall=wall, patches=patches)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = {
-                name: np.where(
-                    total > 0, image * np.float64(radiances.get(name, 1.0)) / total, np.nan
-                )
-                for name, image in weights.images.items()
-            }
         outside = ("background", "wall", *weights.patches)
+        images: dict[str, NDArray[np.float64]] = {}
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for name in (*outside, "vapour", "liquid"):
+                light = weights.images[name] * np.float64(radiances.get(name, 1.0))
+                images[name] = np.where(total > 0, light / total, np.nan)
         before, now = (
             sum(part.images[name].astype(np.float64) for name in outside)
             for part in (reference, weights)
         )
         moved = np.abs(reference.background.astype(np.float64) - weights.background) > 0.01
-        return cls(
-            share["background"],
-            share["wall"],
-            share["vapour"],
-            share["liquid"],
-            where=(np.abs(before - now) > 0.01) | moved,
-            patches={name: share[name] for name in weights.patches},
-        )
+        return cls(images, (np.abs(before - now) > 0.01) | moved)
 
     def means(self) -> dict[str, float]:
         """Mean shares over the pixels where the spray is; empty without any."""
         if not self.where.any():
             return {}
-        named = {
-            "background": self.background,
-            "walls": self.wall,
-            **self.patches,
-            "vapour": self.vapour,
-            "droplets": self.liquid,
+        names = {"wall": "walls", "liquid": "droplets"}
+        return {
+            names.get(name, name): float(np.nanmean(image[self.where]))
+            for name, image in self.images.items()
         }
-        return {name: float(np.nanmean(part[self.where])) for name, part in named.items()}
 
     def panels(self) -> list[Panel]:
         """Panels of the shares of vapour and droplets."""
+        names = {"vapour": "vapour", "liquid": "droplets"}
         return [
-            Panel(self.vapour, "share of vapour in the signal", "share", (0.0, 1.0)),
-            Panel(self.liquid, "share of droplets in the signal", "share", (0.0, 1.0)),
+            Panel(self.images[name], f"share of {text} in the signal", "share", (0.0, 1.0))
+            for name, text in names.items()
         ]

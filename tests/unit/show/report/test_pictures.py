@@ -188,4 +188,4 @@ def test_shares() -> None:
     assert panels_png(shares.panels(), FRAME, title="s").startswith(b"\x89PNG")
     nothing = Shares.of(empty, empty, background=0.0, wall=0.0)
     assert nothing.means() == {}
-    assert np.isnan(nothing.vapour).all()
+    assert np.isnan(nothing.images["vapour"]).all()
