@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -143,11 +144,7 @@ def list_devices() -> list[DeviceInfo]:
 
 
 def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
-    """Chooses a device, and gives its number in `devices` and the reason.
-
-    `wanted` is `platform:device`, or part of a device's or platform's name. None chooses the GPU
-    with the most memory, or else the device with the most compute units.
-    """
+    """Number in `devices` of the one that `open_device` opens, and the reason."""
     if wanted is not None:
         for number, info in enumerate(devices):
             if wanted == info.index:
@@ -228,3 +225,12 @@ def _version(info: DeviceInfo, handle: Any) -> str:
     if mistaken is None or name is None:  # in the latter case the first build may explain
         return info.version
     return info.version.removesuffix(mistaken.decode()) + name.decode()
+
+
+def shares(device: Device, count: int) -> list[tuple[Device, range]]:
+    """Range of `count` rows or pixels for each device, in proportion to its compute units."""
+    devices = (device, *device.others)
+    units = [0, *itertools.accumulate(one.info.compute_units for one in devices)]
+    bounds = [round(count * unit / units[-1]) for unit in units]
+    pairs = zip(devices, itertools.pairwise(bounds), strict=True)
+    return [(one, range(first, last)) for one, (first, last) in pairs]

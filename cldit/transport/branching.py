@@ -9,8 +9,7 @@ import numpy as np
 
 from cldit.errors import TransportError
 from cldit.gpu.buffers import download, upload, zeros
-from cldit.gpu.device import Device
-from cldit.gpu.partition import shares
+from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, unset, upload
-from cldit.gpu.device import Device
-from cldit.gpu.partition import shares
+from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.scene.schema import Scene

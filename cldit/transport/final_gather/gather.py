@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, unset, upload, zeros
-from cldit.gpu.device import Device
-from cldit.gpu.partition import shares
+from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.transport.cell_phases import class_shares

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, upload, zeros
-from cldit.gpu.device import Device
-from cldit.gpu.partition import shares
+from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
 from cldit.transport.cell_phases import class_shares
