@@ -19,7 +19,7 @@ from cldit.prepare.medium import Medium, make_medium
 from cldit.prepare.stages import Stages
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
-from cldit.scene import Scene, parse_scene
+from cldit.scene import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Trace, TraceSettings, settings_for, trace
@@ -56,10 +56,10 @@ def clocked(device: Device, work: Callable[[], Any]) -> tuple[Any, Cost]:
 
 def changed(scene: Scene, **sections: dict[str, Any]) -> Scene:
     """Scene with keys of some sections replaced, validated again."""
-    data = scene.model_dump(mode="json")
-    for section, keys in sections.items():
-        data[section].update(keys)
-    return parse_scene(data, source="bench")
+    paths = {
+        f"{name}.{key}": value for name, keys in sections.items() for key, value in keys.items()
+    }
+    return scene.with_(**paths)
 
 
 def one_pixel(scene: Scene) -> Scene:

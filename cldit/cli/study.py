@@ -15,7 +15,7 @@ from cldit.errors import StudyError
 from cldit.gpu.device import open_device
 from cldit.run import RunCache, default_cache
 from cldit.scene import load_scene
-from cldit.study.grid import Grid, changed
+from cldit.study.grid import Grid
 from cldit.study.lab import QUICK, Lab
 from cldit.study.page import StudyPage, write_overview, write_page
 from cldit.study.paper import STUDIES, run_study
@@ -109,7 +109,7 @@ def _sweep(
 ) -> None:
     base = load_scene(name)
     if quick:
-        base = changed(base, QUICK)
+        base = base.with_(**QUICK)
     folder = out or Path("sweeps") / base.name
     start = time.perf_counter()
     with ProgressBar() as bar:

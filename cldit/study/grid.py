@@ -9,13 +9,12 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
-from cldit.errors import SceneError, StudyError
-from cldit.scene import Scene, parse_scene
+from cldit.errors import StudyError
+from cldit.scene import Scene
 
 MOST_POINTS = 100_000
 ALIASES = {
@@ -75,7 +74,7 @@ class Grid:
         places = itertools.product(*(range(count) for count in self.shape))
         for number, place in enumerate(places):
             chosen = {axis.key: axis.values[at] for axis, at in zip(self.axes, place, strict=True)}
-            yield Point(number, place, changed(base, chosen))
+            yield Point(number, place, base.with_(**chosen))
 
     @classmethod
     def parse(cls, text: str) -> Grid:
@@ -157,45 +156,3 @@ def _value(text: str) -> Value:
         except ValueError:
             continue
     return text
-
-
-def changed(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """Scene with some values changed, by dotted keys (`spray.plumes[0].azimuth_deg`).
-
-    Raises:
-        SceneError: a key does not exist, or its value is not allowed.
-    """
-    data = scene.model_dump(mode="json")
-    for key, value in values.items():
-        here: Any = data
-        *way, last = _steps(key)
-        for step in way:
-            here = _into(here, step, key)
-        if isinstance(here, list):
-            _into(here, last, key)  # the index exists
-        here[last] = value
-    return parse_scene(data, source=", ".join(f"{key}={value}" for key, value in values.items()))
-
-
-def _steps(key: str) -> list[str | int]:
-    steps: list[str | int] = []
-    for part in key.split("."):
-        name, _, index = part.partition("[")
-        steps.append(name)
-        if index:
-            steps.append(int(index.rstrip("]")))
-    return steps
-
-
-def _into(here: Any, step: str | int, key: str) -> Any:
-    """Value of a step; a missing section is made, and validated with the scene."""
-    if isinstance(step, int):
-        if not isinstance(here, list) or step >= len(here):
-            count = len(here) if isinstance(here, list) else 0
-            raise SceneError(f"{key}: no [{step}]; there are {count}")
-        return here[step]
-    if not isinstance(here, dict):
-        raise SceneError(f"{key}: has no {step}")
-    if not isinstance(here.get(step), (dict, list)):
-        here[step] = {}
-    return here[step]

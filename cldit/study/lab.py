@@ -12,7 +12,6 @@ from cldit.run import Run, RunCache, Say
 from cldit.scene import Scene, load_scene
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
-from cldit.study.grid import changed
 
 # Injector of `gdi` with a computed spray, in the conditions of the paper's Figs. 9 to 13. The field
 # is the part of the paper's 16 cm with spray, at its 0.16 mm per pixel.
@@ -68,14 +67,13 @@ class Lab:
             "transport.accuracy_K": 0.1,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
-        scene = changed(base, {**fixed, **_CAMERA, **quick, **(values or {})})
-        return changed(scene, self.always)
+        return base.with_(**{**fixed, **_CAMERA, **quick, **(values or {})}).with_(**self.always)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Shipped scene `name` with some `values` changed, reduced if the study is quick."""
         fixed = {"domain.leaf_edge_m": PAPER_LEAF_M, "transport.accuracy_K": 0.1}
         quick = {**fixed, **(QUICK if self.quick else {})}
-        return changed(changed(load_scene(name), {**quick, **(values or {})}), self.always)
+        return load_scene(name).with_(**{**quick, **(values or {})}).with_(**self.always)
 
     def run(self, scene: Scene) -> Run:
         """Run of a scene, from the cache if it is there."""

@@ -14,7 +14,6 @@ from click.testing import CliRunner
 from cldit.cli import main
 from cldit.errors import EvaluationError
 from cldit.run import RunCache, reevaluated
-from cldit.study.grid import changed
 from cldit.study.lab import Lab
 from cldit.study.page import write_page
 from cldit.study.paper import STUDIES, run_study
@@ -56,12 +55,12 @@ def test_walls(tmp_path: Path) -> None:
         atol=1e-5,  # float32 weights
     )
     with pytest.raises(EvaluationError, match="is not served by the trace"):
-        reevaluated(run, changed(run.scene, {"optics.k": 0.1}))
+        reevaluated(run, run.scene.with_(**{"optics.k": 0.1}))
 
 
 def test_damaged_run_is_made_anew(tmp_path: Path) -> None:
     kept = RunCache(tmp_path)
-    scene = changed(Lab(kept).gdi("none"), {"spray": {"model": "none"}, "camera.pixels": [8, 8]})
+    scene = Lab(kept).gdi("none").with_(**{"spray": {"model": "none"}, "camera.pixels": [8, 8]})
     kept.run(scene)
     (folder,) = (each for each in (tmp_path / "runs").iterdir() if each.is_dir())
     (folder / "run.json").write_text("{")

@@ -15,7 +15,6 @@ from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
 from cldit.study.figures import Crop, changes_figure, frame_of, maps_figure
-from cldit.study.grid import changed
 from cldit.study.lab import Lab
 from cldit.study.measures import (
     Change,
@@ -307,7 +306,7 @@ def walls(lab: Lab) -> Found:
     run = lab.run(lab.gdi("gdi"))
     cases = {"all round": all_round(run)}
     for wall_K in _WALLS_K:
-        scene = changed(run.scene, {"walls.temperature_K": wall_K})
+        scene = run.scene.with_(**{"walls.temperature_K": wall_K})
         cases[f"walls {wall_K:g} K"] = reevaluated(run, scene)
     droplets = droplets_K(lab.spray(run.scene), within_m=10e-3)
     halo = Phases.of(run).vapour_only

@@ -14,7 +14,6 @@ from cldit.scene.sizes import Monodisperse
 from cldit.show.page import Figure
 from cldit.show.report.optics_summary import FIG4
 from cldit.study.figures import Crop, changes_figure, frame_of, maps_figure
-from cldit.study.grid import changed
 from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import (
     Change,
@@ -308,7 +307,7 @@ def fuel_temperature(lab: Lab) -> Found:
     # Each trace serves all walls.
     others = {
         f"walls {wall_K:g} K": [
-            reevaluated(run, changed(run.scene, {"walls.temperature_K": wall_K}))
+            reevaluated(run, run.scene.with_(**{"walls.temperature_K": wall_K}))
             for run in (warm, cold)
         ]
         for wall_K in _OTHER_WALLS_K

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from cldit.errors import EvaluationError
-from cldit.scene import Scene, parse_scene
+from cldit.scene import Scene
 
 RIGHT = "right"
 LARGER = "droplets 20 % larger"
@@ -17,8 +15,7 @@ def wrong_models(scene: Scene) -> dict[str, Scene]:
     Raises:
         EvaluationError: the scene's spray has no droplet sizes, mass and plumes to change.
     """
-    data = scene.model_dump(mode="json")
-    spray = data["spray"]
+    spray = scene.model_dump(mode="json")["spray"]
     if not {"droplets", "injected_mass_kg", "plumes"} <= set(spray) or "m_um" not in (
         spray["droplets"] or {}
     ):
@@ -26,23 +23,17 @@ def wrong_models(scene: Scene) -> dict[str, Scene]:
             f"spray.model: {spray['model']}; allowed: one with plumes, mass and a "
             "Nukiyama-Tanasawa distribution, as gdi has"
         )
-
-    def changed(**parts: Any) -> Scene:
-        return parse_scene({**data, **parts})
-
-    def sprayed(**parts: Any) -> Scene:
-        return changed(spray={**spray, **parts})
-
-    sizes, mass = spray["droplets"], spray["injected_mass_kg"]
-    wider = [
-        {**plume, "inclination_deg": plume["inclination_deg"] + 2.0} for plume in spray["plumes"]
-    ]
-    return {
-        RIGHT: scene,
-        LARGER: sprayed(droplets={**sizes, "m_um": 1.2 * sizes["m_um"]}),
-        "droplets 20 % smaller": sprayed(droplets={**sizes, "m_um": 0.8 * sizes["m_um"]}),
-        "20 % more fuel": sprayed(injected_mass_kg=1.2 * mass),
-        "20 % less fuel": sprayed(injected_mass_kg=0.8 * mass),
-        "plumes 2 deg wider": sprayed(plumes=wider),
-        "k 30 % larger": changed(optics={**data["optics"], "k": 1.3 * data["optics"]["k"]}),
+    size_um, mass_kg = spray["droplets"]["m_um"], spray["injected_mass_kg"]
+    changes: dict[str, dict[str, float]] = {
+        RIGHT: {},
+        LARGER: {"spray.droplets.m_um": 1.2 * size_um},
+        "droplets 20 % smaller": {"spray.droplets.m_um": 0.8 * size_um},
+        "20 % more fuel": {"spray.injected_mass_kg": 1.2 * mass_kg},
+        "20 % less fuel": {"spray.injected_mass_kg": 0.8 * mass_kg},
+        "plumes 2 deg wider": {
+            f"spray.plumes[{number}].inclination_deg": plume["inclination_deg"] + 2.0
+            for number, plume in enumerate(spray["plumes"])
+        },
+        "k 30 % larger": {"optics.k": 1.3 * scene.optics.k},
     }
+    return {name: scene.with_(**each) for name, each in changes.items()}

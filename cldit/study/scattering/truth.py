@@ -32,7 +32,7 @@ from cldit.prepare.medium import properties_of
 from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
-from cldit.scene import Scene, parse_scene
+from cldit.scene import Scene
 from cldit.scene.vessel import Patch
 from cldit.transport.trace import settings_for, trace
 
@@ -56,12 +56,11 @@ def with_plates(scene: Scene) -> Scene:
     """
     if scene.background.shape != "disc":
         raise EvaluationError("background.shape: enclosure; the study needs a disc")
-    data = scene.model_dump(mode="json")
     x, y, z = scene.domain.centre_m
     half = scene.domain.edge_m / 2.0
-    disc = data["background"]
+    radius_m = _RING * scene.background.radius_m
     plates = {
-        "ring": (disc["centre_m"] or [x, y + half, z], [0, -1, 0], _RING * disc["radius_m"]),
+        "ring": (scene.background_centre_m, [0, -1, 0], radius_m),
         "beside": ([x - half, y, z], [1, 0, 0], _PLATE * scene.domain.edge_m),
         "before": ([x, y - half, z], [0, 1, 0], _PLATE * scene.domain.edge_m),
     }
@@ -75,7 +74,7 @@ def with_plates(scene: Scene) -> Scene:
         }
         for name, (centre, facing, radius) in plates.items()
     ]
-    return parse_scene({**data, "patches": [*data["patches"], *added]})
+    return scene.with_(patches=[*scene.model_dump(mode="json")["patches"], *added])
 
 
 def through_second_filter(scene: Scene) -> Scene:
@@ -84,10 +83,9 @@ def through_second_filter(scene: Scene) -> Scene:
     Raises:
         OpticsError: there are no shipped data of the fuel.
     """
-    data = scene.model_dump(mode="json")
     low, high = SECOND_FILTER_UM
     um = np.linspace(low, high, 400)
-    fuel = data["spray"]["fuel"]
+    fuel = scene.model_dump(mode="json")["spray"]["fuel"]
     n, k = liquid(scene.optics.liquid or fuel).index(um, _LIQUID_K)
     vapour = vapour_band(scene.optics.vapour or fuel).absorption_m2_mol(1e4 / um, _VAPOUR_K)
     optics = {
@@ -97,7 +95,7 @@ def through_second_filter(scene: Scene) -> Scene:
         "k": float(np.mean(k)),
         "vapour_m2_mol": float(np.mean(vapour)),
     }
-    return parse_scene({**data, "optics": {**data["optics"], **optics}})
+    return scene.with_(**{f"optics.{key}": value for key, value in optics.items()})
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import pytest
 from cldit.errors import SceneError, StudyError
 from cldit.run.content import trace_content, trace_key
 from cldit.scene import Scene, load_scene, parse_scene
-from cldit.study.grid import Grid, changed
+from cldit.study.grid import Grid
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_text_that_cannot_be_read(text: str, says: str) -> None:
         ("wals.temperature_K=3", "wals: unknown key; did you mean walls"),
         ("walls.temperature_K.x=3", r"walls\.temperature_K"),
         ("walls.temperature_K=300,9000", r"walls\.temperature_K: 9000 is outside 0\.\.5000"),
-        ("spray.plumes[9].azimuth_deg=3", r"no \[9\]; there are 8"),
+        ("spray.plumes[9].azimuth_deg=3", r"item \[9\] of 8"),
         ("optics.preset=grey", "grey"),
     ],
 )
@@ -105,7 +105,7 @@ def test_points(gdi: Scene) -> None:
     ],
 )
 def test_what_a_trace_depends_on(gdi: Scene, key: str, value: object, same: bool) -> None:
-    assert (trace_key(changed(gdi, {key: value})) == trace_key(gdi)) == same
+    assert (trace_key(gdi.with_(**{key: value})) == trace_key(gdi)) == same
 
 
 @pytest.mark.parametrize(
@@ -119,10 +119,10 @@ def test_what_a_trace_depends_on(gdi: Scene, key: str, value: object, same: bool
 )
 def test_bound_to_its_light(gdi: Scene, values: dict[str, object]) -> None:
     """Nodes are chosen for the scene's light, and `path` stops at an error in it."""
-    bound = changed(gdi, values)
-    hot = changed(bound, {"walls.temperature_K": 500.0})
+    bound = gdi.with_(**values)
+    hot = bound.with_(**{"walls.temperature_K": 500.0})
     assert trace_content(hot) != trace_content(bound)
-    assert trace_content(changed(bound, {"plan.shots": 50})) == trace_content(bound)
+    assert trace_content(bound.with_(**{"plan.shots": 50})) == trace_content(bound)
 
 
 def test_files_count_by_content(tmp_path: Path) -> None:
