@@ -19,7 +19,7 @@ from cldit.camera.view import SensorView
 from cldit.errors import RunFolderError, SceneError
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.run.folder import node_folders
@@ -139,7 +139,7 @@ class SimulatedScene:
         weights: Sequence[Weights] = [here.reference] * len(here.boundaries)
         if pulse.injected:
             weights = here.shot(self.random(pulse.time_s, 1, pulse.number))
-        seen = picture(weights, here.boundaries, background_K=background_K)
+        seen = camera_radiance(weights, here.boundaries, background_K=background_K)
         return np.maximum(seen, 0.0)
 
 

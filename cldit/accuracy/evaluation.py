@@ -6,7 +6,7 @@ from cldit.camera.sensor import SensorModel
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason
 from cldit.optics.spectral import Quadrature
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 
@@ -26,7 +26,7 @@ def sensor_of(
     hottest = max(scene.background.temperatures_K)
     spray, reference = seen
     images = [
-        picture(weights, bands, background_K=hottest)
+        camera_radiance(weights, bands, background_K=hottest)
         for weights in (spray, [reference] * len(bands))
     ]
     return sensor.exposed_for(max(float(image.max()) for image in images))

@@ -16,7 +16,7 @@ from cldit.dit.solve import Signals, solve
 from cldit.errors import EvaluationError
 from cldit.optics.response import Filter
 from cldit.optics.spectral import SpectralNode, reference_temperature_K
-from cldit.radiance.boundary import Boundary, Surroundings, pictures
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiances
 from cldit.radiance.weights import Weights
 
 Floats = NDArray[np.float64]
@@ -122,7 +122,7 @@ def evaluate_radiance(
 
     def signals(traced: Sequence[Weights], rows: slice, exposures: int) -> Signals:
         cut = [_rows(one, rows) for one in traced]
-        seen = pictures(cut, parts, backgrounds_K=temperatures)
+        seen = camera_radiances(cut, parts, backgrounds_K=temperatures)
         return Signals(
             source=source,
             mean=whole.inside(seen),

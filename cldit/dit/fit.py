@@ -1,18 +1,18 @@
-"""Two straight lines a pixel, fitted together, and what they say about a spray.
+"""Two straight lines per pixel, fitted together: emissivity and apparent radiance of a spray.
 
-With x the radiance that leaves the background disc, a pixel that sees it shows
+With x the radiance that leaves the background disc, a pixel that sees it has the signals
 
     without spray   I_ref = g x + c_ref     (g = 1 for an unobstructed disc without windows)
     with spray      I_inj = s x + c_inj
 
 so that Delta I = I_inj - I_ref has the slope s - g = -epsilon g and the intercept
-c_inj - c_ref = epsilon g I(T_app): Eq. (2) of the paper, divided by what the pixel sees of the
-disc. Gain and offset of the pixel, and what a front window takes and adds, are in g and c_ref and
-drop out: the references are a two-point correction of every pixel on its own.
+c_inj - c_ref = epsilon g I(T_app): Eq. (2) of the paper, divided by the share of the disc in the
+pixel. Gain and offset of the pixel and the effects of a front window are in g and c_ref and cancel:
+the references are a two-point correction of every pixel.
 
 Errors: every mean has its own (camera, scatter between shots). Others are common to references and
-injections before one background: the black body's temperature moves them by g and s, the camera's
-offset by 1 and 1, its gain by the two signals. So before each background the means have the
+injections of one background: the black body's temperature changes them by g and s, the camera's
+offset by 1 and 1, its gain by the two signals. The means at each background thus have the
 covariance
 
     ( a + sum p^2 d    sum p q d   )      a, b: variances of the two means
@@ -20,20 +20,19 @@ covariance
 
 and (g, c_ref, s, c_inj) is the generalised least squares estimate over all backgrounds (Aitken
 1935), whose covariance is the inverse of the normal matrix. Where the spray is transparent (s = g)
-a common error drops out. An offset drops out everywhere: where its variance is large beside the
-noise, only I_inj - I_ref counts, as in the paper.
+a common error cancels. An offset always cancels: if its variance is large compared with the noise,
+only I_inj - I_ref counts, as in the paper.
 
-A steady error is one number a before all backgrounds: it adds a u to the 2 K means, u known, a of
+A steady error is one number a for all backgrounds: it adds a u to the 2 K means, u known, a of
 variance 1. With V the covariance above, X the design, b0 and C0 the estimate without it,
 
-    P = C0 X' V^-1 u            what the lines take of it
+    P = C0 X' V^-1 u            its change of the lines
     S = 1 + u' (V^-1 - V^-1 X C0 X' V^-1) u      q = u' V^-1 (y - X b0)
     b = b0 - P q / S            C = C0 + P P' / S            chi2 = chi2_0 - q^2 / S
 
-which is the same estimate with V + u u' (Woodbury), for each of several a after the other. If u is
-what really happened, a = 1, then the squares of b about the truth are C in the mean: with r the
-precision S - 1 that the data give of a, (1 / S)^2 by the prior and r / S^2 by the noise add to
-1 / S.
+which is the same estimate with V + u u' (Woodbury), for several a in turn. If u is the true error,
+a = 1, then the mean squared error of b is C: with the precision r = S - 1 of a by the data, the
+prior's part (1 / S)^2 and the noise's part r / S^2 add up to 1 / S.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class CommonError:
-    """An error that references and injections before one background share.
+    """An error that references and injections of one background share.
 
     variance: (K,). reference, injection: (N,) or (K, N), change of either mean by an error of 1.
     """
@@ -61,7 +60,7 @@ class CommonError:
 
 @dataclass(frozen=True, kw_only=True)
 class SteadyError:
-    """One error of variance 1 before all backgrounds.
+    """One error of variance 1 for all backgrounds.
 
     reference, injection: (K, N), change of either mean by an error of 1.
     """

@@ -20,7 +20,7 @@ from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
-from cldit.dit.witness.examine import Examined, examine, examine_pictures
+from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
 from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
@@ -146,9 +146,7 @@ def evaluate_shots(
     axis = drift_axis(acquisition.shots)
     sums = accumulate(acquisition, stated_counts, progress, places=axis.places)
     around = acquisition.surroundings
-    witnesses, saturation = examine_pictures(
-        sums, setpoints, around, saturation_counts=stated_counts
-    )
+    witnesses, saturation = examine_images(sums, setpoints, around, saturation_counts=stated_counts)
     for group in sums.values():
         group.saturation_counts = saturation
     outliers, weights = judge(sums)

@@ -15,7 +15,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.fit import apparent_radiance, fit_pair
 from cldit.errors import EvaluationError
 from cldit.optics.spectral import Quadrature
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 
@@ -89,8 +89,8 @@ class Subject:
         """Radiance (N,) at the camera without and with spray."""
         bare = [self.reference] * len(self.boundaries)
         return (
-            picture(bare, self.boundaries, background_K=background_K)[0],
-            picture(self.spray, self.boundaries, background_K=background_K)[0],
+            camera_radiance(bare, self.boundaries, background_K=background_K)[0],
+            camera_radiance(self.spray, self.boundaries, background_K=background_K)[0],
         )
 
     def exposure(self, hottest_K: float) -> SensorModel:

@@ -174,15 +174,15 @@ class Boundary:
         )
 
 
-def picture(
+def camera_radiance(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, background_K: float
 ) -> Floats:
-    """Radiance (H, W) at the camera for one black body; see `pictures`."""
-    (one,) = pictures(weights, boundaries, backgrounds_K=[background_K])
+    """Radiance (H, W) at the camera for one black body; see `camera_radiances`."""
+    (one,) = camera_radiances(weights, boundaries, backgrounds_K=[background_K])
     return np.asarray(one)
 
 
-def pictures(
+def camera_radiances(
     weights: Sequence[Weights], boundaries: Sequence[Boundary], *, backgrounds_K: Sequence[float]
 ) -> Floats:
     """Radiance (K, H, W) at the camera for black bodies of K temperatures.

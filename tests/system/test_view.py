@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run, open_run, reevaluated
 from cldit.show.view import save_page, view_items
 from cldit.show.view.traced import traced_item
@@ -89,7 +89,7 @@ def test_what_the_camera_sees(viewer: Viewer, tmp_path: Path) -> None:
         filter_um,
         reference_K=float(np.median(scene.background.temperatures_K)),
     )
-    seen = picture(run.spectral, [whole], background_K=480.0)
+    seen = camera_radiance(run.spectral, [whole], background_K=480.0)
     expected = temperature_of_radiance(seen, filter_um=filter_um).astype(np.float32)
     assert off(viewer.numbers(item=0, name="signal"), expected, share=True) < 1e-6
 

@@ -24,7 +24,7 @@ from cldit.optics.planck import band_radiance
 from cldit.optics.spectral import Quadrature
 from cldit.optics.vapour import vapour_band
 from cldit.optics.wavelengths import Wavelengths, wavelengths
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, parse_scene
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
@@ -96,7 +96,7 @@ def test_cavity_is_flat_over_the_spectrum(device: Device, tables: Path) -> None:
     around = Surroundings.from_scene(scene)
     bands = [Boundary.of(around, node.radiance, node.pane) for node in chosen.nodes]
     own = float(band_radiance(kelvin, filter_um=FILTER))
-    seen = picture(result.spectral, bands, background_K=kelvin)
+    seen = camera_radiance(result.spectral, bands, background_K=kelvin)
     np.testing.assert_allclose(seen / own, 1.0, atol=1e-5)
     assert len({float(w.background[3, 4]) for w in result.spectral}) == 3  # no grey medium
 
@@ -152,7 +152,7 @@ def test_the_order_of_nodes_means_nothing(device: Device, tables: Path) -> None:
         chosen.quadrature.reference_K,
     )
     seen = [
-        picture(
+        camera_radiance(
             weights,
             [Boundary.of(around, node.radiance, node.pane) for node in nodes],
             background_K=470.0,

@@ -21,7 +21,7 @@ from cldit.dit.recorded import evaluate_shots
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter, Response
 from cldit.optics.spectral import Quadrature
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
@@ -68,7 +68,7 @@ def test_cavity_with_windows_is_flat(filter_um: Filter, kelvin: float) -> None:
         vapour=image([0.0, 0.1 * own, 0.0]),
         liquid=image([0.0, 0.4 * own, 0.0]),
     )
-    seen = picture([weights], [boundary], background_K=kelvin)
+    seen = camera_radiance([weights], [boundary], background_K=kelvin)
     np.testing.assert_allclose(seen / own, 1.0, atol=1e-6)  # weights are float32
     assert float(boundary.leaving(kelvin)) == pytest.approx(own, rel=1e-12)
 

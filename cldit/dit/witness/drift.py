@@ -209,7 +209,7 @@ def _wander(evidence: Evidence, cause: Cause, trends: Trends) -> tuple[Floats, F
     series = [
         one - slope * (places.at - places.at.mean())
         for one, slope, places in zip(
-            evidence.picture("reference", every),
+            evidence.series("reference", every),
             rate,
             evidence.places["reference"],
             strict=True,

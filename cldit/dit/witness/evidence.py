@@ -144,7 +144,7 @@ class Evidence:
         """Means (K, B) over the shots of a kind."""
         return np.array([part.mean(axis=0) for part in self.shots[kind]])
 
-    def picture(self, kind: str, chosen: NDArray[np.bool_]) -> list[Floats]:
+    def series(self, kind: str, chosen: NDArray[np.bool_]) -> list[Floats]:
         """Means (n,) of each shot of a kind over the `chosen` blocks (B,), by background."""
         return [part[:, chosen].mean(axis=1) for part in self.shots[kind]]
 
@@ -158,7 +158,7 @@ class Evidence:
         return np.array(
             [
                 _about_line(places, one)
-                for places, one in zip(self.places[kind], self.picture(kind, chosen), strict=True)
+                for places, one in zip(self.places[kind], self.series(kind, chosen), strict=True)
             ]
         )
 

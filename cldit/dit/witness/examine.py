@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cldit.camera.calibration import Calibration
 from cldit.dit.shots import Sums
 from cldit.dit.solve import Cause, Drift, Systematic
-from cldit.dit.witness import backgrounds, drift, pictures
+from cldit.dit.witness import backgrounds, drift, images
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
@@ -36,19 +36,19 @@ class Examined:
     through: bool = False
 
 
-def examine_pictures(
+def examine_images(
     sums: AllSums, setpoints: Sequence[float], around: Surroundings, *, saturation_counts: float
 ) -> tuple[list[Witness], float]:
     """Witnesses that need no radiance and found something, and the level of saturation."""
     named_K = {f"background {k:g}": sums[k, "reference"].temperature_K for k in setpoints}
     named_K["walls"] = around.wall_temperature_K
     named_K |= {f"{window.side} window": window.temperature_K for window in around.windows}
-    ending, saturation = pictures.plateau(sums, saturation_counts)
+    ending, saturation = images.plateau(sums, saturation_counts)
     found = [
         backgrounds.celsius(named_K),
-        pictures.repeats(sums),
+        images.repeats(sums),
         ending,
-        pictures.axes(sums, setpoints),
+        images.axes(sums, setpoints),
         orientation(sums, setpoints),
     ]
     return [one for one in found if one is not None], saturation

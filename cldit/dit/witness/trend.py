@@ -93,7 +93,7 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
     x, every = evidence.source["reference"], np.ones(evidence.blocks, bool)
     rows, values, weight = [], [], []
     for k, (places, one) in enumerate(
-        zip(evidence.places["reference"], still.picture("reference", every), strict=True)
+        zip(evidence.places["reference"], still.series("reference", every), strict=True)
     ):
         rate = sum((trend.rate[k] * unit(still, of)[k] for of, trend in trends.items()), 0.0)
         one = one - rate * (places.at - places.at.mean())
@@ -209,7 +209,7 @@ def _rates(
     change proportional to `beside`, if there are enough backgrounds.
     """
     every = np.ones(evidence.blocks, bool)
-    series = evidence.picture("reference", every)
+    series = evidence.series("reference", every)
     variance = evidence.variance("reference", every) * evidence.number("reference")
     rate, weight = np.zeros(len(series)), np.zeros(len(series))
     for k, (places, one) in enumerate(zip(evidence.places["reference"], series, strict=True)):

@@ -11,7 +11,7 @@ from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
 from cldit.optics.droplets import droplet_table
 from cldit.optics.liquid import liquid
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run
 from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.optics_figures import optics_png
@@ -196,7 +196,7 @@ _SIGMAS = 2.0
 def _radiance(run: Run) -> NDArray[np.float64]:
     around = Surroundings.from_scene(run.scene)
     bands = [Boundary.of(around, node.radiance, node.pane) for node in run.quadrature.nodes]
-    return picture(run.spectral, bands, background_K=_BACKGROUND_K)
+    return camera_radiance(run.spectral, bands, background_K=_BACKGROUND_K)
 
 
 def camera(lab: Lab) -> Found:

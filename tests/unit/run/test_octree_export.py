@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cldit.cli import main
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
-from cldit.radiance.boundary import Boundary, Surroundings, picture
+from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run, open_run, simulate
 from cldit.run.octree_export import export_octree
 from cldit.scene import Scene, parse_scene
@@ -173,7 +173,7 @@ def test_source_function_makes_the_picture(device: Device, tables: Path, tmp_pat
     (node,) = run.quadrature.nodes
     bounds = Boundary.of(Surroundings.from_scene(scene), node.radiance, node.pane)
     at_K = run.quadrature.reference_K
-    seen = picture(run.spectral, [bounds], background_K=at_K)
+    seen = camera_radiance(run.spectral, [bounds], background_K=at_K)
     for column, row in [(5, 4), (6, 5), (5, 6), (8, 3)]:
         enter, length = segments(scene, lower, upper, column, row)
         order = np.argsort(enter)
