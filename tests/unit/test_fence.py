@@ -30,7 +30,7 @@ BUDGETS: dict[str, int] = {
     "cli": 3184,
     "dit": 5414,
     "drivers": 5450,
-    "gpu": 1167,
+    "gpu": 1066,
     "io": 1527,
     "kernels": 3008,
     "medium": 1757,
