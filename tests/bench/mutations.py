@@ -24,7 +24,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,6 +39,7 @@ TIERS = {
     SECOND: "slow and not long and not hardware",
 }
 PATIENCE_S = 7200
+ENDLESS = f"no end within {PATIENCE_S} s"
 NOTHING_RAN = 5  # pytest's status if no test was selected
 
 
@@ -268,54 +269,67 @@ def copy(to: Path) -> None:
             shutil.copy2(file, to)
 
 
-def spoil(tree: Path, mutation: Mutation) -> str:
-    """Makes the change; returns the text of the file before it."""
-    path = tree / mutation.file
-    text = path.read_text(encoding="utf-8")
-    count = text.count(mutation.old)
-    if count != 1:
-        sys.exit(f"{mutation.file}: {mutation.old!r} occurs {count} times; allowed: once")
-    path.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
-    return text
+@dataclass
+class Runner:
+    """Runs tests in the copy of the tree; a test that fails on whole code counts for nothing."""
 
+    tree: Path
+    workers: int
+    environment: dict[str, str]
+    broken: set[str] = field(default_factory=set)
 
-def failed(
-    tree: Path, tests: Sequence[str], marks: str, workers: int, environment: dict[str, str]
-) -> str | None:
-    """First test that fails, None if all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", marks]
-    if workers > 1:
-        command += ["-n", str(workers), "--dist", "worksteal"]
-    try:
-        ran = subprocess.run(
-            [*command, *tests],
-            cwd=tree,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=PATIENCE_S,
-        )
-    except subprocess.TimeoutExpired:
-        return f"no end within {PATIENCE_S} s"
-    if ran.returncode in (0, NOTHING_RAN):
-        return None
-    lines = [line for line in ran.stdout.splitlines() if line.startswith(("FAILED", "ERROR "))]
-    if ran.returncode in (1, 2) and lines:
-        return lines[0]
-    return sys.exit(f"{tests}: pytest ended with {ran.returncode}\n{ran.stdout[-2000:]}")
+    def failed(self, tests: Sequence[str], marks: str) -> str | None:
+        """Name of the first test that fails, None if all pass."""
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "-m",
+            marks,
+        ]
+        command += [f"--deselect={test}" for test in self.broken]
+        if self.workers > 1:
+            command += ["-n", str(self.workers), "--dist", "worksteal"]
+        try:
+            ran = subprocess.run(
+                [*command, *tests],
+                cwd=self.tree,
+                env=self.environment,
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=PATIENCE_S,
+            )
+        except subprocess.TimeoutExpired:
+            return ENDLESS
+        if ran.returncode in (0, NOTHING_RAN):
+            return None
+        for line in ran.stdout.splitlines():
+            if line.startswith(("FAILED ", "ERROR ")):
+                return line.partition(" ")[2].partition(" - ")[0]
+        return sys.exit(f"{tests}: pytest ended with {ran.returncode}\n{ran.stdout[-2000:]}")
 
-
-def caught(
-    tree: Path, mutation: Mutation, workers: int, environment: dict[str, str], *, short: bool
-) -> tuple[str, str]:
-    """Tier that notices, "" if none does; and the test that fails."""
-    for tier, marks in TIERS.items():
-        for tests in (mutation.tests, *(() if short else [(each,) for each in FOR_ALL])):
-            found = failed(tree, tests, marks, workers, environment)
-            if found is not None:
-                return tier, found
-    return "", ""
+    def caught(self, mutation: Mutation, *, short: bool) -> tuple[str, str]:
+        """Tier that notices, "" if none does; and the test that fails."""
+        path = self.tree / mutation.file
+        whole = path.read_text(encoding="utf-8")
+        spoiled = whole.replace(mutation.old, mutation.new)
+        for tier, marks in TIERS.items():
+            for tests in (mutation.tests, *(() if short else [(each,) for each in FOR_ALL])):
+                while True:
+                    path.write_text(spoiled, encoding="utf-8")
+                    found = self.failed(tests, marks)
+                    path.write_text(whole, encoding="utf-8")
+                    if found is None:
+                        break
+                    if found == ENDLESS or self.failed((found,), marks) is None:
+                        return tier, found
+                    self.broken.add(found)
+        return "", ""
 
 
 def wrong_rows(tree: Path, numbers: Iterable[int]) -> list[str]:
@@ -356,17 +370,17 @@ def main() -> None:
         ).split()
         if len(found) != 3 or not all(Path(path).is_relative_to(tree) for path in found):
             sys.exit(f"the copy's code is not what runs: {found}")
+        runner = Runner(tree, chosen.workers, environment)
         for number in numbers:
             mutation, start = MUTATIONS[number], time.monotonic()
-            before = spoil(tree, mutation)
-            tier, test = caught(tree, mutation, chosen.workers, environment, short=chosen.short)
-            (tree / mutation.file).write_text(before, encoding="utf-8")
+            tier, test = runner.caught(mutation, short=chosen.short)
             tally[tier] += 1
             print(f"{number:2d} {mutation.file}: {mutation.old.strip()[:60]}")
             seconds = f"{time.monotonic() - start:.0f} s"
             print(f"   {tier or 'missed'}, {seconds}: {test[:150]}", flush=True)
     both = tally[FIRST] + tally[SECOND]
     print(f"of {len(numbers)}: {both} caught, {tally[FIRST]} of them in the first tier")
+    print("fail on whole code:", ", ".join(sorted(runner.broken)) or "none")
 
 
 if __name__ == "__main__":
