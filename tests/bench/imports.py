@@ -31,7 +31,7 @@ _HEAD = (
     "cldit, s",
     "with --out, GB",
     "with --out, s",
-    "said before, GB",
+    "expected, GB",
     "memory / vtk",
     "time / vtk",
 )
@@ -106,9 +106,9 @@ def imports(say: Say, large: tuple[Large, ...] = CASES) -> Part:
         tables=(Table.of(_HEAD, rows),),
         data=data,
         text=(
-            "Peak resident memory (VmHWM) and CPU seconds of a process of its own, from its start: "
-            "vtk's reader of the same files, `cldit import CASE`, and the same with `--out`. Said "
-            "before: what cldit reckons with before it reads, and refuses where less is free.",
+            "Peak resident memory (VmHWM) and CPU seconds of a process of its own: vtk's reader of "
+            "the same files, `cldit import CASE`, and the same with `--out`. Expected: the memory "
+            "that cldit estimates before it reads; it refuses if less is free.",
         ),
     )
 

@@ -1,12 +1,11 @@
-"""What `cldit acquire --live` costs: the time between shots with it over that without.
+"""Cost of `cldit acquire --live`: time between shots with it over that without.
 
-    python -m tests.bench.live_timing [PAIRS]
+    python -m tests.bench live_timing [PAIRS]
 
 The simulated rig takes full frames (640 x 512) in a terminal of its own (a pty), with and without
-`--live` in turns (ABBA), so that what else the computer does falls on both. When each shot was on
-the disk is the time of its file; the clock of the rig is not the computer's. Two rigs: one without
-any waiting, where a process that looks on has the most to take away, and one with 0.2 s between
-shots, faster than an injector is fired.
+`--live` in turns (ABBA), so that other work on the computer affects both. The time of a shot is
+that of its file, as the clock of the rig is simulated. Two rigs: one without any waiting, which an
+observing process slows most, and one with 0.2 s between shots, faster than an injector is fired.
 """
 
 from __future__ import annotations

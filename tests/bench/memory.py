@@ -76,8 +76,8 @@ def memory(scene: Scene, device: Device, *, say: Say) -> Part:
         data=data,
         text=(
             "Peak resident memory (VmHWM) of a process that makes the whole run: spray, optics, "
-            "octree, trace, evaluation; the last row is what `cldit run` does. On a CPU the "
-            "device's buffers are in it.",
+            "octree, trace, evaluation. The last row is that of `cldit run`. On a CPU it includes "
+            "the device buffers.",
         ),
     )
 

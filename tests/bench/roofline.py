@@ -141,23 +141,18 @@ def roofline(case: Case, *, directions: int = 96) -> Part:
         tables=(table,),
         data={"machine": asdict(machine), "lines": [asdict(line) for line in lines]},
         text=(
-            f"Measured in the same run, for each core second: {machine.bytes_per_s / 1e9:.1f} GB "
+            f"Per core second, measured in the same run: {machine.bytes_per_s / 1e9:.1f} GB "
             f"copied (read and written), {machine.flops_per_s / 1e9:.1f} Gflop in single "
             f"precision, {machine.exps_per_s / 1e9:.2f} G exponentials. The roofline is the larger "
-            "of the time that the counted bytes and that the counted operations take.",
-            "What is left, as far as it is known. *Sweep*: every step of a direction looks up "
-            "where its rays are, for each row, also of a few cells; a tile's rays and cells lie "
-            "in the cache, but rays not as vectors do, for they go from cell to cell; filling the"
-            " source and collecting I - S are part of it. One cell at a time shows what vectors "
-            "give, and tiles, of which it then has none. *Image*: every step depends on the one "
-            "before (which cell comes next, then its brick, then its depth), so it waits for "
-            "conversions and dependent loads and not for bandwidth, and neighbouring pixels "
-            "branch differently, so nothing is done eight at a time; the traversal alone, with no"
-            " light, takes most of it. *Path segments*: eight cells at once wait for each other's"
-            " loads, which come from eight places, and are put together one by one, as is what "
-            "each cell sends; segments begin and end one by one, each in another cell and in "
-            "another line of the radiance at interfaces, which is larger than the cache. One at a"
-            " time shows what vectors give.",
+            "of the times of the counted bytes and of the counted operations.",
+            "- **Sweep.** Every step of a direction looks up the position of its rays for each "
+            "row, however short. Rays move from cell to cell, so they are not contiguous vectors. "
+            "Filling the source and collecting the residual are included.\n"
+            "- **Image.** Each step depends on the one before (next cell, its brick, its depth), "
+            "so it waits for dependent loads, not for bandwidth. Neighbouring pixels branch "
+            "differently, so it is not vectorised. The traversal alone takes most of the time.\n"
+            "- **Path segments.** Eight cells at once wait for loads from eight places, and their "
+            "results are combined one by one.",
         ),
     )
 
@@ -172,7 +167,8 @@ def _sweeps(machine: Machine, kernels: Kernels, directions: int) -> list[Line]:
     def wide(some: NDArray[np.bool_]) -> int:
         """Cells of the groups along x that hold any."""
         dense = cells.dense(box, some)
-        groups = dense.reshape(*dense.shape[:2], -1, min(8, dense.shape[2]))
+        dense = np.pad(dense, ((0, 0), (0, 0), (0, -dense.shape[2] % 8)))
+        groups = dense.reshape(*dense.shape[:2], -1, 8)
         return 8 * int(groups.any(axis=3).sum())
 
     lit, computed = wide(scatters), wide(cells.depth > 0)
@@ -222,7 +218,7 @@ def _images(machine: Machine, kernels: Kernels) -> list[Line]:
         trace = Line.of(
             machine,
             "image, as traces make it",
-            work + ", two pictures, sources that change across cells",
+            work + ", two images, sources linear in cells",
             kernels.image(images=2, linear=True).core_s,
             moved=walked + _REAL_BYTES * (record + sources) * through + 2 * out,
             flops=IMAGE_STEP * total + (IMAGE_CELL + 2 * IMAGE_SOURCE * sources) * through,
