@@ -1,4 +1,4 @@
-"""Which pixels of a large picture are drawn, and that sums over them are those of the picture."""
+"""Drawn pixels of a large image, and sums over them, which are those of the image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far pictures are apart beyond their noise, on pictures whose noise is known."""
+"""Difference of images without their noise, on images whose noise is known."""
 
 from __future__ import annotations
 

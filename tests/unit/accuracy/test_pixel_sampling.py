@@ -1,4 +1,4 @@
-"""The error by pixel sampling, on pictures that are known between the pixels."""
+"""The error by pixel sampling, on images that are known between the pixels."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
     assert len(sample.pixels) < COUNT**2 / 10
     some = many.map(lambda image: image.reshape(1, -1)[:, sample.pixels])
     prepared: Any = SimpleNamespace()
-    picture = ImagePair(seen, subpixels=Subpixels(sample, 4 * across, some, None))
-    found = pixel_sampling.pixel_error(scene, prepared, picture)
+    image = ImagePair(seen, subpixels=Subpixels(sample, 4 * across, some, None))
+    found = pixel_sampling.pixel_error(scene, prepared, image)
     true = float(np.sqrt(np.mean((temperature(seen) - temperature(mean)) ** 2)))
     assert found.map_K is not None and found.map_K.shape == (COUNT, COUNT)
     assert found.error_K is not None
@@ -94,7 +94,7 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
 
 
 def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A picture that is even but for the noise of its halves, 0.7 K each, which the sample does not
+    """An image that is even but for the noise of its halves, 0.7 K each, which the sample does not
     share: their differences from it are of 1 K each, and their product of 1 K^2. In 400 pixels it
     has a doubt of 1 / 20, and by the noise of each as much again: 0.07 K^2. Three of them and
     the doubt that is added are less than the noise of the mean, 0.5 K^2.
@@ -116,8 +116,8 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     sample = PixelSample(np.arange(count) * 9, np.full(count, 1 / 9))
     some, apart = noisy((1, count))
     prepared: Any = SimpleNamespace()
-    picture = ImagePair(mean, half, Subpixels(sample, 4, some, apart))
-    error_K = pixel_sampling.pixel_error(scene, prepared, picture).error_K
+    image = ImagePair(mean, half, Subpixels(sample, 4, some, apart))
+    error_K = pixel_sampling.pixel_error(scene, prepared, image).error_K
     assert error_K is not None and error_K**2 < 4 * 0.07
 
 
