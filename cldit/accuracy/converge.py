@@ -45,8 +45,8 @@ _MOST_RATIO = 4.0  # of an error to its share, in one refinement: a smaller shar
 class Result:
     """The solution of a problem at one resolution.
 
-    trace_error: None if nothing scatters. estimates: by source, and errors, their sum: None without
-    audit. error_maps: of `errors` (H, W), by source.
+    trace_error: None if nothing scatters. estimates: by source, empty without audit.
+    error_maps: of `errors` (H, W), by source.
     """
 
     resolution: Resolution
@@ -58,9 +58,13 @@ class Result:
     sensor: SensorModel
     trace_error: TraceError | None
     estimates: tuple[Estimate, ...] = ()
-    errors: Errors | None = None
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     refinements: int = 0
+
+    @property
+    def errors(self) -> Errors:
+        """Errors by source, and their sum."""
+        return Errors.of(one.cause for one in self.estimates)
 
     @property
     def quadrature(self) -> Quadrature:
@@ -128,7 +132,7 @@ def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> R
 def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Result:
     """The result with the error of each source."""
     if problem.is_clear(tracer.prepared):
-        return replace(result, errors=Errors.of([]))
+        return result
     scene, traces, depth = problem.scene, result.traces, result.resolution.depth
     assert depth is not None
     image = ImagePair.of(traces.traces[tracer.prepared.number])
@@ -150,16 +154,13 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     )
     estimates = tuple(one for source in SOURCES for one in at.of(source))
     problem.estimates = {one.name: at.of(one) for one in SOURCES if one.of_spray}
-    errors = Errors.of(one.cause for one in estimates)
     maps_K = {one.cause.name: one.map_K for one in estimates if one.map_K is not None}
     trace_error = result.trace_error
-    return replace(
-        result,
-        trace_error=None if trace_error is None else trace_error.beyond(at.error_K(CELLS)),
-        estimates=estimates,
-        errors=errors,
-        error_maps=error_maps(errors, maps_K, result.maps.has_temperature),
-    )
+    if trace_error is not None:
+        trace_error = trace_error.beyond(at.error_K(CELLS))
+    result = replace(result, trace_error=trace_error, estimates=estimates)
+    maps = error_maps(result.errors, maps_K, result.maps.has_temperature)
+    return replace(result, error_maps=maps)
 
 
 def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, Allocation] | None]:
@@ -177,7 +178,7 @@ def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, 
 def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | None:
     """Allocates anew the part of the tolerance that irreducible errors leave."""
     tolerance_K = result.allocation.tolerance_K
-    if result.errors is None or not result.errors.exceed(tolerance_K):
+    if not result.errors.exceed(tolerance_K):
         return None
     known = {one.cause.name: one for one in result.estimates if one.error_K is not None}
     errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
@@ -207,7 +208,5 @@ def _reducible(problem: Problem, result: Result) -> set[str]:
 
 def _exceeds(result: Result, before: Result) -> bool:
     """True if the error of a result is known to exceed that of the one before."""
-    if result.errors is None or before.errors is None:
-        return False
     now_K, then_K = result.errors.total_K, before.errors.total_K
     return now_K is not None and then_K is not None and now_K > then_K

@@ -13,21 +13,15 @@ if TYPE_CHECKING:
     from cldit.accuracy.converge import Result
 
 
-def refinement(errors: Errors | None, number: int, most: int) -> tuple[str, ...]:
+def refinement(errors: Errors, number: int, most: int) -> tuple[str, ...]:
     """Remark that the image is traced again."""
-    largest = None if errors is None else errors.largest()
-    if errors is None or largest is None:
-        return ()
-    return (
-        f"error {errors.text}, {largest.text} of it by {largest.name}: refinement {number} of at "
-        f"most {most}",
-    )
+    largest = errors.largest()
+    by = "" if largest is None else f", {largest.text} of it by {largest.name}"
+    return (f"error {errors.text}{by}: refinement {number} of at most {most}",)
 
 
-def kept(before: Errors | None, errors: Errors | None) -> tuple[str, ...]:
+def kept(before: Errors, errors: Errors) -> tuple[str, ...]:
     """Remark that a refinement is discarded."""
-    if before is None or errors is None:
-        return ()
     return (
         f"refinement did not help (error {errors.text}): the previous image is kept "
         f"({before.text})",
@@ -38,7 +32,7 @@ def final(scene: Scene, result: Result) -> Iterator[str]:
     """Remarks on unknown errors, and on an error that exceeds the tolerance."""
     error, transport = result.trace_error, scene.transport
     yield from result.traces.short
-    if result.errors is None:
+    if not transport.audit:
         yield from () if error is None else error.remarks(transport)
         return
     yield from () if error is None else error.unknown_remarks

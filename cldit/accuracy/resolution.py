@@ -81,31 +81,24 @@ class Resolution:
         return replace(self, limits=limits | ({source: why} if why else {}))
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for run.json, with the keys of `from_dict`."""
-        return {
-            "trace_K": self.ordinates_K,
-            "spectral_K": self.spectral_K,
-            "size_classes": self.size_classes,
-            "spacing_m": self.spacing_m,
-            "domain_m": self.domain_m,
-            "depth": self.depth,
-            "lattice_of_m": self.cube_m,
+        """Plain data for the `plan` of run.json, with the keys of version 0.1.0."""
+        limits = {
             "limited": self.limits.get("cells", ""),
             "finest_lattice": "gas grid" in self.limits,
         }
+        return {key: getattr(self, name) for key, name in _STORED.items()} | limits
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Resolution:
-        """Reads the `plan` of a run.json, also of version 0.1.0."""
-        return cls(
-            ordinates_K=data["trace_K"],
-            spectral_K=data["spectral_K"],
-            size_classes=data["size_classes"],
-            spacing_m=data["spacing_m"],
-            domain_m=data["domain_m"],
-            depth=data["depth"],
-            cube_m=data["lattice_of_m"],
-        )
+        """Reads the `plan` of a run.json; raises KeyError where it is damaged."""
+        return cls(**{name: data[key] for key, name in _STORED.items()})
+
+
+_STORED = {
+    "trace_K": "ordinates_K",
+    "lattice_of_m": "cube_m",
+    **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
+}  # attributes by their keys
 
 
 def cells_are_free(scene: Scene) -> bool:

@@ -20,9 +20,9 @@ def run_info(problem: Problem, result: Result, from_paper: Difference | None) ->
     """Metadata of a run; `from_paper` is the difference from the paper's optical properties."""
     device, stages, scene, medium = problem.device, problem.stages, problem.scene, result.medium
     last = result.traces.traces[-1]  # all are compiled alike
-    errors = result.errors
-    if errors is not None:
-        errors = replace(errors, model=model_spread(scene, from_paper))
+    errors = None
+    if scene.transport.audit:
+        errors = replace(result.errors, model=model_spread(scene, from_paper))
     trace_error = result.trace_error
     return RunInfo(
         device=f"{device.info.index} {device.info.name} ({device.info.platform})",

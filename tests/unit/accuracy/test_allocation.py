@@ -12,7 +12,7 @@ import pytest
 
 from cldit.accuracy.allocation import Allocation, free_sources
 from cldit.accuracy.converge import Result, refine
-from cldit.accuracy.errors import Cause, Errors, Estimate
+from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, lattice_is_cells
 from cldit.accuracy.sources import BY_NAME
@@ -69,7 +69,6 @@ def refined(
         sensor=NOTHING,
         trace_error=SimpleNamespace(can_shrink=True),  # type: ignore[arg-type]
         estimates=tuple(estimates),
-        errors=Errors.of(one.cause for one in estimates),
     )
     problem = Problem(scene, NOTHING, Stages(None), Path(), None)
     empty = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)

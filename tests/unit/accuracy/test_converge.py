@@ -11,7 +11,7 @@ import pytest
 from cldit.accuracy import converge as converging
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.converge import Result, converge
-from cldit.accuracy.errors import Cause, Errors, Estimate
+from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
 from cldit.prepare.stages import Stages
@@ -45,7 +45,6 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
             allocation=allocation,
             traces=nothing,
             estimates=(Estimate(cause),),
-            errors=Errors.of([cause]),
             **parts,
         )
 
@@ -57,7 +56,7 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     nothing: Any = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)
     problem._prepared = (), nothing
     kept = converge(problem, scene.transport.accuracy_K)
-    assert kept.errors is not None and kept.errors.total_K == kept_K
+    assert kept.errors.total_K == kept_K
     assert not left
     worse = found_K[-1] > kept_K
     assert any("is kept" in remark for remark in stages.remarks) == worse
