@@ -13,9 +13,15 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from cldit.acquisition.frames import FrameReader
 from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, parse_source
-from cldit.acquisition.pictures.temperatures import read_temperatures
-from cldit.acquisition.pictures.told import check_exposures, check_times, read_times, told_lines
+from cldit.acquisition.pictures.told import (
+    check_exposures,
+    check_times,
+    read_temperatures,
+    read_times,
+    told_lines,
+)
 from cldit.acquisition.plan import Kind
+from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.acquisition.witness_names import Acceptable
 from cldit.camera.calibration import Calibration
 from cldit.errors import EvaluationError, SceneError
@@ -198,6 +204,11 @@ def is_measured(path: str | Path) -> bool:
     """
     path = Path(path)
     return (path / MEASURED).is_file() if path.is_dir() else path.suffix in (".yaml", ".yml")
+
+
+def open_recorded(path: str | Path, *, frame: int = 0) -> Acquisition | Measured:
+    """Opens measured data or an acquisition, of which `frame` selects the image of each shot."""
+    return open_measured(path) if is_measured(path) else open_acquisition(path, frame=frame)
 
 
 def open_measured(path: str | Path) -> Measured:

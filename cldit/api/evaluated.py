@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cldit.acquisition.measured import Measured, is_measured, open_measured
-from cldit.acquisition.record import acquisition_in, open_acquisition
+from cldit.acquisition.measured import Measured, open_recorded
+from cldit.acquisition.record import acquisition_in
 from cldit.api.folder_evaluation import evaluate_folder, evaluate_scattering
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.io.presented import xarray_module
@@ -75,7 +75,7 @@ def evaluate(
             "medium_temperature_standard_error_K": (medium.standard_error_K, "K", "its error"),
             "scattered_share": (medium.share, "1", "scattered share of the radiance"),
         }
-    opened = open_measured(place) if is_measured(place) else open_acquisition(place, frame=frame)
+    opened = open_recorded(place, frame=frame)
     return labelled_maps(
         found.maps,
         title=opened.name if isinstance(opened, Measured) else place.resolve().name,

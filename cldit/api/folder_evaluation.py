@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.acquisition.measured import Measured, is_measured, open_measured
+from cldit.acquisition.measured import Measured, is_measured, open_measured, open_recorded
 from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
@@ -223,7 +223,7 @@ def evaluate_scattering(
     Raises:
         EvaluationError: the model's sensor has another number of pixels.
     """
-    opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    opened = open_recorded(folder)
     view = SensorView.from_scene(model.scene)
     spray, reference = (
         weights.map(lambda image: view.image(image).astype(np.float32))

@@ -1,25 +1,114 @@
-"""Metadata of image files: time and exposure of each image.
+"""Values of each image: time, exposure and temperature, from tables, data sets or the files.
 
-Only metadata that a format defines is read: headers of Telops' films, OME-XML, Exif's exposure and
-original time, NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which an export
-renews.
+Of the files, only metadata that a format defines is read: headers of Telops' films, OME-XML, Exif's
+exposure and original time, NeXus' NXdetector. TIFF's own date (tag 306) is that of the file, which
+an export renews.
 """
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from cldit.acquisition.pictures.columns import read_numbers
-from cldit.acquisition.pictures.source import Told, moment_s
+from cldit.acquisition.pictures.hdf5 import read_line
+from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
 from cldit.errors import EvaluationError
+from cldit.io.files import read_text
 
 _SAME = 0.01  # relative: registers of cameras round their exposure
 _SAME_s = 1.0  # clocks that show whole seconds
+_FAR_K = 30.0  # from the set point: another unit, or another column
+
+
+def read_numbers(
+    folder: Path,
+    given: Sequence[float] | str,
+    *,
+    column: str,
+    allowed: str = "a number",
+    convert: Callable[[str], float] = float,
+) -> list[float]:
+    """Reads numbers in the order of the images.
+
+    Args:
+        folder: base of relative paths.
+        given: the numbers; or `log.csv::column` or `run.nxs::/entry/log`, with [first:last] or
+            without.
+        column: of a table named without one.
+        allowed: description of a valid cell, for messages.
+        convert: turns a cell into its number, or raises ValueError.
+
+    Raises:
+        EvaluationError: unreadable.
+    """
+    if not isinstance(given, str):
+        return list(given)
+    pattern, source = parse_source(given)
+    source = replace(source, path=folder / pattern)
+    try:
+        if source.path.suffix.lower() in (".csv", ".txt"):
+            return _column(source, column, allowed, convert)
+        return [float(one) for one in read_line(source)]
+    except OSError as error:
+        raise EvaluationError(f"{source.text}: cannot be read ({error})") from error
+
+
+def _column(
+    source: Source, column: str, allowed: str, convert: Callable[[str], float]
+) -> list[float]:
+    lines = read_text(source.path).splitlines()
+    between = ";" if lines and ";" in lines[0] else ","
+    rows = list(csv.DictReader(lines, delimiter=between))
+    names = [name.strip() for name in (lines[0].split(between) if lines else [])]
+    name = source.dataset or column
+    if name not in names:
+        raise EvaluationError(f"{source.path}: no column {name}; it has {', '.join(names)}")
+    found = []
+    for number, row in enumerate(rows[source.first : source.last], start=source.first + 2):
+        value = {key.strip(): one for key, one in row.items() if isinstance(key, str)}[name]
+        try:
+            found.append(convert(value if between == "," else value.replace(",", ".")))
+        except (TypeError, ValueError, AttributeError) as error:
+            raise EvaluationError(
+                f"{source.path}, line {number}: {name} is {value!r}; allowed: {allowed}"
+            ) from error
+    return found
+
+
+def read_temperatures(
+    folder: Path, given: Sequence[float] | str, *, where: str, count: int, setpoint_K: float
+) -> list[float]:
+    """Reads temperatures in kelvin, in the order of the images.
+
+    Args:
+        folder, given: as for `read_numbers`.
+        where: names the images in messages.
+        count: number of images.
+        setpoint_K: readings must be near it.
+
+    Raises:
+        EvaluationError: unreadable, not one per image, or far from the set point.
+    """
+    text = str(list(given)) if not isinstance(given, str) else given
+    found = read_numbers(folder, given, column="temperature_K")
+    if len(found) != count:
+        raise EvaluationError(
+            f"{where}: {count} images and {len(found)} temperatures ({text}); allowed: one each"
+        )
+    for number, kelvin in enumerate(found):
+        if not (math.isfinite(kelvin) and abs(kelvin - setpoint_K) <= _FAR_K):
+            hint = ", degrees Celsius?" if abs(kelvin + 273.15 - setpoint_K) <= _FAR_K else ""
+            raise EvaluationError(
+                f"{where}: temperature {number} is {kelvin:g}{hint} ({text}); allowed: kelvin "
+                f"within {_FAR_K:g} K of temperature_K"
+            )
+    return found
 
 
 def _number_or_moment(text: str) -> float:

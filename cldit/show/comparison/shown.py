@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
-from cldit.acquisition.measured import Measured, is_measured, open_measured
-from cldit.acquisition.record import open_acquisition
+from cldit.acquisition.measured import Measured, open_recorded
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -65,7 +64,7 @@ def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown
     if (place / "scene.yaml").is_file():
         run = open_run(place)
         return _recorded_by(run, str(place)) if acquired else _traced(run, str(place))
-    opened = open_measured(place) if is_measured(place) else open_acquisition(place)
+    opened = open_recorded(place)
     if not isinstance(opened, Measured) and len(opened.plan.delays) > 1:
         raise RunFolderError(
             f"{place}: contains {len(opened.plan.delays)} delays; allowed: an acquisition of one"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Cause
-from cldit.acquisition.measured import Measured, is_measured, open_measured
+from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow
@@ -324,16 +324,12 @@ def write_pages(folder: str | Path) -> tuple[Path, ...]:
     Raises:
         RunFolderError: a file is missing or damaged.
     """
-    found = _opened(folder)
+    found = open_recorded(folder)
     frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
     return tuple(
         write_evaluation_page(place, frame, title=f"{_name(found)}: DIT of the shots{when}")
         for place, when in _evaluated(found)
     )
-
-
-def _opened(folder: str | Path) -> Acquisition | Measured:
-    return open_measured(folder) if is_measured(folder) else open_acquisition(folder)
 
 
 def _name(found: Acquisition | Measured) -> str:
@@ -372,7 +368,7 @@ def show_folder(folder: str | Path) -> Path:
     if (place / "scene.yaml").is_file():
         write_figures(open_run(place))
         return place / "pictures" / "maps.png"
-    found = _opened(place)
+    found = open_recorded(place)
     if not (found.folder / "maps").is_dir():
         raise RunFolderError(
             f"{found.folder}: is not evaluated yet; run `cldit evaluate {found.folder}` first"

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.measured import Measured, is_measured, open_measured
-from cldit.acquisition.record import maps_folder, open_acquisition
+from cldit.acquisition.measured import Measured, is_measured, open_recorded
+from cldit.acquisition.record import maps_folder
 from cldit.acquisition.storage import PLAN
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -91,7 +91,7 @@ def _time_s(run: Path) -> float:
 
 def _measured_items(folder: Path) -> Iterator[Item]:
     """Evaluated delays of an acquisition, or measured data; the page shows the maps as stored."""
-    opened = open_measured(folder) if is_measured(folder) else open_acquisition(folder)
+    opened = open_recorded(folder)
     delays = () if isinstance(opened, Measured) else opened.plan.delays
     place = opened.folder.resolve()
     name = f"{place.parent.name}, acquired" if place.name == "acquisition" else place.name

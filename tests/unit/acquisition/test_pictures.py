@@ -17,8 +17,8 @@ from PIL import Image
 from cldit.acquisition import frames
 from cldit.acquisition.frames import FrameReader, open_stack
 from cldit.acquisition.pictures.source import Source, parse_source
-from cldit.acquisition.pictures.temperatures import read_temperatures
 from cldit.acquisition.pictures.tiff import turned
+from cldit.acquisition.pictures.told import read_temperatures
 from cldit.errors import EvaluationError
 
 SHAPE = (6, 5, 7)
