@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
+from functools import partial
 from math import pi
 
 import numpy as np
@@ -137,19 +138,20 @@ def _without(truth: Traced) -> Iterator[Estimator]:
         )
 
     yield Estimator("plain DIT", "nothing", lambda maps: plain(maps["as it is"]), Knows.NOTHING)
-    yield Estimator(
-        "plain DIT as a bound",
-        "T_wall",
-        lambda maps: away_from_walls(maps["as it is"]),
-        Knows.RIG,
-    )
-    yield Estimator(
+    bound = "plain DIT as a bound", "T_wall", lambda maps: away_from_walls(maps["as it is"])
+    all_round = (
         "background all round",
         "walls that follow it",
         lambda maps: plain(maps["all round"]),
-        Knows.RIG,
     )
+    yield Estimator(*bound, Knows.RIG)
+    yield Estimator(*all_round, Knows.RIG)
     own = [patch for patch in truth.scene.patches if patch.name not in PLATES]
+    names = ["as it is", "colder walls", *(f"warmer {patch.name}" for patch in own)]
+
+    def varied(maps: Seen, parts: list[dict[str, float]]) -> Said:
+        return Said.of_medium(medium_of_enclosures([maps[name] for name in names], parts, curve))
+
     for error_K in (0.0, WALL_ERROR_K):
         colder_K = walls_K - WALLS_APART_K
         parts = [
@@ -157,20 +159,10 @@ def _without(truth: Traced) -> Iterator[Estimator]:
             truth.enclosure({WALL: colder_K + error_K}),
             *(truth.enclosure({p.name: p.temperature_K + WALLS_APART_K}) for p in own),
         ]
-        names = ["as it is", "colder walls", *(f"warmer {patch.name}" for patch in own)]
-
-        def varied(
-            maps: Seen, parts: list[dict[str, float]] = parts, names: list[str] = names
-        ) -> Said:
-            return Said.of_medium(
-                medium_of_enclosures([maps[name] for name in names], parts, curve)
-            )
-
         needs = f"{walls_K:g} and {colder_K:g} K"
-        if error_K:
-            yield Estimator("two walls", f"{needs}, one {error_K:g} K off", varied, Knows.RIG_WRONG)
-        else:
-            yield Estimator("two walls", needs, varied, Knows.RIG)
+        needs += f", one {error_K:g} K off" if error_K else ""
+        knows = Knows.RIG_WRONG if error_K else Knows.RIG
+        yield Estimator("two walls", needs, partial(varied, parts=parts), knows)
 
 
 def _plates(truth: Traced) -> Iterator[Estimator]:
@@ -201,14 +193,10 @@ def _plates(truth: Traced) -> Iterator[Estimator]:
         both = [maps["as it is"], maps[f"cold {name}"]]
         return measured_share(both, parts, curve, part=name)
 
-    def one(name: str) -> Callable[[Seen], Said]:
+    def one(maps: Seen, name: str) -> Said:
         factor = whole / angles[name]
-
-        def say(maps: Seen) -> Said:
-            share, error = plate(maps, name)
-            return medium(maps, factor * share, factor * error)
-
-        return say
+        share, error = plate(maps, name)
+        return medium(maps, factor * share, factor * error)
 
     def three(maps: Seen) -> Said:
         found = [(zones[name] / angles[name], *plate(maps, name)) for name in PLATES]
@@ -219,7 +207,7 @@ def _plates(truth: Traced) -> Iterator[Estimator]:
     yield Estimator("two discs", "radii 1 and 1.5", larger, Knows.RIG)
     for name, place in (("beside", "beside"), ("before", "on the camera's side")):
         needs = f"{place}, {PLATE_APART_K:g} K below the walls"
-        yield Estimator("cold plate", needs, one(name), Knows.RIG)
+        yield Estimator("cold plate", needs, partial(one, name=name), Knows.RIG)
     yield Estimator("three cold plates", "behind, beside, on the camera's side", three, Knows.RIG)
 
 
@@ -241,30 +229,24 @@ def _filters(scene: Scene, other: Scene) -> Iterator[Estimator]:
         )
         return first, last
 
-    def known(factor: float) -> Callable[[Seen], Said]:
-        def say(maps: Seen) -> Said:
-            size = factor * _SAUTER_UM
-            band, _ = bands(maps, 1.0)
-            return Said.of(*one_filter(band, diameter_um=size, wall_temperature_K=walls_K))
+    def known(maps: Seen, factor: float) -> Said:
+        size = factor * _SAUTER_UM
+        band, _ = bands(maps, 1.0)
+        return Said.of(*one_filter(band, diameter_um=size, wall_temperature_K=walls_K))
 
-        return say
-
-    def both(k: float) -> Callable[[Seen], Said]:
-        def say(maps: Seen) -> Said:
-            found = two_filters(bands(maps, k), wall_temperature_K=walls_K)
-            return Said(found.temperature_K, found.standard_error_K, found.low_K, found.high_K)
-
-        return say
+    def both(maps: Seen, k: float) -> Said:
+        found = two_filters(bands(maps, k), wall_temperature_K=walls_K)
+        return Said(found.temperature_K, found.standard_error_K, found.low_K, found.high_K)
 
     low, high = SECOND_FILTER_UM
     size, wrong = f"D32 {_SAUTER_UM:g} um, n and k", f"D32 {1.2 * _SAUTER_UM:g} um (wrong)"
-    yield Estimator("one filter, a slab", size, known(1.0), Knows.RIG)
-    yield Estimator("one filter, a slab", wrong, known(1.2), Knows.RIG_WRONG)
     needs = f"{low:g} to {high:g} um too, n and k"
-    yield Estimator("two filters, a slab", needs, both(1.0), Knows.RIG)
-    yield Estimator(
-        "two filters, a slab", "k 30 % larger in both (wrong)", both(1.3), Knows.RIG_WRONG
-    )
+    k_wrong = "k 30 % larger in both (wrong)"
+    one, two = "one filter, a slab", "two filters, a slab"
+    yield Estimator(one, size, partial(known, factor=1.0), Knows.RIG)
+    yield Estimator(one, wrong, partial(known, factor=1.2), Knows.RIG_WRONG)
+    yield Estimator(two, needs, partial(both, k=1.0), Knows.RIG)
+    yield Estimator(two, k_wrong, partial(both, k=1.3), Knows.RIG_WRONG)
 
 
 def curve_of(scene: Scene) -> Curve:
@@ -275,52 +257,39 @@ def curve_of(scene: Scene) -> Curve:
 def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> Iterator[Estimator]:
     low, high = SECOND_FILTER_UM
 
-    def medium(model: Traced, name: str) -> Callable[[Seen], Said]:
-        def say(maps: Seen) -> Said:
-            return Said.of_medium(medium_temperature(maps[name], model.scattered(), model.curve))
+    def medium(maps: Seen, model: Traced, name: str) -> Said:
+        return Said.of_medium(medium_temperature(maps[name], model.scattered(), model.curve))
 
-        return say
+    def droplets(maps: Seen, model: Traced) -> Said:
+        radiance = droplet_radiance(
+            maps["as it is"], model.weights, model.liquid_share, model.scattered(), model.curve
+        )
+        temperature_K = model.curve.temperature(radiance)
+        _, error = apparent(maps["as it is"], model.curve)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = model.liquid_share / (1.0 - model.weights.background.astype(float))
+            noise = error / share * model.curve.temperature_slope(radiance)
+        return Said.of(temperature_K, noise)
 
-    def droplets(model: Traced) -> Callable[[Seen], Said]:
-        def say(maps: Seen) -> Said:
-            radiance = droplet_radiance(
-                maps["as it is"], model.weights, model.liquid_share, model.scattered(), model.curve
-            )
-            temperature_K = model.curve.temperature(radiance)
-            _, error = apparent(maps["as it is"], model.curve)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                share = model.liquid_share / (1.0 - model.weights.background.astype(float))
-                noise = error / share * model.curve.temperature_slope(radiance)
-            return Said.of(temperature_K, noise)
-
-        return say
-
-    def spread(each: Mapping[str, Callable[[Seen], Said]]) -> Callable[[Seen], Said]:
+    def spread(maps: Seen, each: Mapping[str, Callable[[Seen], Said]]) -> Said:
         """Range of the bounds of all models, and its middle."""
+        said = [one(maps) for one in each.values()]
+        low_K = np.min([one.low_K for one in said], axis=0)
+        high_K = np.max([one.high_K for one in said], axis=0)
+        return Said(0.5 * (low_K + high_K), None, low_K, high_K)
 
-        def say(maps: Seen) -> Said:
-            said = [one(maps) for one in each.values()]
-            low_K = np.min([one.low_K for one in said], axis=0)
-            high_K = np.max([one.high_K for one in said], axis=0)
-            return Said(0.5 * (low_K + high_K), None, low_K, high_K)
-
-        return say
-
-    shares = {name: medium(model, "as it is") for name, model in models.items()}
-    alone = {name: droplets(model) for name, model in models.items()}
-    for name, say in shares.items():
-        yield Estimator("scattered share", f"model: {name}", say, _known(name))
-    yield Estimator("scattered share", "all models: a bound", spread(shares), Knows.MODELS)
-    for name, say in alone.items():
-        yield Estimator("droplets alone", f"model: {name}", say, _known(name), "droplets")
-    yield Estimator(
-        "droplets alone", "all models: a bound", spread(alone), Knows.MODELS, "droplets"
-    )
+    shares = {name: partial(medium, model=one, name="as it is") for name, one in models.items()}
+    alone = {name: partial(droplets, model=one) for name, one in models.items()}
+    for method, each, about in (
+        ("scattered share", shares, "medium"),
+        ("droplets alone", alone, "droplets"),
+    ):
+        for name, say in each.items():
+            knows = Knows.MODEL if name == RIGHT else Knows.MODEL_WRONG
+            yield Estimator(method, f"model: {name}", say, knows, about)
+        every = partial(spread, each=each)
+        yield Estimator(method, "all models: a bound", every, Knows.MODELS, about)
     method = f"{low:g} to {high:g} um, scattered share"
     for name in (RIGHT, LARGER):
-        say = medium(second[name], "second filter")
+        say = partial(medium, model=second[name], name="second filter")
         yield Estimator(method, f"model: {name}", say, Knows.OTHER_BAND, "droplets")
-
-
-def _known(model: str) -> Knows:
-    return Knows.MODEL if model == RIGHT else Knows.MODEL_WRONG
