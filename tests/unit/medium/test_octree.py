@@ -257,3 +257,15 @@ def test_boxes_of_the_cells_lattice_are_laid_in_them() -> None:
     np.testing.assert_allclose(
         together.fields["vapour_absorption"], single.fields["vapour_absorption"], rtol=2e-7
     )
+
+
+def test_slivers_beyond_a_face_are_kept() -> None:
+    """A box whose faces lie within 1e-6 cells of those of cells: its shares still sum to 1."""
+    off = np.array([-9e-7, -1e-9, 0.0, 1e-9, 9e-7])
+    lower, upper = (face.ravel() for face in np.meshgrid(2.0 + off, 5.0 + off))
+    boxes = PlacedBoxes(np.tile(lower[:, None], 3), np.tile(upper[:, None], 3))
+    total = np.zeros(len(lower))
+    for box, cell, share in boxes.overlaps():
+        assert cell.min() == 2 and cell.max() == 4  # and no cell beyond the face
+        np.add.at(total, box, share)
+    np.testing.assert_allclose(total, 1.0, rtol=1e-12)
