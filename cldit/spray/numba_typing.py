@@ -1,14 +1,25 @@
-"""Compiler of numba with types that mypy can check."""
+"""Compiler of numba with types that mypy can check.
+
+Compiled code is cached by the digest of the room's sources: numba itself looks only at the file of
+a function, and fails on a cached one whose argument types another file no longer has.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 
+from cldit.io.caches import default_cache
+from cldit.io.content import code_digest
+
 F = TypeVar("F", bound=Callable[..., object])
 
+numba.config.CACHE_DIR = str(
+    Path(numba.config.CACHE_DIR or default_cache() / "compiled") / code_digest("spray")
+)
 _HOW: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
