@@ -17,8 +17,9 @@ from cldit.io.content import code_digest
 
 F = TypeVar("F", bound=Callable[..., object])
 
-numba.config.CACHE_DIR = str(
-    Path(numba.config.CACHE_DIR or default_cache() / "compiled") / code_digest("spray")
+_CONFIG: Any = numba.config
+_CONFIG.CACHE_DIR = str(
+    Path(_CONFIG.CACHE_DIR or default_cache() / "compiled") / code_digest("spray")
 )
 _HOW: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
