@@ -18,7 +18,11 @@ _COEFFICIENTS = (
     "droplet_absorption_per_m",
     "droplet_scattering_per_m",
 )
-_TEMPERATURES = ("vapour_temperature_K", "droplet_temperature_K")
+_EMITTERS = {
+    "vapour_temperature_K": "vapour_absorption_per_m",
+    "droplet_temperature_K": "droplet_absorption_per_m",
+}
+_TEMPERATURES = tuple(_EMITTERS)
 _VECTORS = {"origin_m": (-100.0, 100.0), "spacing_m": (1e-9, 100.0)}
 _NAMES = (*_VECTORS, *_COEFFICIENTS, *_TEMPERATURES)
 
@@ -29,12 +33,14 @@ def read_grid(spec: GridSpray) -> Spray:
     The file contains `origin_m` (3,), the lower corner of the grid, `spacing_m` (3,), and any of
     the (nx, ny, nz) arrays `vapour_absorption_per_m`, `droplet_absorption_per_m`,
     `droplet_scattering_per_m`, `vapour_temperature_K`, `droplet_temperature_K`; a missing array is
-    zero. Voxels without absorption and scattering are omitted. The spray has `prescribed` and the
-    figures `voxels`, `voxels_filled` and the largest of each coefficient.
+    zero, and what absorbs needs a temperature. Voxels without absorption and scattering are
+    omitted. The spray has `prescribed` and the figures `voxels`, `voxels_filled` and the largest of
+    each coefficient.
 
     Raises:
         SprayError: the file is missing or not an .npz; an array is unknown, of another shape, not
-            real, not finite, or outside its range. The message names file and array.
+            real, not finite, or outside its range; the temperature of absorbing droplets or vapour
+            is missing. The message names file and array.
     """
     arrays = _load(spec.file)
     unknown = sorted(set(arrays) - set(_NAMES))
@@ -68,6 +74,13 @@ def read_grid(spec: GridSpray) -> Spray:
         _check(f"{spec.file}: {name}", values, low=0.0, high=high)
         if name in _COEFFICIENTS:
             filled |= values.reshape(-1) > 0.0
+    for temperature, absorption in _EMITTERS.items():
+        most = float(np.max(given.get(absorption, 0.0)))
+        if temperature not in given and most > 0.0:
+            raise SprayError(
+                f"{spec.file}: {temperature} is missing, but {absorption} is up to {most:g}; "
+                f"expected temperatures of shape {leading.shape}"
+            )
 
     index = np.flatnonzero(filled)
     nx, ny, nz = leading.shape

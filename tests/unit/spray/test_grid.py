@@ -30,7 +30,8 @@ def test_voxels_lie_where_their_index_says(tmp_path: Path) -> None:
     empty = random.random((3, 4, 5)) < 0.4
     for values in arrays.values():
         values[empty] = 0.0
-    arrays["vapour_temperature_K"] = random.uniform(300.0, 600.0, (3, 4, 5))
+    for name in ("vapour_temperature_K", "droplet_temperature_K"):
+        arrays[name] = random.uniform(300.0, 600.0, (3, 4, 5))
     spray = read_grid(spec(tmp_path, **FRAME, **arrays))
 
     given = spray.prescribed
@@ -46,7 +47,6 @@ def test_voxels_lie_where_their_index_says(tmp_path: Path) -> None:
     assert np.array_equal(given.cells.grid.index, np.ravel_multi_index((i, j, k), (3, 4, 5)))
     for name, values in arrays.items():
         assert np.array_equal(getattr(given, name), values[i, j, k])
-    assert not given.droplet_temperature_K.any()  # missing = 0
     # the voxels are all of one size: rounding of a coordinate of 1e-2 m against an edge of 5e-4 m
     assert given.cells.volume_m3 == pytest.approx(np.prod(SPACING), rel=1e-14)
 
@@ -60,6 +60,7 @@ def test_one_voxel_of_integers(tmp_path: Path) -> None:
     spray = read_grid(spec(tmp_path, **FRAME, droplet_scattering_per_m=np.full((1, 1, 1), 12)))
     assert spray.prescribed is not None
     assert spray.prescribed.droplet_scattering_per_m.tolist() == [12.0]
+    assert spray.prescribed.droplet_temperature_K.tolist() == [0.0]  # nothing emits
     assert spray.prescribed.cells.upper_m == pytest.approx((ORIGIN + SPACING)[None], rel=1e-15)
 
 
@@ -94,6 +95,14 @@ def _with(value: float) -> np.ndarray[Any, Any]:
         ({"droplet_absorption_per_m": _with(-1.0)}, r"-1 at \[1, 0, 2\] is outside"),
         ({"droplet_absorption_per_m": _with(1e13)}, r"1e\+13 at \[1, 0, 2\] is outside"),
         ({"vapour_temperature_K": _with(5001.0)}, r"5001 at \[1, 0, 2\] is outside 0..5000"),
+        (
+            {"droplet_absorption_per_m": _with(3.0), "vapour_temperature_K": _with(400.0)},
+            r"grid.npz: droplet_temperature_K is missing, but droplet_absorption_per_m is up to 3;",
+        ),
+        (
+            {"vapour_absorption_per_m": _with(5.0), "droplet_temperature_K": _with(400.0)},
+            r"vapour_temperature_K is missing, .* up to 5; expected temperatures .* \(2, 3, 4\)",
+        ),
         ({"vapour_absorption_per_m": np.ones((1, 1, 1), complex)}, "complex128, expected real"),
         ({"vapour_absorption_per_m": np.full((1, 1, 1), "x")}, "expected real numbers"),
         ({"vapour_absorption_per_m": np.full((1, 1, 1), None)}, "cannot be read as .npz"),
