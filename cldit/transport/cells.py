@@ -20,6 +20,9 @@ from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: smallest unit of thermal sources
+# Places in the cube have 24 bits. Their rounding is at most 2^-7 of a mean free path: at 2^-3 of
+# one T_app of an even cube was 0.3 K too large, at 2^-7 0.04 K.
+_DEEPEST = 2.0**17  # optical depth of a cell, times the number of cells along the cube
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ class SweptBox:
 class OpticalCells:
     """Stored cells and coarse leaves, in the octree's addresses.
 
-    depth: (P,) optical depth of a finest cell's edge.
+    depth: (P,) optical depth of a finest cell's edge, at most that of which single precision
+        resolves the mean free path. Such cells are opaque, and have the radiance of deeper ones.
     emitted: (P,) thermal part of the source function for each of `needs.emitters`, over `scale`.
     scale: unit of `emitted`, photons s-1 m-2 sr-1: the largest thermal source, and at least a
         thousandth of the hottest phase's black-body radiance. Weak emission adds up to that over
@@ -136,7 +140,7 @@ class OpticalCells:
             tree=tree,
             needs=needs,
             scale=scale,
-            depth=extinction * tree.frame.cell_m,
+            depth=np.minimum(extinction * tree.frame.cell_m, _DEEPEST / tree.frame.cells),
             emitted=emitted,
             address=address,
             albedo=scattering[address] / safe[address],

@@ -222,3 +222,37 @@ def test_flights_meet_light_that_changes_as_it_does(
         source, along_y = sent[8:10], sent[16:18]  # as kernels/cell_record.h has them
         np.testing.assert_allclose(along_y, change, rtol=0.03)
         assert np.all(np.abs(source - mean) < 0.08 * np.abs(change))
+
+
+def half_space_reflection(albedo: float) -> float:
+    """Reflection of isotropic light by an isotropically scattering half space, seen at a right
+    angle: 1 - (1 - a)^(1/2) H(1) (Chandrasekhar, Radiative Transfer, 1960, ch. 5)."""
+    points, weights = np.polynomial.legendre.leggauss(64)
+    mu, weights = (points + 1) / 2, weights / 2
+    h = np.ones_like(mu)
+    for _ in range(200):  # the nonlinear equation of H, by iteration
+        inner = weights * mu * h / (mu[:, None] + mu)
+        h = 1 / ((1 - albedo) ** 0.5 + albedo / 2 * inner.sum(axis=1))
+    at_one = (1 - albedo) ** 0.5 + albedo / 2 * np.sum(weights * mu * h / (1 + mu))
+    return float(1 - (1 - albedo) ** 0.5 / at_one)
+
+
+@pytest.mark.parametrize("method", ["source", "path"])
+@pytest.mark.parametrize("per_m", [1e6, 1e12])
+def test_coefficients_beyond_single_precision(
+    run_block: Callable[..., Run], per_m: float, method: str
+) -> None:
+    """The mean free path at 1e12 per m is 1e-8 of what the 24 bits of a place resolve. A cell so
+    deep has the radiance of a half space: 144 pixels of 0.01 each, the noise of paths, give a mean
+    to 0.001; the mean of the wall's weight was 0.2 too large."""
+    run = run_block(
+        {
+            "droplet_absorption_per_m": 0.5 * per_m,
+            "droplet_scattering_per_m": 0.5 * per_m,
+            "droplet_temperature_K": 370.0,
+        },
+        **SCENE | {"camera": {"pixels": [12, 12], "field_m": [4 * CELL, 4 * CELL]}},
+        transport={"method": method, "phase": "isotropic", "accuracy_K": 0.3, "audit": False},
+    )
+    assert run.weights.background.max() < 1e-6
+    assert run.weights.wall.mean() == pytest.approx(half_space_reflection(0.5), abs=0.003)
