@@ -44,3 +44,8 @@ def test_control_group_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     free = free_memory.free_bytes()
     assert free is not None
     assert free > 350_000
+
+
+def test_the_kernels_own_figure_is_in_kibibytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_memory, "_fields", lambda path: {"MemAvailable": 3})
+    assert list(free_memory._machine()) == [3072]
