@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from cldit.errors import FileError, SprayError
 from cldit.io.files import check_regular, read_text
+from cldit.io.free_memory import free_bytes
+
+_AT_ONCE = 1 << 22
+_SHARE = 3  # text is held twice while it is put together, and its numbers beside it
 
 
 def regular(path: Path) -> Path:
@@ -28,3 +33,26 @@ def text_of(path: Path) -> str:
         return read_text(path)
     except FileError as error:
         raise SprayError(str(error)) from error
+
+
+def content(stream: Any, path: Path, size: int | None = None) -> bytes:
+    """Reads `size` bytes, or all up to the end, once it is certain that they fit into memory.
+
+    A packed file may unpack to a thousand times its size, and a damaged one may state any size.
+    """
+    free = free_bytes()
+    most = None if free is None else free // _SHARE
+    parts: list[bytes] = []
+    have = 0
+    while size is None or have < size:
+        part = stream.read(_AT_ONCE if size is None else min(_AT_ONCE, size - have))
+        if not part:
+            break
+        parts.append(part)
+        have += len(part)
+        if most is not None and have > most:
+            raise SprayError(
+                f"{path}: more than {have / 1e9:.2g} GB of content; allowed: up to a third of the "
+                f"{(free or 0) / 1e9:.2g} GB of memory that are free"
+            )
+    return b"".join(parts)

@@ -21,6 +21,9 @@ _SNAP_DEG = 10.0  # the mean velocity of a noisy spray is no better known than t
 _ONE_NOZZLE_M = 5e-3  # holes of one injector lie closer together than that
 _YOUNG = 100  # parcels from which the nozzle is taken
 _FEWEST = 8  # for a parabola through them
+_SHARE = 0.1  # of the liquid's length: largest error of an inferred nozzle
+_ENDED = 0.05  # of the oldest age: if the youngest parcel is older, the injection has ended
+_AFTER_END_m = 1e-3  # largest error of a nozzle that is inferred after the end of injection
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,13 @@ def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
     return Frame(nozzle, axis, tuple(remarks), error_m)
 
 
-def _unknown(case: CfdCase, why: str) -> SprayError:
-    what = f"nozzle and axis of the injection cannot be inferred ({why})"
-    return SprayError(f"{case.source}: {what}; set spray.nozzle_m and spray.axis")
+def _unknown(
+    case: CfdCase,
+    why: str,
+    what: str = "nozzle and axis of the injection",
+    keys: str = "spray.nozzle_m and spray.axis",
+) -> SprayError:
+    return SprayError(f"{case.source}: {what} cannot be inferred ({why}); set {keys}")
 
 
 def _axis(case: CfdCase, remarks: list[str]) -> Floats:
@@ -87,6 +94,11 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
     mean = momentum.sum(axis=0)
     if not np.linalg.norm(mean) > 0.2 * np.linalg.norm(momentum, axis=1).sum():
         raise _unknown(case, f"the parcels of {velocity.label} have no common direction")
+    across = momentum - np.outer(momentum @ mean, mean) / (mean @ mean)
+    error_deg = 2 * np.degrees(np.sqrt(np.sum(across**2)) / np.linalg.norm(mean))
+    if error_deg > _SNAP_DEG:
+        why = f"{velocity.label} gives it within {error_deg:.2g} degrees only"
+        raise _unknown(case, why, "the axis of the injection", "spray.axis")
     axis = _snapped(mean, _SNAP_DEG)
     remarks.append(f"Injection axis {triple(axis)}, from the mean velocity in {velocity.label}.")
     return axis
@@ -110,6 +122,18 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
     nozzle, error_m = extrapolated(place, velocity, age, axis)
     if not np.all(np.isfinite(nozzle)):
         raise SprayError(f"{cloud.position_m.label}: the nozzle inferred from it is not finite")
+    length_m = float(np.ptp(place @ axis))
+    limit_m = _SHARE * length_m
+    if age.min() > _ENDED * age.max():
+        limit_m = min(limit_m, _AFTER_END_m)
+    if not error_m <= max(limit_m, 1e-9):
+        raise _unknown(
+            case,
+            f"the paths of its youngest parcels, {1e3 * age.min():.2g} ms old or older, give it "
+            f"within {1e3 * error_m:.2g} mm only, and the parcels fill {1e3 * length_m:.2g} mm",
+            "the nozzle",
+            "spray.nozzle_m",
+        )
     remarks.append(
         f"Nozzle at {triple(nozzle)} m +- {error_m * 1e3:.2g} mm, from the paths of the youngest "
         f"parcels in {cloud.position_m.label}, extrapolated to age zero; spray.nozzle_m sets it "

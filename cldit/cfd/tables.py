@@ -30,6 +30,7 @@ from cldit.cfd.mapping.file import (
     without_unit,
 )
 from cldit.cfd.mesh.elements import BoxMesh
+from cldit.cfd.one_state import check_marks, is_mark
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
@@ -177,14 +178,17 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
     if not used:
         raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
+    marks = [name for n, name in enumerate(names) if n not in used and _is_mark(file, name)]
     if file.suffix == ".parquet":
-        read = parquet_columns(file, [names[place] for place in used])
+        read = parquet_columns(file, [*(names[place] for place in used), *marks])
     elif file.suffix == ".dpm":
         read = dpm_columns(file)
     else:
-        rows = _numbers(file, names, used, wanted)
-        labels = {str(place): f"{file}: column {names[place]}" for place in used}
+        texts = [names.index(name) for name in marks]
+        rows = _numbers(file, names, used, wanted, texts)
+        labels = {str(place): f"{file}: column {names[place]}" for place in (*used, *texts)}
         read = {names[int(n)]: Column(label, rows[n]) for n, label in labels.items()}
+    check_marks([read[name] for name in marks], marks)
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
     columns |= {names[place]: read[names[place]] for place in used}
     count = len(columns[names[used[0]]].values)
@@ -193,10 +197,23 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
     return Source(str(file), columns, count)
 
 
+def _is_mark(file: Path, name: str) -> bool:
+    """True for a column of time or identity; `time` of a .dpm file is the age of a particle."""
+    if not is_mark(name) or (file.suffix == ".dpm" and name == "time"):
+        return False
+    return file.suffix != ".parquet" or str(_kind(file, name)) in _NUMBERS
+
+
 def _numbers(
-    file: Path, names: list[str], used: list[int], wanted: CellColumns | ParcelColumns
+    file: Path,
+    names: list[str],
+    used: list[int],
+    wanted: CellColumns | ParcelColumns,
+    texts: list[int],
 ) -> NDArray[Any]:
-    """Rows (N,) with the `used` columns as numbers, the others as one character of text.
+    """Rows (N,) with the `used` columns as numbers and `texts` as texts.
+
+    The others are kept as one character.
 
     NumPy refuses rows of another length than the header; which line it is takes a second reading.
     """
@@ -209,7 +226,8 @@ def _numbers(
         stream.seek(max(stream.tell() - 1, 0))
         if stream.read() not in (b"\n", b"\r"):
             raise SprayError(f"{file}: its last line has no end: the file is cut off")
-    kinds = [(str(place), "f8" if place in used else "U1") for place in range(len(names))]
+    kind = dict.fromkeys(texts, "U32") | dict.fromkeys(used, "f8")
+    kinds = [(str(place), kind.get(place, "U1")) for place in range(len(names))]
     count = 0
 
     def lines(check: bool) -> Iterator[str]:
@@ -333,6 +351,11 @@ def _opened(file: Path) -> Any:
 def parquet_names(file: Path) -> list[str]:
     """Names of the columns."""
     return [str(name) for name in _opened(file).schema_arrow.names]
+
+
+def _kind(file: Path, name: str) -> Any:
+    """Arrow's type of a column."""
+    return _opened(file).schema_arrow.field(name).type
 
 
 def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:

@@ -12,6 +12,7 @@ from cldit.cfd.assumed import assumptions
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
+from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_volume
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.sectors import Copy, completed_parcels, copies
@@ -92,7 +93,9 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     checked = None
     if case.cloud is not None:
         checked = check_parcels(case.cloud, *case.mesh.extent_m, share=spec.parcels_left_out)
-        case = replace(case, cloud=only(case.cloud, checked.kept))
+        cloud = only(case.cloud, checked.kept)
+        check_parcels_once(cloud)
+        case = replace(case, cloud=cloud)
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
     vapour, jet_m = _vapour(spec, case, gas, frame, every, watch)
@@ -206,12 +209,13 @@ def _vapour(
     refer to the same gas.
     """
     found: list[tuple[Labels, Boxes, Floats]] = []
-    total, depth = 0.0, -np.inf
+    total, depth, filled = 0.0, -np.inf, 0.0
     share = _NEGLIGIBLE / (case.mesh.cells * len(every))
     for copy in every:
         origin, rotation = copy.into(frame)
         for chosen, box in case.mesh.boxes(origin_m=origin, rotation=rotation, watch=watch):
             molecules = gas.number_density_m3[chosen] * box.volume_m3
+            filled += float(box.volume_m3.sum()) / len(every)
             total += float(molecules.sum())
             # a lower bound of the final threshold: the total is not known yet
             kept = np.flatnonzero(molecules > share * total)
@@ -229,6 +233,9 @@ def _vapour(
         place = slice(count - len(kept), count)
         lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
         count -= len(kept)
+    own = slice(0, len(cell) // len(every))  # the case itself is the first of all copies
+    check_cells_once(case, cell[own], Boxes(lower[own], upper[own], np.empty(0)))
+    check_volume(case.mesh, filled)
     temperature = gas.temperature_K[cell].astype(np.float64)
     molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
     vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)

@@ -24,7 +24,7 @@ from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import find_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
-from cldit.cfd.openfoam.patches import cut_boundaries, wall_temperature_K
+from cldit.cfd.openfoam.patches import check_processors, cut_boundaries, wall_temperature_K
 from cldit.cfd.openfoam.regions import (
     case_folder,
     find_step,
@@ -46,6 +46,7 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """
     step = find_step(spec)
     folder = step.folder
+    check_processors(step.roots, step.region)
     clouds = {name for root in step.roots for name in cloud_names(root.path / folder)}
     if not clouds and spec.cloud != NO_CLOUD:
         refuse_missing_parcels(step)

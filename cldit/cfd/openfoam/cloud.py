@@ -47,7 +47,7 @@ def read_cloud(
         if path is not None:
             field = read_foam(folder / name, block)
             read = vectors if field.kind.startswith("vector") else scalars
-            fields[name] = Column(str(folder / name), read(field))
+            fields[name] = Column(str(folder / name), read(field, len(position)))
             files.append(path)
     return Column(str(found), position), fields
 

@@ -12,11 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+from cldit.cfd.inputs import content
 from cldit.errors import SprayError
 
 COLLATED = b"decomposedBlockData"
 _NAME = re.compile(r"processors(\d+)(?:_(\d+)-(\d+))?$")
-_BLOCK = re.compile(rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*(\d+)\s*\(", re.DOTALL)
+# blanks and comments; possessive, so that no part of it is tried twice
+GAP = rb"(?:\s++|//[^\n]*+\n|/\*(?>.*?\*/))*+"
+_BLOCK = re.compile(GAP + rb"(\d{1,18})\s*+\(", re.DOTALL)
 
 _GAP = 10_000  # bytes in which the size of a block is found
 
@@ -69,7 +72,7 @@ def block_of(stream: BinaryIO, at: int, path: Path, block: int) -> tuple[bytes, 
         size, begin = int(match.group(1)), at + match.end()
         stream.seek(begin)
         if number in (0, block):
-            inside = stream.read(size)
+            inside = content(stream, path, size)
             first = inside if number == 0 else first
         else:
             stream.seek(begin + size)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from cldit.cfd.case import only_claimant
-from cldit.cfd.inputs import regular
+from cldit.cfd.inputs import content, regular
 from cldit.cfd.openfoam.collated import COLLATED, block_of
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
@@ -88,7 +88,7 @@ def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[byte
         raise SprayError(f"{path}: {found} a folder processorsN")
     if block is None:
         stream.seek(end)
-        return entries, stream.read()
+        return entries, content(stream, path)
     arch = entries.get(b"arch")
     first, own = block_of(stream, end, path, block)
     entries, end = _head(first[:_HEAD], path)
@@ -102,9 +102,9 @@ def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[byte
     return entries, own
 
 
-def _head(content: bytes, path: Path) -> tuple[dict[bytes, bytes], int]:
+def _head(text: bytes, path: Path) -> tuple[dict[bytes, bytes], int]:
     """Entries of the header, and the offset of its end."""
-    head = _HEADER.search(content)
+    head = _HEADER.search(text)
     if head is None:
         raise SprayError(f"{path}: is not an OpenFOAM file (no FoamFile header)")
-    return dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;]+);', head.group(1))), head.end()
+    return dict(re.findall(rb'(\w++)\s++("[^"]*+"|[^;]++);', head.group(1))), head.end()

@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import Injector
-from cldit.cfd.inputs import regular
+from cldit.cfd.inputs import content, regular
 from cldit.cfd.openfoam.file import find_foam
 from cldit.errors import SprayError
+from cldit.io.files import MOST_TEXT_BYTES
 
-_SKIP = re.compile(r"/\*.*?\*/|//[^\n]*|^\s*#[^\n]*", re.DOTALL | re.MULTILINE)
+# a comment that is not closed ends with the text, so that each place is read once
+_SKIP = re.compile(r"/\*(?>.*?\*/|.*)|//[^\n]*+|^[^\S\n]*+#[^\n]*+", re.DOTALL | re.MULTILINE)
 _TOKEN = re.compile(r'"[^"]*"|[{}();]|[^\s{}();"]+')
 
 
@@ -26,13 +28,13 @@ def read_injectors(path: Path) -> tuple[Injector, ...]:
     vector, and `positionAxis ( ((x y z) (x y z)) .. );`. Directives and macros are not expanded: an
     injector that needs them is ignored.
     """
-    text = _content(path).decode("latin-1")
+    text = _file_content(path).decode("latin-1")
     try:
-        content = dictionary(text)
+        entries = dictionary(text)
     except IndexError as error:
         way = "set spray.nozzle_m and spray.axis instead"
         raise SprayError(f"{path}: brackets do not match; {way}") from error
-    pairs = _found(content.get("subModels", content))
+    pairs = _found(entries.get("subModels", entries))
     return tuple(Injector(str(path), np.array(place), np.array(along)) for place, along in pairs)
 
 
@@ -48,16 +50,22 @@ def case_injectors(
     own = folder / f"{cloud}Properties"
     every = [own] if find_foam(own) else sorted(folder.glob("*[pP]roperties*"))
     files = [there for file in every if (there := find_foam(file)) is not None]
-    found = {file: read_injectors(file) for file in files if b"injectionModel" in _content(file)}
+    found = {
+        file: read_injectors(file) for file in files if b"injectionModel" in _file_content(file)
+    }
     return (next(iter(found.values())), tuple(found)) if len(found) == 1 else ((), ())
 
 
-def _content(path: Path) -> bytes:
+def _file_content(path: Path) -> bytes:
     try:
-        content = regular(path).read_bytes()
-        return gzip.decompress(content) if path.suffix == ".gz" else content
+        regular(path)
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
+            found = content(stream, path, MOST_TEXT_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise SprayError(f"{path}: cannot be read ({error})") from error
+    if len(found) > MOST_TEXT_BYTES:
+        raise SprayError(f"{path}: is larger than {MOST_TEXT_BYTES / 1e6:g} MB: no dictionary")
+    return found
 
 
 def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
@@ -66,7 +74,7 @@ def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
     try:
         begin = tokens.index("(") + 1
         end = len(tokens) - 1 - tokens[::-1].index(")")
-        blocks, at = _entries(tokens[begin:end], 0)
+        blocks, at = _nested(tokens[begin:end])
         if at != end - begin:
             raise IndexError
     except (IndexError, ValueError) as error:
@@ -84,26 +92,34 @@ def dictionary(text: str) -> dict[str, object]:
     An `IndexError` means that brackets do not match.
     """
     tokens = _TOKEN.findall(_SKIP.sub(" ", text))
-    content, end = _entries(tokens, 0)
+    found, end = _nested(tokens)
     if end != len(tokens):
         raise IndexError
-    return content
+    return found
+
+
+def _nested(tokens: list[str]) -> tuple[dict[str, object], int]:
+    """Entries as of `_entries`; an `IndexError` if they are nested too deep."""
+    try:
+        return _entries(tokens, 0)
+    except RecursionError as error:
+        raise IndexError("nested too deep") from error
 
 
 def _entries(tokens: list[str], at: int) -> tuple[dict[str, object], int]:
     """Entries up to a closing brace or the end, and its offset."""
-    content: dict[str, object] = {}
+    found: dict[str, object] = {}
     while at < len(tokens) and tokens[at] != "}":
         key = tokens[at]
         at += 1
         if tokens[at] == "{":
-            content[key], at = _entries(tokens, at + 1)
+            found[key], at = _entries(tokens, at + 1)
             if tokens[at] != "}":
                 raise IndexError
             at += 1
             continue
-        content[key], at = _values(tokens, at, ";")
-    return content, at
+        found[key], at = _values(tokens, at, ";")
+    return found, at
 
 
 def _values(tokens: list[str], at: int, stop: str) -> tuple[list[object], int]:

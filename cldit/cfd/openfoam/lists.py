@@ -15,13 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
+from cldit.cfd.openfoam.collated import GAP
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.spray.result import Floats
 
-_GAP = rb"(?:\s|//[^\n]*\n|/\*.*?\*/)*"
-_LIST = re.compile(_GAP + rb"(?:List<\w+>)?\s*(\d+)\s*([({])", re.DOTALL)
+_LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(\d++)(?:\s*+([({]))?+", re.DOTALL)
 _UNIFORM = re.compile(rb"\buniform\s+([^;]+);")
 _NONUNIFORM = re.compile(rb"\bnonuniform\s*(?=List|\d)")
+_DIGITS = 18  # of a count: more do not fit into an integer of eight bytes
+_MOST_UNIFORM = 1_000_000  # entries of a uniform list whose length nothing else gives
 _AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
 _BRACKETS = bytes.maketrans(b"()", b"  ")
 
@@ -29,9 +31,12 @@ _BRACKETS = bytes.maketrans(b"()", b"  ")
 def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
     """Count, opening bracket, and the offset after it, of the list that begins at `at`."""
     match = _LIST.match(file.body, at)
-    if match is None:
+    # binary files have an empty list as its count alone
+    if match is None or not (match.group(2) or int(match.group(1)[:20]) == 0):
         raise file.fail("no list where one is expected; the file is truncated or of another kind")
-    return int(match.group(1)), match.group(2), match.end()
+    if len(match.group(1)) > _DIGITS:
+        raise file.fail(f"a list of {match.group(1)[:20].decode()}... entries")
+    return int(match.group(1)), match.group(2) or b"", match.end()
 
 
 def _parse(file: FoamFile, begin: int, end: int) -> Iterator[Floats]:
@@ -75,10 +80,26 @@ def _raw(
     raise file.fail(f"truncated, or its header is wrong: no {count} numbers of {known} bytes")
 
 
-def _list(file: FoamFile, kind: str, width: int, at: int) -> tuple[NDArray[np.generic], int]:
-    """List of `width` numbers an entry, (N, width), and the offset after it."""
+def _list(
+    file: FoamFile,
+    kind: str,
+    width: int,
+    at: int,
+    expected: int | None = None,
+    wording: str = "{} values for {} parcels",
+) -> tuple[NDArray[np.generic], int]:
+    """List of `width` numbers an entry, (N, width), and the offset after it.
+
+    expected: number of entries, if known; wording: of the error if it is another.
+    """
     count, bracket, begin = _open(file, at)
+    if not bracket:
+        return np.empty((0, width)), begin
     if bracket == b"{":
+        if expected is not None and count != expected:
+            raise file.fail(wording.format(count, expected))
+        if expected is None and count > _MOST_UNIFORM:
+            raise file.fail(f"a uniform list of {count} entries; allowed: {_MOST_UNIFORM:.0e}")
         end = file.body.find(b"}", begin)
         value = _parsed(file, begin, end) if end >= 0 else np.empty(0)
         if value.size != width:
@@ -111,18 +132,18 @@ def whole(file: FoamFile, values: NDArray[np.generic]) -> Labels:
     return narrowed(numbers)
 
 
-def scalars(file: FoamFile) -> Floats:
-    """Reads a scalarField, (N,)."""
+def scalars(file: FoamFile, parcels: int | None = None) -> Floats:
+    """Reads a scalarField, (N,); parcels: N, if it is known."""
     if file.nothing:
         return np.empty(0)
-    return _list(file, "f", 1, 0)[0].reshape(-1).astype(np.float64)
+    return _list(file, "f", 1, 0, parcels)[0].reshape(-1).astype(np.float64)
 
 
-def vectors(file: FoamFile) -> Floats:
-    """Reads a vectorField, (N, 3)."""
+def vectors(file: FoamFile, parcels: int | None = None) -> Floats:
+    """Reads a vectorField, (N, 3); parcels: N, if it is known."""
     if file.nothing:
         return np.empty((0, 3))
-    return _list(file, "f", 3, 0)[0].astype(np.float64)
+    return _list(file, "f", 3, 0, parcels)[0].astype(np.float64)
 
 
 def labels(file: FoamFile) -> Labels:
@@ -137,6 +158,8 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         corners, _ = _list(file, "i", 1, end)
         return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
+    if count > len(file.body):
+        raise file.fail(f"truncated or damaged: {count} faces in {len(file.body)} bytes")
     parts = (whole(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
     numbers = np.concatenate([np.empty(0, np.int32), *parts])
     if count and numbers.size % count == 0 and (width := numbers.size // count) > 1:
@@ -168,10 +191,11 @@ def internal_field(file: FoamFile, cells: int) -> AnyFloats:
         if value.size != 1:
             raise file.fail("internalField is neither `uniform <number>` nor a list of numbers")
         return np.full(cells, value[0])
-    stored = _list(file, "f", 1, nonuniform.end())[0].reshape(-1)
+    wording = "{} values, but the mesh has {} cells"
+    stored = _list(file, "f", 1, nonuniform.end(), cells, wording)[0].reshape(-1)
     values = stored.astype(stored.dtype.newbyteorder("="))  # as exact as it is written
     if len(values) != cells:
-        raise file.fail(f"{len(values)} values, but the mesh has {cells} cells")
+        raise file.fail(wording.format(len(values), cells))
     return values
 
 
@@ -214,6 +238,8 @@ def _binary_particles(file: FoamFile, count: int, begin: int) -> Floats:
             continue
         real, integer = f"{file.order}f{scalar}", f"{file.order}i{label}"
         fields = [("open", "S1"), ("reals", real, reals), ("integers", integer, integers)]
+        if count * (size + 2) > len(file.body):
+            continue
         record = np.dtype([*fields, ("close", "S1"), ("gap", f"V{gap - 1}")])
         # no gap follows the last record
         span = file.body[first : first + count * record.itemsize - gap + 1]

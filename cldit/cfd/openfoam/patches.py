@@ -55,6 +55,30 @@ def _patches(root: Root, region: str) -> tuple[Path | None, dict[str, dict[str, 
     return file, {} if file is None else dictionary_blocks(file, read_foam(path, root.block).body)
 
 
+def check_processors(roots: Sequence[Root], region: str) -> None:
+    """Refuses a decomposed case of which a processor is missing that others have a side with."""
+    if roots[0].block is not None:
+        return  # the folder's name gives their number, and each file has all of them
+    known = {int(match[1]) for root in roots if (match := _PROCESSOR.match(root.path.name))}
+    if len(known) < len(roots):
+        return  # the case itself
+    named_by: dict[int, Path] = dict.fromkeys(range(max(known)), roots[-1].path)
+    for root in roots:
+        file, patches = _patches(root, region)
+        for patch in patches.values():
+            if file is not None and patch.get("neighbProcNo", "").isdigit():
+                named_by[int(patch["neighbProcNo"])] = file
+    if missing := sorted(set(named_by) - known):
+        case, first = roots[0].path.parent, missing[0]
+        raise SprayError(
+            f"{case}: processor{first} is missing, which {named_by[first]} implies; restore it "
+            f"(there are {', '.join(root.path.name for root in roots[:8])}), or reconstruct it"
+        )
+
+
+_PROCESSOR = re.compile(r"processor(\d+)$")
+
+
 def _plane(mesh: Mesh, start: int, count: int) -> tuple[Floats, Floats]:
     """Unit normal (zeros if it is not plane) and a point of consecutive faces."""
     begin = mesh.start[start : start + count + 1]

@@ -10,8 +10,16 @@ import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
 from cldit.cfd.mapping.columns import mapped_cloud, with_components
-from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names, without_unit
+from cldit.cfd.mapping.file import (
+    PARCEL_NAMES,
+    ColumnMap,
+    columns_of,
+    gas_names,
+    merged,
+    without_unit,
+)
 from cldit.cfd.mesh_parts import MeshPart, join_gas
+from cldit.cfd.one_state import check_marks, is_mark
 from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, vtk_mesh
 from cldit.cfd.vtk.layout import find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing
@@ -101,5 +109,8 @@ def _cloud(name: str, parts: Sequence[Loaded], names: ColumnMap) -> Cloud:
         key: joined([part[1][key] for part in filled]) for key in sorted(fields)
     }
     position = joined([part[0] for part in filled])
+    used = columns_of(merged(names.parcels, PARCEL_NAMES))
+    marks = [key for key in columns if is_mark(key) and key not in used]
+    check_marks([columns[key] for key in marks], marks)
     file = str(parts[0].file)
     return mapped_cloud(name, file, position, with_components(columns), names)

@@ -110,19 +110,24 @@ def test_boxes_are_the_cells_where_those_are_boxes(tmp_path: Path, foam: Foam) -
 @pytest.mark.parametrize("barycentric", ["", "coordinates"])
 def test_decomposed(tmp_path: Path, foam: Foam, barycentric: str) -> None:
     block, gas, cloud = foam.sample()
-    shifted = foam.block((block.edges[0] + 1.0, block.edges[1], block.edges[2]))
-    apart = cloud | {"position": cloud["position"] + (1.0, 0.0, 0.0)}
-    half = {name: values[:5] for name, values in apart.items()}
-    foam.write(tmp_path / "processor0", block, gas=gas)  # the spray has not reached it
-    foam.write(tmp_path / "processor2", shifted, gas=gas, cloud=apart, barycentric=barycentric)
-    foam.write(tmp_path / "processor10", shifted, gas=gas, cloud=half, barycentric=barycentric)
+    clouds = {2: cloud, 10: {name: values[:5] for name, values in cloud.items()}}
+    places = []
+    for number in range(11):  # the spray has reached two of them
+        step = 0.2 * number
+        shifted = foam.block((block.edges[0] + step, block.edges[1], block.edges[2]))
+        own = clouds.get(number)
+        if own is not None:
+            own = own | {"position": own["position"] + (step, 0.0, 0.0)}
+            places.append(own["position"])
+        part = tmp_path / f"processor{number}"
+        foam.write(part, shifted, gas=gas, cloud=own, barycentric=barycentric)
     spray = read_cfd(spec(tmp_path))
     assert spray.parcels is not None
-    wanted = np.concatenate([apart["position"], half["position"]]) - NOZZLE
+    wanted = np.concatenate(places) - NOZZLE
     assert spray.parcels.position_m[:, 0] == pytest.approx(wanted[:, 0], abs=1e-13, rel=0)
     single = np.sum(gas["rho"] * gas["C7H16"] * block.volume)
-    assert spray.notes["vapour_mass_kg"] == pytest.approx(3 * single, rel=1e-11)
-    assert spray.notes["gas_cells"] == 3 * block.cells
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(11 * single, rel=1e-11)
+    assert spray.notes["gas_cells"] == 11 * block.cells
 
 
 def test_times(tmp_path: Path, foam: Foam) -> None:

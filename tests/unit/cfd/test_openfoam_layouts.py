@@ -145,6 +145,7 @@ def test_parcels_in_another_place(tmp_path: Path, foam: Foam) -> None:
 def test_impossible_parcels_are_counted(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     many = {name: np.concatenate([values] * 12) for name, values in cloud.items()}
+    many["position"] += 1e-9 * np.arange(204)[:, None]  # each place once
     many["d"][3], many["T"][5] = 0.0, np.nan
     many["position"][7] = (1.0, 1.0, 1.0)
     many["nParticle"][7] *= 1e-3  # light: 1/204 of the parcels, but little of the liquid

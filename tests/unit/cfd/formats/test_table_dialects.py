@@ -149,3 +149,31 @@ def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> 
     assert {Path(file.path).name for file in spray.files} == {"mapping.yaml", "cells.csv"}
     with pytest.raises(SprayError, match="no cloud 'rain'"):
         read_cfd(CfdSpray(file=path, cloud="rain", **writers.place))
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("Time (s)", "0.0001 0.0002", "column Time .s.: has 2 values, from 0.0001 to 0.0002"),
+        ("Particle ID", "7 7", "column Particle ID: 7 occurs .* times, so the rows are tracks"),
+        ("step", "10 10", ""),
+        ("injector", "1 2", ""),
+    ],
+)
+def test_a_table_of_several_times(
+    tmp_path: Path, foam: Foam, writers: Writers, name: str, values: str, message: str
+) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    mapping = yaml.safe_load(path.read_text())
+    file = tmp_path / "drops.txt"
+    skipped, head, *rows = file.read_text().replace(" ", ";").splitlines()
+    given = values.split()
+    rows = [f"{row};{given[n % 2]}" for n, row in enumerate(rows)]
+    file.write_text("\n".join([skipped, f"{head};{name}", *rows, ""]))
+    mapping["parcels"]["delimiter"] = ";"
+    path.write_text(yaml.safe_dump(mapping))
+    if not message:
+        read_cfd(CfdSpray(file=path, **writers.place))
+        return
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=path, **writers.place))

@@ -1,0 +1,179 @@
+"""A case is one state: every cell and parcel once, one time, all processors."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.cfd.formats import read_case
+from cldit.cfd.orientation import find_frame
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.test_vtk import block_grid, save
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+CLOUD = "0.001/lagrangian/sprayCloud"
+
+
+def refused(path: Path, message: str, **keys: Any) -> None:
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=path, **(PLACE | keys)))
+
+
+def test_parcels_that_occur_twice(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    twice = {name: np.concatenate([values, values[3:5]]) for name, values in cloud.items()}
+    refused(
+        foam.write(tmp_path / "one", block, gas=gas, cloud=twice),
+        r"positions: 2 of 19 parcels occur twice, such as parcels 3 and 17",
+    )
+    born = twice | {"age": np.zeros(19)}
+    read_cfd(CfdSpray(file=foam.write(tmp_path / "two", block, gas=gas, cloud=born), **PLACE))
+
+
+@pytest.mark.parametrize("shift", [0.0, 1.0])
+def test_cells_of_two_pieces_that_overlap(tmp_path: Path, foam: Foam, shift: float) -> None:
+    """Copies of cells have their centroids; cells of another grid have too much volume."""
+    block, gas, _ = foam.sample()
+    width = float(block.edges[0][-1] - block.edges[0][0])
+    moved = foam.block((block.edges[0] + 0.3 * shift * width, block.edges[1], block.edges[2]))
+    for number, each in enumerate((block, moved)):
+        more = {name: values + 1e-3 * number for name, values in gas.items()}
+        save(tmp_path / f"gas_{number}.vtu", block_grid(each, more))
+    pieces = "".join(f'<Piece Source="gas_{n}.vtu"/>' for n in (0, 1))
+    whole = f'<VTKFile type="PUnstructuredGrid"><PUnstructuredGrid>{pieces}</PUnstructuredGrid>'
+    path = tmp_path / "gas.pvtu"
+    path.write_text(whole + "</VTKFile>")
+    message = "m3 together, the box around them" if shift else r"claim to be the same piece"
+    refused(path, message)
+
+
+def test_halo_cells(tmp_path: Path, foam: Foam) -> None:
+    """Two processors share a layer of cells that no mark tells."""
+    block, gas, _ = foam.sample()
+    parts = ((slice(0, 3), slice(0, 2)), (slice(1, 4), slice(1, 3)))
+    for number, (points, layers) in enumerate(parts):
+        own = foam.block((block.edges[0][points], block.edges[1], block.edges[2]))
+        shape = block.shape[::-1]
+        some = {k: v.reshape(shape)[:, :, layers].reshape(-1) for k, v in gas.items()}
+        foam.write(tmp_path / f"processor{number}", own, gas=some)
+    refused(tmp_path, r"processor1/constant/polyMesh: 8 cells with fuel lie where those of .*or0")
+
+
+def test_a_processor_is_missing(tmp_path: Path, foam: Foam) -> None:
+    block, gas, _ = foam.sample()
+    for number in (0, 2):
+        step = 0.1 * number
+        own = foam.block((block.edges[0] + step, block.edges[1], block.edges[2]))
+        foam.write(tmp_path / f"processor{number}", own, gas=gas)
+    refused(tmp_path, "processor1 is missing")
+    (tmp_path / "processor2").rename(tmp_path / "processor1")
+    read_cfd(CfdSpray(file=tmp_path, **PLACE))
+    boundary = tmp_path / "processor1/constant/polyMesh/boundary"
+    patch = "1\n(\nto2 { type processor; neighbProcNo 2; nFaces 1; startFace 0; }\n)\n"
+    foam.form().write(boundary, "polyBoundaryMesh", patch.encode())
+    refused(tmp_path, "processor2 is missing, which .*processor1/constant/polyMesh/boundary impl")
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_an_empty_list_is_its_count_alone(tmp_path: Path, foam: Foam, binary: bool) -> None:
+    """As OpenFOAM writes lists of nothing in binary."""
+    block, gas, cloud = foam.sample()
+    form = foam.form(binary=binary)
+    for number in (0, 1):
+        own = foam.block((block.edges[0] + 0.1 * number, block.edges[1], block.edges[2]))
+        foam.write(tmp_path / f"processor{number}", own, gas=gas, cloud=cloud, form=form)
+    for name in (*cloud, "positions"):
+        file = tmp_path / "processor1" / CLOUD / name
+        if file.exists():
+            kind = "vectorField" if name == "U" else "scalarField"
+            form.write(file, "Cloud" if name == "positions" else kind, b"0")
+    assert read_cfd(CfdSpray(file=tmp_path, **PLACE)).notes["parcels"] == 17
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (b"/**/" * 40, "no list where one is expected"),
+        (b" \n" * 200_000 + b"x", "no list where one is expected"),
+        (b"1000000000000{1e-5}", "1000000000000 values for 17 parcels"),
+        (b"9" * 5000 + b"(1)", "a list of 99999999999999999999... entries"),
+    ],
+)
+def test_small_files_that_hang_or_grow(
+    tmp_path: Path, foam: Foam, body: bytes, message: str
+) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    foam.form().write(case / CLOUD / "d", "scalarField", body)
+    begin = time.monotonic()
+    refused(case, message)
+    assert time.monotonic() - begin < 20.0
+
+
+def test_comments_without_an_end(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    head = b"injectionModel\n" + b"/* " * 300_000
+    foam.form().write(case / "constant/sprayCloudProperties", "dictionary", head)
+    begin = time.monotonic()
+    refused(case, "brackets do not match")
+    assert time.monotonic() - begin < 20.0
+    deep = b"injectionModel " + b"a { " * 100_000
+    foam.form().write(case / "constant/sprayCloudProperties", "dictionary", deep)
+    refused(case, "brackets do not match")
+
+
+def test_a_packed_field_of_blanks(
+    tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(gz=True))
+    foam.form(gz=True).write(case / "0.001/T", "volScalarField", b" " * 100_000_000)
+    monkeypatch.setattr("cldit.cfd.inputs.free_bytes", lambda: 100_000_000)
+    refused(case, r"T.gz: more than 0\.0\d+ GB of content; allowed: up to a third of the 0\.1 GB")
+
+
+def late(foam: Foam, folder: Path, *, youngest_s: float) -> Path:
+    """Parcels that drag slows, the youngest of the given age."""
+    random = np.random.default_rng(2)
+    edges = [np.linspace(*span) for span in ((-0.02, 0.02, 9), (-0.02, 0.1, 9), (-0.02, 0.02, 9))]
+    block = foam.block((edges[0], edges[1], edges[2]))
+    age = random.uniform(youngest_s, youngest_s + 5e-4, 400)
+    start = random.normal((0.0, 200.0, 0.0), 10.0, (400, 3))
+    tau = random.uniform(1e-4, 4e-4, 400)
+    cloud = {
+        "position": start * (tau * (1 - np.exp(-age / tau)))[:, None],
+        "U": start * np.exp(-age / tau)[:, None],
+        "age": age,
+        "d": random.uniform(5e-6, 2e-5, 400),
+        "nParticle": np.full(400, 1e3),
+        "T": np.full(400, 370.0),
+        "rho": np.full(400, 610.0),
+    }
+    gas = {"T": 570.0, "p": 6e5, "rho": 3.6, "C7H16": 0.0}
+    return foam.write(folder, block, gas=gas, cloud=cloud)
+
+
+def test_the_nozzle_after_the_end_of_injection_is_asked_for(tmp_path: Path, foam: Foam) -> None:
+    ended = late(foam, tmp_path / "ended", youngest_s=2e-4)
+    refused(ended, r"the nozzle cannot be inferred .*set spray\.nozzle_m", nozzle_m=None, axis=None)
+    spec = CfdSpray(file=late(foam, tmp_path / "going", youngest_s=0.0))
+    frame = find_frame(spec, read_case(spec))
+    assert np.linalg.norm(frame.nozzle_m) < 1e-3
+    assert np.array_equal(frame.axis, (0.0, 1.0, 0.0))
+
+
+def test_an_axis_of_few_parcels_is_asked_for(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    wide = np.random.default_rng(5).normal((0.0, -50.0, 0.0), 50.0, (17, 3))
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud | {"U": wide})
+    refused(case, r"the axis of the injection cannot be inferred .*degrees only", axis=None)
