@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 _LIMITS = {
     "d": (1e-9, 5e-3, "d is the diameter of a droplet in metres"),
     "nParticle": (0.0, 1e18, "nParticle is the number of droplets"),
-    "T": (1.0, 5000.0, "T is a temperature in K"),
+    "T": (1.0, 5000.0, "T is a temperature in K, above the freezing point (degC?)"),
     "rho": (10.0, 3e4, "rho is a density in kg/m3"),
 }
 
@@ -37,15 +37,18 @@ class CheckedParcels:
 
 
 def check_parcels(
-    cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float
+    cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float, coldest_K: float
 ) -> CheckedParcels:
     """Omits parcels with impossible values or outside the mesh's bounding box, lower_m to upper_m.
 
-    More than `share` of their number, or of the mass, is an error.
+    Liquid below coldest_K, the freezing point, is impossible. More than `share` of their number,
+    or of the mass, is an error.
     """
     count = len(cloud.position_m.values)
     wrong: list[tuple[Mask, str]] = []
     for name, (least, most, hint) in _LIMITS.items():
+        if name == "T":
+            least = coldest_K
         column = cloud.fields[name]
         if column.values.ndim != 1:
             shape = column.values.shape

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.cfd.assumed import assumptions
+from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
 from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_volume
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
+from cldit.cfd.plausible import check_totals, freezing_K, gas_remarks
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
@@ -43,6 +44,7 @@ class _Gas:
     temperature_K: AnyFloats
     mass_fraction: Floats
     number_density_m3: Floats
+    remarks: tuple[str, ...] = ()
 
 
 def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
@@ -87,12 +89,14 @@ def _stored(spec: CfdSpray) -> Spray:
 
 
 def _imported(spec: CfdSpray, watch: Watch) -> Spray:
+    spec = with_molar_mass(spec)
     case = read_case(spec, watch)
     _check_size(case)
     gas = _gas(spec, case)
     checked = None
     if case.cloud is not None:
-        checked = check_parcels(case.cloud, *case.mesh.extent_m, share=spec.parcels_left_out)
+        share, coldest_K = spec.parcels_left_out, freezing_K(spec.fuel_field)
+        checked = check_parcels(case.cloud, *case.mesh.extent_m, share=share, coldest_K=coldest_K)
         cloud = only(case.cloud, checked.kept)
         check_parcels_once(cloud)
         case = replace(case, cloud=cloud)
@@ -113,6 +117,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         notes["copies"] = float(len(every))
     if np.isfinite(jet_m):
         notes["vapour_penetration_m"] = jet_m
+    check_totals(case, notes)
     some = vapour if len(vapour.temperature_K) else None
     if some is None and not notes.get("liquid_mass_kg"):
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
@@ -121,6 +126,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     remarks = (
         *case.remarks,
         *assumptions(spec, case),
+        *gas.remarks,
         *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
         *((f"Other fuels, not read: {', '.join(others)}.",) if others else ()),
         *(() if checked is None else checked.remarks),
@@ -179,6 +185,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     fraction = _within(fuel, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint).astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
+    remarks: tuple[str, ...] = ()
     if "p" in case.gas:
         pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
         moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
@@ -192,12 +199,13 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
                     f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at T "
                     f"and p ({case.gas['p'].label}); one of them is not in kg/m3, K, Pa"
                 )
+            remarks = gas_remarks(case, density, ideal, temperature, pressure)
     elif pressure is not None:
         density = ideal
     else:
         raise SprayError(f"{case.source}: neither rho nor p among the cell fields; one is needed")
     number = density * fraction * (AVOGADRO_MOL / spec.fuel_molar_mass_kg_mol)
-    return _Gas(temperature, fraction, number)
+    return _Gas(temperature, fraction, number, remarks)
 
 
 def _vapour(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -227,7 +228,7 @@ class CfdSpray(Section):
     fuel_field: str = "C7H16"
     """Cell field of the fuel's mass fraction."""
     fuel_molar_mass_kg_mol: Annotated[float, Within(1e-3, 1.0)] = 0.100204
-    """Molar mass of the fuel. Default: n-heptane."""
+    """Molar mass of the fuel. Default: by the formula in `fuel_field`."""
     cloud: str | None = None
     """Name of the parcel cloud, for cases with several; `none`: gas only."""
     parcels_left_out: Fraction = 0.01
@@ -249,6 +250,22 @@ class CfdSpray(Section):
     """Number of points in that ball."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Random seed of these points."""
+
+    @property
+    def fuel(self) -> str:
+        """Name of the fuel by `fuel_field`: n-heptane if the field names no other formula."""
+        name = self.fuel_field.upper().removeprefix("MASSFRAC_").removeprefix("Y_")
+        formula = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
+        return _FUELS.get(name, self.fuel_field if formula else "n-heptane")
+
+
+_FUELS = {
+    "C7H16": "n-heptane",
+    "NC7H16": "n-heptane",
+    "IC8H18": "iso-octane",
+    "NC8H18": "n-octane",
+    "CH4": "methane",
+}
 
 
 class EmptySpray(Section):

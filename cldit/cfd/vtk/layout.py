@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from cldit.cfd.times import TIME_TOLERANCE
 from cldit.cfd.vtk.collections import (
     COLLECTIONS,
     DATA,
@@ -145,8 +146,9 @@ def _pvd(lists: list[Path]) -> Layout:
     times: dict[str, float] = {}
     for file in lists:
         for time, found in pvd_steps(file).items():
-            key = repr(time)
-            times[key] = time
+            near = (k for k, t in times.items() if abs(t - time) <= TIME_TOLERANCE * abs(t))
+            key = next(near, repr(time))
+            times.setdefault(key, time)
             steps.setdefault(key, []).extend(found)
     if not steps:
         raise SprayError(f"{lists[0]}: names no file")

@@ -188,7 +188,7 @@ def test_layouts_and_times(tmp_path: Path, foam: Foam, layout: str) -> None:
 
 
 def test_every_kind_of_cell(tmp_path: Path) -> None:
-    """One gas of density 1 kg/m3 that is all fuel: its mass is the volume, by hand."""
+    """Volumes and centroids of each kind, by hand, of a gas that is all fuel."""
     points: list[tuple[float, float, float]] = []
     cells: list[tuple[int, Any]] = []
     for column, (kind, (corners, _)) in enumerate(SOLIDS.items()):
@@ -198,7 +198,8 @@ def test_every_kind_of_cell(tmp_path: Path) -> None:
         faces = [[first + corner for corner in face] for face in CUBE]
         cells.append((kind, faces if kind == 42 else range(first, len(points))))
     gas = {
-        name: np.full(len(cells), value) for name, value in (("T", 300), ("rho", 1), ("C7H16", 1))
+        name: np.full(len(cells), value)
+        for name, value in (("T", 300), ("rho", 0.01), ("C7H16", 1))
     }
     file = save(tmp_path / "internal.vtu", grid_of(cells, points, gas))
     vapour = read_cfd(CfdSpray(file=file, nozzle_m=(0, 0, 0), axis="-z")).vapour
@@ -216,10 +217,10 @@ def test_every_kind_of_cell(tmp_path: Path) -> None:
 def test_same_kind_only(tmp_path: Path) -> None:
     """vtk keeps no list of types for a grid of one type."""
     points, volume = SOLIDS[14]
-    gas = {"T": [300], "rho": [1], "C7H16": [1]}
+    gas = {"T": [300], "rho": [1 / 64], "C7H16": [1]}
     file = save(tmp_path / "a.vtu", grid_of([(14, range(5))], points, gas))
     spray = read_cfd(CfdSpray(file=file, nozzle_m=(0, 0, 0), axis="-z"))
-    assert spray.notes["vapour_mass_kg"] == pytest.approx(volume, rel=1e-7)
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(volume / 64, rel=1e-7)
     assert "time_s" not in spray.notes
     with pytest.raises(SprayError, match="do not state their time; give the path of one"):
         read_cfd(CfdSpray(file=file, time_s=0.1, nozzle_m=(0, 0, 0), axis="-z"))

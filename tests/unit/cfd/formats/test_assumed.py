@@ -57,12 +57,15 @@ def test_density_alone_and_no_time(tmp_path: Path, foam: Foam) -> None:
     assert "does not state its time" in said
 
 
-def test_another_fuel_with_the_molar_mass_of_heptane(tmp_path: Path, foam: Foam) -> None:
+def test_another_fuel_has_its_own_molar_mass(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     gas["C8H18"] = gas.pop("C7H16")
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
-    said = told(case, fuel_field="C8H18")
-    assert "Molar mass of C8H18: 0.100204 kg/mol, n-heptane's; by its formula it is 0.1142" in said
+    assert "Fuel C8H18, 0.114232 kg/mol." in told(case, fuel_field="C8H18")
+    by_formula = read_cfd(CfdSpray(file=case, **PLACE, fuel_field="C8H18")).vapour
+    assert by_formula is not None and by_formula.molar_mass_kg_mol == pytest.approx(0.114232)
+    said = told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.1)
+    assert "Molar mass of C8H18: 0.1 kg/mol, as given; by its formula it is 0.1142" in said
     assert "Molar mass" not in told(case, fuel_field="C8H18", fuel_molar_mass_kg_mol=0.11423)
 
 

@@ -1,0 +1,88 @@
+"""Limits on totals and between fields: values that are possible one by one, in another unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cldit.cfd.case import CfdCase
+from cldit.cfd.mesh.cells import AnyFloats
+from cldit.errors import SprayError
+from cldit.spray.result import Floats
+
+_MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
+_LONGEST_m = 1.0
+_FITS = 0.05  # relative deviation of a density from an ideal gas
+_OFF = 0.15  # beyond it, another unit of temperature or pressure is tried
+_ZERO_C_K = 273.15
+_FREEZING_K = {
+    "CH4": 90.7, "C2H5OH": 159.0, "CH3OH": 175.6, "IC8H18": 165.8, "C7H16": 182.6,
+    "NC7H16": 182.6, "C8H18": 165.8, "NC8H18": 216.4, "C10H22": 243.5, "C12H26": 263.5,
+    "NC12H26": 263.5, "C16H34": 291.3, "C14H30": 279.0,
+}  # fmt: skip
+_COLDEST_K = 60.0  # of a fuel that is not in the table
+
+
+def freezing_K(fuel_field: str) -> float:
+    """Freezing point of the fuel in a field such as `MASSFRAC_C7H16`, or that of the lowest."""
+    name = fuel_field.upper().removeprefix("MASSFRAC_").removeprefix("Y_")
+    return _FREEZING_K.get(name, _COLDEST_K)
+
+
+def check_totals(case: CfdCase, notes: Mapping[str, float]) -> None:
+    """Refuses masses, numbers and lengths that no fuel spray has; `notes` as of the spray."""
+    hint = "one of the fields is in another unit, such as cm; a mapping file gives the unit"
+    for phase, most in _MOST_KG.items():
+        if (mass := notes.get(f"{phase}_mass_kg", 0.0)) > most:
+            raise SprayError(
+                f"{case.source}: {mass:.3g} kg of {phase}; allowed: up to {most:g} kg ({hint})"
+            )
+    if notes.get("droplets", np.inf) < notes.get("parcels", 0.0):
+        label = "nParticle" if case.cloud is None else case.cloud.fields["nParticle"].label
+        raise SprayError(
+            f"{label}: {notes['droplets']:.3g} droplets in {notes['parcels']:.0f} parcels; "
+            "allowed: one in each parcel or more (if it is the parcel's mass, a mapping file "
+            "names it as `mass`)"
+        )
+    low, high = case.mesh.extent_m
+    longest = min(_LONGEST_m, float(np.linalg.norm(high - low)))
+    for name in ("liquid_penetration_99_m", "vapour_penetration_m"):
+        if (length := notes.get(name, 0.0)) > longest:
+            what = name.removesuffix("_m").replace("_", " ")
+            raise SprayError(
+                f"{case.source}: {what} is {length:.3g} m; allowed: up to {longest:.3g} m, 1 m and "
+                f"the mesh's diagonal ({hint}; or the nozzle is wrong, spray.nozzle_m)"
+            )
+
+
+def gas_remarks(
+    case: CfdCase, density: AnyFloats, ideal: Floats, temperature_K: AnyFloats, pressure: AnyFloats
+) -> tuple[str, ...]:
+    """Compares the density with an ideal gas; refuses temperatures in degrees Celsius.
+
+    `density` and `ideal` (N,), that of an ideal gas at temperature_K and pressure (N,).
+    """
+    known = density > 0
+    if not known.any():
+        return ()
+    kelvin = np.log(density[known] / ideal[known])
+    shifted = kelvin + np.log1p(_ZERO_C_K / temperature_K[known])
+    off, fit = (float(np.expm1(np.median(each))) for each in (kelvin, shifted))
+    if abs(off) < _OFF:
+        return ()
+    scatter = float(np.median(np.abs(shifted)))  # cell by cell, not on the mean alone
+    if scatter < _FITS and np.std(shifted) <= np.std(kelvin) + 1e-6:
+        raise SprayError(
+            f"{case.gas['T'].label}: {temperature_K.min():.4g} to {temperature_K.max():.4g} seem "
+            f"to be degrees Celsius: the density is {1 + off:.3g} times that of an ideal gas at T, "
+            f"and {1 + fit:.3g} times at T + 273.15; a mapping file gives the unit: "
+            "temperature: {column: T, unit: degC}"
+        )
+    span = f"{pressure.min():.4g} to {pressure.max():.4g} Pa"
+    gauge = float(np.median(np.abs(kelvin - np.log1p(101325.0 / pressure[known]))))
+    hint = ": p seems to be a gauge pressure" if gauge < _FITS else ""
+    return (
+        f"The density is {1 + off:.3g} times that of an ideal gas of air and fuel at T and p "
+        f"({span}){hint}.",
+    )
