@@ -36,6 +36,8 @@ _FEWEST = 12  # cells along the gas's fuel, 4 mm of 48: fewer were not seen to f
 _MOST_LOST = 1e-3
 _HALF = 0.5  # of the square of a difference: if chance makes more, it hides the error
 _FINEST_LATTICE_m = 0.1e-3
+# A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
+NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
 _CONE_KEY, _FLOW_KEY = "spray.spacing_m", "spray.box.spacing_m"
 
 
@@ -80,7 +82,11 @@ class _GasGrid(ErrorSource):
             return [at.predicted[self.name].at(cone.lattice_m)]
         if at.prepared.on_lattice or at.prepared.is_empty:
             return []
-        why = "a lattice twice or four times as coarse does not hold the plumes"
+        twice, four = (f"{1e3 * up * cone.lattice_m:.3g}" for up in (2, 4))
+        why = (
+            f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes or "
+            f"reach out of the domain; allowed: a smaller {_CONE_KEY}"
+        )
         return [Estimate.unknown(self.name, why, _CONE_KEY)]
 
     def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
@@ -95,7 +101,7 @@ class _GasGrid(ErrorSource):
         at.stages.tell("errors: a lattice twice and four times as coarse")
         try:
             coarser, coarsest = (cone_image(at, cone, up)[1] for up in (2, 4))
-        except SprayError:  # it does not hold the plumes
+        except NO_COARSER_LATTICE:
             return []
         before = tracer.difference(coarser, coarsest)
         last = tracer.difference(tracer.level(at.coarse), coarser)
@@ -133,7 +139,7 @@ class _GasGrid(ErrorSource):
 
 
 def cone_image(at: Measurement, cone: ConeSpray, up: int) -> tuple[ConeSpray, ImagePair]:
-    """A cone on a lattice `up` times as coarse, and its image; raises SprayError without one."""
+    """A cone on a lattice `up` times as coarse, and its image; raises `NO_COARSER_LATTICE`."""
     wider = cone.model_copy(update={"spacing_m": up * cone.lattice_m})
     name = f"{up} times the lattice"
     return wider, at.tracer.variant(name, lambda: at.prepared.resprayed(wider), at.coarse)

@@ -9,8 +9,7 @@ from typing import ClassVar
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.base import OR_NONE, ErrorSource, Excess, Measurement
-from cldit.accuracy.sources.gas_grid import cone_image
-from cldit.errors import SprayError
+from cldit.accuracy.sources.gas_grid import NO_COARSER_LATTICE, cone_image
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
@@ -56,7 +55,7 @@ class _SizeClasses(ErrorSource):
             image = at.tracer.variant(
                 f"{half.size_classes} classes", lambda: at.prepared.resprayed(half), at.coarse
             )
-        except SprayError:  # no cone has a lattice so coarse
+        except NO_COARSER_LATTICE:
             return []
         found = at.tracer.difference(whole, image)
         how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"

@@ -21,12 +21,14 @@ from cldit.accuracy.sources.gas_grid import (
     without_chance,
 )
 from cldit.errors import MediumError, SprayError
+from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, PointSource, Sources, build_octrees
 from cldit.medium.resolution import within
 from cldit.prepare import medium
 from cldit.prepare.stages import Stages
-from cldit.scene import Scene, parse_scene
+from cldit.run import simulate
+from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
@@ -249,3 +251,15 @@ def test_a_second_spray_is_made_for_the_estimate_alone(
     named = [stage.name for stage in stages.done]
     assert named == ["spray", "optics", "spray on cells of gas twice as large"]
     assert traced[-1][0] is not None and traced[-1][0].extent is not None
+
+
+def test_the_estimate_gives_way_where_a_coarser_cone_leaves_the_domain(device: Device) -> None:
+    """The cone's boxes of 10 and 20 mm reach out of the domain of 80 mm; those of 5 mm do not."""
+    data = load_scene("gdi").model_dump(mode="json")
+    data["spray"]["spacing_m"] = 5e-3
+    data["camera"]["pixels"] = [12, 12]
+    errors = simulate(parse_scene(data), device=device).errors
+    assert errors is not None and errors.text.startswith("at least ")
+    found = {cause.name: cause for cause in errors.causes}["gas grid"]
+    assert found.error_K is None and found.fixed == "spray.spacing_m"
+    assert "lattices of 10 and 20 mm" in found.how and "allowed: a smaller" in found.how
