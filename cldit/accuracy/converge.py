@@ -46,7 +46,7 @@ class Result:
     """The solution of a problem at one resolution.
 
     trace_error: None if nothing scatters. estimates: by source, empty without audit.
-    error_maps: of `errors` (H, W), by source.
+    error_maps: of `errors` (H, W), by source. unstated: why no error is stated, if none is.
     """
 
     resolution: Resolution
@@ -60,11 +60,12 @@ class Result:
     estimates: tuple[Estimate, ...] = ()
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     refinements: int = 0
+    unstated: str = ""
 
     @property
     def errors(self) -> Errors:
         """Errors by source, and their sum."""
-        return Errors.of(one.cause for one in self.estimates)
+        return Errors(tuple(one.cause for one in self.estimates), why=self.unstated)
 
     @property
     def quadrature(self) -> Quadrature:
@@ -133,6 +134,8 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     """The result with the error of each source."""
     if problem.is_clear(tracer.prepared):
         return result
+    if not result.maps.has_temperature.any():
+        return replace(result, unstated=f"no pixel has a T_app ({result.maps.causes})")
     scene, traces, depth = problem.scene, result.traces, result.resolution.depth
     assert depth is not None
     image = ImagePair.of(traces.traces[tracer.prepared.number])

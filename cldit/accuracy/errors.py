@@ -91,11 +91,13 @@ class Estimate:
 class Errors:
     """Errors of the simulation by source, independent of each other: their squares add up.
 
-    model: the spread of the model itself (evaporation, n and k), which is never in the sum.
+    model: the spread of the model itself (evaporation, n and k), which is never in the sum. why:
+    reason why there is no error to state, although there are sources of it; empty otherwise.
     """
 
     causes: tuple[Cause, ...]
     model: tuple[Cause, ...] = ()
+    why: str = ""
 
     @property
     def total_K(self) -> float | None:
@@ -110,7 +112,9 @@ class Errors:
 
     @property
     def text(self) -> str:
-        """`1.2 K`, `at least 1.2 K`, `unknown`, or that there is no source of error."""
+        """`1.2 K`, `at least 1.2 K`, `unknown`, or why there is no error."""
+        if self.why:
+            return f"not stated: {self.why}"
         if not self.causes:
             return "none: nothing is in the way"
         if self.total_K is None:
@@ -133,6 +137,7 @@ class Errors:
             "at_least": bool(self.unknown),
             "causes": [asdict(cause) for cause in self.causes],
             "model": [asdict(cause) for cause in self.model],
+            "why": self.why,
         }
 
     @classmethod
@@ -141,7 +146,7 @@ class Errors:
         causes, model = (
             tuple(Cause(**cause) for cause in data.get(name, ())) for name in ("causes", "model")
         )
-        return cls(causes, model)
+        return cls(causes, model, data.get("why", ""))
 
     @classmethod
     def of(cls, causes: Iterable[Cause], model: Iterable[Cause] = ()) -> Errors:

@@ -35,6 +35,9 @@ def final(scene: Scene, result: Result) -> Iterator[str]:
     if not transport.audit:
         yield from () if error is None else error.remarks(transport)
         return
+    if result.errors.why:
+        yield f"error of T_app: {result.errors.text}"
+        return
     yield from () if error is None else error.unknown_remarks
     yield from too_large(result.errors, transport.accuracy_K, result.resolution.limits)
 

@@ -105,6 +105,13 @@ class Maps:
         """Number of pixels for each reason that occurs, OK first."""
         return {reason: n for reason in Reason if (n := int(np.sum(self.reason == reason)))}
 
+    @property
+    def causes(self) -> str:
+        """Reasons of the pixels without a T_app, each with its number of pixels."""
+        found = self.count()
+        found.pop(Reason.OK, None)
+        return "; ".join(f"{reason.text}: {n} pixels" for reason, n in found.items())
+
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes a TIFF per map into `folder`, with names, units, and pixels of `pixel_m`."""
         folder.mkdir(parents=True, exist_ok=True)

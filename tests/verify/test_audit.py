@@ -181,4 +181,4 @@ def test_unknown_is_said(run_block: Callable[..., Run]) -> None:
     run = run_block(BLOCK, **scene, transport=transport)
     assert not np.isfinite(run.maps.apparent_temperature_K).any()
     assert run.info.accuracy_K is None
-    assert any("unknown (no pixel has an apparent" in text for text in run.info.remarks)
+    assert any("not stated: no pixel has a T_app" in text for text in run.info.remarks)

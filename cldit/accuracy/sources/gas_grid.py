@@ -84,8 +84,8 @@ class _GasGrid(ErrorSource):
             return []
         twice, four = (f"{1e3 * up * cone.lattice_m:.3g}" for up in (2, 4))
         why = (
-            f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes or "
-            f"reach out of the domain; allowed: a smaller {_CONE_KEY}"
+            f"no estimate from lattices of {twice} and {four} mm, which do not resolve the plumes "
+            f"or reach out of the domain; allowed: a smaller {_CONE_KEY}"
         )
         return [Estimate.unknown(self.name, why, _CONE_KEY)]
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cldit.accuracy import converge as converging
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.converge import Result, converge
-from cldit.accuracy.errors import Cause, Estimate
+from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
+from cldit.gpu.device import Device
 from cldit.prepare.stages import Stages
-from cldit.scene import load_scene
+from cldit.run import simulate
+from cldit.scene import load_scene, parse_scene
 
 
 @pytest.mark.parametrize(
@@ -61,3 +65,42 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     worse = found_K[-1] > kept_K
     assert any("is kept" in remark for remark in stages.remarks) == worse
     assert (kept.resolution.limits == {"cells": "memory is full"}) == worse
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"background": {"temperatures_K": [300.0, 340.0]}, "walls": {"temperature_K": 800.0}},
+         "negative|below zero|does not see the heated background|transparent"),
+        ({"background": {"temperatures_K": [400.0]}}, "fewer than two backgrounds .*: 64 pixels"),
+        ({"background": {"temperatures_K": [400.0, 400.0]}}, "fewer than two backgrounds"),
+    ],
+    ids=["hot walls", "one background", "equal backgrounds"],
+)  # fmt: skip
+def test_no_error_is_stated_of_a_temperature_that_no_pixel_has(
+    device: Device, tmp_path: Path, change: dict[str, Any], why: str
+) -> None:
+    """A tenth of the light is the walls', reflected by droplets."""
+    one = np.ones((4, 4, 4))
+    np.savez(
+        tmp_path / "grid.npz",
+        origin_m=np.full(3, -2e-3),
+        spacing_m=np.full(3, 1e-3),
+        droplet_absorption_per_m=300.0 * one,
+        droplet_scattering_per_m=300.0 * one,
+        droplet_temperature_K=300.0 * one,
+    )
+    data: dict[str, Any] = {
+        "name": "dark",
+        "spray": {"model": "grid", "file": str(tmp_path / "grid.npz")},
+        "domain": {"edge_m": 0.016},
+        "camera": {"pixels": [8, 8], "field_m": [0.006, 0.006], "target_m": [0.0, 0.0, 0.0]},
+        "walls": {"temperature_K": 400.0, **change.get("walls", {})},
+        "background": {"radius_m": 0.05, **change["background"]},
+    }
+    run = simulate(parse_scene(data), device=device)
+    assert not run.maps.has_temperature.any()
+    assert run.errors is not None and run.errors.total_K is None and not run.errors.causes
+    assert re.search(f"not stated: no pixel has a T_app .*({why})", run.errors.text)
+    assert Errors.from_dict(run.errors.to_dict()) == run.errors
+    assert run.error_maps == {}
