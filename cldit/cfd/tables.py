@@ -8,6 +8,7 @@ written by Fluent was at hand).
 
 from __future__ import annotations
 
+import codecs
 import csv
 import re
 import warnings
@@ -146,15 +147,47 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str], str]:
     """Names and delimiter; a name in quotes may contain the delimiter."""
     try:
-        with regular(file).open(encoding="utf-8-sig") as stream:
+        with regular(file).open(encoding=_encoding(file)) as stream:
             lines = [stream.readline() for _ in range(wanted.header_line)]
+            while lines[-1].startswith("%") and "header_line" not in wanted.model_fields_set:
+                following = stream.readline()
+                if not following.startswith("%"):  # the last remark names the columns
+                    break
+                lines.append(following)
     except SprayError:
         raise
     except (OSError, UnicodeDecodeError) as error:
         raise SprayError(f"{file}: cannot be read ({error})") from error
-    header = lines[-1].strip("\r\n ").lstrip("#").lstrip()
+    header = lines[-1].strip("\r\n ").lstrip("#%").lstrip()
     delimiter = wanted.delimiter or _delimiter(header)
     return [part.strip().strip('"').strip() for part in _split(header, delimiter)], delimiter
+
+
+def _encoding(file: Path) -> str:
+    """UTF-8 if all of the file is; else cp1252, as spreadsheets on Windows write."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with open_regular(file) as stream:
+        try:
+            while part := stream.read(1 << 20):
+                decoder.decode(part)
+        except UnicodeDecodeError:
+            return "cp1252"
+    return "utf-8-sig"
+
+
+_UNDEFINED = re.compile(r"[-+]?\d\.#(?:IND|QNAN|SNAN|INF)\d*|", re.IGNORECASE)  # of Windows
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)")
+
+
+def _readable(line: str, delimiter: str, used: list[int]) -> str:
+    """Replaces undefined and empty cells by nan, and exponents of Fortran (1.5D-3) by 1.5e-3."""
+    if '"' in line:
+        return line
+    cells = _split(line, delimiter)
+    for place in used:
+        cell = cells[place].strip()
+        cells[place] = "nan" if _UNDEFINED.fullmatch(cell) else _FORTRAN.sub("e", cell)
+    return delimiter.join(cells)
 
 
 def _delimiter(header: str) -> str:
@@ -228,16 +261,16 @@ def _numbers(
             raise SprayError(f"{file}: its last line has no end: the file is cut off")
     kind = dict.fromkeys(texts, "U32") | dict.fromkeys(used, "f8")
     kinds = [(str(place), kind.get(place, "U1")) for place in range(len(names))]
-    count = 0
+    count, encoding = 0, _encoding(file)
 
     def lines(check: bool) -> Iterator[str]:
         nonlocal count
         count = 0
         blanks = None if delimiter == " " else "\r\n "
-        with file.open(encoding="utf-8-sig") as stream:
+        with file.open(encoding=encoding) as stream:
             for number, raw in enumerate(stream, start=1):
                 line = raw.strip(blanks)
-                if number <= wanted.header_line or not line or line.startswith("#"):
+                if number <= wanted.header_line or not line or line[0] in "#%":
                     continue
                 if check and (cells := len(_split(line, delimiter))) != len(names):
                     raise SprayError(
@@ -247,11 +280,14 @@ def _numbers(
                         "numbers have a comma"
                     )
                 count += 1
-                yield line.replace(",", ".") if wanted.decimal == "," else line
+                line = line.replace(",", ".") if wanted.decimal == "," else line
+                yield _readable(line, delimiter, used) if check else line
 
     def load(check: bool) -> NDArray[Any]:
         mark = None if delimiter == " " else delimiter
-        return np.loadtxt(lines(check), kinds, delimiter=mark, ndmin=1, quotechar='"')
+        return np.loadtxt(
+            lines(check), kinds, delimiter=mark, ndmin=1, quotechar='"', comments=None
+        )
 
     try:
         with warnings.catch_warnings():

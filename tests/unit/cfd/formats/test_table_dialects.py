@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,3 +178,46 @@ def test_a_table_of_several_times(
         return
     with pytest.raises(SprayError, match=message):
         read_cfd(CfdSpray(file=path, **writers.place))
+
+
+def latin_1(text: str) -> str:
+    """A header of another encoding: the degree sign is one byte, which is no UTF-8."""
+    head, *rows = text.splitlines()
+    return "\n".join([f"{head},room (\udcb0C)", *(f"{row},21" for row in rows), ""])
+
+
+def fortran(text: str) -> str:
+    return re.sub(r"e([-+]\d\d)", r"D\1", text)
+
+
+def remarks(text: str) -> str:
+    head, rest = text.split("\n", 1)
+    return f"% made by a solver\n% {head}\n{rest}"
+
+
+@pytest.mark.parametrize("change", [latin_1, fortran, remarks], ids=lambda each: each.__name__)
+def test_dialects_of_solvers(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    mapping = parcels(path, lambda text: text)
+    path.write_text(yaml.safe_dump(mapping))
+    file = tmp_path / "drops.txt"
+    file.write_bytes(change(file.read_text()).encode("utf-8", "surrogateescape"))
+    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+
+
+@pytest.mark.parametrize("undefined", ["-1.#IND", "1.#QNAN0", ""])
+def test_an_undefined_number_is_one_parcel_omitted(
+    tmp_path: Path, foam: Foam, writers: Writers, undefined: str
+) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    mapping = parcels(path, lambda text: text)
+    file = tmp_path / "drops.txt"
+    head, row, *rows = file.read_text().splitlines()
+    cells = row.split(",")
+    cells[head.split(",").index("T")] = undefined
+    file.write_text("\n".join([head, ",".join(cells), *rows, ""]))
+    path.write_text(yaml.safe_dump(mapping))
+    spray = read_cfd(CfdSpray(file=path, parcels_left_out=0.1, **writers.place))
+    assert spray.notes["parcels"] == 16
+    assert any("Omitted 1 of 17 parcels" in remark for remark in spray.remarks)
