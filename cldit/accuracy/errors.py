@@ -8,6 +8,7 @@ from typing import Any
 
 from cldit.accuracy.image_pair import Floats, ImageDifference
 
+PARTS = ("spray", "optics", "cells", "pixels", "seed")  # of a run, that two runs may share
 NO_PIXEL = "no pixel has a T_app on either"
 
 
@@ -17,7 +18,8 @@ class Cause:
 
     error_K: RMS of T_app over the pixels that have one; None: unknown. how: what was compared, or
     why the error is unknown. fixed: key of the scene that fixes it. at_most: True for an upper
-    bound.
+    bound. shared_by: what two runs have in common if they share this error, one of `PARTS`; empty:
+    nothing.
     """
 
     name: str
@@ -25,6 +27,7 @@ class Cause:
     how: str
     fixed: str = ""
     at_most: bool = False
+    shared_by: str = ""
 
     def __post_init__(self) -> None:
         if self.error_K is not None and not self.error_K >= 0.0:
@@ -75,6 +78,10 @@ class Estimate:
     def error_K(self) -> float | None:
         """The error; None: unknown."""
         return self.cause.error_K
+
+    def shared(self, by: str) -> Estimate:
+        """The estimate with the part of a run by which two runs share it."""
+        return replace(self, cause=replace(self.cause, shared_by=by))
 
     def at(self, size: float) -> Estimate:
         """The estimate for another size."""

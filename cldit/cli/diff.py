@@ -49,10 +49,12 @@ def print_difference(found: Difference) -> None:
         )
     stated = ["none" if each is None else f"{each:.2g} K" for each in found.stated_K]
     OUT.print(f"  stated errors of T_app, RMS: {stated[0]} and {stated[1]}")
+    if found.shared:
+        OUT.print(f"  shared errors, not counted: {', '.join(found.shared)}")
     if found.beyond is not None:
         OUT.print(
             f"  {100 * found.beyond:.3g} % of the pixels differ by more than twice the errors "
-            "stated there"
+            f"stated there; reduced chi-square {found.chi2:.2g}"
         )
     for key in found.keys:
         OUT.print(escaped(f"  {key.text}"), style="dim")

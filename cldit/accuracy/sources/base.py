@@ -69,7 +69,7 @@ class Measurement:
         """Estimates of a source."""
         if source.name not in self.found:
             estimated = source.predict if self.solved is None else source.estimate
-            self.found[source.name] = estimated(self)
+            self.found[source.name] = [one.shared(source.shared_by) for one in estimated(self)]
         return self.found[source.name]
 
     def error_K(self, source: ErrorSource) -> float | None:
@@ -85,10 +85,12 @@ class ErrorSource:
     ordinates, wavelengths) have 1. of_spray: True if the error depends on spray and optics, not on
     cells and ordinates; it is then estimated once for each spray. remedy: what a user can do, by
     the key of the scene that fixes the source; "": any other key. also: names of further
-    errors that the source estimates.
+    errors that the source estimates. shared_by: what two runs with the same error have in common,
+    one of `cldit.accuracy.errors.PARTS`.
     """
 
     name: ClassVar[str]
+    shared_by: ClassVar[str]
     cost_power: ClassVar[float] = 0.0
     cost_share: ClassVar[float] = 1.0
     of_spray: ClassVar[bool] = False

@@ -21,6 +21,7 @@ class _Cells(ErrorSource):
     """The cells of the medium, which are the lattice of a cone as well where both are free."""
 
     name = "cells"
+    shared_by = "cells"
     cost_power = 3.0  # the number of cells grows as h^-3, the error falls at least as h
     remedy: ClassVar = {
         "": "a smaller domain.leaf_edge_m",

@@ -45,6 +45,7 @@ class _GasGrid(ErrorSource):
     """The lattice of a cone, or the grid of a computed or imported gas."""
 
     name = "gas grid"
+    shared_by = "spray"
     # The error falls with the lattice to the power 3/2; it costs time only where the medium is
     # made, a third of a run of gdi at 0.5 K.
     cost_power, cost_share = 2.0, 0.3

@@ -17,6 +17,7 @@ class _Ordinates(ErrorSource):
     """The ordinates of a trace, or its random samples."""
 
     name = "trace"
+    shared_by = "seed"
     cost_power = 1.5  # the error falls with the number of ordinates to the power -2/3
     remedy: ClassVar = {
         "": "more transport.directions or a larger transport.max_samples, or, for the part that "

@@ -61,6 +61,7 @@ class _Parcels(ErrorSource):
     """The parcels of a spray that are a sample of its droplets."""
 
     name = "parcels"
+    shared_by = "spray"
     of_spray = True
     remedy: ClassVar = {"": _REMEDY}
     also = ("deposit width",)

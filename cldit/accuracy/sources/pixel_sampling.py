@@ -24,6 +24,7 @@ class _PixelSampling(ErrorSource):
     """Pixels and their rays, which no resolution includes."""
 
     name = "pixel sampling"
+    shared_by = "pixels"
     remedy: ClassVar = {"": "more camera.pixels, or camera.rays_per_pixel: 4 or more"}
 
     def key(self, scene: Scene) -> str:

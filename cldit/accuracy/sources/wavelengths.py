@@ -15,6 +15,7 @@ class _Wavelengths(ErrorSource):
     """The number of wavelengths; `cldit.optics.wavelengths` knows the error of each number."""
 
     name = "wavelengths"
+    shared_by = "optics"
     cost_power = 1.0  # the error falls about as one over their number
     remedy: ClassVar = {
         "": "more optics.wavelengths",

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.show.comparison.pixels import together
+from cldit.show.comparison.shared import unshared
 from cldit.show.comparison.shown import Shown, open_shown
 
 Image = NDArray[np.float64]
 
 _BEYOND = 2.0  # standard errors
+_ROUNDED_K = 2e-3  # single precision on different devices
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,11 @@ class Difference:
 
     stated_K: standard error of T_app that each states, None if none. given_K: allowed by the caller
     instead. at_least: True if a cause of a stated error is unknown. only: number of pixels with a
-    T_app only in the first, and only in the second. beyond: share of the pixels whose T_app differ
-    by more than twice the errors stated there; None if none are stated. averaged: description of
-    an average onto the other's pixels. keys: that differ between the scenes.
+    T_app only in the first, and only in the second. unshared_K: the errors that they do not share;
+    shared: names of sources whose errors they share. beyond: share of the pixels whose T_app differ
+    by more than twice the errors that are not shared there; None if none are stated. chi2: mean of
+    the squared difference over the square of these errors, 1 if they explain it. averaged:
+    description of an average onto the other's pixels. keys: that differ between the scenes.
     """
 
     one: str
@@ -68,9 +72,12 @@ class Difference:
     maps: tuple[MapDifference, ...]
     only: tuple[int, int]
     stated_K: tuple[float | None, float | None]
+    unshared_K: tuple[float | None, float | None]
+    shared: tuple[str, ...]
     at_least: bool
     given_K: float | None
     beyond: float | None
+    chi2: float | None
     averaged: str
     keys: tuple[KeyDifference, ...]
 
@@ -81,11 +88,11 @@ class Difference:
 
     @property
     def allowed_K(self) -> float | None:
-        """RMS that the stated errors explain, if independent; None if they are not stated."""
+        """RMS that the errors explain that are not shared; None if they are not stated."""
         if self.given_K is not None:
             return self.given_K
-        one, other = self.stated_K
-        return None if one is None or other is None else math.hypot(one, other)
+        one, other = self.unshared_K
+        return None if one is None or other is None else math.hypot(one, other, _ROUNDED_K)
 
     @property
     def same(self) -> bool:
@@ -112,6 +119,8 @@ class Difference:
         if not allowed:
             return "differs, but no error is stated to compare with; --within gives an allowance"
         source = "allowed" if self.given_K is not None else "explained by both errors"
+        if self.shared and self.given_K is None:
+            source += " that are not shared"
         if self.at_least and self.given_K is None:
             source += ", at least"
         return f"{'within' if self.within else 'beyond'} the {allowed} {source}"
@@ -145,6 +154,8 @@ def compare(
         EvaluationError: the pixels differ, and may not or cannot be made the same.
     """
     first, second = (open_shown(each, acquired=acquired) for each in (one, other))
+    stated_K = first.error_K, second.error_K
+    first, second, shared = unshared(first, second)
     first, second, averaged = together(first, second, resample=resample)
     t_one, t_other = (
         each.maps.apparent_temperature_K.astype(np.float64) for each in (first, second)
@@ -155,15 +166,19 @@ def compare(
         _of("emissivity", "1", first.maps.emissivity, second.maps.emissivity, second),
         _of("optical_depth", "1", first.maps.optical_depth, second.maps.optical_depth, second),
     )
+    beyond, chi2 = _compared(t_other - t_one, first, second)
     return Difference(
         one=first.name,
         other=second.name,
         maps=maps,
         only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
-        stated_K=(first.error_K, second.error_K),
+        stated_K=stated_K,
+        unshared_K=(first.error_K, second.error_K),
+        shared=shared,
         at_least=first.at_least or second.at_least,
         given_K=within_K,
-        beyond=_beyond(t_other - t_one, first, second),
+        beyond=beyond,
+        chi2=chi2,
         averaged=averaged,
         keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
     )
@@ -191,15 +206,18 @@ def _of(
     )
 
 
-def _beyond(change_K: Image, one: Shown, other: Shown) -> float | None:
-    """Share of pixels that differ by more than twice the errors stated there."""
+def _compared(change_K: Image, one: Shown, other: Shown) -> tuple[float | None, float | None]:
+    """Share of pixels that differ by more than twice the errors there, and reduced chi-square."""
     errors = [each.error_K if each.error_map_K is None else each.error_map_K
               for each in (one, other)]  # fmt: skip
     if errors[0] is None or errors[1] is None:
-        return None
-    allowed = _BEYOND * np.hypot(errors[0], errors[1])
-    known = np.isfinite(change_K) & np.isfinite(allowed)
-    return float(np.mean(np.abs(change_K) > allowed, where=known)) if known.any() else None
+        return None, None
+    error = np.hypot(np.hypot(errors[0], errors[1]), _ROUNDED_K)
+    known = np.isfinite(change_K) & np.isfinite(error)
+    if not known.any():
+        return None, None
+    ratio = (np.abs(change_K) / error)[known]
+    return float(np.mean(ratio > _BEYOND)), float(np.mean(ratio**2))
 
 
 def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:

@@ -26,7 +26,8 @@ class Shown:
     maps: (H, W). pixel_m: width and height of a pixel on the object. centre_m: (x, z) of the
     image's centre. error_K: stated standard error of T_app, RMS over its pixels; None if not
     stated. at_least: True if a cause of it is unknown. error_map_K: (H, W), in each pixel; None: as
-    error_K. run: the run of a trace; None for a recording.
+    error_K. run: the run of a trace; None for a recording. traced: the run whose errors the maps
+    contain, that which was recorded included; None if unknown.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Shown:
     error_map_K: Image | None = None
     scene: Scene | None = None
     run: Run | None = None
+    traced: Run | None = None
 
     @property
     def grid(self) -> str:
@@ -72,7 +74,11 @@ def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown
     folder = opened.folder / "maps"
     if not folder.is_dir():
         raise RunFolderError(f"{place}: is not evaluated yet; run `cldit evaluate {place}` first")
-    return _recorded(str(place), Maps.load(folder), opened.pixel_m, opened.centre_m)
+    # A run's acquisition is in its folder.
+    of_run = not isinstance(opened, Measured) and (place.parent / "scene.yaml").is_file()
+    traced = open_run(place.parent) if of_run else None
+    maps = Maps.load(folder)
+    return _recorded(str(place), maps, opened.pixel_m, opened.centre_m, traced=traced)
 
 
 def _traced(run: Run, name: str) -> Shown:
@@ -89,6 +95,7 @@ def _traced(run: Run, name: str) -> Shown:
         error_map_K=None if known is None else known.astype(np.float64),
         scene=run.scene,
         run=run,
+        traced=run,
     )
 
 
@@ -96,9 +103,8 @@ def _recorded_by(run: Run, name: str) -> Shown:
     if run.measured is None:
         raise RunFolderError(f"{name}: has no acquisition; compare its trace")
     x, _, z = run.scene.target_m
-    return _recorded(
-        name, run.measured, SensorView.from_scene(run.scene).pixel_m, (x, z), scene=run.scene
-    )
+    pixel_m = SensorView.from_scene(run.scene).pixel_m
+    return _recorded(name, run.measured, pixel_m, (x, z), scene=run.scene, traced=run)
 
 
 def _recorded(
@@ -108,6 +114,7 @@ def _recorded(
     centre_m: tuple[float, float],
     *,
     scene: Scene | None = None,
+    traced: Run | None = None,
 ) -> Shown:
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
     known = np.isfinite(error_K) & np.isfinite(maps.apparent_temperature_K)
@@ -119,4 +126,5 @@ def _recorded(
         error_K=float(np.sqrt(np.mean(error_K[known] ** 2))) if known.any() else None,
         error_map_K=error_K,
         scene=scene,
+        traced=traced,
     )

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.accuracy.errors import Cause, Errors
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.radiance.weights import Weights
@@ -149,6 +150,8 @@ def test_a_run_beside_its_own_measurement(tmp_path: Path) -> None:
     found = compare(folder, folder / "acquisition", resample=True)
     assert found.averaged.startswith(f"{folder} averaged onto 16 x 12 pixels over 160 x 120 mm")
     assert found.within and found.beyond == 0.0 and found.t_app.pixels > 10
+    # Both contain the errors of the trace: the noise of the recording is all that is counted.
+    assert found.unshared_K == (0.0, recorded.error_K)
     shutil.rmtree(folder / "acquisition" / "maps")
     with pytest.raises(RunFolderError, match="not evaluated yet"):
         open_shown(folder / "acquisition")
@@ -167,3 +170,28 @@ def test_keys_that_differ() -> None:
     ]
     names = [one.key for one in key_differences(gdi, load_scene("methane-jet"))]
     assert any(name.startswith("spray.plumes[") for name in names) and len(names) > 5
+
+
+def test_errors_that_both_share_do_not_explain_a_difference() -> None:
+    """The same pixels and cells at another order: only the trace's own errors are independent."""
+    run = open_run(WRITTEN)
+    causes = (
+        Cause("cells", 3.0, "", shared_by="cells"),
+        Cause("pixel sampling", 2.0, "", shared_by="pixels"),
+        Cause("trace", 0.5, "", shared_by="seed"),
+        Cause("gas grid", None, "", shared_by="spray"),
+    )
+    run = replace(run, folder=None, info=replace(run.info, errors=Errors(causes)), error_maps={})
+    first = run.scene.transport.model_copy(update={"order": 1})
+    other = replace(run, scene=run.scene.model_copy(update={"transport": first}))
+    found = compare(run, other)
+    assert found.shared == ("cells", "gas grid", "pixel sampling")
+    assert found.unshared_K == (0.5, 0.5) and not found.at_least
+    assert found.stated_K == pytest.approx((13.25**0.5, 13.25**0.5))
+    camera = run.scene.camera.model_copy(update={"rays_per_pixel": 4})
+    finer = replace(run, scene=run.scene.model_copy(update={"camera": camera}))
+    assert compare(run, finer).unshared_K == pytest.approx((4.25**0.5, 4.25**0.5))
+    spray = run.scene.spray.model_copy(update={"time_s": 0.9e-3})
+    apart = replace(run, scene=run.scene.model_copy(update={"spray": spray}))
+    found = compare(run, apart)
+    assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
