@@ -125,14 +125,16 @@ def find_step(
         others = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
         what = f"no cloud file of the same step {key!r}, but other steps have"
         raise NotAtThisTime(f"{found[0].pieces[0]}: {what}: {others}")
-    return _sorted(at, found, layout, loader)
+    return _sorted(at, found, layout, loader, cloud)
 
 
 def _parcels_likely(entry: Entry) -> bool:
     return entry.cloud is True or (entry.cloud is None and entry.pieces[0].suffix == ".vtp")
 
 
-def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader) -> Step:
+def _sorted(
+    at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader, cloud: str | None
+) -> Step:
     """Sorts the data sets of a step into meshes, clouds and the rest."""
     meshes: dict[Entry, list[Loaded]] = {}
     clouds: dict[str, list[Loaded]] = {}
@@ -151,6 +153,8 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
         elif entry.cloud is False or high in (-1, 3):
             meshes[entry] = pieces
         else:
+            if cloud is None:
+                _refuse_liquid(pieces)
             surfaces += entry.pieces
     for name, places in claims.items():
         only_claimant(f"cloud {name!r}", places)
@@ -177,6 +181,17 @@ def _sorted(at: float | None, found: Sequence[Entry], layout: Layout, loader: Lo
             kind = piece.data.GetClassName()
             raise SprayError(f"{piece.file}: contains {kind}, expected vtkUnstructuredGrid")
     return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
+
+
+def _refuse_liquid(pieces: Sequence[Loaded]) -> None:
+    """Refuses lines or surfaces with diameters and numbers of droplets, which would be omitted."""
+    for piece in pieces:
+        if {"d", "nParticle"} <= piece.point_names | piece.cell_names:
+            raise SprayError(
+                f"{piece.file}: has d and nParticle, the fields of parcels, on lines or surfaces: "
+                "tracks of several times, or joined parcels; save the points of one time as "
+                f"vertices, or name the cloud to be read (spray.cloud; {NO_CLOUD} for gas alone)"
+            )
 
 
 def _all_different(parts: Sequence[Loaded]) -> None:
