@@ -9,8 +9,9 @@ from pydantic import model_validator
 
 from cldit.rig.checks import check_setpoint
 from cldit.rig.clock import Clock
-from cldit.rig.errors import ConfigRejected, NotConnected
+from cldit.rig.errors import ConfigRejected, OddAnswer
 from cldit.rig.link import Told
+from cldit.rig.locks import serial_address, tcp_address
 from cldit.rig.protocols import Limits
 from cldit.rig.stability import Settling
 from cldit.scene.checks import Section, Within
@@ -49,6 +50,12 @@ class ControllerSettings(BlackBodyLimits):
         """Address for messages, and name of a serial line."""
         return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
 
+    def address(self) -> str:
+        """Address by which the instrument is locked."""
+        if self.host is not None:
+            return tcp_address(self.host, self.port)
+        return serial_address(str(self.serial))
+
     @property
     def safe_setpoint_K(self) -> float:
         low, high = self.limits_K
@@ -77,14 +84,14 @@ class BlackBody(Settling, Generic[S]):
 
     def _plausible(self, query: str, temperature_K: float) -> float:
         """Checks the answer to a query against the limits of the source, because a damaged integer
-        looks like any other; raises NotConnected."""
+        looks like any other; raises OddAnswer."""
         low, high = self._settings.limits_K
         coldest, hottest = low * _COLDEST, high * _HOTTEST
         if not coldest <= temperature_K <= hottest:
-            raise NotConnected(
+            raise OddAnswer(
                 f"background: answered {temperature_K:g} K to {query}, expected {coldest:.0f} to "
                 f"{hottest:.0f} K with limits_K {low:g} to {high:g}; is another program using it, "
-                "or its unit another?"
+                "its unit another, or its sensor broken?"
             )
         return temperature_K
 

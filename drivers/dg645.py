@@ -19,6 +19,7 @@ from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
 from cldit.rig.link import Linked
+from cldit.rig.locks import tcp_address
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
 
@@ -68,6 +69,7 @@ class Dg645(Linked):
             "trigger",
             f"DG645 at {where}",
             by_hand=f"unplug the cable of the output {settings.injector}, or switch the DG645 off",
+            address=lambda: tcp_address(settings.host, settings.port),
         )
         self._settings = settings
         self._clock = context.clock
@@ -84,6 +86,8 @@ class Dg645(Linked):
         info = self._line.identity("DG645")
         serial, firmware = info.serial.removeprefix("s/n"), info.firmware.removeprefix("ver")
         self._info = replace(info, serial=serial, firmware=firmware)
+
+    def _prepare(self) -> None:
         self._line.integer("*CLS;LERR?")
         self._still()
 
@@ -194,6 +198,11 @@ class Dg645(Linked):
         self._inhibited = True
         injector = self._settings.injector
         first, second = _EDGES[injector]
+        # All of it without a reading first: what reads back wrong must not keep the rest.
+        self._line.write(
+            f"*CLS;DLAY {second},{first},0;LAMP {_OUTPUTS[injector]},{_LOWEST_V:g};BURM 0;"
+            f"TSRC {_SINGLE_SHOT}"
+        )
         self._set("TSRC", None, _SINGLE_SHOT)
         self._set("BURM", None, 0)
         self._edge(second, first, 0.0)

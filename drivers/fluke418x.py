@@ -44,6 +44,7 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
             "background",
             f"Fluke 418x at {where}",
             by_hand="switch its heater off at its keypad, or its mains switch",
+            address=settings.address,
         )
         BlackBody.__init__(self, settings, context.clock)
         if settings.host is not None:
@@ -78,9 +79,15 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         }
 
     def _still(self) -> str:
-        """Switches the heater off first, which suffices by itself; then sets the safe set point."""
-        self._output(False)
-        got_K = self._write(self._settings.safe_setpoint_K)
+        """Switches the heater off first, which suffices by itself; then sets the safe set point.
+        Both are read back after both are written."""
+        safe_K = self._settings.safe_setpoint_K
+        self._heater.written("off")
+        self._line.write("OUTP:STAT 0")
+        self._setpoint.written(f"{safe_K:.1f} K")
+        self._line.write(f"SOUR:SPO {safe_K - KELVIN:.2f}")
+        self._check_output(False)
+        got_K = self._confirmed(safe_K, self._kelvin("SOUR:SPO?"))
         return f"heater off, set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
@@ -109,6 +116,10 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         state = "on" if on else "off"
         self._heater.written(state)
         self._line.write(f"OUTP:STAT {int(on)}")
+        self._check_output(on)
+
+    def _check_output(self, on: bool) -> None:
+        state = "on" if on else "off"
         if self._line.flag("OUTP:STAT?") is not on:
             raise ConfigRejected(f"background: the heater does not switch {state}")
         self._heater.confirmed(state)

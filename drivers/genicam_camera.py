@@ -48,6 +48,7 @@ class GenicamCamera(Linked):
             "camera",
             f"GigE Vision camera at {settings.address}",
             by_hand="pull its trigger cable, or switch it off",
+            address=lambda: f"camera {settings.address}",
             # After a lost link, the camera keeps the control until its heartbeat expires.
             reach_s=settings.heartbeat_s + _REACH_s,
         )
@@ -95,6 +96,10 @@ class GenicamCamera(Linked):
         features = self._features = Features(watched(self._client, self._asking))
         if features.has("GevHeartbeatTimeout"):
             features.client.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
+        features.client.stop()  # before anything is read that could be impossible
+
+    def _prepare(self) -> None:
+        wanted, features = self._settings, self._connected()
         names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
         maker, model, serial, firmware = (features.text(name) for name in names)
         self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
@@ -103,7 +108,6 @@ class GenicamCamera(Linked):
             raise NotConnected(f"camera: its frame rate is {rate_Hz:g} Hz, expected more than 0")
         self._period_s = 1.0 / rate_Hz
         self._clock_offset_ns = features.clock_offset_ns()
-        features.client.stop()
         features.choose("PixelFormat", wanted.pixel_format)
         self.configure(wanted.calibration.integration_time_s)
 

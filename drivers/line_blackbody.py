@@ -6,11 +6,12 @@ Nothing here is specific to an instrument: its manual gives the templates for th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import NotConnected
+from cldit.rig.errors import NotConnected, OddAnswer
 from cldit.rig.link import Linked, Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
@@ -57,6 +58,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
             "background",
             f"{settings.model} at {where}",
             by_hand="lower its set point at its front panel, or switch its mains off",
+            address=settings.address,
         )
         BlackBody.__init__(self, settings, context.clock)
         options: dict[str, Any] = {
@@ -87,6 +89,8 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
             self._said = self._line.first(
                 identity.text(), lambda text: text if fits(text) else None, identity.answer
             )
+
+    def _prepare(self) -> None:
         self.read_temperature()
 
     def _drop(self) -> None:
@@ -108,12 +112,17 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         }
 
     def _still(self) -> str:
-        """Switches the heater off first, if possible; then sets the safe set point."""
-        off = self._settings.heater_off
+        """Switches the heater off first, if possible; then sets the safe set point. What it says to
+        either is checked after both."""
+        off, safe_K = self._settings.heater_off, self._settings.safe_setpoint_K
+        checks = [] if off is None else [self._told(off)]
+        self._setpoint.written(f"{safe_K:.1f} K")
+        checks.append(self._told(self._settings.set, safe_K - self._offset_K))
+        for check in checks:
+            check()
         if off is not None:
-            self._tell(off)
             self._heater.confirmed("off")
-        got_K = self._write(self._settings.safe_setpoint_K)
+        got_K = self._confirmed(safe_K, self._kelvin(self._settings.setpoint))
         return ("heater off, " if off is not None else "") + f"set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
@@ -142,18 +151,24 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
     # Templates on the line
 
     def _tell(self, command: Command, value: float = 0.0) -> None:
+        self._told(command, value)()
+
+    def _told(self, command: Command, value: float = 0.0) -> Callable[[], None]:
+        """Sends a command, and returns the check of its answer."""
         text, expected = command.text(value), command.answer
         if expected is None:
             self._line.write(text)
-            return
+            return lambda: None
+        answer = self._line.query(text)
 
-        def parse(answer: str) -> None:
-            if not pattern(expected).fullmatch(answer):
-                raise NotConnected(
-                    f"background: answered {answer!r} to {text}, expected {expected}"
-                )
+        def check() -> None:
+            with self._asking():
+                if not pattern(expected).fullmatch(answer):
+                    raise OddAnswer(
+                        f"background: answered {answer!r} to {text}, expected {expected}"
+                    )
 
-        self._line.ask(text, parse)
+        return check
 
     def _number(self, ask: Ask) -> float:
         return self._line.ask(ask.text(), lambda answer: self._in(ask, answer))
@@ -167,7 +182,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
     def _in(self, ask: Ask, answer: str) -> float:
         found = pattern(ask.answer).fullmatch(answer)
         if found is None:
-            raise NotConnected(
+            raise OddAnswer(
                 f"background: answered {answer!r} to {ask.send}, expected {ask.answer}; is another "
                 "program using it?"
             )

@@ -16,7 +16,7 @@ from pydantic import model_validator
 
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected
-from cldit.rig.link import Linked, LinkState
+from cldit.rig.link import Linked
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 
@@ -47,6 +47,10 @@ class ModbusSettings(ControllerSettings):
             raise ValueError("model, registers: allowed: one of the two")
         return self
 
+    def address(self) -> str:
+        # Several controllers share a line; a serial one is of one program all the same.
+        return super().address() + (f" unit {self.unit}" if self.host is not None else "")
+
     @property
     def map(self) -> RegisterMap:
         """The registers."""
@@ -62,6 +66,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             "background",
             f"{settings.map.model} at {settings.where}",
             by_hand="lower its set point at its front panel, or switch its mains off",
+            address=settings.address,
         )
         BlackBody.__init__(self, settings, context.clock)
         self._map = settings.map
@@ -88,12 +93,14 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             many = 2 * max(self._map.temperature.words, self._map.setpoint.words)
             with suppress(ConfigRejected):  # a rejection is an answer, too
                 self._registers(self._map.temperature, many)
-            self.read_temperature()
         except Exception as error:
             raise NotConnected(
                 f"background: {self._where}: {error}; check that it is switched on, its address, "
                 "and that no other program uses the line"
             ) from error
+
+    def _prepare(self) -> None:
+        self.read_temperature()
 
     def _drop(self) -> None:
         client, self._client = self._client, None
@@ -119,7 +126,11 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         }
 
     def _still(self) -> str:
-        return f"set point {self._aim(self._settings.safe_setpoint_K):.1f} K"
+        safe_K = self._settings.safe_setpoint_K
+        self._setpoint.written(f"{safe_K:.1f} K")
+        register = self._map.setpoint
+        self._write(register.address, register.encode(safe_K - self._offset_K))
+        return f"set point {self._confirmed(safe_K, self._get(register)):.1f} K"
 
     def read_temperature(self) -> float:
         return self._get(self._map.temperature)
@@ -170,16 +181,10 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         self._ask("write_registers", address, {"values": words}, written)
 
     def _ask(self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]) -> T:
-        """One exchange, repeated once on a newly opened line if the answer was lost or damaged, as
-        by noise on a long line: every request may be sent twice."""
-        was_open = self._state is LinkState.OPEN
-        try:
-            return self._exchange(what, address, named, parse)
-        except NotConnected:
-            if not was_open:
-                raise
-        self.connect(self._settings.answer_s)
-        return self._exchange(what, address, named, parse)
+        """One exchange; every request may be sent twice."""
+        return self._again(
+            lambda: self._exchange(what, address, named, parse), self._settings.answer_s
+        )
 
     def _exchange(
         self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]

@@ -20,6 +20,7 @@ from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
 from cldit.rig.link import Linked
+from cldit.rig.locks import serial_address, tcp_address
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
 
@@ -86,6 +87,12 @@ class PulseGeneratorSettings(Section):
         """Address for messages, and name of a serial line."""
         return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
 
+    def address(self) -> str:
+        """Address by which the instrument is locked."""
+        if self.host is not None:
+            return tcp_address(self.host, self.port)
+        return serial_address(str(self.serial))
+
 
 class PulseGenerator(Linked):
     """Implements `cldit.rig.protocols.TriggerGenerator`."""
@@ -95,6 +102,7 @@ class PulseGenerator(Linked):
             "trigger",
             f"{settings.series} at {settings.where}",
             by_hand=f"unplug the cable of the output {settings.injector}, or switch it off",
+            address=settings.address,
         )
         self._settings = settings
         self._series = SERIES[settings.series]
@@ -119,6 +127,8 @@ class PulseGenerator(Linked):
     def _open(self, timeout_s: float) -> None:
         self._line.open(min(timeout_s, self._settings.answer_s))
         self._info = self._line.identity(self._series.model)
+
+    def _prepare(self) -> None:
         self._still()
 
     def _drop(self) -> None:
@@ -218,9 +228,14 @@ class PulseGenerator(Linked):
         self._over_s = 0.0
 
     def _still(self) -> str:
-        """Switches all outputs off; then resets what would send a pulse once they are on."""
+        """Switches all outputs off, and reads that back after all are; then resets what would send
+        a pulse once they are on."""
         self._inhibited = True
         output = self._settings.injector
+        off = [f"{self._system}STAT 0", f"{self._injector}STAT 0"]
+        answers = [self._line.query(command) for command in off]
+        for command, answer in zip(off, answers, strict=True):
+            self._line.check_acknowledged(command, "ok", answer)
         self._switch(f"{self._system}STAT", False)
         self._over_s = 0.0
         self._switch(f"{self._injector}STAT", False)

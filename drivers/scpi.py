@@ -148,13 +148,17 @@ class ScpiLine:
         """Sends a command to an instrument that answers `word` to each, or `?` and a number, which
         raises ConfigRejected; otherwise raises as `query`."""
 
-        def parse(answer: str) -> None:
-            if answer.startswith("?") and answer[1:].isdigit():
-                raise ConfigRejected(f"{self._kind}: {self._resource} rejects {command} ({answer})")
-            if answer.lower() != word:
-                raise self._odd(command, answer, word)
+        self.ask(command, lambda answer: self._acknowledge(command, word, answer))
 
-        self.ask(command, parse)
+    def check_acknowledged(self, command: str, word: str, answer: str) -> None:
+        """Checks an answer that was asked for before, as `acknowledged`."""
+        self._exchange(command, lambda: self._acknowledge(command, word, answer))
+
+    def _acknowledge(self, command: str, word: str, answer: str) -> None:
+        if answer.startswith("?") and answer[1:].isdigit():
+            raise ConfigRejected(f"{self._kind}: {self._resource} rejects {command} ({answer})")
+        if answer.lower() != word:
+            raise self._odd(command, answer, word)
 
     def identity(self, model: str) -> DeviceInfo:
         """Identity, as the first query on a line, because its answer is unique.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import click
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.errors import SceneError
 from cldit.rig.drivers import describe_drivers, load_driver
+from cldit.rig.link import Linked
 from cldit.rig.load import open_rig, read_rig
 from cldit.rig.protocols import KINDS
 from cldit.rig.safety import make_safe
@@ -71,16 +73,17 @@ def check_driver(
     assert rig is not None
     device = open_rig(rig).devices[part]
     safe = True
-    try:
-        good = _show(on_instrument(device, kind, Allowed(warmest_K, inject=False)))
-    finally:
-        safety = make_safe({part: device}, ())
-        for did in safety.did.values():
-            OUT.print(f"made safe: {escaped(did)}")
-        for problem in safety.problems:
-            safe = False
-            OUT.print(f"[bold red]NOT SAFE:[/] {escaped(problem)}")
-        device.close()
+    with device.reserved() if isinstance(device, Linked) else nullcontext():
+        try:
+            good = _show(on_instrument(device, kind, Allowed(warmest_K, inject=False)))
+        finally:
+            safety = make_safe({part: device}, ())
+            for did in safety.did.values():
+                OUT.print(f"made safe: {escaped(did)}")
+            for problem in safety.problems:
+                safe = False
+                OUT.print(f"[bold red]NOT SAFE:[/] {escaped(problem)}")
+            device.close()
     _end(good and safe)
 
 

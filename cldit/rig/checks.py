@@ -7,7 +7,7 @@ from collections.abc import Collection
 from dataclasses import asdict
 from typing import Any, Protocol
 
-from cldit.rig.errors import ConfigRejected, NotConnected, OutOfLimits
+from cldit.rig.errors import ConfigRejected, OddAnswer, OutOfLimits
 from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, TriggerMode
 
 EDGES = ("rising", "falling")
@@ -25,14 +25,14 @@ class Thermometer(Protocol):
 def check_answer(kind: str, query: str, answer: str | float) -> float:
     """Converts an instrument's answer to a query to a finite number.
 
-    Raises NotConnected, which names the kind of instrument, if it is none: the link is unreliable.
+    Raises OddAnswer, which names the kind of instrument, if it is none: the link is unreliable.
     """
     try:
         value = float(answer)
     except ValueError:
         value = math.nan
     if not abs(value) < _SCPI_NONE:
-        raise NotConnected(
+        raise OddAnswer(
             f"{kind}: answered {answer!r} to {query}, expected a finite number; is another program "
             "using it?"
         )
@@ -42,10 +42,10 @@ def check_answer(kind: str, query: str, answer: str | float) -> float:
 def check_temperature(kind: str, query: str, temperature_K: float) -> float:
     """Returns the temperature that an instrument of this kind gave in answer to a query.
 
-    Raises NotConnected if nothing can be so hot or so cold.
+    Raises OddAnswer if nothing can be so hot or so cold.
     """
     if not 0.0 < temperature_K < _HOTTEST_K:
-        raise NotConnected(
+        raise OddAnswer(
             f"{kind}: answered {temperature_K:g} K to {query}, expected 0 to {_HOTTEST_K:g} K; is "
             "another program using it?"
         )

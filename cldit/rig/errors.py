@@ -13,6 +13,14 @@ class NotConnected(RigError):
     """The instrument does not answer, or was used before it was connected."""
 
 
+class InUse(NotConnected):
+    """Another process uses the instrument; nothing was asked of it, and nothing changed."""
+
+
+class OddAnswer(NotConnected):
+    """The answer is impossible: of a broken sensor, or damaged."""
+
+
 class DeviceTimeout(RigError):
     """The instrument did not reach the wanted state in the time allowed."""
 

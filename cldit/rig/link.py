@@ -10,19 +10,32 @@
 ```
 
 `make_safe` of an instrument that is LOST or CLOSED connects again, with a few attempts in a limited
-time, and raises NotSafe if they fail. It does nothing in the state NEVER alone.
+time, and raises NotSafe if they fail. It does nothing in the state NEVER alone. It needs the line
+and the identity, no reading: a black body whose sensor broke is cooled all the same.
 """
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import Enum
+from typing import TypeVar
 
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe, RigError
+from cldit.rig import locks
+from cldit.rig.errors import (
+    ConfigRejected,
+    DeviceTimeout,
+    InUse,
+    NotConnected,
+    NotSafe,
+    OddAnswer,
+    RigError,
+)
 from cldit.rig.protocols import Safety
+
+T = TypeVar("T")
 
 _LEFT = 0.5  # part of the time for connecting that a second attempt needs
 _TRIES = 3  # a link that is only out of step recovers at the second
@@ -61,17 +74,30 @@ class Told:
 class Linked(ABC):
     """`connect`, `close` and `make_safe` of an instrument behind a line that can fail.
 
-    A driver implements how to open the line, how to drop it, how to make the instrument harmless,
-    and the last known setting. It wraps every exchange in `with self._asking():`.
+    A driver implements how to open the line, how to prepare the instrument for use, how to drop
+    the line, how to make the instrument harmless, and the last known setting. It wraps every
+    exchange in `with self._asking():`, and what may be repeated in `self._again`.
 
     Args:
         kind: camera, background or trigger; messages begin with it.
         where: model and address, to find the instrument.
         by_hand: what to do at the instrument if the computer cannot reach it.
         reach_s: time in which `make_safe` tries to reach a lost instrument.
+        address: gives the address by which the instrument is locked while it is used, as
+            `cldit.rig.locks.tcp_address`; None locks nothing, as for simulated instruments.
     """
 
-    def __init__(self, kind: str, where: str, *, by_hand: str, reach_s: float = 10.0) -> None:
+    def __init__(
+        self,
+        kind: str,
+        where: str,
+        *,
+        by_hand: str,
+        reach_s: float = 10.0,
+        address: Callable[[], str] | None = None,
+    ) -> None:
+        self._address = address
+        self._locked: str | None = None
         self._kind = kind
         self._where = where
         self._by_hand = by_hand
@@ -79,12 +105,17 @@ class Linked(ABC):
         self._state = LinkState.NEVER
         self._harmless = False  # made safe, and nothing was asked since
         self._answered = False  # at least once since it was last harmless
+        self._prepared = False  # for use, on this line
+        self._whole = False  # a larger exchange is repeated as a whole
         self._why_lost = ""
         self._unanswered = False  # an exchange failed since it began to open
 
     @abstractmethod
     def _open(self, timeout_s: float) -> None:
-        """Opens the line and identifies the instrument; raises RigError."""
+        """Opens the line and identifies the instrument, which needs no reading; raises RigError."""
+
+    def _prepare(self) -> None:  # noqa: B027
+        """Prepares the instrument for use: readings must be plausible; raises RigError."""
 
     @abstractmethod
     def _drop(self) -> None:
@@ -92,9 +123,9 @@ class Linked(ABC):
 
     @abstractmethod
     def _still(self) -> str:
-        """Makes the instrument harmless, reads back that it is, and says what was done.
+        """Makes the instrument harmless, then reads back that it is, and says what was done.
 
-        Raises RigError.
+        All is written before anything is read, as a reading may be impossible. Raises RigError.
         """
 
     @abstractmethod
@@ -103,34 +134,50 @@ class Linked(ABC):
 
     def connect(self, timeout_s: float = 10.0) -> None:
         """Connects, unless connected already; raises NotConnected, ConfigRejected."""
+        if self._state is LinkState.OPEN and not self._prepared:
+            self._state = LinkState.LOST  # opened to be made safe alone
+            self._drop()
+        self._reach(timeout_s, for_use=True)
+
+    def _reach(self, timeout_s: float, *, for_use: bool) -> None:
+        """Opens the line unless it is open, and prepares the instrument if it is for use."""
         if self._state is LinkState.OPEN:
             return
+        self.reserve()
         before, self._state = self._state, LinkState.OPENING
+        self._prepared = False
         try:
-            self._open_again(timeout_s)
+            self._open_twice(timeout_s, for_use)
         except BaseException as error:
             owed = self._answered or before is not LinkState.NEVER
             self._state = LinkState.LOST if owed else LinkState.NEVER
             self._why_lost = self._why_lost or str(error)
             self._drop()
+            self.let_go()
             if isinstance(error, RigError) and not isinstance(error, NotConnected | ConfigRejected):
                 raise NotConnected(str(error)) from error
             raise
-        self._state, self._why_lost = LinkState.OPEN, ""
+        self._state, self._why_lost, self._prepared = LinkState.OPEN, "", for_use
 
-    def _open_again(self, timeout_s: float) -> None:
+    def _open_twice(self, timeout_s: float, for_use: bool) -> None:
         """Opens the line, a second time if an answer was lost or damaged, as by noise: every query
         during opening may be sent twice."""
+
+        def attempt(left_s: float) -> None:
+            self._open(left_s)
+            if for_use:
+                self._prepare()
+
         self._unanswered = False
         start_s = time.monotonic()
         try:
-            self._open(timeout_s)
+            attempt(timeout_s)
         except (NotConnected, DeviceTimeout):
             left_s = timeout_s - (time.monotonic() - start_s)
             if not self._unanswered or left_s < _LEFT * timeout_s:
                 raise
             self._drop()
-            self._open(left_s)
+            attempt(left_s)
 
     def close(self) -> None:
         """Closes the line; an instrument that may be on must still be made safe."""
@@ -138,6 +185,45 @@ class Linked(ABC):
             self._state = LinkState.NEVER if self._harmless else LinkState.CLOSED
             self._answered = not self._harmless
         self._drop()
+        self._unlock()
+
+    def reserve(self) -> None:
+        """Locks the instrument for this process, and asks nothing of it; `close` frees it.
+
+        Raises:
+            InUse: names the process that uses it, and since when.
+        """
+        if self._locked is None and self._address is not None:
+            address = self._address()
+            try:
+                locks.take(address, self)
+            except InUse as error:
+                raise InUse(f"{self._kind}: {self._where} {error}") from None
+            self._locked = address
+
+    def let_go(self) -> None:
+        """Frees an instrument that was reserved, and of which nothing was asked."""
+        if self._state is LinkState.NEVER:
+            self._unlock()
+
+    @contextmanager
+    def reserved(self) -> Iterator[None]:
+        """Context in which the instrument stays locked though it is closed; raises as `reserve`."""
+        self.reserve()
+        address, token = self._locked, object()
+        if address is not None:
+            locks.take(address, token)
+        try:
+            yield
+        finally:
+            if address is not None:
+                locks.free(address, token)
+            self.let_go()
+
+    def _unlock(self) -> None:
+        if self._locked is not None:
+            locks.free(self._locked, self)
+            self._locked = None
 
     def make_safe(self) -> Safety:
         """Implements `cldit.rig.protocols.Device.make_safe`.
@@ -150,22 +236,25 @@ class Linked(ABC):
             return Safety(connected=False, did="nothing: it was not connected")
         start_s = time.monotonic()
         failures: list[str] = []
+        self._whole = True
         while len(failures) < _TRIES:
             left_s = self._reach_s - (time.monotonic() - start_s)
             if failures and left_s <= 0.0:
                 break
             try:
-                self.connect(max(left_s, 0.1))
+                self._reach(max(left_s, 0.1), for_use=False)
                 did = self._still()
             except Exception as error:  # after any error, the instrument may be on
                 failures.append(str(error))
                 self._lose(error)
                 continue
             self._harmless, self._answered = True, False
+            self._whole = False
             if before is LinkState.CLOSED:
                 self.close()
             found = "".join(f"; found again after: {text}" for text in (why, *failures) if text)
             return Safety(connected=True, did=did + found)
+        self._whole = False
         lost = f"; it was lost before: {why}" if why else ""
         raise NotSafe(
             f"{self._where} could not be made safe: {failures[-1]}{lost}; tried {len(failures)} "
@@ -191,13 +280,39 @@ class Linked(ABC):
         try:
             yield
         except BaseException as error:
-            if isinstance(error, ConfigRejected):
+            if isinstance(error, ConfigRejected | OddAnswer):
                 self._answered = True
-            else:
+            if not isinstance(error, ConfigRejected):
                 self._unanswered = True
                 self._lose(error)
             raise
         self._answered = True
+
+    def _again(self, work: Callable[[], T], wait_s: float) -> T:
+        """Result of `work`, which may be repeated.
+
+        It is, once, on a line opened anew, if an answer was lost or damaged: as by noise on a long
+        line, or because the instrument or a gateway closed a session that was idle. `wait_s`: time
+        for opening the line.
+        """
+        if self._whole or self._state is not LinkState.OPEN:
+            return work()
+        self._whole = True
+        try:
+            try:
+                return work()
+            except (NotConnected, DeviceTimeout):
+                if not self._is_lost():
+                    raise
+            prepared = self._prepared
+            self._reach(wait_s, for_use=False)
+            self._prepared = prepared
+            return work()
+        finally:
+            self._whole = False
+
+    def _is_lost(self) -> bool:
+        return self._state is LinkState.LOST
 
     def _lose(self, error: BaseException) -> None:
         """Changes from OPEN to LOST; a line that is being opened is dropped by `connect`."""

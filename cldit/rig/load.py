@@ -15,7 +15,8 @@ from cldit.io.plain_data import read_mapping
 from cldit.radiance.boundary import Surroundings, Uncertainty
 from cldit.rig.clock import Clock, SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
-from cldit.rig.errors import NotConnected, RigError
+from cldit.rig.errors import InUse, NotConnected, RigError
+from cldit.rig.link import Linked
 from cldit.rig.protocols import KINDS, Background, Camera, Device, TriggerGenerator
 from cldit.rig.safety import RigSafety, make_safe
 from cldit.scene.checks import Section, Within, describe
@@ -163,11 +164,13 @@ class Rig:
         return {kind: getattr(self, kind) for kind in KINDS}
 
     def connect(self, timeout_s: float = 10.0) -> None:
-        """Connects all devices at once.
+        """Connects all devices at once, after it has locked all of them for this process.
 
         Raises:
+            InUse: names every device that another process uses; nothing was asked of any.
             NotConnected: names every device that failed, and why.
         """
+        self._reserve()
         with ThreadPoolExecutor(len(self.devices), thread_name_prefix="connect") as pool:
             waiting = {
                 name: pool.submit(device.connect, timeout_s)
@@ -184,6 +187,19 @@ class Rig:
         )
         if failures:
             raise NotConnected("\n".join(failures))
+
+    def _reserve(self) -> None:
+        linked = [device for device in self.devices.values() if isinstance(device, Linked)]
+        refusals: list[str] = []
+        for device in linked:
+            try:
+                device.reserve()
+            except InUse as error:
+                refusals.append(str(error))
+        if refusals:
+            for device in linked:
+                device.let_go()
+            raise InUse("\n".join(refusals))
 
     def make_safe(self, *, connect_s: float | None = None) -> RigSafety:
         """Makes every device safe, the last first; see `cldit.rig.safety.make_safe`."""

@@ -36,15 +36,17 @@ def make_safe(
     Args:
         devices: by name.
         connected: names of devices that were connected, and that must not deny it.
-        connect_s: time to connect each device first; None leaves the connections as they are.
+        connect_s: time to connect each device first; None leaves the connections as they are. One
+            that answers, and cannot be used, is made safe all the same.
     """
     did: dict[str, str] = {}
     problems: list[str] = []
     for name, device in reversed(list(devices.items())):
         try:
-            if connect_s is not None:
-                device.connect(connect_s)
+            failure = None if connect_s is None else _connected(device, connect_s)
             result = device.make_safe()
+            if failure is not None and not result.connected:
+                raise failure
             _check(result, was_connected=connect_s is not None or name in connected)
         except Exception as error:  # as above
             problems.append(_problem(name, error))
@@ -52,6 +54,15 @@ def make_safe(
             if result.connected:
                 did[name] = result.did
     return RigSafety(did, problems)
+
+
+def _connected(device: Device, connect_s: float) -> Exception | None:
+    """Connects a device, and returns the error."""
+    try:
+        device.connect(connect_s)
+    except Exception as error:  # a broken sensor must not keep it hot
+        return error
+    return None
 
 
 def _check(result: object, *, was_connected: bool) -> None:

@@ -20,7 +20,7 @@ from cldit.rig.errors import NotConnected, NotSafe, RigError
 from cldit.rig.protocols import Safety
 from cldit.testing.bed import Bed, Make, Step, opened
 from cldit.testing.expect import ContractBroken, expect, refuses
-from cldit.testing.replies import Fault
+from cldit.testing.replies import LINE_FAULTS, Fault
 
 # Time to wait for an answer, and delay of a late one. On a busy machine the first may lose another
 # answer, which the contract allows, but not three times in a row.
@@ -57,12 +57,12 @@ def spoiled_in_turn(number: int) -> Sequence[Fault]:
 
 def any_in_turn(number: int) -> Sequence[Fault]:
     """A fault that changes from reply to reply, lost replies included."""
-    return [list(Fault)[number % len(Fault)]]
+    return [LINE_FAULTS[number % len(LINE_FAULTS)]]
 
 
 def all_faults(number: int) -> Sequence[Fault]:
     """All faults, one after the other."""
-    return list(Fault)
+    return LINE_FAULTS
 
 
 def check_replies(
@@ -88,14 +88,14 @@ def check_replies(
     """
     with opened(make, settings) as bed:
         assert bed.replies is not None
-        errors = _session(bed, go_on=False)
+        errors = session(bed)
         expect(not errors, f"without a fault: {errors}")
         expect(bed.device.make_safe().connected, "make_safe() says that it was never connected")
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
         bed.device.close()
         replies = bed.replies.sent
 
-    def session(case: tuple[int, Fault]) -> str:
+    def one(case: tuple[int, Fault]) -> str:
         number, fault = case
         with opened(make, settings, answer_s=_ANSWER_s) as bed:
             assert bed.replies is not None
@@ -104,7 +104,7 @@ def check_replies(
         return f"reply {number} of {replies}, {fault}: {problem}" if problem else ""
 
     cases = [(number, fault) for number in numbers(replies) for fault in faults(number)]
-    _all_right(session, cases, at_once)
+    _all_right(one, cases, at_once)
     return len(cases)
 
 
@@ -124,7 +124,7 @@ def check_connect(
         bed.device.connect()
         replies = bed.replies.sent
 
-    def session(number: int) -> str:
+    def one(number: int) -> str:
         with opened(make, settings, answer_s=_ANSWER_s) as bed:
             assert bed.replies is not None
             bed.replies.spoil(Fault.DROP, number)
@@ -135,7 +135,7 @@ def check_connect(
                 return f"reply {number} of {replies} lost: {error}"
         return ""
 
-    _all_right(session, every(replies), at_once)
+    _all_right(one, every(replies), at_once)
     return replies
 
 
@@ -153,7 +153,7 @@ def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: 
         ContractBroken: the driver does otherwise.
     """
     with opened(make, settings, answer_s=_DEAD_ANSWER_s) as bed:
-        _session(bed, go_on=False)
+        session(bed)
         if bed.replies is not None:
             expect(bed.left_on(), "the session leaves nothing on, so nothing is checked")
             bed.replies.spoil(Fault.DROP, bed.replies.sent + 1, last=10**9)
@@ -191,21 +191,22 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
         refuses(bed.device.read_configuration, NotConnected, "after close()", "connect()")
         if bed.replies is None:
             return
-        _session(bed, go_on=False)
+        session(bed)
         bed.device.close()
         expect(bed.device.make_safe().connected, "closed while on, it does not connect again")
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
 
 
-def _all_right(session: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
+def _all_right(one: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
     """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
     with ThreadPoolExecutor(at_once) as pool:
-        failures = [problem for problem in pool.map(session, cases) if problem]
+        failures = [problem for problem in pool.map(one, cases) if problem]
     expect(not failures, "\n".join(failures))
 
 
-def _session(bed: Bed, *, go_on: bool) -> list[str]:
-    """RigErrors of a session; a wrong result raises ContractBroken at once."""
+def session(bed: Bed, *, go_on: bool = False) -> list[str]:
+    """RigErrors of the session of a `bed`, which connects again after each with `go_on`; a wrong
+    result raises ContractBroken at once."""
     errors: list[str] = []
     for step in [Step("connect", bed.device.connect), *bed.steps]:
         try:
@@ -226,7 +227,7 @@ def _session(bed: Bed, *, go_on: bool) -> list[str]:
 def _problem(bed: Bed, *, go_on: bool) -> str:
     """Problem after a session with a fault; empty if there is none."""
     try:
-        _session(bed, go_on=go_on)
+        session(bed, go_on=go_on)
     except ContractBroken as error:
         return str(error)
     hot = bed.left_on()

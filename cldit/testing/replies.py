@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from enum import StrEnum
 
@@ -14,11 +15,19 @@ class Fault(StrEnum):
     GARBAGE = "garbage"  # its data are other bytes; what frames them is whole
     HALF = "half"  # its end never arrives
     LATE = "late"  # it arrives after the time to wait, and delays the following ones
+    ODD = "odd"  # its numbers are impossible, as those of a broken sensor
+
+
+LINE_FAULTS: list[Fault] = [fault for fault in Fault if fault is not Fault.ODD]
+"""Faults of the line, which end with a newly opened one."""
 
 
 TEXT_NAN = b"NAN"  # as an instrument with text commands writes it
 BINARY_NAN = b"\x7f\xc0\x00\x00"  # float32, big-endian
 INTEGER_NONE = b"\x80\x00"  # int16, the most negative: integers have no NaN
+_TEXT_ODD, _WORD_ODD = b"32767", b"\x7f\xf0"
+_NUMBER = re.compile(rb"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?")
+_IDENTITY_COMMAS = 3  # an identity is no reading
 
 
 class Replies:
@@ -27,13 +36,14 @@ class Replies:
     Attributes:
         sent: number of replies; a command without a reply does not count.
         struck: number of replies with a fault.
+        fault: of the chosen replies; None for none.
         no_number: replaces the data of a reply; if binary, it is repeated over all of them.
     """
 
     def __init__(self, no_number: bytes = TEXT_NAN) -> None:
         self.no_number = no_number
         self.sent = self.struck = 0
-        self._fault: Fault | None = None
+        self.fault: Fault | None = None
         self._numbers = range(0)
         self._late_s = 0.0
 
@@ -41,23 +51,23 @@ class Replies:
         self, fault: Fault, first: int, *, last: int | None = None, late_s: float = 0.1
     ) -> None:
         """Sets a fault for replies `first` to `last` (by default `first` alone), counted from 1."""
-        self._fault, self._late_s = fault, late_s
+        self.fault, self._late_s = fault, late_s
         self._numbers = range(first, (first if last is None else last) + 1)
 
     def heal(self) -> None:
         """Ends the faults."""
-        self._fault = None
+        self.fault = None
 
     def passed(self, reply: bytes, data: slice) -> bytes:
         """The part of a reply that arrives, returned when it does; `data` are its framed data."""
         if not reply:
             return reply
         self.sent += 1
-        if self._fault is None or self.sent not in self._numbers:
+        if self.fault is None or self.sent not in self._numbers:
             return reply
         self.struck += 1
         start, stop, _ = data.indices(len(reply))
-        match self._fault:
+        match self.fault:
             case Fault.DROP:
                 return b""
             case Fault.HALF:
@@ -70,5 +80,12 @@ class Replies:
                 if instead in (BINARY_NAN, INTEGER_NONE):
                     instead = (instead * (stop - start))[: stop - start]
                 return reply[:start] + instead + reply[stop:]
+            case Fault.ODD:
+                said = reply[start:stop]
+                if self.no_number in (BINARY_NAN, INTEGER_NONE):
+                    said = (_WORD_ODD * (stop - start))[: stop - start]
+                elif said.count(b",") != _IDENTITY_COMMAS:
+                    said = _NUMBER.sub(_TEXT_ODD, said)
+                return reply[:start] + said + reply[stop:]
             case Fault.GARBAGE:
                 return reply[:start] + bytes(b ^ 0xA5 for b in reply[start:stop]) + reply[stop:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -27,6 +28,7 @@ from .rig import CALIBRATION
 _WARM_K = 1.0  # above the safe set point
 _ADDRESS = {"host", "port", "serial", "address", "interface"}  # settings that the emulator gives
 _STABLE_K = 0.2
+_IDLE_s = 2.0  # longer than a camera's heartbeat here
 
 
 def make_device(
@@ -93,12 +95,18 @@ def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
         peer = stack.enter_context(ModbusPeer(registers=registers, clock=clock, serial=serial))
         model = registers.model
         usual = {**asked, "limits_K": [253.0, 873.0]}
-        device = make_device("modbus_blackbody", clock, usual, settings, answer_s, line_to(peer))
+
+        def afresh() -> Any:
+            line = line_to(peer)
+            return make_device("modbus_blackbody", clock, usual, settings, answer_s, line)
+
+        device = afresh()
         told = (f"{model} at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
         side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K)
         return Bed(
-            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
-        )
+            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies,
+            afresh=afresh, sensor=peer.break_sensor, hang_up=peer.hang_up,
+        )  # fmt: skip
 
     return make
 
@@ -129,7 +137,11 @@ def _line(usual: Mapping[str, Any], serial: bool) -> Make:
         own = {name: value for name, value in asked.items() if name not in _ADDRESS}
         known = check_settings(LineSettings, {**own, "host": "emulator"})
         peer = stack.enter_context(LinePeer(known, clock=clock, serial=serial))
-        device = make_device("line_blackbody", clock, {}, own, answer_s, line_to(peer))
+
+        def afresh() -> Any:
+            return make_device("line_blackbody", clock, {}, own, answer_s, line_to(peer))
+
+        device = afresh()
         told = (f"at {where_is(peer)}", f"set point {hot_K(device):.1f} K", "front panel")
         flag = (lambda: peer.stable) if known.stable is not None else (lambda: None)
         side = BackgroundSide(lambda: peer.setpoint_K, peer.heater.now_K, flag)
@@ -138,7 +150,10 @@ def _line(usual: Mapping[str, Any], serial: bool) -> Make:
             warm = peer.setpoint_K > device.safe_setpoint_K + _WARM_K
             return f"set point {peer.setpoint_K:.1f} K" if peer.heating and warm else ""
 
-        return Bed(device, background_steps(device, side), left_on, told, peer.replies)
+        return Bed(
+            device, background_steps(device, side), left_on, told, peer.replies,
+            afresh=afresh, sensor=peer.break_sensor, hang_up=peer.unplug,
+        )  # fmt: skip
 
     return make
 
@@ -147,7 +162,11 @@ def _fluke(serial: bool) -> Make:
     def make(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
         clock = SimulatedClock()
         peer = stack.enter_context(FlukePeer(clock=clock, serial=serial, start_K=310.0))
-        device = make_device("fluke418x", clock, {}, settings, answer_s, line_to(peer))
+
+        def afresh() -> Any:
+            return make_device("fluke418x", clock, {}, settings, answer_s, line_to(peer))
+
+        device = afresh()
         told = (f"Fluke 418x at {where_is(peer)}", "heater on", "keypad")
 
         def stable() -> bool:
@@ -157,16 +176,21 @@ def _fluke(serial: bool) -> Make:
             lambda: peer.setpoint_K, peer.heater.now_K, stable, lambda: {"heating": peer.heating}
         )
         return Bed(
-            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies
-        )
+            device, background_steps(device, side), lambda: hot(peer, device), told, peer.replies,
+            afresh=afresh, sensor=peer.break_sensor, hang_up=peer.unplug,
+        )  # fmt: skip
 
     return make
 
 
 def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None) -> Bed:
     peer = stack.enter_context(Dg645Peer())
-    line = {"host": peer.host, "port": peer.port}
-    device = make_device("dg645", SystemClock(), {}, settings, answer_s, line)
+
+    def afresh() -> Any:
+        line = {"host": peer.host, "port": peer.port}
+        return make_device("dg645", SystemClock(), {}, settings, answer_s, line)
+
+    device = afresh()
     camera, injector = settings.get("camera", "AB"), settings.get("injector", "CD")
     level = f"LAMP {('AB', 'CD', 'EF', 'GH').index(injector) + 1}"
 
@@ -201,7 +225,10 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
 
     volts = settings.get("injector_V", 5.0)
     told = (f"DG645 at {peer.host}:{peer.port}", f"{injector} {volts:g} V", f"output {injector}")
-    return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
+    return Bed(
+        device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses,
+        afresh=afresh, hang_up=peer.unplug,
+    )  # fmt: skip
 
 
 def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
@@ -213,7 +240,12 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
             )
         )
         asked = {**settings, "series": series}
-        device = make_device("pulse_generator", SystemClock(), {}, asked, answer_s, line_to(peer))
+
+        def afresh() -> Any:
+            line = line_to(peer)
+            return make_device("pulse_generator", SystemClock(), {}, asked, answer_s, line)
+
+        device = afresh()
         camera, injector = settings.get("camera", "A"), settings.get("injector", "B")
         known = {
             name: f"PULSE{'ABCDEFGH'.index(output) + 1}:"
@@ -236,7 +268,10 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
             return [edge.time_s for edge in peer.pulses(camera if output == "camera" else injector)]
 
         told = (f"{series} at {where_is(peer)}", f"{injector} on", f"output {injector}")
-        return Bed(device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses)
+        return Bed(
+            device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses,
+            afresh=afresh, hang_up=peer.unplug,
+        )  # fmt: skip
 
     return make
 
@@ -247,10 +282,17 @@ def _gige(driver: str, legacy: bool) -> Make:
         usual = {"calibration": CALIBRATION}
         # Short, because make_safe() tries for as long as the heartbeat.
         line = {"address": peer.host, "interface": "127.0.0.1", "heartbeat_s": 1.5}
-        device = make_device(driver, SystemClock(), usual, settings, None, line)
+
+        def afresh() -> Any:
+            return make_device(driver, SystemClock(), usual, settings, None, line)
+
+        device = afresh()
         told = (f"camera at {peer.host}", "armed for 2 frames", "trigger cable")
         steps = camera_steps(device, peer.line, lambda: peer.image(peer.taken))
-        return Bed(device, steps, lambda: "armed" if peer.armed else "", told, peer.replies)
+        return Bed(
+            device, steps, lambda: "armed" if peer.armed else "", told, peer.replies,
+            afresh=afresh, hang_up=lambda: time.sleep(_IDLE_s),
+        )  # fmt: skip
 
     return make
 

@@ -11,12 +11,19 @@ import threading
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
-from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Replies
+from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
 
 from ..controller import KELVIN
 from ..heater import Dynamics, Heater
 from ..modbus_registers import MAPS, RegisterMap
 from .lines import AtOneLine, Terminals
+
+
+def _summed(frame: bytes) -> bytes:
+    """A frame of a serial line with its check sum."""
+    from pymodbus.framer.rtu import FramerRTU
+
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
 
 
 class Peer:
@@ -37,11 +44,20 @@ class Peer:
         self.serial: str | None = None
         self.replies = Replies()
         self.writes = 0  # of the set point
+        self.reads_K: float | None = None  # reading of a broken sensor
         self._wants_serial = serial
 
     @property
     def setpoint_K(self) -> float:
         return self.heater.setpoint_K
+
+    def sensed_K(self) -> float:
+        """Reading of the sensor, which may be broken."""
+        return self.heater.now_K() if self.reads_K is None else self.reads_K
+
+    def break_sensor(self, reads_K: float | None) -> None:
+        """Makes the sensor read one temperature from now on; None repairs it."""
+        self.reads_K = reads_K
 
 
 class ModbusPeer(Peer):
@@ -88,6 +104,16 @@ class ModbusPeer(Peer):
             asyncio.run_coroutine_threadsafe(self._server.shutdown(), self._loop).result(10.0)
             self._thread.join(10.0)
 
+    def hang_up(self) -> None:
+        """Closes all connections of the socket; new ones are accepted."""
+        if self._loop is not None and self.serial is None:
+
+            async def close() -> None:
+                for link in list(self._server.active_connections.values()):
+                    link.close()
+
+            asyncio.run_coroutine_threadsafe(close(), self._loop).result(10.0)
+
     async def _serve(self, ready: threading.Event) -> None:
         from pymodbus.server import ModbusSerialServer, ModbusTcpServer
         from pymodbus.simulator import DataType, SimData, SimDevice
@@ -122,8 +148,11 @@ class ModbusPeer(Peer):
         if not sending:
             return packet
         # The data are after unit, function and number of bytes, within six bytes or a check sum.
-        data = slice(9, None) if self.serial is None else slice(3, -2)
-        return self.replies.passed(packet, data)
+        if self.serial is None:
+            return self.replies.passed(packet, slice(9, None))
+        sent = self.replies.passed(packet, slice(3, -2))
+        # An impossible number is no damage of the line: its check sum is right.
+        return sent if self.replies.fault is not Fault.ODD else _summed(sent[:-2])
 
     def _master_path(self) -> str:
         """Path of a second terminal, coupled to the first: the server opens its end by name."""
@@ -156,7 +185,7 @@ class ModbusPeer(Peer):
             at: (2100 if name == "model_code" else 0,) for name, at in self._map.extra.items()
         }
         for register, kelvin in (
-            (self._map.temperature, self.heater.now_K()),
+            (self._map.temperature, self.sensed_K()),
             (self._map.setpoint, self.heater.setpoint_K),
         ):
             held[register.address] = tuple(register.encode(kelvin - self._offset_K))
@@ -182,7 +211,7 @@ class FlukePeer(AtOneLine, Peer):
             "*IDN?": "FLUKE,4181,B12345,1.10",
             "SOUR:SPO?": f"{self.heater.setpoint_K - KELVIN:.2f}",
             "OUTP:STAT?": f"{int(self.heating)}",
-            "SOUR:SENS:DATA?": f"{self.heater.now_K() - KELVIN:.3f}",
+            "SOUR:SENS:DATA?": f"{self.sensed_K() - KELVIN:.3f}",
             "SOUR:STAB:LIM?": f"{self._limit_K:.2f}",
             "SOUR:STAB:TEST?": f"{int(self.heating and off_K <= self._limit_K)}",
             "UNIT:TEMP?": "C",

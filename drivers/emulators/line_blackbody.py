@@ -29,7 +29,7 @@ class LinePeer(AtOneLine, Peer):
     def _obey(self, line: bytes) -> bytes:
         text, asked = line.decode("ascii", "replace").strip(), self._settings
         values = {
-            asked.temperature: self.heater.now_K() - self._offset_K,
+            asked.temperature: self.sensed_K() - self._offset_K,
             asked.setpoint: self.setpoint_K - self._offset_K,
         }
         if asked.stable is not None:
