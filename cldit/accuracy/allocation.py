@@ -46,14 +46,16 @@ def split(tolerance_K: float, sources: Mapping[str, ErrorSource]) -> dict[str, f
 
 def shares_of(left_K2: float, errors_K: Mapping[str, float]) -> dict[str, float]:
     """Shares of a sum of squares; a source within its share leaves the rest to the others."""
-    shares_K, open_ = dict(errors_K), set(errors_K)
+    shares_K = dict(errors_K)
+    # In the order of the list, so that sums are the same to the bit in every run.
+    open_ = [one.name for one in SOURCES if one.name in errors_K]
     while open_:
         wanted = split(left_K2**0.5, {name: BY_NAME[name] for name in open_})
-        within = {name for name in open_ if errors_K[name] <= wanted[name]}
+        within = [name for name in open_ if errors_K[name] <= wanted[name]]
         if not within:
             return shares_K | wanted
         left_K2 -= sum(errors_K[name] ** 2 for name in within)
-        open_ -= within
+        open_ = [name for name in open_ if name not in within]
     return shares_K
 
 

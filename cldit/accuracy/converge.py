@@ -26,7 +26,7 @@ from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Excess, Measurement, Solved
-from cldit.accuracy.sources.cells import CELLS
+from cldit.accuracy.sources.ordinates import audited_K
 from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.camera.sensor import SensorModel
@@ -160,7 +160,7 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     maps_K = {one.cause.name: one.map_K for one in estimates if one.map_K is not None}
     trace_error = result.trace_error
     if trace_error is not None:
-        trace_error = trace_error.beyond(at.error_K(CELLS))
+        trace_error = trace_error.beyond(audited_K(at))
     result = replace(result, trace_error=trace_error, estimates=estimates)
     maps = error_maps(result.errors, maps_K, result.maps.has_temperature)
     return replace(result, error_maps=maps)

@@ -7,6 +7,7 @@ blur the effect of these sources, and with it their predicted error.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from cldit.accuracy.allocation import Allocation, free_sources
@@ -134,7 +135,10 @@ def fixed_estimates(
     at = Measurement(scene, tracer, problem.stages, 0, 0)
     out = [one for source in fixed if not source.of_spray for one in at.of(source)]
     of_spray = [source for source in fixed if source.of_spray and source.applies(prepared)]
-    for on in (coarse_depths(tracer) if depth is None else (depth,)) if of_spray else ():
+    depths: Sequence[int] = coarse_depths(tracer) if depth is None else (depth,)
+    if isinstance(scene.spray, GridSpray):  # cells smaller than its voxels show no more
+        depths = (min(depths[0], prepared.cube.depth),)
+    for on in depths if of_spray else ():
         at = Measurement(scene, tracer, problem.stages, depth=on, coarse=on)
         try:
             tracer.level(on)

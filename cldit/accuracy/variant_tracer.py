@@ -124,13 +124,16 @@ class VariantTracer:
     def level(self, depth: int) -> ImagePair:
         """Image of the medium itself, its cube halved `depth` times; raises as `coarser`."""
         if depth not in self.levels:
-            sources = self.prepared.sources
-            if self.prepared.on_lattice:
-                cone = self.cone_at(depth)
-                self._refuse_large(cone)
-                sources = self.prepared.resprayed(cone)
-            self.levels[depth] = self._traced(sources, depth, self.settings)
+            self.levels[depth] = self._traced(self._sources(depth), depth, self.settings)
         return self.levels[depth]
+
+    def _sources(self, depth: int) -> Sources:
+        """Sources of the medium itself, a cone's on the lattice of the cells."""
+        if not self.prepared.on_lattice:
+            return self.prepared.sources
+        cone = self.cone_at(depth)
+        self._refuse_large(cone)
+        return self.prepared.resprayed(cone)
 
     def _refuse_large(self, wanted: ConeSpray) -> None:
         points, cone = self.prepared.sources[0], self.prepared.cone
@@ -156,11 +159,25 @@ class VariantTracer:
             self.variants[name, depth] = self._traced(make(), depth, settings)
         return self.variants[name, depth]
 
-    def _traced(self, sources: Sources, depth: int, settings: TraceSettings) -> ImagePair:
+    def changed(
+        self, name: str, depth: int, settings: Mapping[str, Any], split: float | None = None
+    ) -> ImagePair:
+        """Image of the medium itself with other `settings`, traced once for a name and depth.
+
+        `split` takes the place of `domain.optical_depth_split`. Raises as `coarser`.
+        """
+        if (name, depth) not in self.variants:
+            other = replace(self.settings, subpixels=False, **settings)
+            self.variants[name, depth] = self._traced(self._sources(depth), depth, other, split)
+        return self.variants[name, depth]
+
+    def _traced(
+        self, sources: Sources, depth: int, settings: TraceSettings, split: float | None = None
+    ) -> ImagePair:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
-        tree = _tree(self.scene, self.prepared, sources, frame)
+        tree = _tree(self.scene, self.prepared, sources, frame, split)
         pixels = None if self.drawn is None else self.drawn.sample.pixels
         return ImagePair.of(trace(tree, self.scene, self.device, settings, pixels=pixels))
 
@@ -185,11 +202,17 @@ def temperature_of(scene: Scene, prepared: Prepared) -> NodeTemperature:
     return NodeTemperature.of(scene, prepared.node, view.sees_background)
 
 
-def _tree(scene: Scene, prepared: Prepared, sources: Sources, frame: Frame) -> Octree:
+def _tree(
+    scene: Scene,
+    prepared: Prepared,
+    sources: Sources,
+    frame: Frame,
+    split: float | None = None,
+) -> Octree:
     return build_octrees(
         frame,
         [sources],
-        optical_depth_split=scene.domain.optical_depth_split,
+        optical_depth_split=scene.domain.optical_depth_split if split is None else split,
         max_cells=prepared.limit,
     )[0]
 

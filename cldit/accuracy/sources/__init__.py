@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from cldit.accuracy.sources.base import ErrorSource
 from cldit.accuracy.sources.cells import CELLS
 from cldit.accuracy.sources.gas_grid import GAS_GRID
+from cldit.accuracy.sources.omissions import CUTOFF, GATHER, ORDERS, VAPOUR_CELLS
 from cldit.accuracy.sources.ordinates import ORDINATES
 from cldit.accuracy.sources.parcels import PARCELS
 from cldit.accuracy.sources.pixel_sampling import PIXEL_SAMPLING
@@ -19,5 +20,9 @@ SOURCES: tuple[ErrorSource, ...] = (
     PARCELS,
     GAS_GRID,
     SIZE_CLASSES,
+    ORDERS,
+    CUTOFF,
+    GATHER,
+    VAPOUR_CELLS,
 )
 BY_NAME: Mapping[str, ErrorSource] = {one.name: one for one in SOURCES}

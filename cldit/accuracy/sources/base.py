@@ -39,6 +39,11 @@ class Solved:
     by_path: bool
     trace_error: TraceError | None
 
+    @property
+    def scatters(self) -> bool:
+        """True if anything scatters."""
+        return self.trace_error is not None
+
 
 @dataclass
 class Measurement:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import ClassVar
 
@@ -10,6 +11,7 @@ from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
 from cldit.accuracy.sources.cells import CELLS
+from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.scene import Scene
 
 
@@ -46,7 +48,7 @@ class _Ordinates(ErrorSource):
         if found is None:
             return []
         key = self.key(at.scene)
-        found = found.beyond(at.error_K(CELLS))
+        found = found.beyond(audited_K(at))
         if found.error_K is None:
             return [Estimate.unknown(self.name, found.unknown, key)]
         how = "half the difference of two images, each by half of the ordinates or samples"
@@ -59,6 +61,15 @@ class _Ordinates(ErrorSource):
     def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
         finer = excess.ratio**self.cost_power
         return replace(resolution, ordinates_K=resolution.ordinates_K / finer)
+
+
+def audited_K(at: Measurement) -> float | None:
+    """Error that other sources state and the audit sees, too; None: none is known.
+
+    `path` samples sources within cells, and follows rays to a cutoff of its own.
+    """
+    known = [one for one in map(at.error_K, (CELLS, CUTOFF, GATHER)) if one is not None]
+    return math.hypot(*known) if known else None
 
 
 ORDINATES = _Ordinates()

@@ -42,6 +42,7 @@ class Tracer:
         kept = {"parcels": parcels, "gas grid": gas}
         sampled = SimpleNamespace(sampled=True, droplets=np.ones(2))
         self.prepared = SimpleNamespace(
+            scene=gdi_flow(),
             cube=Frame((0.0, 0.0, 0.0), edge_m=0.1, depth=7),
             sources=(points, []),
             on_lattice=False,

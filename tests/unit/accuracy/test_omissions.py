@@ -1,0 +1,136 @@
+"""Keys that leave physics out are stated as errors, within a factor of two of the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import cldit
+from cldit.accuracy import allocation
+from cldit.accuracy.errors import Cause
+from cldit.accuracy.sources import SOURCES
+from cldit.accuracy.sources.base import ErrorSource
+from cldit.accuracy.sources.omissions import _Omission
+from cldit.scene import load_scene
+
+OMISSIONS = [one for one in SOURCES if isinstance(one, _Omission)]
+PIXELS = 32
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Holds a scattering ball of 16^3 voxels, densest in its middle, cooler on one side."""
+    made = tmp_path_factory.mktemp("grid")
+    x = (np.arange(16) + 0.5) / 16 - 0.5
+    r2 = x[:, None, None] ** 2 + x[:, None] ** 2 + x**2
+    extinction = 60.0 * np.exp(-r2 / 0.18**2)
+    np.savez(
+        made / "ball.npz",
+        origin_m=np.full(3, -0.05),
+        spacing_m=np.full(3, 0.1 / 16),
+        droplet_absorption_per_m=0.1 * extinction,
+        droplet_scattering_per_m=0.9 * extinction,
+        droplet_temperature_K=np.where(r2 + x[:, None, None] > 0, 420.0, 360.0),
+    )
+    return made
+
+
+@cache
+def traced(folder: Path, **transport: Any) -> tuple[Any, dict[str, Cause]]:
+    """T_app of the ball between cold walls, NaN where there is none, and the causes by name."""
+    scene = {
+        "name": "ball",
+        "spray": {"model": "grid", "file": str(folder / "ball.npz")},
+        "camera": {"pixels": [PIXELS] * 2, "field_m": [0.13, 0.13], "target_m": [0.0, 0.0, 0.0]},
+        "background": {"radius_m": 0.09, "temperatures_K": [350.0, 450.0]},
+        "walls": {"temperature_K": 200.0},
+        "domain": {"edge_m": 0.2},
+        "transport": transport,
+    }
+    run = cldit.simulate(cldit.parse_scene(scene))
+    assert run.errors is not None
+    seen = np.where(run.maps.has_temperature, run.maps.apparent_temperature_K, np.nan)
+    return seen, {one.name: one for one in run.errors.causes}
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value"),
+    [
+        ("orders of scattering", "order", 0),
+        ("orders of scattering", "order", 1),
+        ("orders of scattering", "order", 3),
+        ("cutoff of rays", "cutoff", 0.3),
+        ("cutoff of rays", "cutoff", 0.5),
+        ("sources within cells", "gather", False),
+    ],
+)
+def test_what_a_key_leaves_out_is_stated(folder: Path, name: str, key: str, value: Any) -> None:
+    whole, others = traced(folder)
+    assert name not in others
+    less, causes = traced(folder, **{key: value})
+    true_K = float(np.sqrt(np.nanmean((less - whole) ** 2)))
+    assert causes[name].fixed == f"transport.{key}"
+    stated_K = causes[name].error_K
+    assert true_K > 0.1 and stated_K is not None
+    assert 0.5 < stated_K / true_K < 2.0, (causes[name], true_K)
+
+
+def test_the_audit_and_a_key_do_not_count_twice(folder: Path) -> None:
+    """`path` follows rays to a cutoff of its own, so that the audit sees the error as well."""
+    causes = traced(folder, cutoff=0.5)[1]
+    assert causes["trace"].error_K is not None and causes["cutoff of rays"].error_K is not None
+    assert causes["trace"].error_K < 0.8 * causes["cutoff of rays"].error_K  # else 1.1 or more
+
+
+@pytest.mark.parametrize("name", cldit.shipped_scenes())
+def test_a_default_is_no_source(name: str) -> None:
+    for source in OMISSIONS:
+        assert source.key(load_scene(name)) == ""
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "left_out"),
+    [
+        ("transport.order", 0, True),
+        ("transport.order", None, False),
+        ("transport.cutoff", 1e-3, True),
+        ("transport.cutoff", 1e-6, False),
+        ("transport.gather", False, True),
+        ("domain.optical_depth_split", 1e-2, True),
+        ("domain.optical_depth_split", 1e-7, False),
+    ],
+)
+def test_the_side_that_leaves_less_is_no_source(key: str, value: Any, left_out: bool) -> None:
+    scene = load_scene("gdi").with_(**{key: value})
+    assert [one.key(scene) for one in OMISSIONS if one.key(scene)] == [key] * left_out
+
+
+def test_wavelengths_that_are_not_traced_make_it_a_lower_bound() -> None:
+    """Methane is clear where most of the light is, and opaque at the other wavelength."""
+    given = {"camera.pixels": [32, 32], "transport.cutoff": 0.3, "transport.accuracy_K": 8.0}
+    run = cldit.simulate(load_scene("methane-jet").with_(**given))
+    assert run.errors is not None
+    assert run.errors.unknown == ("cutoff of rays at other wavelengths",)
+    assert run.errors.text.startswith("at least")
+
+
+def test_shares_go_by_the_list_of_sources(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums of squares are then the same to the last bit, whatever the hashes of names."""
+    asked: list[list[str]] = []
+    plain = allocation.split
+
+    def split(tolerance_K: float, sources: Mapping[str, ErrorSource]) -> dict[str, float]:
+        asked.append(list(sources))
+        return plain(tolerance_K, sources)
+
+    monkeypatch.setattr(allocation, "split", split)
+    errors_K = {"size classes": 0.01, "gas grid": 2.0, "cells": 0.3, "trace": 0.1}
+    allocation.shares_of(1.0, errors_K | {"wavelengths": 0.07})
+    listed = [one.name for one in SOURCES]
+    assert len(asked) > 1
+    assert all(names == sorted(names, key=listed.index) for names in asked)
