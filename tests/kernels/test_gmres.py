@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cldit.errors import NotConvergedError
 from cldit.gpu.device import Device
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
@@ -52,6 +54,23 @@ def test_correction_along_more_directions(device: Device, deeper: float) -> None
     assert _rms(scattered - better.source) < 1e-6
     assert better.iterations > rough.iterations
     assert better.residual_rms < 1e-6
+
+
+def test_the_correction_ends(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cycles of four vectors; each reduces the residual, but four iterations are all there are."""
+    cells = OpticalCells.of(random_tree(3, scattering=30.0))
+    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    rng = np.random.default_rng(4)
+    few, many = (
+        sweeper.rays(isotropic(count, rng).balanced(), rng.random((count, 2))) for count in (8, 128)
+    )
+    rough = gmres(sweeper, order_0(sweeper, cells.albedo), few, tolerance=1e-3)
+    sweeper.set_source(rough.source, shining=True)
+    sweeper.sweep(many, shining=True)
+    short = replace(sweeper.tuning, iterations=rough.iterations + 4, krylov=4)
+    monkeypatch.setattr(sweeper, "tuning", short)
+    with pytest.raises(NotConvergedError, match=rf"after {rough.iterations + 4} iterations"):
+        defect_correction(sweeper, rough, few, tolerance=1e-12)
 
 
 def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

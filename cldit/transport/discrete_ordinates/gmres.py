@@ -166,7 +166,8 @@ def defect_correction(
         error = (now + rounding) * cycle.inverse_norm
         if report is not None:
             report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
-        if error > tolerance and (now > 0.5 * before or now < rounding):
+        spent = iterations >= sweeper.tuning.iterations
+        if error > tolerance and (spent or now > 0.5 * before or now < rounding):
             raise _stuck(error, iterations, tolerance)
     # The correction less the unpreconditioned residual, over the albedo.
     least = np.finfo(residual.dtype).tiny
