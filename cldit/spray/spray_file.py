@@ -11,6 +11,7 @@ file is written atomically.
 from __future__ import annotations
 
 import json
+import lzma
 import zipfile
 import zlib
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy as np
 from cldit.errors import FileError, SprayError
 from cldit.io.data_streams import DataStream
 from cldit.io.files import open_regular, whole
+from cldit.io.free_memory import free_bytes
 from cldit.io.origin import FileRead
 from cldit.io.progress import Watch, silent
 from cldit.spray.extent import Box, Cloud, Extent
@@ -36,6 +38,8 @@ _UNREADABLE = (
     TypeError,
     zipfile.BadZipFile,
     zlib.error,
+    lzma.LZMAError,
+    MemoryError,  # of a shape in a damaged header
     RuntimeError,  # a flag or method that zipfile does not support, in a damaged file
 )
 _PARCELS = ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3")
@@ -136,6 +140,16 @@ def _member(archive: zipfile.ZipFile, name: str) -> Floats:
     return np.asarray(values)
 
 
+def _check_members(archive: zipfile.ZipFile) -> None:
+    """Refuses an archive with a name twice, or with more content than memory is free."""
+    names = archive.namelist()
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"has {twice[0]} twice")
+    size, free = sum(member.file_size for member in archive.infolist()), free_bytes()
+    if free is not None and size > free:
+        raise ValueError(f"unpacks to {size / 1e9:.2g} GB; {free / 1e9:.2g} GB of memory are free")
+
+
 def read_spray(path: Path) -> Spray:
     """Reads a file of `write_spray`.
 
@@ -144,6 +158,7 @@ def read_spray(path: Path) -> Spray:
     """
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
+            _check_members(archive)
             arrays = {
                 name.removesuffix(".npy"): _member(archive, name) for name in archive.namelist()
             }
