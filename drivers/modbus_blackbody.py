@@ -8,6 +8,7 @@ once for each background.
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Annotated, Any, Literal, TypeVar
@@ -24,6 +25,9 @@ from .controller import KELVIN, BlackBody, ControllerSettings
 from .modbus_registers import MAPS, Register, RegisterMap
 
 T = TypeVar("T")
+
+_BUSY = 6  # exception: ask again later
+_BUSY_PAUSES_s = (0.05, 0.1, 0.2, 0.4, 0.8)
 
 ABOUT = DriverAbout(
     "background",
@@ -190,14 +194,18 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]
     ) -> T:
         with self._asking():
-            try:
-                answer = getattr(self._client, what)(
-                    address, device_id=self._settings.unit, **named
-                )
-            except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
-                raise NotConnected(
-                    f"background: no answer at register {address} ({error}); check the line"
-                ) from error
+            for pause_s in (*_BUSY_PAUSES_s, None):
+                try:
+                    answer = getattr(self._client, what)(
+                        address, device_id=self._settings.unit, **named
+                    )
+                except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
+                    raise NotConnected(
+                        f"background: no answer at register {address} ({error}); check the line"
+                    ) from error
+                if pause_s is None or getattr(answer, "exception_code", 0) != _BUSY:
+                    break
+                time.sleep(pause_s)
             if answer.isError():
                 raise ConfigRejected(
                     f"background: the controller rejects register {address}: {answer}"
