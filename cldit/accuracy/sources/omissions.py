@@ -33,6 +33,7 @@ class _Omission(ErrorSource):
     """
 
     of_spray = True
+    shared_by = ""
     fixed_by: ClassVar[str]
     whole: ClassVar[Mapping[str, Any]] = {}
     of_gas: ClassVar[bool] = False
