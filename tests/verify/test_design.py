@@ -242,7 +242,7 @@ def test_the_command_writes_what_the_rig_takes(tmp_path: Path) -> None:
     asked = ["plan", str(tmp_path / "small.yaml"), "--error", "5K", "--out", str(out)]
     result = CliRunner().invoke(main, asked)
     assert result.exit_code == 0, result.output
-    assert "340 K to" in result.output
+    assert "K at 340 K" in " ".join(result.output.split())
     plan = load_plan(out / "plan.yaml")
     assert len(plan.backgrounds_K) >= 3 and plan.shots >= 3
     open_rig(out / "rig.yaml").close()

@@ -244,8 +244,9 @@ def _with_patch(scene: Scene, **patch: object) -> Scene:
     return parse_scene(data)
 
 
-def _small(name: str = "droplets-only") -> Scene:
+def _small(name: str = "droplets-only", *, accuracy_K: float = 1.0) -> Scene:
     data = load_scene(name).model_dump(mode="json")
+    data["transport"]["accuracy_K"] = accuracy_K
     data["camera"]["pixels"] = [40, 40]
     data["camera"]["sensor"] |= {"pixels": [40, 40], "bad_pixels": 0}
     data["domain"]["leaf_edge_m"] = 4e-3
@@ -308,7 +309,7 @@ def test_plates_fill_the_solid_angle_of_a_disc_seen_from_its_axis() -> None:
 def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
     """Droplets alone: a model 20 % off still leaves less than half of plain DIT's error, and
     bounds hold where the way to them is right."""
-    study = scattering_study(_small(), device, cache=tmp_path)
+    study = scattering_study(_small(accuracy_K=0.1), device, cache=tmp_path)
     rows = {(row.method, row.needs): row for row in study.rows}
     plain = rows["plain DIT", "nothing"].droplets
     assert plain.rms_K > 10.0 and study.wet == 1.0 and plain.held < 0.1
@@ -333,7 +334,7 @@ def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_study_takes_scenes_with_patches_and_windows(device: Device, tmp_path: Path) -> None:
     """A cold window in the side wall: two walls and the warmer patch tell, as the model does."""
-    cold = _with_patch(_small(), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0)
+    cold = _with_patch(_small(accuracy_K=0.1), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0)
     data = cold.model_dump(mode="json")
     data["windows"] = [{"side": "front", "material": "CaF2", "temperature_K": 380.0}]
     study = scattering_study(parse_scene(data), device, cache=tmp_path)

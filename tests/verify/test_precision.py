@@ -30,7 +30,7 @@ def test_a_tolerance_below_rounding_is_reached_in_double(device: Device, tables:
     lines: list[str] = []
     run = trace(case.tree, case.scene, device, settings, report=lines.append)
     assert run.precision == "float64"
-    assert any("again in double precision" in line for line in lines)
+    assert any("repeating in double precision" in line for line in lines)
     assert run.solution is not None and run.solution.error <= 1e-9
     with pytest.raises(NotConvergedError, match=r"increase transport\.accuracy_K"):
         trace(case.tree, case.scene, device, replace(settings, precision="float32"))

@@ -139,7 +139,7 @@ def test_what_cannot_be_audited_says_so(run_block: Callable[..., Run]) -> None:
     reason = "no audit by path tracing (transport.audit: false)"
     assert any(reason in text for text in unwanted.info.remarks)
     for text in unwanted.info.remarks:
-        if text.startswith("transport.audit: false: transport.accuracy_K is that of the trace"):
+        if text.startswith("transport.audit: false: transport.accuracy_K applies to the trace"):
             continue
         assert "error of the trace in T_app: at least" in text or "audit" not in text
 
