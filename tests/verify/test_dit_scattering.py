@@ -334,7 +334,9 @@ def test_the_study_says_what_is_gained(device: Device, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_study_takes_scenes_with_patches_and_windows(device: Device, tmp_path: Path) -> None:
     """A cold window in the side wall: two walls and the warmer patch tell, as the model does."""
-    cold = _with_patch(_small(accuracy_K=0.1), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0)
+    cold = _with_patch(
+        _small(accuracy_K=0.1), name="laboratory", facing=[-1, 0, 0], temperature_K=295.0
+    )
     data = cold.model_dump(mode="json")
     data["windows"] = [{"side": "front", "material": "CaF2", "temperature_K": 380.0}]
     study = scattering_study(parse_scene(data), device, cache=tmp_path)
