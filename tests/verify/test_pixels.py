@@ -33,6 +33,8 @@ EDGE = 0.2
 PIXELS = 40
 CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=2 * EDGE)
 
+WARM = {"droplet_temperature_K": 350.0}
+
 
 def vessel(device: Device, rays: Any, **camera: Any) -> Run:
     """An empty one: the picture is the disc."""
@@ -175,7 +177,7 @@ def test_two_devices_scatter_as_one(
     if not device.is_cpu or device.info.compute_units < 2:
         pytest.skip("the device cannot be divided into two")
     one = run_block(
-        {"droplet_scattering_per_m": 70.0, "droplet_absorption_per_m": 30.0},
+        {"droplet_scattering_per_m": 70.0, "droplet_absorption_per_m": 30.0, **WARM},
         size_m=(0.05, 0.07, 0.06),
         domain={"edge_m": EDGE, "leaf_edge_m": 0.01},
         camera={"pixels": [9, 11], "field_m": [0.1, 0.1]},
@@ -222,7 +224,7 @@ def test_no_buffer_is_larger_than_a_device_takes(
 
     monkeypatch.setattr(buffers, "Numbers", Noted)
     first = run_block(
-        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
+        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0, **WARM},
         size_m=(0.05, 0.07, 0.06),
         domain={"edge_m": EDGE, "leaf_edge_m": 0.02},
         camera={"pixels": 9, "field_m": [0.1, 0.1]},
@@ -246,7 +248,7 @@ def test_small_work_groups(
     scene = {"camera": {"pixels": 9, "field_m": [0.1, 0.1]}}
     transport = {"method": method, "order": 1, "accuracy_K": 5.0, "max_samples": 128}
     first = run_block(
-        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0},
+        {"droplet_scattering_per_m": 30.0, "droplet_absorption_per_m": 10.0, **WARM},
         size_m=(0.05, 0.07, 0.06),
         domain={"edge_m": EDGE, "leaf_edge_m": 0.007},
         transport=transport,

@@ -120,7 +120,7 @@ def random_fields(block: Block, random: Random) -> Case:
     cloud = {
         "position": random.uniform(low + inside, high - inside, (many, 3)),
         "d": random.uniform(1e-6, 2e-4, many),
-        "nParticle": random.uniform(0.01, 1e6, many),
+        "nParticle": random.uniform(0.01, 1e5, many),
         "T": random.uniform(270.0, 600.0, many),
         "rho": random.uniform(300.0, 1000.0, many),
         "U": random.normal((0.0, -80.0, 0.0), 5.0, (many, 3)),
