@@ -133,7 +133,7 @@ class TraceTemperature:
 
         Args:
             weights, error: (C, N).
-            outside: radiance to take for walls and patches in place of their own.
+            outside: radiance that replaces that of walls and patches.
         """
         own = self.radiances[1:].copy()
         if outside is not None:

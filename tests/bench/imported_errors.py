@@ -92,7 +92,7 @@ def parts_of(parcels: Parcels, count: int, *, seed: int = 7) -> list[Parcels]:
 def sampled(
     scene: Scene, spray: Spray, device: Device, *, leaf_m: float, counts: Sequence[int]
 ) -> list[Sampled]:
-    """What parts of the parcels err by, and state."""
+    """True and stated errors of parts of the parcels."""
     coarse = changed(
         scene,
         domain={"leaf_edge_m": leaf_m},

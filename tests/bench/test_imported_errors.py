@@ -1,4 +1,4 @@
-"""What parts of a real cloud of parcels state of themselves, against what they err by.
+"""Stated errors of parts of a real cloud of parcels, against their true errors.
 
 CLDIT_AACHENBOMB names the folder with A_aachenBomb_ascii.tar.gz.
 """

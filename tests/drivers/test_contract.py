@@ -1,4 +1,4 @@
-"""What every camera, background and trigger generator must do: `cldit.testing`.
+"""Contract of every camera, background and trigger generator: `cldit.testing`.
 
 A driver joins by a rig in `RIGS` (cameras with a trigger line, trigger generators), `CAMERAS` or
 `BACKGROUNDS` of `tests/rigs.py`. Those of real instruments talk over loopback sockets and

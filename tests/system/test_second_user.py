@@ -1,4 +1,4 @@
-"""A second process that wants instruments in use is told who has them, and touches nothing.
+"""A second process that asks for instruments in use is refused by name, and touches nothing.
 
 Set-up: black body and delay generator on loopback, as a session leaves them: hot, an injection
 ready. Another process has them, and is then killed.

@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3262,
+    "accuracy": 3264,
     "acquisition": 4588,
     "api": 944,
     "bench": 896,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -82,7 +83,7 @@ class Measurement:
         return next((one.error_K for one in self.of(source) if one.cause.name == source.name), None)
 
 
-class ErrorSource:
+class ErrorSource(ABC):
     """A source of error of T_app. Each has a file with one instance, which `SOURCES` lists.
 
     cost_power: the cost grows as error ** -cost_power; 0: no resolution makes the error smaller.
@@ -102,9 +103,9 @@ class ErrorSource:
     remedy: ClassVar[Mapping[str, str]] = {"": "a larger transport.accuracy_K"}
     also: ClassVar[tuple[str, ...]] = ()
 
+    @abstractmethod
     def key(self, scene: Scene) -> str:
         """Key of the scene that fixes the source; empty: none."""
-        raise NotImplementedError
 
     def is_free(self, scene: Scene) -> bool:
         """True if the scene leaves the source to choice."""
@@ -122,10 +123,10 @@ class ErrorSource:
         """Error that a coarse image shows by itself; None: unknown, or not shown."""
         return None
 
+    @abstractmethod
     def estimate(self, at: Measurement) -> Sequence[Estimate]:
         """Errors of the image by this source; none where the scene does not have it."""
-        raise NotImplementedError
 
     def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
-        """A resolution with a smaller error by this source."""
-        raise NotImplementedError
+        """A resolution with a smaller error; sources with a `cost_power` have one."""
+        raise TypeError(f"{self.name}: no resolution makes this error smaller")

@@ -6,6 +6,7 @@ the side of it that omits less, is no source of error and costs nothing.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -38,13 +39,13 @@ class _Omission(ErrorSource):
     whole: ClassVar[Mapping[str, Any]] = {}
     of_gas: ClassVar[bool] = False
 
+    @abstractmethod
     def omits(self, scene: Scene) -> bool:
         """True if the scene omits something."""
-        raise NotImplementedError
 
+    @abstractmethod
     def how(self, scene: Scene) -> str:
-        """Text that says what is compared."""
-        raise NotImplementedError
+        """Description of both images."""
 
     def key(self, scene: Scene) -> str:
         return self.fixed_by if self.omits(scene) else ""

@@ -1,4 +1,4 @@
-"""What an allocation leaves to each source, and how a resolution is refined."""
+"""Shares of the sources, and the refinement of a resolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of several images of a scene is the run's."""
+"""Choice of a run's image among several of a scene."""
 
 from __future__ import annotations
 

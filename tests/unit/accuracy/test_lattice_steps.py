@@ -62,7 +62,7 @@ def test_the_first_lattice_is_too_coarse(tried_m: list[float]) -> None:
 
 
 def test_the_finest_lattice_limits_the_gas_grid(tried_m: list[float]) -> None:
-    """Where lattice and cells are one, it limits the cells (above)."""
+    """The lattice limits the cells if both are one (above)."""
     data = load_scene("gdi").model_dump(mode="json")
     data["domain"]["leaf_edge_m"] = 1e-3
     scene = parse_scene(data)

@@ -1,4 +1,4 @@
-"""Which earlier images serve a tracer, and which errors its images show."""
+"""Earlier images that serve a tracer, and errors that its images show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which shots are kept: an injection without fuel is found by its image, and by nothing less.
+"""Choice of shots: an injection without fuel is found by its image, and by nothing less.
 
 Images are drawn as the camera's noise says, so that the chance of a wrong answer is known: of
 some 900 pixels one in 1.7 million stands out by 5 standard deviations, two are allowed by nobody.

@@ -191,7 +191,7 @@ def test_folder_that_cannot_be_made(
 def test_power_cut_ordering(
     tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is on the disk when: the `fired` line before its trigger; the image, and its name in
+    """Order of writes: the `fired` line before its trigger; the image, and its name in
     the folder, before the `saved` line and before anybody is told."""
     if not Path("/proc/self/fd").is_dir():
         pytest.skip("needs /proc to tell which file is synced")

@@ -86,7 +86,7 @@ def shifted(run: Run, error: Weights, sign: float) -> Run:
 
 @pytest.mark.parametrize("patches", [True, False], ids=["patch", "walls alone"])
 def test_temperature_and_its_first_order_error(tmp_path: Path, patches: bool) -> None:
-    """Where the reference is all background: to 1e-5, for weights err by 2e-6 of themselves.
+    """A reference of background alone: to 1e-5, as weights have relative errors of 2e-6.
 
     Weights that are off by 1e-3 of what a spray changes move T_app by its first-order error: 0.1 to
     1 K, of which rounding leaves 2e-3 K in a difference of two.
