@@ -74,7 +74,7 @@ class Dg645(Linked):
         self._settings = settings
         self._clock = context.clock
         resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
-        self._line = ScpiLine("trigger", resource, self._asking)
+        self._line = ScpiLine("trigger", resource, self._asking, again=self._again)
         maker = "Stanford Research Systems"
         self._info = DeviceInfo("trigger", maker, "DG645", tested_on_hardware=False)
         self._burst: Burst | None = None
@@ -158,11 +158,13 @@ class Dg645(Linked):
         return self._burst
 
     def fire(self) -> None:
-        self._line.integer("INSR?")  # reading clears it; detects a dead link before firing
+        # Reading clears it; detects a dead link before firing, which only the session fires that
+        # configured.
+        self._line.integer("INSR?", once=True)
         if self._burst is None or self._inhibited:
             raise ConfigRejected("trigger: is inhibited; configure a burst first")
         try:
-            status = self._line.integer("*TRG;INSR?")
+            status = self._line.integer("*TRG;INSR?", once=True)
         except RigError as error:
             raise FireUncertain(
                 f"trigger: the link failed while the trigger was sent ({error})"
@@ -183,7 +185,7 @@ class Dg645(Linked):
             if self._clock.now_s() >= end_s:
                 raise DeviceTimeout(f"trigger: the burst is not over after {timeout_s:g} s")
             self._clock.sleep(1e-3)
-        if self._line.integer("INSR?") & _RATE_ERROR:
+        if self._line.integer("INSR?", once=True) & _RATE_ERROR:
             raise FireUncertain("trigger: rate error within the burst; pulses are missing")
 
     def inhibit(self) -> None:
@@ -230,7 +232,7 @@ class Dg645(Linked):
         return got
 
     def _no_error(self, what: str) -> None:
-        code = self._line.integer("LERR?")
+        code = self._line.integer("LERR?", once=True)
         if code:
             self._line.write("*CLS")
             raise ConfigRejected(f"trigger: error {code} at {what}; see the DG645's manual")

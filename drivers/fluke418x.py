@@ -51,7 +51,7 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
             resource, options = f"TCPIP::{settings.host}::{settings.port}::SOCKET", {}
         else:
             resource, options = f"ASRL{where}::INSTR", {"baud_rate": settings.baudrate}
-        self._line = ScpiLine("background", resource, self._asking, **options)
+        self._line = ScpiLine("background", resource, self._asking, again=self._again, **options)
         self._info = DeviceInfo("background", "Fluke", "418x", tested_on_hardware=False)
         self._heater = Told("heater")
 

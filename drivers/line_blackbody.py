@@ -72,7 +72,9 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
             options |= {"baud_rate": settings.baudrate, "data_bits": settings.data_bits}
         # Where no answer looks like no other, one that is late must not be waited for in vain.
         quiet = {} if settings.identity is not None else {"quiet_s": settings.answer_s}
-        self._line = ScpiLine("background", resource, self._asking, **quiet, **options)
+        self._line = ScpiLine(
+            "background", resource, self._asking, again=self._again, **quiet, **options
+        )
         self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
         self._heater = Told("heater")
         self._said = ""

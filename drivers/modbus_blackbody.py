@@ -186,9 +186,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
 
     def _ask(self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]) -> T:
         """One exchange; every request may be sent twice."""
-        return self._again(
-            lambda: self._exchange(what, address, named, parse), self._settings.answer_s
-        )
+        return self._again(lambda: self._exchange(what, address, named, parse), NotConnected)
 
     def _exchange(
         self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]

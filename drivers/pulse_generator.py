@@ -112,7 +112,7 @@ class PulseGenerator(Linked):
         if settings.serial is not None:
             resource = f"ASRL{settings.serial}::INSTR"
             options["baud_rate"] = settings.baudrate or self._series.baudrate
-        self._line = ScpiLine("trigger", resource, self._asking, **options)
+        self._line = ScpiLine("trigger", resource, self._asking, again=self._again, **options)
         self._info = DeviceInfo("trigger", "?", settings.series, tested_on_hardware=False)
         self._camera, self._injector = (
             f":PULSE{'ABCDEFGH'.index(output) + 1}:"
@@ -201,11 +201,13 @@ class PulseGenerator(Linked):
             raise ConfigRejected("trigger: the last burst is not over; call wait_done()")
         # Off first: outputs that stayed on after a burst send nothing when switched on.
         self._switch(f"{self._system}STAT", False)
+        if self._inhibited:  # the session was opened anew, and fires what it configured alone
+            raise ConfigRejected("trigger: the session was closed; configure the burst again")
         last_s = max(
             burst.camera_delay_s + burst.widths_s[0], burst.injector_delay_s + burst.widths_s[1]
         )
         try:
-            self._command(f"{self._system}STAT 1")
+            self._line.acknowledged(f"{self._system}STAT 1", "ok", once=True)
         except RigError as error:
             raise FireUncertain(
                 f"trigger: switching the outputs on was not confirmed ({error})"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import select
+import socket
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from typing import Any, TypeVar
 
 from cldit.rig.checks import check_answer
-from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, RigError
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, HungUp, NotConnected, RigError
 from cldit.rig.protocols import DeviceInfo
 
 T = TypeVar("T")
@@ -26,8 +28,8 @@ class ScpiLine:
 
     kind: the device in messages. resource: VISA name, `TCPIP::HOST::PORT::SOCKET` or
     `ASRL/dev/ttyUSB0::INSTR`. asking: context of each exchange, see `cldit.rig.link.Linked`.
-    quiet_s: silence after which a serial line counts as drained. options: further attributes of the
-    pyvisa resource (`baud_rate`).
+    again: repeats an exchange, see there. quiet_s: silence after which a serial line counts as
+    drained. options: further attributes of the pyvisa resource (`baud_rate`).
     """
 
     def __init__(
@@ -36,12 +38,14 @@ class ScpiLine:
         resource: str,
         asking: Callable[[], AbstractContextManager[None]],
         quiet_s: float = _QUIET_s,
+        again: Callable[[Callable[[], Any]], Any] = lambda work: work(),
         **options: Any,
     ) -> None:
         self._kind = kind
         self._quiet_s = quiet_s
         self._resource = resource
         self._asking = asking
+        self._again = again
         self._options = options
         self._visa: Any = None
 
@@ -91,7 +95,7 @@ class ScpiLine:
 
     def write(self, command: str) -> None:
         """Sends a command without an answer; raises NotConnected."""
-        self._exchange(command, lambda: self._visa.write(command))
+        self._again(lambda: self._exchange(command, lambda: self._visa.write(command)))
 
     def query(self, command: str) -> str:
         """The answer without surrounding white space; raises NotConnected, DeviceTimeout."""
@@ -112,8 +116,8 @@ class ScpiLine:
         """The finite number of an answer; raises as `query`."""
         return self.numbers(command, 1)[0]
 
-    def integer(self, command: str) -> int:
-        """The integer of an answer; raises as `query`."""
+    def integer(self, command: str, *, once: bool = False) -> int:
+        """The integer of an answer; raises as `query`. `once`: the command is never repeated."""
 
         def parse(answer: str) -> int:
             value = check_answer(self._kind, command, answer)
@@ -121,7 +125,7 @@ class ScpiLine:
                 raise self._odd(command, answer, "a whole number")
             return int(value)
 
-        return self.ask(command, parse)
+        return self.ask(command, parse, once=once)
 
     def flag(self, command: str) -> bool:
         """The flag of an answer, 0 or 1; raises as `query`."""
@@ -144,11 +148,11 @@ class ScpiLine:
 
         return self.ask(command, parse)
 
-    def acknowledged(self, command: str, word: str) -> None:
+    def acknowledged(self, command: str, word: str, *, once: bool = False) -> None:
         """Sends a command to an instrument that answers `word` to each, or `?` and a number, which
         raises ConfigRejected; otherwise raises as `query`."""
 
-        self.ask(command, lambda answer: self._acknowledge(command, word, answer))
+        self.ask(command, lambda answer: self._acknowledge(command, word, answer), once=once)
 
     def check_acknowledged(self, command: str, word: str, answer: str) -> None:
         """Checks an answer that was asked for before, as `acknowledged`."""
@@ -194,10 +198,31 @@ class ScpiLine:
 
         return self._exchange(command, ask)
 
-    def ask(self, command: str, parse: Callable[[str], T]) -> T:
+    def ask(self, command: str, parse: Callable[[str], T], *, once: bool = False) -> T:
         """Result of `parse` for the answer, whose errors but ConfigRejected break the link; raises
-        as `query`."""
-        return self._exchange(command, lambda: parse(str(self._visa.query(command)).strip()))
+        as `query`. Unless `once`, the command may be repeated."""
+
+        def work() -> T:
+            return self._exchange(command, lambda: parse(str(self._visa.query(command)).strip()))
+
+        result: T = work() if once else self._again(work)
+        return result
+
+    def _check_session(self) -> None:
+        """Raises HungUp if the other end closed the session; then nothing was sent."""
+        if not self._resource.startswith("TCPIP"):
+            return
+        link = self._visa.visalib.sessions[self._visa.session].interface
+        try:
+            readable, _, _ = select.select([link], [], [], 0.0)
+            closed = bool(readable) and not link.recv(1, socket.MSG_PEEK)
+        except OSError:
+            closed = True
+        if closed:
+            raise HungUp(
+                f"{self._kind}: {self._resource} closed the session; check that it is switched on, "
+                "and its time limit for idle sessions"
+            )
 
     def _odd(self, command: str, answer: str, expected: str) -> NotConnected:
         return NotConnected(f"{self._kind}: answered {answer!r} to {command}, expected {expected}")
@@ -207,6 +232,7 @@ class ScpiLine:
 
         with self._asking():
             try:
+                self._check_session()
                 return action()
             except RigError:
                 raise

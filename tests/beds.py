@@ -23,6 +23,7 @@ else:
 
 CAMERAS = ("gige_camera", "aravis_camera")  # a session takes a second, and has many replies
 MANY = (*CAMERAS, "pulse_generator")  # replies: all of them are for the slow tests
+FIRST = {"modbus_blackbody-eurotherm-tcp", "fluke418x-tcp", "dg645-tcp"}  # of the first tier
 _SIMULATED = {
     "simulated_camera": "camera",
     "simulated_blackbody": "background",
@@ -85,6 +86,18 @@ def cases(*, simulated: bool = True, cameras: bool = True, slow_cameras: bool = 
         and (simulated or about.tested != "simulated")
         and (cameras or name not in CAMERAS)
         for variant in _variants(name)
+    ]
+
+
+def in_tiers() -> list[Any]:
+    """Beds of all drivers of instruments; those beside `FIRST` are for the second tier."""
+    return [
+        pytest.param(
+            *case.values,
+            id=case.id,
+            marks=[*case.marks, *([] if case.id in FIRST else [pytest.mark.slow])],
+        )
+        for case in cases(simulated=False)
     ]
 
 

@@ -61,6 +61,8 @@ from cldit.rig.errors import Aborted, RetakesExhausted, RigError
 from cldit.rig.load import Rig
 from cldit.rig.stability import wait_stable
 
+_KEEP_ALIVE_s = 20.0  # idle sessions are closed after a minute or more
+
 
 @dataclass(frozen=True)
 class Record:
@@ -210,7 +212,7 @@ class Sequence:
         clock, background = self._rig.clock, self._rig.background
         if self._interrupts.should_stop():
             raise _Stopped
-        start = clock.now_s()
+        start = asked_s = clock.now_s()
         got = background.set_setpoint(temperature_K)
         if not abs(got - temperature_K) <= self._plan.stability.tolerance_K:
             raise RigError(
@@ -219,6 +221,11 @@ class Sequence:
         log = ApproachLog(journal, clock)
 
         def approaches(now_K: float) -> None:
+            nonlocal asked_s
+            if clock.now_s() - asked_s >= _KEEP_ALIVE_s:
+                asked_s = clock.now_s()
+                self._rig.camera.read_configuration()
+                self._rig.trigger.read_configuration()
             approach = Approach(
                 reading_K=now_K,
                 setpoint_K=temperature_K,

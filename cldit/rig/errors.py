@@ -17,6 +17,10 @@ class InUse(NotConnected):
     """Another process uses the instrument; nothing was asked of it, and nothing changed."""
 
 
+class HungUp(NotConnected):
+    """The instrument, or a gateway, closed the session before the question was sent."""
+
+
 class OddAnswer(NotConnected):
     """The answer is impossible: of a broken sensor, or damaged."""
 

@@ -27,6 +27,7 @@ from cldit.rig import locks
 from cldit.rig.errors import (
     ConfigRejected,
     DeviceTimeout,
+    HungUp,
     InUse,
     NotConnected,
     NotSafe,
@@ -38,6 +39,8 @@ from cldit.rig.protocols import Safety
 T = TypeVar("T")
 
 _LEFT = 0.5  # part of the time for connecting that a second attempt needs
+_IDLE_s = 10.0  # no session is closed as idle earlier
+_REOPEN_s = 10.0  # time to open one anew
 _TRIES = 3  # a link that is only out of step recovers at the second
 
 
@@ -105,6 +108,7 @@ class Linked(ABC):
         self._state = LinkState.NEVER
         self._harmless = False  # made safe, and nothing was asked since
         self._answered = False  # at least once since it was last harmless
+        self._last_answer_s = time.monotonic()
         self._prepared = False  # for use, on this line
         self._whole = False  # a larger exchange is repeated as a whole
         self._why_lost = ""
@@ -286,26 +290,26 @@ class Linked(ABC):
                 self._unanswered = True
                 self._lose(error)
             raise
-        self._answered = True
+        self._answered, self._last_answer_s = True, time.monotonic()
 
-    def _again(self, work: Callable[[], T], wait_s: float) -> T:
+    def _again(self, work: Callable[[], T], errors: type[NotConnected] = HungUp) -> T:
         """Result of `work`, which may be repeated.
 
-        It is, once, on a line opened anew, if an answer was lost or damaged: as by noise on a long
-        line, or because the instrument or a gateway closed a session that was idle. `wait_s`: time
-        for opening the line.
+        It is, once, on a line opened anew, after one of the `errors`, and after any failure that
+        follows a pause: instruments and gateways close idle sessions, some without a word.
         """
         if self._whole or self._state is not LinkState.OPEN:
             return work()
+        was_idle = time.monotonic() - self._last_answer_s >= _IDLE_s
         self._whole = True
         try:
             try:
                 return work()
-            except (NotConnected, DeviceTimeout):
-                if not self._is_lost():
+            except (NotConnected, DeviceTimeout) as error:
+                if not (was_idle or isinstance(error, errors)) or not self._is_lost():
                     raise
             prepared = self._prepared
-            self._reach(wait_s, for_use=False)
+            self._reach(_REOPEN_s, for_use=False)
             self._prepared = prepared
             return work()
         finally:

@@ -16,6 +16,7 @@ from cldit.testing.bed import Bed, Make, beds_of, opened
 from cldit.testing.cameras import CAMERA
 from cldit.testing.devices import IDENTITY, LIFE
 from cldit.testing.expect import EVERYTHING, Allowed, Check, ContractBroken, NotAllowed
+from cldit.testing.idle import check_idle
 from cldit.testing.implausible import check_implausible
 from cldit.testing.pulses import PULSES
 from cldit.testing.triggers import TRIGGER
@@ -154,6 +155,7 @@ def _lines(
             f"{lost_replies.check_connect(make, settings)} sessions"
         )
     work["readings that cannot be"] = lambda: f"{check_implausible(make, settings)} sessions"
+    work["sessions closed while idle"] = lambda: f"{check_idle(make, settings)} sessions"
     work["dead after its session"] = lambda: lost_replies.check_dead(make, settings, times=1)
     return work
 

@@ -8,22 +8,10 @@ import pytest
 from cldit.rig.errors import ConfigRejected
 from cldit.testing.bed import opened
 from cldit.testing.implausible import check_implausible
-from tests.beds import cases, make_of
-
-FIRST = {"modbus_blackbody-eurotherm-tcp", "fluke418x-tcp", "dg645-tcp"}
+from tests.beds import in_tiers, make_of
 
 
-@pytest.mark.parametrize(
-    ("driver", "variant"),
-    [
-        pytest.param(
-            *case.values,
-            id=case.id,
-            marks=[*case.marks, *([] if case.id in FIRST else [pytest.mark.slow])],
-        )
-        for case in cases(simulated=False)
-    ],
-)
+@pytest.mark.parametrize(("driver", "variant"), in_tiers())
 def test_implausible_readings(driver: str, variant: str) -> None:
     assert check_implausible(make_of(driver, variant, {})) >= 3
 

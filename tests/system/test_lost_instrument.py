@@ -120,10 +120,10 @@ def test_black_body_loses_its_answers_for_a_while(tmp_path: Path) -> None:
         def hot(progress: Any) -> None:
             replies = peers.blackbody.replies
             if peers.blackbody.setpoint_K > 400.0 and not replies.struck:
-                replies.spoil(Fault.DROP, replies.sent + 1, last=replies.sent + 2)
+                replies.spoil(Fault.DROP, replies.sent + 1, last=replies.sent + 3)
 
         with open_rig(data) as rig, pytest.raises(RigError, match="no answer at register"):
             acquire(rig, PLAN, tmp_path / "a", progress=hot)
-        assert peers.blackbody.replies.struck == 2 and peers.blackbody.setpoint_K < 296.0
+        assert peers.blackbody.replies.struck == 3 and peers.blackbody.setpoint_K < 296.0
         entry = read_journal(tmp_path / "a" / "journal.jsonl")[-1]
         assert entry["event"] == "made safe" and "set point 295.0 K" in entry["did"]["background"]

@@ -25,7 +25,7 @@ import cldit
 from cldit.cli import main
 from cldit.rig.errors import InUse, NotSafe
 from cldit.testing.bed import opened
-from tests.beds import make_of
+from tests.beds import in_tiers, make_of
 
 if TYPE_CHECKING:  # the same file, by the name under which mypy finds it
     from drivers.emulators.blackbody import ModbusPeer
@@ -44,16 +44,6 @@ device.connect()
 print("has it", flush=True)
 time.sleep(120)
 """
-DRIVERS = [
-    ("modbus_blackbody", "eurotherm-tcp"),
-    ("dg645", "tcp"),
-    ("fluke418x", "serial"),
-    pytest.param("modbus_blackbody", "ir2100-serial", marks=pytest.mark.slow),
-    pytest.param("line_blackbody", "bare-tcp", marks=pytest.mark.slow),
-    pytest.param("line_blackbody", "talks-serial", marks=pytest.mark.slow),
-    pytest.param("pulse_generator", "bnc575-tcp", marks=pytest.mark.slow),
-    pytest.param("pulse_generator", "qc9510-serial", marks=pytest.mark.slow),
-]
 
 
 @contextmanager
@@ -71,7 +61,7 @@ def in_another_process(device: Any, driver: str) -> Iterator[subprocess.Popen[st
         process.communicate(timeout=30)
 
 
-@pytest.mark.parametrize(("driver", "variant"), DRIVERS)
+@pytest.mark.parametrize(("driver", "variant"), in_tiers())
 def test_a_second_user_touches_nothing(driver: str, variant: str) -> None:
     with opened(make_of(driver, variant, {})) as bed:
         assert bed.replies is not None

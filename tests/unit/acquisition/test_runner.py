@@ -50,6 +50,28 @@ def test_references_and_injections_alternate(
     assert [shot.id for shot in open_acquisition(folder).shots] == fired
 
 
+def test_long_waits_keep_the_sessions_alive(
+    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the black body settles, camera and generator are asked at least once a minute."""
+    rig = open_rig(tiny_rig)
+    asked: dict[str, list[float]] = {"camera": [], "trigger": []}
+    for name, times_s in asked.items():
+        plain = rig.devices[name].read_configuration
+
+        def noted(plain: Any = plain, times_s: list[float] = times_s) -> dict[str, Any]:
+            times_s.append(rig.clock.now_s())
+            return dict(plain())
+
+        monkeypatch.setattr(rig.devices[name], "read_configuration", noted)
+    stability = tiny_plan.stability.model_copy(update={"settle_s": 300.0})
+    slow = tiny_plan.model_copy(update={"stability": stability})
+    assert acquire(rig, slow, tmp_path / "a").complete
+    for times_s in asked.values():
+        assert len(times_s) > 600.0 / 60.0
+        assert max(np.diff(times_s)) < 60.0
+
+
 def test_whole_plan(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
     """Every shot once, fired before it is saved, evaluated folder complete, spray only where
     fuel was injected."""
