@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.hcc import HccError
+from cldit.acquisition.pictures.kinds import ALLOWED, EXPORT, by_ending, kind_of
 from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack, Told
 from cldit.errors import EvaluationError, FileError
 
@@ -19,46 +21,17 @@ GROUP = "cldit.readers"
 
 Reader = Callable[[Source], Any]
 
-_TEMPERATURES = {
-    "k",
-    "kelvin",
-    "c",
-    "°c",
-    "degc",
-    "celsius",
-    "deg_c",
-    "f",
-    "°f",
-    "degf",
-    "mk",
-    "ck",
-}
-_EXPORT = "export raw counts as TIFF of 16 bits"
-_WAY_OUT = {
-    "seq": f"a film of FLIR; {_EXPORT} with Research Studio or ResearchIR",
-    "csq": f"a compressed film of FLIR; {_EXPORT} with Research Studio or ResearchIR",
-    "ptw": f"a film of Cedip and FLIR; {_EXPORT} with Altair or ResearchIR",
-    "sfmov": f"a film of FLIR; {_EXPORT} with ResearchIR",
-    "irb": f"a film of InfraTec; {_EXPORT} with IRBIS",
-    "fits": "astronomers' format; save its data with astropy and numpy.save as .npy",
-    "jpg": f"loses what it was compressed of; {_EXPORT}",
-    "jpeg": f"loses what it was compressed of; {_EXPORT}",
-    "avi": f"a film of a display; {_EXPORT}",
-    "mp4": f"a film of a display; {_EXPORT}",
-}
-
-
-def installed_readers() -> dict[str, EntryPoint]:
-    """Every reader that is installed, by the ending of its files."""
-    return {entry.name.lower(): entry for entry in sorted(entry_points(group=GROUP))}
+_TEMPERATURES = set("k kelvin c °c degc celsius deg_c f °f degf fahrenheit mk ck".split())
 
 
 @cache
-def _seen_readers(path: tuple[str, ...]) -> dict[str, EntryPoint]:
-    """Readers installed when a file was first opened; searching all installed packages takes longer
-    than reading an image.
+def _named(path: tuple[str, ...], ending: str) -> EntryPoint:
+    """Installed reader of files with an ending; `path` is where packages are searched. Raises
+    LookupError, which is not cached: another search finds what is installed later.
     """
-    return installed_readers()
+    for entry in entry_points(group=GROUP, name=ending):
+        return entry
+    raise LookupError(ending)
 
 
 def open_stack(source: Source) -> Stack:
@@ -77,39 +50,41 @@ def open_stack(source: Source) -> Stack:
         raise EvaluationError(f"{source.path}: cannot be read ({error})") from error
     try:
         _check(stack, source)
-        return _Part(stack, source) if source.first or source.last is not None else stack
+        return stack if source == source.whole else _Part(stack, source)
     except BaseException:
         stack.close()
         raise
 
 
 def _reader(source: Source) -> Reader:
+    """Reader by the file's content; an own ending goes to the installed reader of that name."""
     ending = source.path.suffix.lower().removeprefix(".")
-    known = _seen_readers(tuple(sys.path))
-    if ending not in known:
-        known = installed_readers()  # also what was installed since
-    if ending not in known:
-        allowed = ", ".join(f".{name}" for name in known) or "none: reinstall cldit"
-        way_out = _WAY_OUT.get(ending)
+    if ending and not by_ending(ending):
+        with suppress(LookupError):
+            own = _named(tuple(sys.path), ending)
+            try:
+                reader: Reader = own.load()
+            except (ImportError, AttributeError) as error:
+                raise EvaluationError(
+                    f"{source.path}: its reader {own.value} cannot be loaded: {error}"
+                ) from error
+            return reader
+    kind = kind_of(source.path)
+    if kind is None or not kind.reader:
+        known = f".{ending}" if ending else "no ending"
         raise EvaluationError(
-            f"{source.path}: {f'.{ending}' if ending else 'no ending'}"
-            + (f" is {way_out}" if way_out else "")
-            + f"; allowed: {allowed}, and readers of your own (docs/extending.md)"
+            f"{source.path}: {known}"
+            + (f" is {kind.name}; {kind.way_out}" if kind else "")
+            + f"; allowed: {ALLOWED}, and readers of your own (docs/extending.md)"
         )
-    try:
-        reader: Reader = known[ending].load()
-    except (ImportError, AttributeError) as error:
-        raise EvaluationError(
-            f"{source.path}: its reader {known[ending].value} cannot be loaded: {error}"
-        ) from error
-    return reader
+    return kind.load(kind.reader)
 
 
 def _arranged(opened: Any, source: Source) -> Stack:
     if not hasattr(opened, "read"):
         return ArrayStack(opened, source.axes)
     stack: Stack = opened
-    if source.axes == AXES or isinstance(stack, ArrayStack):
+    if source.axes in (None, AXES) or isinstance(stack, ArrayStack):
         return stack
     try:  # pages that are no images: all of them are needed for one
         whole = np.stack([stack.read(number) for number in range(len(stack))])
@@ -127,9 +102,9 @@ def _check(stack: Stack, source: Source) -> None:
     if source.first >= (count if source.last is None else source.last):
         raise EvaluationError(f"{source.text}: [{source.first}:..] of {count} holds no image")
     unit = str(getattr(stack, "unit", ""))
-    if unit.strip().lower() in _TEMPERATURES:
+    if unit.replace(" ", "").lower() in _TEMPERATURES:
         raise EvaluationError(
-            f"{source.text}: holds temperatures (unit {unit}), not counts; {_EXPORT}"
+            f"{source.text}: holds temperatures (unit {unit}), not counts; {EXPORT}"
         )
 
 
@@ -138,17 +113,16 @@ class _Part:
 
     def __init__(self, stack: Stack, source: Source) -> None:
         self._stack = stack
-        self._first = source.first
-        self._last = len(stack) if source.last is None else source.last
+        self._numbers = range(len(stack))[source.part]
         self.notes = getattr(stack, "notes", ())
         self.unit = getattr(stack, "unit", "")
-        self.told = tuple(getattr(stack, "told", ()))[self._first : self._last]
+        self.told = tuple(getattr(stack, "told", ()))[source.part]
 
     def __len__(self) -> int:
-        return self._last - self._first
+        return len(self._numbers)
 
     def read(self, number: int) -> NDArray[Any]:
-        return self._stack.read(self._first + number)
+        return self._stack.read(self._numbers[number])
 
     def close(self) -> None:
         self._stack.close()

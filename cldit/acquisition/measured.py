@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +26,7 @@ from cldit.acquisition.record import Acquisition, open_acquisition
 from cldit.acquisition.witness_names import Acceptable
 from cldit.camera.calibration import Calibration
 from cldit.errors import EvaluationError, SceneError
+from cldit.io.files import natural_order
 from cldit.io.plain_data import read_mapping
 from cldit.optics.response import Response, to_plain
 from cldit.radiance.boundary import Surroundings
@@ -46,8 +48,8 @@ Readings = tuple[Temperature, ...] | str
 Times = tuple[Annotated[float, Within(-1e12, 1e12)], ...] | str
 
 
-def _all_axes(axes: tuple[Axis, ...]) -> tuple[Axis, ...]:
-    if sorted(axes) != sorted(AXES):
+def _all_axes(axes: tuple[Axis, ...] | None) -> tuple[Axis, ...] | None:
+    if axes is not None and sorted(axes) != sorted(AXES):
         raise ValueError(f"{', '.join(axes)}; allowed: {', '.join(AXES)} in the files' order")
     return axes
 
@@ -107,8 +109,8 @@ class MeasuredFile(Section):
     """Required number of references at each background."""
     shots: Count | None = None
     """Required number of injections at each background."""
-    axes: Annotated[tuple[Axis, ...], AfterValidator(_all_axes)] = AXES
-    """Order of the axes in stacks of images."""
+    axes: Annotated[tuple[Axis, ...] | None, AfterValidator(_all_axes)] = None
+    """Order of the axes in stacks of images; by default frames, rows, columns (MATLAB: last)."""
     bad_pixels: str | None = None
     """Image that is not 0 where a pixel is defective."""
     accept: tuple[Acceptable, ...] = ()
@@ -184,6 +186,11 @@ class Measured:
             f"{', '.join(dict.fromkeys(forms))}; first images {low:g}..{high:g}"
         ]
         lines += told_lines([(shot.told, shot.time_s) for shot in self.shots])
+        paths = list(dict.fromkeys(shot.source.path for shot in self.shots))
+        for one, two in pairwise(paths):
+            if str(one) > str(two) and natural_order(one) < natural_order(two):
+                lines.append(f"names by their numbers: {one.name} before {two.name}")
+                break
         for note, names in notes.items():
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""
             lines.append(f"{names[0]}{more}: {note}")
@@ -329,16 +336,18 @@ def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
 
 
 def _sources(
-    folder: Path, patterns: tuple[str, ...], where: str, axes: tuple[Axis, ...] = AXES
+    folder: Path, patterns: tuple[str, ...], where: str, axes: tuple[Axis, ...] | None = None
 ) -> list[Source]:
+    """Files by name, those of a pattern in natural order: frame_2 before frame_10."""
     found: list[Source] = []
     for text in patterns:
         pattern, place = parse_source(text)
-        plain = Path(pattern)
-        if plain.is_absolute():
-            paths = sorted(Path(plain.anchor).glob(str(plain.relative_to(plain.anchor))))
-        else:
-            paths = sorted(folder.glob(pattern))
+        paths = [folder / pattern]  # a name may have brackets
+        if not paths[0].exists():
+            plain = Path(pattern.replace("[", "[[]"))
+            root = Path(plain.anchor) if plain.is_absolute() else folder
+            inside = plain.relative_to(plain.anchor) if plain.is_absolute() else plain
+            paths = sorted(root.glob(str(inside)), key=natural_order)
         if not paths:
             raise EvaluationError(f"{where}: no file matches {text} in {folder}")
         found += [replace(place, path=path, axes=axes) for path in paths]

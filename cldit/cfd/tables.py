@@ -8,7 +8,6 @@ written by Fluent was at hand).
 
 from __future__ import annotations
 
-import codecs
 import csv
 import re
 import warnings
@@ -35,7 +34,7 @@ from cldit.cfd.one_state import check_marks, is_mark
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
-from cldit.io.files import open_regular
+from cldit.io.files import open_regular, text_encoding
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Floats
@@ -147,7 +146,7 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str], str]:
     """Names and delimiter; a name in quotes may contain the delimiter."""
     try:
-        with regular(file).open(encoding=_encoding(file)) as stream:
+        with regular(file).open(encoding=text_encoding(file)) as stream:
             lines = [stream.readline() for _ in range(wanted.header_line)]
             while lines[-1].startswith("%") and "header_line" not in wanted.model_fields_set:
                 following = stream.readline()
@@ -161,18 +160,6 @@ def _header(file: Path, wanted: CellColumns | ParcelColumns) -> tuple[list[str],
     header = lines[-1].strip("\r\n ").lstrip("#%").lstrip()
     delimiter = wanted.delimiter or _delimiter(header)
     return [part.strip().strip('"').strip() for part in _split(header, delimiter)], delimiter
-
-
-def _encoding(file: Path) -> str:
-    """UTF-8 if all of the file is; else cp1252, as spreadsheets on Windows write."""
-    decoder = codecs.getincrementaldecoder("utf-8")()
-    with open_regular(file) as stream:
-        try:
-            while part := stream.read(1 << 20):
-                decoder.decode(part)
-        except UnicodeDecodeError:
-            return "cp1252"
-    return "utf-8-sig"
 
 
 _UNDEFINED = re.compile(r"[-+]?\d\.#(?:IND|QNAN|SNAN|INF)\d*|", re.IGNORECASE)  # of Windows
@@ -256,12 +243,12 @@ def _numbers(
         raise SprayError(f"{file}: {what}; allowed delimiters: ; tab space")
     with open_regular(file) as stream:
         stream.seek(0, 2)
-        stream.seek(max(stream.tell() - 1, 0))
-        if stream.read() not in (b"\n", b"\r"):
+        stream.seek(max(stream.tell() - 2, 0))
+        if stream.read().rstrip(b"\0")[-1:] not in (b"\n", b"\r"):  # UTF-16 has two bytes
             raise SprayError(f"{file}: its last line has no end: the file is cut off")
     kind = dict.fromkeys(texts, "U32") | dict.fromkeys(used, "f8")
     kinds = [(str(place), kind.get(place, "U1")) for place in range(len(names))]
-    count, encoding = 0, _encoding(file)
+    count, encoding = 0, text_encoding(file)
 
     def lines(check: bool) -> Iterator[str]:
         nonlocal count

@@ -6,6 +6,7 @@ remedy; a test (tests/unit/test_one_place.py) keeps other modules from opening f
 
 from __future__ import annotations
 
+import codecs
 import errno
 import io
 import os
@@ -155,6 +156,33 @@ def open_regular(path: Path) -> io.BufferedReader:
 
 def _without_waiting(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def text_encoding(path: Path) -> str:
+    """UTF-16 by its byte order mark; UTF-8 if all of the file is; else cp1252, as of spreadsheets
+    on Windows. Raises FileError as `open_regular`.
+    """
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    with open_regular(path) as stream:
+        part = stream.read(1 << 20)
+        if part.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return "utf-16"
+        try:
+            while part:
+                decoder.decode(part)
+                part = stream.read(1 << 20)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "cp1252"
+    return "utf-8-sig"
+
+
+def natural_order(path: Path) -> list[tuple[str, int]]:
+    """Key that sorts names by the numbers in them: frame_2 before frame_10."""
+    parts = re.split(r"(\d+)", str(path))
+    numbers = [*parts[1::2], "-1"]
+    found = [(text, int(number)) for text, number in zip(parts[::2], numbers, strict=True)]
+    return [*found, (str(path), -1)]  # file_1 and file_01
 
 
 def check_regular(path: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import FileError, SceneError
-from cldit.io.files import read_text
+from cldit.io.text_tables import number_table, read_table_text
 
 Curve = tuple[tuple[float, float], ...]
 SHORTEST_UM, LONGEST_UM = 0.2, 50.0
@@ -54,32 +54,22 @@ def check_curve(pairs: Any, *, what: str) -> Curve:
 
 
 def read_curve(path: Path) -> Curve:
-    """Reads a text file of two columns, separated by comma, semicolon or blanks.
+    """Reads a text file of two columns, with header rows or without.
 
-    Comments begin with #; a first line without numbers is a header.
+    Comments begin with #; columns are separated by semicolon, tab, comma or blanks.
 
     Raises:
         SceneError: unreadable, not two columns of numbers, or as `check_curve`.
     """
     try:
-        lines = read_text(path).splitlines()
+        lines = [line.split("#")[0] for line in read_table_text(path).splitlines()]
+        table = number_table("\n".join(lines))
     except FileError as error:
         raise SceneError(str(error)) from error
-    rows: list[tuple[float, float]] = []
-    header = True
-    for number, line in enumerate(lines, start=1):
-        words = line.split("#")[0].replace(",", " ").replace(";", " ").split()
-        if not words:
-            continue
-        try:
-            wavelength, value = (float(word) for word in words)
-        except ValueError as error:
-            if header and not rows:
-                header = False
-                continue
-            raise SceneError(
-                f"{path}, line {number}: {line.strip()!r}; allowed: two numbers, "
-                "wavelength_um and value"
-            ) from error
-        rows.append((wavelength, value))
+    except ValueError as error:
+        raise SceneError(f"{path}: {error}; allowed: wavelength_um and value in a line") from error
+    rows = [(*row.values,) for row in table.rows if row.label is None]
+    if not rows or len(rows[0]) != 2:
+        width = len(rows[0]) if rows else 1
+        raise SceneError(f"{path}: {width} columns; allowed: two, wavelength_um and value")
     return check_curve(rows, what=str(path))

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-EXTRAS = ("pocl", "cfd", "export", "files", "parquet", "hcc", "studies", "rig")
+EXTRAS = (
+    *("pocl", "cfd", "export", "files", "fits", "tdms", "zarr", "parquet", "hcc", "studies", "rig"),
+)
 # A scene end to end; imports (binary OpenFOAM, VTKHDF); images of cameras; evaluations; properties
 # of fluids; a study; drivers on their emulators.
 USES = (
@@ -20,6 +22,7 @@ USES = (
     "tests/unit/cfd/test_openfoam.py",
     "tests/unit/cfd/test_composite.py",
     "tests/unit/acquisition/test_pictures.py",
+    "tests/unit/acquisition/test_kinds.py",
     "tests/unit/acquisition/test_export.py",
     "tests/unit/dit",
     "tests/unit/spray/droplet/test_fluids.py",

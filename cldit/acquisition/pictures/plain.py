@@ -1,4 +1,4 @@
-"""Images in files that hold little else: .npy, .png, and text with a row of pixels a line."""
+"""Images in files that hold little else: .npy, .png, and Telops' films."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from PIL import Image
 
 from cldit.acquisition.hcc import HccReader, frame_time
 from cldit.acquisition.pictures.source import Source, Told
-from cldit.io.files import check_regular, open_regular, read_text
+from cldit.io.files import check_regular, open_regular
 
 
 def open_npy(source: Source) -> NDArray[Any]:
@@ -27,30 +27,6 @@ def open_png(source: Source) -> NDArray[Any]:
                 f"mode {image.mode} holds colours, not counts; export grey images of 16 bits"
             )
         return np.array(image)
-
-
-def open_text(source: Source) -> NDArray[Any]:
-    """Reads text with one line per row of pixels, separated by semicolons, tabs, blanks or commas.
-
-    With any other separator than a comma, a comma is a decimal point. Raises ValueError if a line
-    contains anything else, or another number of pixels than the first.
-    """
-    rows: list[list[float]] = []
-    for number, line in enumerate(read_text(source.path).splitlines(), start=1):
-        if not line.strip():
-            continue
-        between = next((mark for mark in (";", "\t") if mark in line), ",")
-        if between == "," and "," not in line:
-            between = " "
-        words = [word for word in line.strip().strip(between).split(between) if word.strip()]
-        try:
-            row = [float(word if between == "," else word.replace(",", ".")) for word in words]
-        except ValueError as error:
-            raise ValueError(f"line {number}: {error}; allowed: numbers only") from error
-        if rows and len(row) != len(rows[0]):
-            raise ValueError(f"line {number}: {len(row)} pixels, expected {len(rows[0])}")
-        rows.append(row)
-    return np.array(rows)
 
 
 class Hcc:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -16,21 +18,33 @@ from cldit.errors import EvaluationError
 Axis = Literal["frames", "rows", "columns"]
 AXES: tuple[Axis, ...] = ("frames", "rows", "columns")
 
-_PART = re.compile(r"^(?P<name>.*)\[(?P<first>\d*):(?P<last>\d*)\]$")
+_PART = re.compile(r"^(?P<name>.*)\[(?P<first>\d*):(?P<last>\d*)(?::(?P<step>[1-9]\d*))?\]$")
 
 
 @dataclass(frozen=True)
 class Source:
     """A file, and where in it.
 
-    dataset: within HDF5 and the like. first, last: which images. axes: order of the stack's axes.
+    dataset: within HDF5 and the like. first, last, step: which images. axes: order of the stack's
+    axes; None for the usual one of the kind of file.
     """
 
     path: Path
     dataset: str = ""
     first: int = 0
     last: int | None = None
-    axes: tuple[Axis, ...] = AXES
+    step: int = 1
+    axes: tuple[Axis, ...] | None = None
+
+    @property
+    def part(self) -> slice:
+        """The chosen images."""
+        return slice(self.first, self.last, self.step)
+
+    @property
+    def whole(self) -> Source:
+        """The same place with all images."""
+        return replace(self, first=0, last=None, step=1)
 
     @property
     def text(self) -> str:
@@ -75,30 +89,107 @@ class Stack(Protocol):
 class ArrayStack:
     """Images of anything that numpy can index: an array, a map of a file, a data set."""
 
-    def __init__(self, data: Any, axes: tuple[Axis, ...] = AXES, *, unit: str = "") -> None:
-        """Takes (rows, columns), or three axes in the order of `axes`, or raises ValueError."""
+    def __init__(
+        self,
+        data: Any,
+        axes: tuple[Axis, ...] | None = None,
+        *,
+        unit: str = "",
+        attributes: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Takes (..., rows, columns), or three axes in the order of `axes`, or raises ValueError.
+
+        Of the attributes `units`, and `scale_factor` and `add_offset` of the CF conventions, which
+        turn stored numbers into values, are used.
+        """
         shape: tuple[int, ...] = data.shape
-        if len(shape) not in (2, 3):
+        if len(shape) < 2 or (len(shape) > 3 and axes not in (None, AXES)):
             raise ValueError(f"shape {shape}, expected (frames, rows, columns)")
         self._data = data
-        self._frames = axes.index("frames") if len(shape) == 3 else None
-        self._turned = axes.index("columns") < axes.index("rows")
-        self.unit = unit
+        self._frames = shape[:-2]
+        self._last = (AXES if axes is None else axes).index("frames") if len(shape) == 3 else 0
+        if self._last:
+            self._frames = (shape[self._last],)
+        self._turned = axes is not None and axes.index("columns") < axes.index("rows")
+        known = attributes or {}
+        self._scale, self._shift = (
+            float(np.ravel(known.get(name, default))[0])
+            for name, default in (("scale_factor", 1.0), ("add_offset", 0.0))
+        )
+        self.unit = unit or as_text(known.get("units"))
         self.notes: tuple[str, ...] = ()
+        if (self._scale, self._shift) != (1.0, 0.0):
+            self.notes = (f"stored numbers times {self._scale:g}, plus {self._shift:g}",)
 
     def __len__(self) -> int:
-        return 1 if self._frames is None else int(self._data.shape[self._frames])
+        return int(np.prod(self._frames))
 
     def read(self, number: int) -> NDArray[Any]:
         """Image `number`, (rows, columns)."""
-        place: Any = ()
-        if self._frames is not None:
-            place = (slice(None),) * self._frames + (number,)
-        picture = np.asarray(self._data[place])
-        return picture.T if self._turned else picture
+        place: Any = np.unravel_index(number, self._frames) if self._frames else ()
+        if self._last:
+            place = (slice(None),) * self._last + (number,)
+        image = np.asarray(self._data[tuple(place)])
+        if (self._scale, self._shift) != (1.0, 0.0):
+            image = image * self._scale + self._shift
+        return image.T if self._turned else image
 
     def close(self) -> None:
         """Does nothing: an array has no file."""
+
+
+def as_text(value: Any) -> str:
+    """Text of an attribute, which may be bytes; empty for None."""
+    return value.decode() if isinstance(value, bytes) else str("" if value is None else value)
+
+
+def needed(name: str, path: Path, *, extra: str, what: str) -> Any:
+    """Imports an optional package, or raises EvaluationError with the line that installs it."""
+    try:
+        return import_module(name)
+    except ImportError:
+        package = name.partition(".")[0]
+        raise EvaluationError(
+            f'{path}: {what} need {package}; pip install "cldit[{extra}]"'
+        ) from None
+
+
+def pick(
+    source: Source, group: Any, shapes: Callable[[], Mapping[str, tuple[int, ...]]], *, line: bool
+) -> Any:
+    """Data set of a `group` by the source's name, or its only one that can have images.
+
+    Args:
+        source: with the name of a data set, or without.
+        group: data sets by name.
+        shapes: of all data sets with numbers, by name.
+        line: numbers along one axis are wanted, not images.
+
+    Raises:
+        EvaluationError: there is none, more than one, or one of another shape.
+    """
+    name = source.dataset.strip("/")
+
+    def fits(shape: tuple[int, ...]) -> bool:
+        if line:
+            return len(shape) > 0 and max(shape) == np.prod(shape)
+        return len(shape) > 1 and min(shape[-2:]) > 1
+
+    if not name or name not in group:
+        known = [each.strip("/") for each, shape in shapes().items() if fits(shape)]
+        if name or len(known) != 1:
+            wanted = f"name the data set too, as in {source.path.name}::/entry/data"
+            raise EvaluationError(
+                f"{source.text}: {'no such data set' if name else wanted}; the file has "
+                + (", ".join(f"/{each}" for each in known) or "none")
+            )
+        name = known[0]
+    data = group[name]
+    shape: tuple[int, ...] = getattr(data, "shape", ())
+    if not fits(shape):
+        expected = "one axis" if line else "(frames, rows, columns)"
+        raise EvaluationError(f"{source.text}: shape {shape}, expected {expected}")
+    return data
 
 
 def parse_source(text: str) -> tuple[str, Source]:
@@ -106,11 +197,14 @@ def parse_source(text: str) -> tuple[str, Source]:
     in `[:]`. Raises EvaluationError if the part after `::` is no data set.
     """
     part = _PART.match(text)
-    name, first, last = (part["name"], part["first"], part["last"]) if part else (text, "", "")
+    name, first, last, step = (
+        part.group("name", "first", "last", "step") if part else (text, "", "", "")
+    )
     pattern, separator, dataset = name.partition("::")
     if separator and (not dataset or "[" in dataset or "]" in dataset):
         raise EvaluationError(
-            f"{text}: {dataset!r} is no data set; allowed: /group/name, with [first:last] or not"
+            f"{text}: {dataset!r} is no data set; allowed: /group/name, with [first:last], "
+            "[first:last:step] or not"
         )
-    place = int(first) if first else 0, int(last) if last else None
+    place = int(first or 0), int(last) if last else None, int(step or 1)
     return pattern, Source(Path(pattern), dataset, *place)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -35,10 +35,10 @@ class Tiff:
         try:
             with _quiet():
                 self._file = tifffile.TiffFile(self._stream)
-                self._pages = len(self._file.pages)
+                self._pages = self._images()
                 first = self._file.series[0]
                 self._size = os.fstat(self._stream.fileno()).st_size
-                if self._pages == 1 and first.ndim > 2 and first.axes.endswith("YX"):
+                if len(self._pages) == 1 and first.ndim > 2 and first.axes.endswith("YX"):
                     self._check_end(first.dataoffset, first.nbytes)
                     self._stack = self._of_one_page(first)
                 self._check_whole()
@@ -49,6 +49,21 @@ class Tiff:
         except BaseException:
             self._stream.close()
             raise
+
+    def _images(self) -> Sequence[int]:
+        """Numbers of the pages that are images, not thumbnails (TIFF 6.0, tag 254, bit 0).
+
+        Where the first two pages and the last one are images, all are.
+        """
+        count = len(self._file.pages)
+
+        def small(number: int) -> bool:
+            page: Any = self._file.pages[number]
+            return bool(page.is_reduced)
+
+        if not any(small(number) for number in {0, min(1, count - 1), count - 1}):
+            return range(count)
+        return [number for number in range(count) if not small(number)]
 
     def _of_one_page(self, series: Any) -> NDArray[Any]:
         rows, columns = series.shape[-2:]
@@ -79,7 +94,7 @@ class Tiff:
         if len(self) < told:
             raise ValueError(f"ImageJ says {told} images, {len(self)} are there; it is cut off")
         if self._follows(file.pages[-1].offset):
-            raise ValueError(f"another page follows the last of {self._pages}; it is cut off")
+            raise ValueError(f"another page follows the last of {len(file.pages)}; it is cut off")
         if file.is_ome:
             missing = sum(page is None for series in file.series for page in series.pages)
             if missing:
@@ -95,7 +110,7 @@ class Tiff:
         return int(following)
 
     def _tag(self, number: int, code: int, default: Any) -> Any:
-        page: Any = self._file.pages[number]
+        page: Any = self._file.pages[self._pages[number]]
         found = page.tags.get(code) if hasattr(page, "tags") else None
         return default if found is None else found.value
 
@@ -119,10 +134,10 @@ class Tiff:
             return told_by_ome(self._file.ome_metadata or "", len(self))
         if not self._tag(0, _EXIF, {}):
             return ()
-        return tuple(told_by_exif(self._tag(n, _EXIF, {})) for n in range(self._pages))
+        return tuple(told_by_exif(self._tag(n, _EXIF, {})) for n in range(len(self)))
 
     def __len__(self) -> int:
-        return self._pages if self._stack is None else len(self._stack)
+        return len(self._pages) if self._stack is None else len(self._stack)
 
     def read(self, number: int) -> NDArray[Any]:
         """Image `number`, (rows, columns).
@@ -133,7 +148,7 @@ class Tiff:
         """
         if self._stack is not None:
             return turned(np.asarray(self._stack[number]), self._turn)
-        page: Any = self._file.pages[number]
+        page: Any = self._file.pages[self._pages[number]]
         ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
         if max(ends, default=0) > self._size:  # missing strips would be read as zeros
             raise ValueError("its pixels end before the page does; the file is cut off")

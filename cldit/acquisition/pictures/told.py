@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -16,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.acquisition.pictures.hdf5 import read_line
+from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
 from cldit.errors import EvaluationError
-from cldit.io.files import read_text
+from cldit.io.text_tables import read_table_text, split_cells
 
 _SAME = 0.01  # relative: registers of cameras round their exposure
 _SAME_s = 1.0  # clocks that show whole seconds
@@ -52,29 +53,49 @@ def read_numbers(
     pattern, source = parse_source(given)
     source = replace(source, path=folder / pattern)
     try:
-        if source.path.suffix.lower() in (".csv", ".txt"):
+        kind = kind_of(source.path)
+        if kind is None or not kind.line:
             return _column(source, column, allowed, convert)
-        return [float(one) for one in read_line(source)]
-    except OSError as error:
+        return [float(one) for one in kind.load(kind.line)(source)]
+    except (OSError, ValueError) as error:
+        if isinstance(error, EvaluationError):
+            raise
         raise EvaluationError(f"{source.text}: cannot be read ({error})") from error
 
 
 def _column(
     source: Source, column: str, allowed: str, convert: Callable[[str], float]
 ) -> list[float]:
-    lines = read_text(source.path).splitlines()
-    between = ";" if lines and ";" in lines[0] else ","
-    rows = list(csv.DictReader(lines, delimiter=between))
-    names = [name.strip() for name in (lines[0].split(between) if lines else [])]
+    """Cells below the first line that names the column; lines above it, and a line of units below
+    it, are header rows.
+    """
+    text = read_table_text(source.path).splitlines()
+    lines = [(number, line) for number, line in enumerate(text, start=1) if line.strip()]
     name = source.dataset or column
-    if name not in names:
-        raise EvaluationError(f"{source.path}: no column {name}; it has {', '.join(names)}")
+    rest = iter(lines)
+    for _, line in rest:
+        header, between = split_cells(line)
+        if line.strip() == name:  # alone, and maybe with blanks
+            header, between = [name], ","
+        if name in header:
+            break
+    else:
+        known = next((cells for _, line in lines if len(cells := split_cells(line)[0]) > 1), [])
+        raise EvaluationError(
+            f"{source.path}: no column {name}; it has {', '.join(known) or 'none'}"
+        )
+    place = header.index(name)
+    below = list(rest)
+    if below and not re.search(r"\d", below[0][1]):
+        below = below[1:]
     found = []
-    for number, row in enumerate(rows[source.first : source.last], start=source.first + 2):
-        value = {key.strip(): one for key, one in row.items() if isinstance(key, str)}[name]
+    for number, line in below[source.part]:
+        quoted = csv.reader([line], delimiter=between, skipinitialspace=True)
+        row = line.split() if between == " " else next(quoted)
+        value = row[place].strip() if place < len(row) else ""
         try:
             found.append(convert(value if between == "," else value.replace(",", ".")))
-        except (TypeError, ValueError, AttributeError) as error:
+        except ValueError as error:
             raise EvaluationError(
                 f"{source.path}, line {number}: {name} is {value!r}; allowed: {allowed}"
             ) from error

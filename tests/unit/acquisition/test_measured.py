@@ -322,9 +322,9 @@ def test_which_paths_are_measured_data(tiffs: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("run.h5::/no[1:2:3]", "is no data set"),
+        ("run.h5::/no[1:2:0]", "is no data set"),
         ("run.h5", "name the data set"),
-        ("run.h5::/entry/other", r"no such data set; the file has /entry/data"),
+        ("run.h5::/entry/other", "no such data set; the file has /entry/dark, /entry/data"),
         ("run.h5::/entry/data[2:9]", "has 4 frames, asked for 9"),
         ("run.h5::/entry/line", "expected .frames, rows, columns"),
     ],
@@ -333,6 +333,7 @@ def test_data_sets_that_are_not_there(tmp_path: Path, text: str, message: str) -
     h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "run.h5", "w") as file:
         file["entry/data"] = np.zeros((4, 2, 3), np.uint16)
+        file["entry/dark"] = np.zeros((4, 2, 3), np.uint16)
         file["entry/line"] = np.zeros(4)
     with pytest.raises(EvaluationError, match=message):
         open_stack(parse_source(str(tmp_path / text))[1])

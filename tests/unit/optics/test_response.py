@@ -181,7 +181,7 @@ def test_bad_files_are_named(tmp_path: Path, curve: list[list[float]], message: 
 def test_broken_lines_and_missing_files_are_named(tmp_path: Path) -> None:
     path = tmp_path / "filter.csv"
     path.write_text("wavelength_um, transmission\n3.3, 0.5\n3.4, much\n")
-    with pytest.raises(SceneError, match=r"filter\.csv, line 3: '3\.4, much'"):
+    with pytest.raises(SceneError, match=r"filter\.csv: line 3: '3\.4, much'"):
         parse_scene({**BASE, "optics": {"filter_um": str(path)}})
     with pytest.raises(SceneError, match="cannot be read"):
         parse_scene({**BASE, "optics": {"filter_um": str(tmp_path / "none.csv")}})

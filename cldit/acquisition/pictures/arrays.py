@@ -1,0 +1,92 @@
+"""Arrays by name: MATLAB's files up to version 7, netCDF 3, and Zarr."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.pictures.source import ArrayStack, Axis, Source, needed, pick
+from cldit.io.files import check_regular
+
+MATLAB: tuple[Axis, ...] = ("rows", "columns", "frames")
+
+
+def matlab_notes(source: Source, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Remark on the order of axes that is assumed for an array of MATLAB."""
+    if source.axes is not None or len(shape) != 3:
+        return ()
+    return ("axes: rows, columns, frames, as is usual in MATLAB",)
+
+
+class Matlab5(ArrayStack):
+    """A variable (rows, columns, frames) of a .mat file of version 5 to 7."""
+
+    def __init__(self, source: Source) -> None:
+        from scipy.io import loadmat, whosmat
+
+        check_regular(source.path)
+        known = {name: shape for name, shape, kind in whosmat(source.path) if "int" in kind or
+                 kind in ("single", "double")}  # fmt: skip
+        chosen = pick(source, {each: _Shape(known[each], each) for each in known},
+                      lambda: known, line=False)  # fmt: skip
+        data = loadmat(source.path, variable_names=[chosen.name])[chosen.name]
+        super().__init__(data, source.axes or MATLAB)
+        self.notes += matlab_notes(source, data.shape)
+
+
+class _Shape:
+    """A variable that is not read yet."""
+
+    def __init__(self, shape: tuple[int, ...], name: str) -> None:
+        self.shape, self.name = shape, name
+
+
+class NetCdf3(ArrayStack):
+    """A variable (..., rows, columns) of a netCDF file of version 3; it stays in the file."""
+
+    def __init__(self, source: Source) -> None:
+        from scipy.io import netcdf_file
+
+        check_regular(source.path)
+        self._file = netcdf_file(source.path, "r", mmap=False)
+        try:
+            known = {name: each.shape for name, each in self._file.variables.items()}
+            found = pick(source, self._file.variables, lambda: known, line=False)
+            super().__init__(found.data, source.axes, attributes=found._attributes)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+
+class Zarr(ArrayStack):
+    """An array (..., rows, columns) of a Zarr folder; chunks are read as they are needed."""
+
+    def __init__(self, source: Source) -> None:
+        found = _zarr(source, line=False)
+        super().__init__(found, source.axes, attributes=dict(found.attrs))
+
+
+def read_line(source: Source) -> NDArray[np.float64]:
+    """Reads the chosen numbers of a Zarr array with one axis, (N,)."""
+    return np.asarray(_zarr(source, line=True)[...], float).ravel()[source.part]
+
+
+def _zarr(source: Source, *, line: bool) -> Any:
+    zarr = needed("zarr", source.path, extra="zarr", what="Zarr folders")
+    root = zarr.open(str(source.path), mode="r")
+    if isinstance(root, zarr.Array):
+        return pick(source, {"": root, source.dataset.strip("/"): root}, lambda: {"": root.shape},
+                    line=line)  # fmt: skip
+    return pick(
+        source,
+        root,
+        lambda: {name: each.shape for name, each in root.members(max_depth=None)
+                 if isinstance(each, zarr.Array)},
+        line=line,
+    )  # fmt: skip

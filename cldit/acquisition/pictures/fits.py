@@ -1,0 +1,53 @@
+"""FITS: an image, or a cube of images, in one of the file's units (HDU)."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from cldit.acquisition.pictures.source import ArrayStack, Source, Told, moment_s, needed, pick
+from cldit.io.files import check_regular
+
+
+class Fits(ArrayStack):
+    """Images of a unit, by its number or its name; scaled by BSCALE and BZERO."""
+
+    def __init__(self, source: Source) -> None:
+        fits = needed("astropy.io.fits", source.path, extra="fits", what="FITS files")
+        check_regular(source.path)
+        self._file = fits.open(
+            source.path, mode="readonly", memmap=False
+        )  # sections are read alone
+        try:
+            units: dict[str, Any] = {}
+            for number, unit in enumerate(self._file):
+                if unit.is_image and len(unit.shape) > 1:
+                    units[unit.name or str(number)] = unit
+            named = units | {str(n): unit for n, unit in enumerate(self._file) if unit.is_image}
+            found = pick(source, named, lambda: {n: u.shape for n, u in units.items()}, line=False)
+            head = found.header
+            super().__init__(found.section, source.axes, unit=str(head.get("BUNIT", "")))
+            self._flipped = str(head.get("ROWORDER", "")).upper() == "BOTTOM-UP"
+            self.notes += () if "ROWORDER" in head else ("no ROWORDER: first row at the top",)
+            self.told = (self._told(head),) * len(self)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _told(self, head: Any) -> Told:
+        """Exposure of all images, and the time of a single one (FITS 4.0: DATE-OBS, EXPTIME)."""
+        time_s = None
+        if len(self) == 1 and "DATE-OBS" in head:
+            with suppress(ValueError):
+                time_s = moment_s(str(head["DATE-OBS"]))
+        exposed = head.get("EXPTIME")
+        return Told(time_s, float(exposed) if isinstance(exposed, (int, float)) else None)
+
+    def read(self, number: int) -> Any:
+        """Image `number`, (rows, columns)."""
+        image = super().read(number)
+        return image[::-1] if self._flipped else image
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()

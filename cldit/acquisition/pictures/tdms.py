@@ -1,0 +1,100 @@
+"""TDMS of LabVIEW: channels with pixels row by row, their size in properties."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.pictures.source import Source, needed
+from cldit.errors import EvaluationError
+from cldit.io.files import check_regular
+
+_WIDE = ("width", "columns", "cols", "imagewidth")
+_HIGH = ("height", "rows", "imageheight")
+
+
+class Tdms:
+    """Images of a channel, one after another, or of a group with a channel for each image.
+
+    Properties of the channel, the group or the file have the size: `width` and `height`, or
+    `columns` and `rows`.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self._file = _open(source)
+        try:
+            self._channels, known = _chosen(self._file, source)
+            wide, high = (_number(source, known, names) for names in (_WIDE, _HIGH))
+            self._shape = high, wide
+            for channel in self._channels:
+                if not len(channel) or len(channel) % (wide * high):
+                    raise EvaluationError(
+                        f"{source.text}: {len(channel)} values of {channel.name}; allowed: "
+                        f"multiples of {wide} x {high}, its width and height"
+                    )
+            self._each = len(self._channels[0]) // (wide * high)
+            self.unit = str(known.get("unit_string", ""))
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __len__(self) -> int:
+        return self._each * len(self._channels)
+
+    def read(self, number: int) -> NDArray[Any]:
+        """Image `number`, (rows, columns)."""
+        place, within = divmod(number, self._each)
+        size = self._shape[0] * self._shape[1]
+        values = self._channels[place][within * size : (within + 1) * size]
+        return np.asarray(values).reshape(self._shape)
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+
+def read_line(source: Source) -> NDArray[np.float64]:
+    """Reads the chosen numbers of a channel, (N,)."""
+    with _open(source) as file:
+        channels, _ = _chosen(file, source)
+        if len(channels) != 1:
+            raise EvaluationError(f"{source.text}: {len(channels)} channels; name one")
+        return np.asarray(channels[0][:], float)[source.part]
+
+
+def _open(source: Source) -> Any:
+    nptdms = needed("nptdms", source.path, extra="tdms", what="TDMS files")
+    check_regular(source.path)
+    return nptdms.TdmsFile.open(source.path)
+
+
+def _chosen(file: Any, source: Source) -> tuple[list[Any], dict[str, Any]]:
+    """Channels of the named group, or one of them, and their properties."""
+    groups = {group.name: group for group in file.groups()}
+    name, _, inner = source.dataset.strip("/").partition("/")
+    if not name and len(groups) == 1:
+        name = next(iter(groups))
+    channels = groups[name].channels() if name in groups else []
+    channels = [each for each in channels if not inner or each.name == inner]
+    if not channels:
+        known = [f"/{each.name}/{one.name}" for each in groups.values() for one in each.channels()]
+        raise EvaluationError(
+            f"{source.text}: no such group or channel; the file has {', '.join(known) or 'none'}"
+        )
+    return channels, {**file.properties, **groups[name].properties, **channels[0].properties}
+
+
+def _number(source: Source, known: dict[str, Any], names: tuple[str, ...]) -> int:
+    found = [value for key, value in known.items() if key.lower().replace("_", "") in names]
+    try:
+        number = int(found[0])
+        if number > 0:
+            return number
+    except (IndexError, TypeError, ValueError):
+        pass
+    raise EvaluationError(
+        f"{source.text}: no size of its images in the properties ({', '.join(known) or 'none'}); "
+        f"allowed: a number above 0 in one of {', '.join(names)}"
+    )

@@ -1,0 +1,75 @@
+"""Images in text, a line for each row of pixels, as cameras' programs export them.
+
+InfraTec's IRBIS writes sections of header lines (`ImageWidth=640`, `TempUnit=°C`) above `[Data]`;
+FLIR's programs write `File:` and `Parameters:`, and `Frame 1` in front of each image's first row;
+Optris' PIX Connect writes numbers alone; spreadsheets and pandas number rows and columns.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.acquisition.pictures.source import ArrayStack, Source
+from cldit.io.text_tables import NumberRow, number_table, read_table_text
+
+_UNIT = re.compile(
+    r"(?:unit\w*\s*[=:;,\t]\s*|[\[(]\s*)\"?"
+    r"(°?\s?[CF]|K|deg\s?[CF]|celsius|kelvin|fahrenheit|counts|digital levels?|dl|w/\S+)\b",
+    re.IGNORECASE,
+)
+_SIZE = re.compile(r"\b(width|height|columns|cols|rows)\s*[=:;,\t]\s*(\d+)\b", re.IGNORECASE)
+_WIDE = ("width", "columns", "cols")
+_UNEVEN = 0.02  # of positions, from one to the next: they are rounded
+
+
+class TextImages(ArrayStack):
+    """Images of a text file: rows of pixels below header rows."""
+
+    def __init__(self, source: Source) -> None:
+        table = number_table(read_table_text(source.path))
+        images = _images(table.rows)
+        notes = [f"header rows omitted: {len(table.header)}"] if table.header else []
+        across, down = _evenly(images[0]), _evenly(images[0].T)
+        if across:
+            notes.append("first row omitted: it has the columns' positions")
+        if down:
+            notes.append("first column omitted: it has the rows' positions")
+        images = images[:, int(across) :, int(down) :]
+        header = "\n".join(table.header)
+        for name, number in _SIZE.findall(re.sub(r"(?i)image(?=width|height)", "", header)):
+            there = images.shape[2 if name.lower() in _WIDE else 1]
+            if there != int(number):
+                raise ValueError(f"its header has {name} {number}, its numbers {there}; cut off?")
+        unit = _UNIT.search(header)
+        super().__init__(images, source.axes, unit=unit[1] if unit else "")
+        self.notes = tuple(notes)
+
+
+def _images(rows: list[NumberRow]) -> NDArray[np.float64]:
+    """Images (N, H, W): a label such as `Frame 1` begins one, or blank lines separate them."""
+    numbers = np.array([row.values for row in rows])
+    begins = [n for n, row in enumerate(rows) if row.label and "frame" in row.label.lower()]
+    if not begins:
+        begins = [n for n, row in enumerate(rows) if not n or row.block != rows[n - 1].block]
+        heights = set(np.diff([*begins, len(rows)]))
+        if len(heights) > 1 or heights == {1}:  # blank lines mean nothing here
+            begins = [0]
+    heights = set(np.diff([*begins, len(rows)]))
+    if begins[0] or len(heights) > 1:
+        raise ValueError(f"its frames have {', '.join(map(str, sorted(heights)))} rows; cut off?")
+    return numbers.reshape(len(begins), -1, numbers.shape[1])
+
+
+def _evenly(image: NDArray[np.float64]) -> bool:
+    """True if only the first row (or column) has evenly spaced numbers: no pixels, but places."""
+
+    def even(row: NDArray[np.float64]) -> bool:
+        steps = np.diff(row)
+        return bool(steps[0] and np.ptp(steps) <= _UNEVEN * abs(steps[0]))
+
+    if min(image.shape) < 4:
+        return False
+    return even(image[0, 1:]) and not any(even(row[1:]) for row in image[1:])

@@ -1,0 +1,319 @@
+"""Kinds of files of images: by their content, whatever their ending, and tables of programs."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+
+from cldit.acquisition.frames import FrameReader, open_stack
+from cldit.acquisition.pictures.source import Source, parse_source
+from cldit.acquisition.pictures.told import read_numbers
+from cldit.errors import EvaluationError
+
+IMAGES = np.random.default_rng(3).integers(1000, 9000, (6, 5, 7)).astype(np.uint16)
+MATLAB_ORDER = IMAGES.transpose(1, 2, 0)
+
+
+def read_all(source: Source) -> Any:
+    reader = FrameReader()
+    try:
+        return np.stack([reader.read(source, n) for n in range(reader.count(source))])
+    finally:
+        reader.close()
+
+
+def notes(source: Source) -> str:
+    reader = FrameReader()
+    try:
+        return "; ".join(reader.notes(source))
+    finally:
+        reader.close()
+
+
+def _btf(path: Path) -> None:
+    tifffile.imwrite(path, IMAGES, bigtiff=True, metadata=None)
+
+
+def _lsm(path: Path) -> None:
+    """Each image is followed by its thumbnail (tag 254), as in Zeiss' LSM."""
+    with tifffile.TiffWriter(path) as file:
+        for image in IMAGES:
+            file.write(image, metadata=None, photometric="minisblack")
+            file.write(np.zeros((2, 2), np.uint8), metadata=None, subfiletype=1)
+
+
+def _stk(path: Path) -> None:
+    """One directory, all planes one behind another; UIC tags count them (MetaMorph's STK)."""
+    count, rows, columns = IMAGES.shape
+    entries = [
+        (256, 4, 1, columns), (257, 4, 1, rows), (258, 3, 1, 16), (259, 3, 1, 1), (262, 3, 1, 1),
+        (273, 4, 1, 0), (277, 3, 1, 1), (278, 4, 1, rows), (279, 4, 1, 2 * rows * columns),
+        (33628, 4, 1, 0), (33629, 5, count, 0),
+    ]  # fmt: skip
+    end = 8 + 2 + 12 * len(entries) + 4
+    uic1, uic2 = struct.pack("<II", 0, 0), struct.pack("<6I", 0, 1, 2451545, 0, 2451545, 0) * count
+    places = {33628: end, 33629: end + len(uic1), 273: end + len(uic1) + len(uic2)}
+    data = struct.pack("<2sHIH", b"II", 42, 8, len(entries))
+    for tag, kind, number, value in entries:
+        data += struct.pack("<HHII", tag, kind, number, places.get(tag, value))
+    path.write_bytes(data + bytes(4) + uic1 + uic2 + IMAGES.astype("<u2").tobytes())
+
+
+def _netcdf4(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["counts"] = IMAGES
+        file["time"] = np.arange(6.0)
+
+
+def _packed(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["counts"] = (IMAGES - 1000).astype(np.int16)
+        file["counts"].attrs.update(scale_factor=1.0, add_offset=1000.0)
+
+
+def _netcdf3(path: Path) -> None:
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, "w") as file:
+        for name, size in zip("nyx", IMAGES.shape, strict=True):
+            file.createDimension(name, size)
+        file.createVariable("counts", "i4", ("n", "y", "x"))[:] = IMAGES
+
+
+def _matlab5(path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(path, {"film": MATLAB_ORDER, "note": "shot"})
+
+
+def _matlab7(path: Path) -> None:
+    """HDF5 behind 512 bytes of MATLAB's; its arrays are stored with reversed axes."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["film"] = np.ascontiguousarray(MATLAB_ORDER.T)
+        file["film"].attrs["MATLAB_class"] = np.bytes_("uint16")
+        file["#refs#/a"] = IMAGES
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file")
+
+
+def _zarr(path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    group = zarr.open_group(str(path), mode="w")
+    for name, data, chunks in (("run/counts", IMAGES, (1, 5, 7)), ("log", np.arange(6.0), (6,))):
+        array = group.create_array(name, shape=data.shape, dtype=data.dtype, chunks=chunks)
+        array[...] = data
+
+
+def _fits(path: Path) -> None:
+    fits = pytest.importorskip("astropy.io.fits")
+    units = [fits.PrimaryHDU(), fits.ImageHDU(IMAGES[:, ::-1], name="COUNTS")]
+    units[1].header["ROWORDER"] = "BOTTOM-UP"
+    fits.HDUList(units).writeto(path)
+
+
+def _tdms(path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    size = {"width": 7, "height": 5}
+    with nptdms.TdmsWriter(path) as file:
+        group = nptdms.GroupObject("camera", properties=size)
+        file.write_segment([group, nptdms.ChannelObject("camera", "counts", IMAGES.ravel())])
+
+
+WRITERS: list[tuple[str, Callable[[Path], None]]] = [
+    ("a.btf", _btf), ("a.lsm", _lsm), ("a.stk", _stk), ("a.nc", _netcdf4), ("b.nc", _netcdf3),
+    ("c.nc", _packed), ("a.mat", _matlab5), ("b.mat", _matlab7), ("a.zarr", _zarr),
+    ("a.fits", _fits), ("a.tdms", _tdms),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "write"), WRITERS, ids=[name for name, _ in WRITERS])
+def test_kinds_are_read_and_the_only_data_set_needs_no_name(
+    tmp_path: Path, name: str, write: Callable[[Path], None]
+) -> None:
+    path = tmp_path / name
+    write(path)
+    np.testing.assert_array_equal(read_all(Source(path)), IMAGES)
+    part = parse_source(f"{path}[1::2]")[1]
+    np.testing.assert_array_equal(read_all(part), IMAGES[1::2])
+    if path.is_file():  # its content decides
+        np.testing.assert_array_equal(read_all(Source(path.rename(tmp_path / "a.png"))), IMAGES)
+
+
+@pytest.mark.parametrize("write", [_matlab5, _matlab7])
+def test_the_order_of_matlabs_axes_is_reported_and_can_be_given(
+    tmp_path: Path, write: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "a.mat"
+    write(path)
+    assert notes(Source(path)) == "axes: rows, columns, frames, as is usual in MATLAB"
+    given = Source(path, axes=("columns", "rows", "frames"))
+    np.testing.assert_array_equal(read_all(given), IMAGES.transpose(0, 2, 1))
+    assert not notes(given)
+
+
+@pytest.mark.parametrize(
+    ("ending", "package", "extra"),
+    [("fits", "astropy", "fits"), ("tdms", "nptdms", "tdms"), ("zarr", "zarr", "zarr"),
+     ("h5", "h5py", "files")],
+)  # fmt: skip
+def test_a_missing_package_is_named_with_the_line_that_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str, package: str, extra: str
+) -> None:
+    import sys
+
+    for name in (package, f"{package}.io", f"{package}.io.fits"):
+        monkeypatch.setitem(sys.modules, name, None)
+    (tmp_path / f"a.{ending}").write_bytes(b"x")
+    with pytest.raises(EvaluationError, match=rf'need {package}; pip install "cldit\[{extra}\]"'):
+        open_stack(Source(tmp_path / f"a.{ending}"))
+
+
+@pytest.mark.parametrize(("name", "write"), [("a.zarr", _zarr), ("a.nc", _netcdf4)])
+def test_data_sets_that_are_not_there_are_answered_with_those_that_are(
+    tmp_path: Path, name: str, write: Callable[[Path], None]
+) -> None:
+    write(tmp_path / name)
+    known = "/run/counts" if name == "a.zarr" else "/counts"
+    with pytest.raises(EvaluationError, match=f"no such data set; the file has {known}$"):
+        open_stack(Source(tmp_path / name, "/other"))
+    line = "/log" if name == "a.zarr" else "/time"
+    assert read_numbers(tmp_path, f"{name}::{line}[::2]", column="") == [0.0, 2.0, 4.0]
+    with pytest.raises(EvaluationError, match="shape"):
+        open_stack(Source(tmp_path / name, line))
+
+
+def test_tdms_by_groups_of_channels_and_its_size(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "a.tdms"
+    with nptdms.TdmsWriter(path) as file:
+        channels = [nptdms.ChannelObject("film", f"{n}", image.ravel())
+                    for n, image in enumerate(IMAGES)]  # fmt: skip
+        size = nptdms.GroupObject("film", properties={"Columns": 7, "Rows": 5})
+        log = nptdms.ChannelObject("log", "bb", np.array([413.0, 413.1]))
+        file.write_segment([size, *channels, log])
+    np.testing.assert_array_equal(read_all(Source(path, "/film")), IMAGES)
+    np.testing.assert_array_equal(read_all(Source(path, "/film/3")), IMAGES[3:4])
+    assert read_numbers(tmp_path, "a.tdms::/log/bb", column="") == [413.0, 413.1]
+    for dataset, message in (
+        ("/log/bb", "no size of its images in the properties .*width, columns"),
+        ("/dark", "no such group or channel; the file has /film/0, .*/log/bb"),
+    ):
+        with pytest.raises(EvaluationError, match=message):
+            open_stack(Source(path, dataset))
+
+
+def _lines(between: str, point: str, form: str = "{:.2f}") -> list[str]:
+    return [between.join(form.format(v / 4).replace(".", point) for v in row) for row in IMAGES[0]]
+
+
+IRBIS = "[Settings]\nVersion=4\nImageWidth=7\nImageHeight=5\nShotRange=20,00;40,00\n{}\n[Data]\n"
+FLIR = "File:,C:\\a.csq\n\nParameters:,Emissivity: 0.95\n,Refl. temp: 20.00 °C\n\n"
+
+
+def _flir() -> str:
+    """`Frame N` in front of the first row of each image, nothing in front of the others."""
+    text = FLIR
+    for number, image in enumerate(IMAGES, start=1):
+        for row, line in enumerate(image / 4):
+            label = f"Frame {number}" if row == 0 else ""
+            text += ",".join([label, *(f"{value:.2f}" for value in line)]) + "\n"
+        text += "\n"
+    return text
+
+
+def _numbered() -> str:
+    """As pandas writes: numbers of columns and rows around the image."""
+    rows = [",".join([f"{n}", line]) for n, line in enumerate(_lines(",", "."))]
+    return "\n".join([",0,1,2,3,4,5,6", *rows])
+
+
+TABLES: list[tuple[str, str, str, Any, str]] = [
+    ("irbis.asc", IRBIS.format("TempUnit=counts") + "\n".join(_lines("\t", ",")), "utf-16",
+     IMAGES[:1], "header rows omitted: 7; unit counts"),
+    ("irbis.csv", IRBIS.format("") + "\n".join(_lines(",", ".")) , "utf-8", IMAGES[:1],
+     "header rows omitted: 6"),
+    ("optris.csv", "\n".join(line + ";" for line in _lines(";", ",")), "cp1252", IMAGES[:1], ""),
+    ("blanks.dat", "\n".join(_lines("  ", ",")), "utf-8-sig", IMAGES[:1], ""),
+    ("flir.csv", _flir(), "cp1252", IMAGES, "header rows omitted: 3"),
+    ("pandas.csv", _numbered(), "utf-8", IMAGES[:1],
+     "header rows omitted: 1; first column omitted: it has the rows' positions"),
+    ("columns.csv", "\n".join(["0.0,0.1,0.2,0.3,0.4,0.5,0.6", *_lines(",", ".")]), "utf-8",
+     IMAGES[:1], "first row omitted: it has the columns' positions"),
+    ("size.txt", "7 5\n" + "\n".join(_lines(" ", ".")), "ascii", IMAGES[:1],
+     "header rows omitted: 1"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "encoding", "expected", "said"), TABLES, ids=[row[0] for row in TABLES]
+)
+def test_tables_as_programs_of_cameras_export_them(
+    tmp_path: Path, name: str, text: str, encoding: str, expected: Any, said: str
+) -> None:
+    (tmp_path / name).write_text(text, encoding=encoding)
+    np.testing.assert_array_equal(read_all(Source(tmp_path / name)), expected / 4)
+    assert notes(Source(tmp_path / name)) == said
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (IRBIS.format("TempUnit=°C") + "\n".join(_lines("\t", ",")), r"temperatures \(unit °C\)"),
+        (IRBIS.format("") + "\n".join(_lines("\t", ",")[:4]), "Height 5, its numbers 4; cut off"),
+        (_flir()[:-40], "line 40: 2 numbers, expected 7"),
+        ("".join(_flir().splitlines(True)[:-2]), "its frames have 4, 5 rows; cut off"),
+        ("x;y\n1;2\n3;oops\n", "line 3: '3;oops'; allowed: numbers only"),
+        ("nothing\n", "no line of numbers"),
+    ],
+)
+def test_tables_that_are_no_counts_or_cut_off_are_refused(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(EvaluationError, match=message):
+        open_stack(Source(tmp_path / "a.csv"))
+
+
+def test_a_ramp_is_an_image_and_no_header(tmp_path: Path) -> None:
+    """Evenly spaced numbers in all rows are pixels."""
+    ramp = np.arange(48.0).reshape(6, 8)
+    np.savetxt(tmp_path / "a.txt", ramp)
+    np.testing.assert_array_equal(read_all(Source(tmp_path / "a.txt"))[0], ramp)
+
+
+def test_logs_with_header_rows_and_units(tmp_path: Path) -> None:
+    text = "Logger 7\nSerial;123\n\nTime;T bb\n[s];[°C]\n0;140,5\n1;140,7\n2;140,6\n"
+    (tmp_path / "log.csv").write_text(text, encoding="utf-16")
+    assert read_numbers(tmp_path, "log.csv::T bb", column="") == [140.5, 140.7, 140.6]
+    assert read_numbers(tmp_path, "log.csv::T bb[0:3:2]", column="") == [140.5, 140.6]
+    (tmp_path / "log.csv").write_text(text.replace("140,7", "-"), encoding="utf-8")
+    with pytest.raises(EvaluationError, match="line 7: T bb is '-'"):
+        read_numbers(tmp_path, "log.csv::T bb", column="")
+
+
+def test_frames_of_a_map_are_not_read_before_they_are_asked_for(tmp_path: Path) -> None:
+    """Every tenth image of a file of 200 MB, of which little is read: far less memory than it."""
+    import tracemalloc
+
+    data = np.lib.format.open_memmap(
+        tmp_path / "a.npy", mode="w+", dtype=np.uint16, shape=(400, 512, 512)
+    )
+    data[10, 0, 0] = 7
+    del data
+    tracemalloc.start()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stack = open_stack(parse_source(f"{tmp_path / 'a.npy'}[0::10]")[1])
+        assert len(stack) == 40 and stack.read(1)[0, 0] == 7
+    assert tracemalloc.get_traced_memory()[1] < 5e6
+    tracemalloc.stop()
