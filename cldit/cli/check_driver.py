@@ -14,7 +14,7 @@ from cldit.cli.console import OUT, escaped, folded_table, plain_errors
 from cldit.errors import SceneError
 from cldit.rig.drivers import describe_drivers, load_driver
 from cldit.rig.link import Linked
-from cldit.rig.load import open_rig, read_rig
+from cldit.rig.load import open_instrument, read_instruments
 from cldit.rig.protocols import KINDS
 from cldit.rig.safety import make_safe
 from cldit.testing.expect import Allowed
@@ -53,7 +53,8 @@ def check_driver(
 ) -> None:
     """Check the driver NAME with its emulators, or with the instrument in RIG.
 
-    Its settings are those in RIG. The exit status is 1 if a check fails.
+    Its settings are those in RIG, a rig file or one with this instrument alone. The exit status is
+    1 if a check fails.
     """
     load_driver(name)
     kind = describe_drivers()[name].kind
@@ -71,7 +72,7 @@ def check_driver(
     if not yes and not click.confirm("Continue?"):
         sys.exit(1)
     assert rig is not None
-    device = open_rig(rig).devices[part]
+    device = open_instrument(rig, part)
     safe = True
     with device.reserved() if isinstance(device, Linked) else nullcontext():
         try:
@@ -91,14 +92,14 @@ def _of_rig(name: str, rig: Path | None) -> tuple[str | None, dict[str, Any]]:
     """Device of the rig that has this driver, and its settings. Raises SceneError."""
     if rig is None:
         return None, {}
-    file = read_rig(rig)
-    drivers = {part: getattr(file, part) for part in KINDS}
+    file = read_instruments(rig)
+    drivers = {part: choice for part in KINDS if (choice := getattr(file, part)) is not None}
     for part, choice in drivers.items():
         if choice.driver == name:
             return part, choice.settings
     raise SceneError(
         f"{rig}: no device has the driver {name}; it has "
-        + ", ".join(f"{part}: {choice.driver}" for part, choice in drivers.items())
+        + (", ".join(f"{part}: {choice.driver}" for part, choice in drivers.items()) or "none")
     )
 
 

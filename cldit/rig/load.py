@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -119,8 +120,8 @@ class Setup(Section):
         )
 
 
-class RigFile(Section):
-    """Content of a rig file."""
+class InstrumentsFile(Section):
+    """Content of a file with some instruments of a rig, of which one is checked alone."""
 
     name: str = "rig"
     """Name of the rig."""
@@ -130,10 +131,23 @@ class RigFile(Section):
     """Seed of simulated devices."""
     folder: Path | None = None
     """Start of relative paths; without it the folder of the file."""
-    setup: Setup
+    setup: Setup | None = None
     """Properties that no instrument measures."""
     bench: DriverChoice | None = None
     """The simulated optical bench; for simulated rigs."""
+    camera: DriverChoice | None = None
+    """The camera's driver."""
+    background: DriverChoice | None = None
+    """The black body's driver."""
+    trigger: DriverChoice | None = None
+    """The pulse generator's driver."""
+
+
+class RigFile(InstrumentsFile):
+    """Content of a rig file."""
+
+    setup: Setup
+    """Properties that no instrument measures."""
     camera: DriverChoice
     """The camera's driver."""
     background: DriverChoice
@@ -237,20 +251,32 @@ class Rig:
         error.add_note(text)
 
 
+File = TypeVar("File", bound=InstrumentsFile)
+
+
 def read_rig(path_or_mapping: str | Path | dict[str, Any]) -> RigFile:
     """Reads a rig file and checks all but the drivers' own settings.
 
     Raises SceneError, which names every key that is not allowed.
     """
+    return _read(path_or_mapping, RigFile)
+
+
+def read_instruments(path: Path) -> InstrumentsFile:
+    """Reads a rig file, or one with some of its instruments; raises SceneError as `read_rig`."""
+    return _read(path, InstrumentsFile)
+
+
+def _read(path_or_mapping: str | Path | dict[str, Any], model: type[File]) -> File:
     if isinstance(path_or_mapping, dict):
         data, source, folder = path_or_mapping, "rig", Path.cwd()
     else:
         path = Path(path_or_mapping)
         data, source, folder = read_mapping(path), str(path), path.resolve().parent
     try:
-        file = RigFile.model_validate(data)
+        file = model.model_validate(data)
     except ValidationError as error:
-        raise SceneError(f"{source}:\n{describe(RigFile, error.errors())}") from error
+        raise SceneError(f"{source}:\n{describe(model, error.errors())}") from error
     base = folder if file.folder is None else folder / file.folder
     return file.model_copy(update={"folder": base})
 
@@ -266,9 +292,21 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
         SceneError: names every key that is not allowed, and every driver that is missing.
     """
     file = read_rig(path_or_mapping)
-    folder = file.folder or Path.cwd()
-    if clock is None:
-        clock = file.clock.make()
+    source = "rig" if isinstance(path_or_mapping, dict) else str(path_or_mapping)
+    clock = clock or file.clock.make()
+    return Rig(**_devices(file, KINDS, clock, source), clock=clock, file=file)
+
+
+def open_instrument(path: Path, part: str) -> Device:
+    """Makes one instrument of a file, not connected yet; raises SceneError as `open_rig`."""
+    file = read_instruments(path)
+    device: Device = _devices(file, (part,), file.clock.make(), str(path))[part]
+    return device
+
+
+def _devices(
+    file: InstrumentsFile, parts: Collection[str], clock: Clock, source: str
+) -> dict[str, Any]:
     problems: list[str] = []
 
     def build(key: str, choice: DriverChoice, bench: object | None) -> Any:
@@ -278,15 +316,16 @@ def open_rig(path_or_mapping: str | Path | dict[str, Any], *, clock: Clock | Non
             problems.append(f"{key}.{error}")
             return None
         try:
-            return factory(dict(choice.settings), RigContext(clock, bench, folder, file.seed))
+            context = RigContext(clock, bench, file.folder or Path.cwd(), file.seed)
+            return factory(dict(choice.settings), context)
         except ClditError as error:
             problems.extend(f"{key}.settings.{line}" for line in str(error).splitlines())
             return None
 
+    devices: dict[str, Any] = {}
     bench = None if file.bench is None else build("bench", file.bench, None)
     if file.bench is None or bench is not None:
-        devices = {key: build(key, getattr(file, key), bench) for key in KINDS}
+        devices = {key: build(key, getattr(file, key), bench) for key in parts}
     if problems:
-        source = "rig" if isinstance(path_or_mapping, dict) else str(path_or_mapping)
         raise SceneError(f"{source}:\n" + "\n".join(problems))
-    return Rig(**devices, clock=clock, file=file)
+    return devices

@@ -126,6 +126,22 @@ def test_an_instrument_is_never_heated(rig: tuple[Path, ModbusPeer, Dg645Peer]) 
         assert text in got.output, got.output
 
 
+@pytest.mark.parametrize("part", ["background", "trigger", "camera"])
+def test_one_instrument_needs_no_rig(
+    rig: tuple[Path, ModbusPeer, Dg645Peer], part: str, tmp_path: Path
+) -> None:
+    whole = yaml.safe_load(rig[0].read_text())
+    alone = tmp_path / "alone.yaml"
+    alone.write_text(yaml.safe_dump({part: whole[part], "bench": whole["bench"]}))
+    name = whole[part]["driver"]
+    got = check(name, str(alone), "--instrument", "--yes")
+    assert got.exit_code == 0 and "made safe" in got.output, got.output + got.stderr
+    other = check("fluke418x", str(alone), "--instrument", "--yes")
+    assert f"no device has the driver fluke418x; it has {part}: {name}" in other.stderr
+    alone.write_text("{}")
+    assert "it has none" in check(name, str(alone), "--instrument", "--yes").stderr
+
+
 def test_nothing_is_done_before_it_is_allowed(rig: tuple[Path, ModbusPeer, Dg645Peer]) -> None:
     path, body, generator = rig
     for name in ("modbus_blackbody", "dg645"):
