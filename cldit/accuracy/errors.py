@@ -8,7 +8,8 @@ from typing import Any
 
 from cldit.accuracy.image_pair import Floats, ImageDifference
 
-PARTS = ("spray", "optics", "cells", "pixels", "seed")  # of a run, that two runs may share
+PARTS = ("spray", "classes", "optics", "cells", "pixels", "seed")  # that two runs may share
+OMISSION = "key"  # a bias by a key that omits physics, and no random error
 NO_PIXEL = "no pixel has a T_app on either"
 
 
@@ -18,8 +19,8 @@ class Cause:
 
     error_K: RMS of T_app over the pixels that have one; None: unknown. how: what was compared, or
     why the error is unknown. fixed: key of the scene that fixes it. at_most: True for an upper
-    bound. shared_by: what two runs have in common if they share this error, one of `PARTS`; empty:
-    nothing.
+    bound. shared_by: what two runs have in common if they share this error, one of `PARTS`, or
+    `OMISSION`; empty: nothing.
     """
 
     name: str

@@ -51,6 +51,8 @@ def print_difference(found: Difference) -> None:
     OUT.print(f"  stated errors of T_app, RMS: {stated[0]} and {stated[1]}")
     if found.shared:
         OUT.print(f"  shared errors, not counted: {', '.join(found.shared)}")
+    if found.tested:
+        OUT.print(f"  omitted by one alone, not counted as its error: {', '.join(found.tested)}")
     if found.beyond is not None:
         OUT.print(
             f"  {100 * found.beyond:.3g} % of the pixels differ by more than twice the errors "

@@ -20,14 +20,14 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3264,
+    "accuracy": 3265,
     "acquisition": 5101,
     "api": 944,
     "bench": 896,
     "camera": 561,
     "cfd": 7950,
     "cldit": 142,
-    "cli": 2666,
+    "cli": 2668,
     "dit": 5004,
     "drivers": 5494,
     "gpu": 1048,
@@ -40,7 +40,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1737,
     "run": 1744,
     "scene": 1672,
-    "show": 6895,
+    "show": 6951,
     "spray": 6069,
     "study": 3493,
     "testing": 1421,

@@ -92,7 +92,7 @@ class ErrorSource(ABC):
     cells and ordinates; it is then estimated once for each spray. remedy: what a user can do, by
     the key of the scene that fixes the source; "": any other key. also: names of further
     errors that the source estimates. shared_by: what two runs with the same error have in common,
-    one of `cldit.accuracy.errors.PARTS`.
+    one of `cldit.accuracy.errors.PARTS`, or `OMISSION`.
     """
 
     name: ClassVar[str]

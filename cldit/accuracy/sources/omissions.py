@@ -10,7 +10,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from cldit.accuracy.errors import Estimate
+from cldit.accuracy.errors import OMISSION, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.sources.base import ErrorSource, Measurement
 from cldit.errors import MediumError, SprayError, TransportError
@@ -34,7 +34,7 @@ class _Omission(ErrorSource):
     """
 
     of_spray = True
-    shared_by = ""
+    shared_by = OMISSION
     fixed_by: ClassVar[str]
     whole: ClassVar[Mapping[str, Any]] = {}
     of_gas: ClassVar[bool] = False

@@ -21,7 +21,7 @@ class _SizeClasses(ErrorSource):
     """The number of classes of droplet size: the error falls as one over their number."""
 
     name = "size classes"
-    shared_by = "spray"
+    shared_by = "classes"
     cost_power, cost_share = 1.0, 0.3  # classes cost time only where the medium is made
     of_spray = True
     remedy: ClassVar = {

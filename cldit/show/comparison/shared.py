@@ -2,27 +2,55 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Set
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
-from cldit.accuracy.errors import PARTS, Cause
+from cldit.accuracy.errors import OMISSION, PARTS, Cause
 from cldit.run import Run
+from cldit.scene import Scene
 from cldit.show.comparison.shown import Image, Shown
 
-_OF_SPRAY, _OF_CELLS = ("spacing_m", "size_classes"), ("depth", "lattice_of_m")
+_LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
 
 
-def unshared(one: Shown, other: Shown) -> tuple[Shown, Shown, tuple[str, ...]]:
-    """Both with the errors that they do not share, and the names of those that they do.
+@dataclass(frozen=True)
+class Unshared:
+    """Two results with the errors that a difference counts, and names of those that it does not.
 
-    The errors of a recording are its noise, and those of the trace that was recorded.
+    shared: sources whose errors are the same in both. tested: sources by keys that omit physics in
+    one alone, or otherwise in the other; the difference contains them, and no error explains them.
+    """
+
+    one: Shown
+    other: Shown
+    shared: tuple[str, ...] = ()
+    tested: tuple[str, ...] = ()
+
+
+def unshared(one: Shown, other: Shown) -> Unshared:
+    """Both with the errors that explain their difference.
+
+    The errors of a recording are its noise, and those of the trace that was recorded. Compared with
+    a measurement, all errors of a trace count.
     """
     if one.traced is None or other.traced is None:
-        return one, other, ()
-    parts = _same_parts(one.traced, other.traced)
-    names = {cause.name for shown in (one, other) for cause in _shared(shown, parts)}
-    return _without(one, parts), _without(other, parts), tuple(sorted(names))
+        return Unshared(one, other)
+    first, second = one.traced, other.traced
+    parts = _same_parts(first, second)
+    causes = {cause for run in (first, second) for cause in _causes(run)}
+    omitted = {one.name for one in causes if one.shared_by == OMISSION}
+    tested = {
+        one.name
+        for one in causes
+        if one.name in omitted and _value(first.scene, one.fixed) != _value(second.scene, one.fixed)
+    }
+    shared = {one.name for one in causes if one.shared_by in parts} | omitted - tested
+    less = [_without(each, shared | tested, same="" in parts) for each in (one, other)]
+    return Unshared(less[0], less[1], tuple(sorted(shared)), tuple(sorted(tested)))
 
 
 def _same_parts(one: Run, other: Run) -> set[str]:
@@ -36,35 +64,48 @@ def _same_parts(one: Run, other: Run) -> set[str]:
         return all(plans[0].get(key) == plans[1].get(key) for key in keys)
 
     files = [[file.sha256 for file in run.info.files] for run in (one, other)]
-    spray = first.spray == second.spray and files[0] == files[1] and planned(_OF_SPRAY)
-    optics = spray and first.optics == second.optics and one.quadrature == other.quadrature
-    cells = spray and first.domain == second.domain and planned(_OF_CELLS)
-    pixels = spray and first.camera == second.camera
-    seed = optics and cells and pixels and first.transport == second.transport
-    same = {"spray": spray, "optics": optics, "cells": cells, "pixels": pixels, "seed": seed}
-    return {name for name, found in same.items() if found}
+    same = first.spray == second.spray and files[0] == files[1]
+    spray, classes = same and planned(_LATTICE), same and planned(_CLASSES)
+    both = spray and classes
+    optics = both and first.optics == second.optics and one.quadrature == other.quadrature
+    cells = both and first.domain == second.domain and planned(_CELLS)
+    # Pixels miss the same part of a spray, whatever its lattice is.
+    pixels = same and first.camera == second.camera
+    found = {
+        "spray": spray,
+        "classes": classes,
+        "optics": optics,
+        "cells": cells,
+        "pixels": pixels,
+        "seed": optics and cells and pixels and first.transport == second.transport,
+    }
+    return {name for name, each in found.items() if each}
 
 
-def _shared(shown: Shown, parts: set[str]) -> list[Cause]:
-    errors = None if shown.traced is None else shown.traced.errors
-    return [] if errors is None else [one for one in errors.causes if one.shared_by in parts]
+def _value(scene: Scene, key: str) -> Any:
+    """Value of a key of a scene, such as `transport.order`."""
+    return reduce(getattr, key.split("."), scene)
 
 
-def _without(shown: Shown, parts: set[str]) -> Shown:
-    """A result whose error is its noise and that by the sources that are not shared."""
+def _causes(run: Run) -> tuple[Cause, ...]:
+    return () if run.errors is None else run.errors.causes
+
+
+def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
+    """A result whose error is its noise and that by all sources but these; `same`: of one run."""
     run = shown.traced
-    if run is None:
-        return shown
-    if run.errors is None:  # an old run, or one without audit
-        return replace(shown, error_K=0.0) if "" in parts and shown.run is not None else shown
-    left = [one for one in run.errors.causes if one.shared_by not in parts]
+    assert run is not None
+    if run.errors is None or run.errors.why:  # an old run, without audit, or without T_app
+        return replace(shown, error_K=0.0) if same and shown.run is not None else shown
+    left = [one for one in run.errors.causes if one.name not in names]
     square = 0.0 if shown.run is not None else (shown.error_K or 0.0) ** 2
     known = [cause for cause in left if cause.error_K is not None]
     square += sum((cause.error_K or 0.0) ** 2 for cause in known)
     map_K = shown.error_map_K
-    if map_K is not None and shown.run is not None:
-        each = [_map_of(run, cause, map_K) for cause in known]
-        map_K = np.where(np.isfinite(map_K), np.sqrt(sum((one**2 for one in each), 0.0)), np.nan)
+    if map_K is not None:
+        noise_K = np.where(np.isfinite(map_K), 0.0 if shown.run is not None else map_K, np.nan)
+        each = [_map_of(shown, cause, map_K) for cause in known]
+        map_K = np.sqrt(sum((one**2 for one in each), noise_K**2))
     return replace(
         shown,
         error_K=square**0.5,
@@ -73,8 +114,8 @@ def _without(shown: Shown, parts: set[str]) -> Shown:
     )
 
 
-def _map_of(run: Run, cause: Cause, like: Image) -> Image:
-    """Error of a source in each pixel; the same in all if it has no map."""
-    found = run.error_maps.get(cause.name)
+def _map_of(shown: Shown, cause: Cause, like: Image) -> Image:
+    """Error of a source in each pixel; the same in all of a recording, or if it has no map."""
+    found = None if shown.run is None else shown.run.error_maps.get(cause.name)
     even = np.full(like.shape, cause.error_K, np.float64)
     return even if found is None else np.nan_to_num(found.astype(np.float64))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.accuracy.errors import Cause, Errors
+from cldit.accuracy.errors import OMISSION, Cause, Errors
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.radiance.weights import Weights
@@ -19,6 +19,7 @@ from cldit.run import Run, open_run
 from cldit.scene import load_scene
 from cldit.show.comparison import Shown, compare, open_shown
 from cldit.show.comparison.difference import key_differences
+from cldit.show.comparison.shared import unshared
 
 WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"
 PIXEL_M = (1e-3, 2e-3)
@@ -84,7 +85,32 @@ def test_errors_of_pixels_say_where() -> None:
     error_K[0] = 5.0
     one = shown(np.full((2, 2), 400.0), error_K=3.5, error_map_K=error_K)
     found = compare(one, shown(np.full((2, 2), 402.0), error_K=0.1))
-    assert found.within and found.beyond == 0.5  # the lower row differs by 14 standard errors
+    assert found.beyond == 0.5  # the lower row differs by 14 standard errors
+    assert found.t_app.rms == 2.0 and found.allowed_K == pytest.approx(3.5, abs=0.01)
+    assert not found.within and "beyond the errors of the pixels" in found.verdict
+    assert compare(one, shown(np.full((2, 2), 400.1), error_K=0.1)).within
+    assert compare(one, shown(np.full((2, 2), 402.0), error_K=0.1), within_K=3.0).within
+
+
+def test_no_pixel_in_both() -> None:
+    """Nothing is the same, and no error explains it."""
+    nothing = np.full((2, 2), np.nan)
+    one, other = shown(nothing, error_K=None), shown(np.full((2, 2), 400.0), error_K=1.0)
+    for pair in ((one, other), (other, one)):
+        found = compare(*pair)
+        assert (found.t_app.pixels, found.chi2, found.beyond, found.within) == (
+            0,
+            None,
+            None,
+            False,
+        )
+        assert found.verdict == "no pixel has a T_app in both"
+    assert compare(one, shown(nothing)).verdict == "the same in every pixel"
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RunFolderError, match=str(tmp_path)):
+        compare(tmp_path, WRITTEN)
 
 
 def test_a_run_is_its_own_like() -> None:
@@ -195,3 +221,38 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     apart = replace(run, scene=run.scene.model_copy(update={"spray": spray}))
     found = compare(run, apart)
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
+
+
+def with_causes(run: Run, *causes: Cause, order: int | None) -> Run:
+    """A run of an order with these errors, in memory."""
+    scene = run.scene.with_(**{"transport.order": order})
+    info = replace(run.info, errors=Errors(causes), plan={})
+    return replace(run, scene=scene, folder=None, info=info, error_maps={})
+
+
+def test_what_one_alone_omits_is_tested_and_no_error() -> None:
+    """An omission is the same in every repetition of a run, so it explains no difference."""
+    run = open_run(WRITTEN)
+    trace, name = Cause("trace", 0.5, "", shared_by="seed"), "orders of scattering"
+    for error_K in (3.0, None):
+        omitted = Cause(name, error_K, "", "transport.order", shared_by=OMISSION)
+        whole = with_causes(run, trace, order=None)
+        first, second = (with_causes(run, trace, omitted, order=n) for n in (1, 2))
+        for pair in ((first, whole), (whole, first), (first, second)):
+            found = compare(*pair)
+            assert found.unshared_K == (0.5, 0.5) and not found.at_least
+            assert (found.tested, found.shared) == ((name,), ())
+        found = compare(first, with_causes(run, trace, omitted, order=1))
+        assert (found.tested, found.shared) == ((), (name, "trace"))
+
+
+def test_a_recording_has_the_errors_of_its_trace_in_every_pixel(tmp_path: Path) -> None:
+    """Against another run: its noise and the trace's own error, 0.5 K, in quadrature."""
+    folder = Path(shutil.copytree(WRITTEN, tmp_path / "run"))
+    run = open_run(WRITTEN)
+    trace = Cause("trace", 0.5, "", shared_by="seed")
+    other, mine = (with_causes(run, trace, order=order) for order in (3, 4))
+    recorded = replace(open_shown(folder / "acquisition"), traced=mine)
+    assert recorded.error_map_K is not None
+    counted = unshared(open_shown(other), recorded).other
+    assert counted.error_map_K == pytest.approx(np.hypot(recorded.error_map_K, 0.5), nan_ok=True)
