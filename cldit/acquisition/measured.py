@@ -10,11 +10,12 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ValidationError, model_validator
 
 from cldit.acquisition.frames import FrameReader
 from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, parse_source
 from cldit.acquisition.pictures.told import (
+    ZERO_CELSIUS_K,
     check_exposures,
     check_times,
     read_temperatures,
@@ -44,7 +45,9 @@ Files = Annotated[
     ),
 ]
 Count = Annotated[int, Within(1, 1_000_000)]
+Celsius = Annotated[float, Within(-273.0, 5000.0)]
 Readings = tuple[Temperature, ...] | str
+Readings_C = tuple[Celsius, ...] | str
 Times = tuple[Annotated[float, Within(-1e12, 1e12)], ...] | str
 
 
@@ -75,19 +78,38 @@ class MeasuredBackground(Section):
     """Images taken at one black-body temperature: names of files, with * and ? if wanted."""
 
     temperature_K: Temperature
-    """Temperature of the black body."""
+    """Temperature of the black body; `temperature_C` in its place is in degrees Celsius."""
+    temperature_C: Celsius | None = None
+    """The same in degrees Celsius."""
     references: Files
-    """Names of images without spray, with * and ?; pages as `file[0:20]`."""
+    """Names of images without spray, with * and ?; a part as `file[0:20]` or `file[0::2]`."""
     injections: Files
     """Names of images with spray."""
     references_K: Readings | None = None
     """Black-body temperature of each image: numbers, `log.csv::column`, or `run.nxs::/log`."""
     injections_K: Readings | None = None
     """The same for the injections; temperature_K by default."""
+    references_C: Readings_C | None = None
+    """As references_K, in degrees Celsius."""
+    injections_C: Readings_C | None = None
+    """As injections_K, in degrees Celsius."""
     references_s: Times | None = None
     """Time of each image: seconds of one clock, or as above, with dates in a table."""
     injections_s: Times | None = None
     """The same for the injections; if no background has times, those of the files."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _kelvin(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        for name in ("temperature", "references", "injections"):
+            if f"{name}_C" in data and f"{name}_K" in data:
+                raise ValueError(f"{name}_C: {name}_K is given too; allowed: one of them")
+        celsius = data.get("temperature_C")
+        if isinstance(celsius, (int, float)):
+            return {**data, "temperature_K": celsius + ZERO_CELSIUS_K}
+        return data
 
 
 class MeasuredFile(Section):
@@ -246,25 +268,15 @@ def open_measured(path: str | Path) -> Measured:
                 f"{file}: backgrounds: {setpoint_K:g} K is given twice; list its files together"
             )
         setpoints.add(setpoint_K)
-        wanted: tuple[
-            tuple[Kind, tuple[str, ...], int | None, Readings | None, Times | None], ...
-        ] = (
-            (
-                "reference",
-                background.references,
-                given.references,
-                background.references_K,
-                background.references_s,
-            ),
-            (
-                "injection",
-                background.injections,
-                given.shots,
-                background.injections_K,
-                background.injections_s,
-            ),
+        kinds: tuple[tuple[Kind, int | None], ...] = (
+            ("reference", given.references),
+            ("injection", given.shots),
         )
-        for kind, patterns, count, readings, times in wanted:
+        for kind, count in kinds:
+            patterns, kelvins, celsius, times = (
+                getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
+            )
+            readings = celsius if kelvins is None else kelvins
             where = f"{kind}s at {setpoint_K:g} K"
             found: list[MeasuredShot] = []
             for source in _sources(folder, patterns, where, given.axes):
@@ -293,7 +305,12 @@ def open_measured(path: str | Path) -> Measured:
                 )
             if readings is not None:
                 kelvin = read_temperatures(
-                    folder, readings, where=where, count=len(found), setpoint_K=setpoint_K
+                    folder,
+                    readings,
+                    where=where,
+                    count=len(found),
+                    setpoint_K=setpoint_K,
+                    zero_K=ZERO_CELSIUS_K if kelvins is None else 0.0,
                 )
                 found = [
                     replace(shot, background_K=one) for shot, one in zip(found, kelvin, strict=True)
@@ -307,6 +324,9 @@ def open_measured(path: str | Path) -> Measured:
     check_times((shot.id, shot.told, shot.time_s) for shot in shots)
     check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
     bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
+    centre_m = given.setup.centre_m
+    if given.setup.injector_pixel is not None:
+        centre_m = given.setup.centre_of(reader.read(shots[0].source, shots[0].number).shape)
     reader.close()
     return Measured(
         folder=folder,
@@ -314,7 +334,7 @@ def open_measured(path: str | Path) -> Measured:
         calibration=_calibration(given),
         surroundings=given.setup.surroundings,
         pixel_m=given.setup.pixel_m,
-        centre_m=given.setup.centre_m,
+        centre_m=centre_m,
         bad_pixels=bad_pixels,
         shots=tuple(shots),
         accept=given.accept,
@@ -328,7 +348,8 @@ def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
     logs = (
         one
         for each in given.backgrounds
-        for one in (each.references_K, each.injections_K, each.references_s, each.injections_s)
+        for unit in ("K", "C", "s")
+        for one in (getattr(each, f"references_{unit}"), getattr(each, f"injections_{unit}"))
     )
     for text in (*logs, given.bad_pixels):
         if isinstance(text, str):

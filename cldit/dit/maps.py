@@ -36,7 +36,7 @@ _TEXT = {
     Reason.OK: "evaluated",
     Reason.TOO_FEW_BACKGROUNDS: "fewer than two backgrounds with a finite signal",
     Reason.SATURATED: "saturated at all backgrounds but one",
-    Reason.BAD_PIXEL: "defective pixel of the camera",
+    Reason.BAD_PIXEL: "defective: named, or of one value in all images",
     Reason.BACKGROUND_NOT_VISIBLE: "does not see the heated background",
     Reason.EMISSIVITY_TOO_LOW: "transparent: emissivity known, no apparent temperature",
     Reason.NEGATIVE_RADIANCE: "emission below zero within noise: no apparent temperature",

@@ -152,7 +152,7 @@ def evaluate_shots(
     outliers, weights = judge(sums)
     if robust:
         _reweigh(acquisition, sums, weights)
-    bad = acquisition.bad_pixels
+    bad = _defective(sums, acquisition.bad_pixels)
     sees = _seeing(sums, setpoints, bad)
     fitted = None
     filter_um = from_plain(acquisition.calibration["filter_um"])
@@ -202,7 +202,7 @@ def evaluate_shots(
         transmission=whole.front.transmission,
         examined=examined,
     )
-    if bad is not None:
+    if bad.any():
         maps = _without(maps, bad)
     _check_not_swapped(maps)
     refuse(witnesses, accept)
@@ -242,14 +242,26 @@ def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, floa
                 group.reweigh(acquisition.load(shots[name]), number, weights[name])
 
 
-def _seeing(
-    sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_] | None
-) -> NDArray[np.bool_]:
+def _defective(sums: AllSums, named: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Pixels (rows, columns) that are named, or that have one value, not saturated, in all images,
+    where others have noise.
+    """
+    groups = list(sums.values())
+    value = groups[0].total / sum(groups[0].weights)
+    stuck, noise = ~np.any([group.full for group in groups], axis=0), False
+    for group in groups:
+        count = sum(group.weights)
+        steady = np.isclose(group.squares * count, group.total**2, rtol=1e-12, atol=0.0)
+        stuck &= steady & np.isclose(group.total, count * value, rtol=1e-12, atol=0.0)
+        noise = noise or not steady.all()
+    bad = np.asarray(stuck if noise else np.zeros_like(stuck))
+    return bad if named is None else bad | named
+
+
+def _seeing(sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels with a high contrast between references of two backgrounds, never saturated."""
     cold, hot = (sums[k, "reference"].mean(slice(None)) for k in (setpoints[0], setpoints[-1]))
-    good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0))
-    if bad is not None:
-        good &= ~bad
+    good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0) & ~bad)
     contrast = hot - cold
     if not good.any() or not np.percentile(contrast[good], 95) > 0.0:
         return good

@@ -24,6 +24,8 @@ from cldit.scene.checks import Section, Within, describe
 from cldit.scene.values import Coordinate, Length, Temperature
 from cldit.scene.vessel import Windows
 
+PixelPlace = Annotated[float, Within(-1e5, 1e5)]
+
 
 class ClockChoice(Section):
     """The rig's clock."""
@@ -100,9 +102,25 @@ class Setup(Section):
     uncertainty: UncertaintySection = UncertaintySection()
     """Uncertainties of the quantities of this section."""
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
-    """x and z of the image's centre."""
+    """x and z of the image's centre, from the injector's tip."""
+    injector_pixel: tuple[PixelPlace, PixelPlace] | None = None
+    """Column and row of the injector's tip in the image, from 0 at the top left, for `centre_m`."""
     pixel_m: tuple[Length, Length]
     """Width and height of a pixel in the plane of the spray."""
+
+    @model_validator(mode="after")
+    def _one_centre(self) -> Setup:
+        if self.injector_pixel is not None and self.centre_m != (0.0, 0.0):  # as stored too
+            raise ValueError("injector_pixel: centre_m is given too; allowed: one of them")
+        return self
+
+    def centre_of(self, shape: tuple[int, ...]) -> tuple[float, float]:
+        """x and z [m] of the centre of an image of `shape` (rows, columns)."""
+        if self.injector_pixel is None:
+            return self.centre_m
+        column, row = self.injector_pixel
+        across, down = (shape[1] - 1) / 2.0 - column, (shape[0] - 1) / 2.0 - row
+        return across * self.pixel_m[0], -down * self.pixel_m[1]
 
     @property
     def surroundings(self) -> Surroundings:

@@ -22,6 +22,7 @@ from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_sour
 from cldit.errors import EvaluationError
 from cldit.io.text_tables import read_table_text, split_cells
 
+ZERO_CELSIUS_K = 273.15
 _SAME = 0.01  # relative: registers of cameras round their exposure
 _SAME_s = 1.0  # clocks that show whole seconds
 _FAR_K = 30.0  # from the set point: another unit, or another column
@@ -103,7 +104,13 @@ def _column(
 
 
 def read_temperatures(
-    folder: Path, given: Sequence[float] | str, *, where: str, count: int, setpoint_K: float
+    folder: Path,
+    given: Sequence[float] | str,
+    *,
+    where: str,
+    count: int,
+    setpoint_K: float,
+    zero_K: float = 0.0,
 ) -> list[float]:
     """Reads temperatures in kelvin, in the order of the images.
 
@@ -112,19 +119,22 @@ def read_temperatures(
         where: names the images in messages.
         count: number of images.
         setpoint_K: readings must be near it.
+        zero_K: of the readings' unit, in kelvin.
 
     Raises:
         EvaluationError: unreadable, not one per image, or far from the set point.
     """
     text = str(list(given)) if not isinstance(given, str) else given
-    found = read_numbers(folder, given, column="temperature_K")
+    column = "temperature_C" if zero_K else "temperature_K"
+    found = [zero_K + one for one in read_numbers(folder, given, column=column)]
     if len(found) != count:
         raise EvaluationError(
             f"{where}: {count} images and {len(found)} temperatures ({text}); allowed: one each"
         )
     for number, kelvin in enumerate(found):
         if not (math.isfinite(kelvin) and abs(kelvin - setpoint_K) <= _FAR_K):
-            hint = ", degrees Celsius?" if abs(kelvin + 273.15 - setpoint_K) <= _FAR_K else ""
+            off_K = kelvin + ZERO_CELSIUS_K - setpoint_K
+            hint = ", degrees Celsius?" if abs(off_K) <= _FAR_K else ""
             raise EvaluationError(
                 f"{where}: temperature {number} is {kelvin:g}{hint} ({text}); allowed: kelvin "
                 f"within {_FAR_K:g} K of temperature_K"

@@ -22,6 +22,7 @@ from cldit.cli import main
 from cldit.dit.maps import Maps, Reason
 from cldit.errors import EvaluationError, SceneError
 from cldit.optics.planck import band_radiance
+from cldit.rig.load import Setup
 from tests.bench.evaluation import bench_evaluation
 
 FILTER = (3.3, 3.5)
@@ -185,6 +186,73 @@ def test_bad_pixels_and_a_sensor_of_known_noise(tiffs: Path) -> None:
     assert found.maps.count()[Reason.BAD_PIXEL] == 1
     # 2 x 3 x 6 images of 320 pixels of 5000 counts, noise 11 each: gain to a few 1e-4
     assert found.calibration.counts_per_radiance == pytest.approx(1.2e-17, rel=2e-3)
+
+
+def test_celsius_the_injectors_pixel_and_a_dead_pixel(tiffs: Path) -> None:
+    for file in tiffs.glob("*/*/*.tif"):
+        image = tifffile.imread(file)
+        image[7, 9] = 0
+        tifffile.imwrite(file, image)
+    data = _data(tiffs)
+    expected = open_measured(tiffs)
+    log = "Logger 3\nbody;T\n;°C\n" + "".join(f"1;{413.25 - 273.15:.2f}\n" for _ in range(SHOTS))
+    (tiffs / "log.csv").write_text(log.replace(".", ","), encoding="cp1252")
+    for background in data["backgrounds"]:
+        background["temperature_C"] = background.pop("temperature_K") - 273.15
+    data["backgrounds"][0]["references_C"] = "log.csv::T"
+    data["setup"]["injector_pixel"] = [4.0, 2.0]
+    _write(tiffs, data)
+    found = open_measured(tiffs)
+    kelvin = [shot.background_K for shot in expected.shots]
+    kelvin[:SHOTS] = [413.25] * SHOTS
+    assert [shot.background_K for shot in found.shots] == pytest.approx(kelvin, abs=1e-9)
+    # The image's centre is at column 9.5 and row 7.5, of 20 and 16.
+    assert found.centre_m == pytest.approx((5.5e-4, -5.5e-4))
+    setup = Setup.model_validate(data["setup"])
+    assert Setup.model_validate(setup.model_dump(mode="json")) == setup  # in acquisitions
+    maps = evaluate_folder(tiffs).maps
+    assert maps.reason[7, 9] == Reason.BAD_PIXEL and maps.count()[Reason.BAD_PIXEL] == 1
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "message"),
+    [
+        ("backgrounds", "temperature_C", 140.0, "temperature_K is given too; allowed: one of them"),
+        ("backgrounds", "references_C", [140.0], "log.csv|is given too"),
+        ("backgrounds", "temperature_C", -300.0, "temperature_C.*-300"),
+        ("setup", "injector_pixel", [1.0, 2.0], "centre_m is given too; allowed: one of them"),
+    ],
+)
+def test_values_that_are_given_twice_or_cannot_be(
+    tiffs: Path, section: str, key: str, value: Any, message: str
+) -> None:
+    data = _data(tiffs)
+    place = data["backgrounds"][0] if section == "backgrounds" else data["setup"]
+    place |= {"references_K": [413.0]} if key == "references_C" else {}
+    place |= {"centre_m": [0.0, 1e-3]} if key == "injector_pixel" else {}
+    if value == -300.0:
+        del place["temperature_K"]
+    place[key] = value
+    _write(tiffs, data)
+    with pytest.raises(SceneError, match=message):
+        open_measured(tiffs)
+
+
+def test_names_are_sorted_by_their_numbers_and_may_have_brackets(tmp_path: Path) -> None:
+    for number in range(1, 13):
+        for kelvin in (413, 453):
+            folder = tmp_path / f"shots[{kelvin}]"
+            folder.mkdir(exist_ok=True)
+            for kind in ("references", "injections"):
+                image = np.full((4, 5), 100 * number, np.uint16)
+                tifffile.imwrite(folder / f"{kind}_{number}.tif", image)
+    data = _described(tmp_path, lambda kelvin, kind: f"shots[{kelvin:g}]/{kind}_*.tif")
+    _write(tmp_path, {**data, "backgrounds": data["backgrounds"][:2]})
+    found = open_measured(tmp_path)
+    assert [int(found.load(shot)[0, 0]) for shot in found.shots[:12]] == [
+        100 * number for number in range(1, 13)
+    ]
+    assert "names by their numbers: references_9.tif before references_10.tif" in found.found()
 
 
 def _only_one(data: dict[str, Any], folder: Path) -> str:
