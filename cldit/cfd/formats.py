@@ -14,7 +14,7 @@ from cldit.cfd.mapping.file import ColumnMap, read_column_map
 from cldit.cfd.openfoam.case import list_openfoam, read_openfoam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
-from cldit.cfd.tables import list_tables, read_tables, table_cloud
+from cldit.cfd.tables.case import list_tables, read_tables, table_cloud
 from cldit.cfd.unknown_kinds import refuse_folder, refuse_unknown
 from cldit.cfd.vtk.collections import COLLECTIONS, DATA
 from cldit.cfd.vtk.files import list_vtk, read_vtk

@@ -32,7 +32,7 @@ from cldit.cfd.mapping.file import (
     units_of,
     without_unit,
 )
-from cldit.cfd.tables import table_names
+from cldit.cfd.tables.case import table_names
 from cldit.errors import SprayError
 from cldit.io.files import write_text
 from cldit.io.plain_data import yaml_line

@@ -28,6 +28,10 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*", "", name.lower()))
 
 
+def _shown(value: object) -> str:
+    return f"{value:.15g}" if isinstance(value, float) else str(value)
+
+
 def is_mark(name: str) -> bool:
     """True for the name of a column that gives the time, or the identity of a particle."""
     return _plain(name) in _TIMES | _IDENTITIES
@@ -44,14 +48,15 @@ def check_marks(marks: Iterable[Column], names: Iterable[str]) -> None:
         found, counts = np.unique(column.values, return_counts=True)
         if _plain(name) in _TIMES and len(found) > 1:
             raise SprayError(
-                f"{column.label}: has {len(found)} values, from {found[0]} to {found[-1]}; "
+                f"{column.label}: has {len(found)} values, from {_shown(found[0])} to "
+                f"{_shown(found[-1])}; "
                 "allowed: one time; keep the rows of one time"
             )
         if _plain(name) in _IDENTITIES and counts.max() > 1:
             often = int(np.argmax(counts))
             raise SprayError(
-                f"{column.label}: {found[often]} occurs {counts[often]} times, so the rows are "
-                "tracks, or files put together twice; allowed: each particle once, at one time"
+                f"{column.label}: {_shown(found[often])} occurs {counts[often]} times, so the rows "
+                "are tracks, or files put together twice; allowed: each particle once, at one time"
             )
 
 

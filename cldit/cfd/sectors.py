@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
 from cldit.cfd.case import Boundary, CfdCase, triple
-from cldit.cfd.mesh.cells import AnyFloats
+from cldit.cfd.mesh.cells import CellMesh
 from cldit.cfd.orientation import Frame
 from cldit.cfd.parcels import copied
 from cldit.errors import SprayError
@@ -69,7 +69,7 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
     many = round(360.0 / sector.angle_deg)
     if many == 1:
         return (_ITSELF,), ()
-    span, _ = azimuth_span(case.mesh.points, centre, axis)
+    span, _ = azimuth_span(case.mesh, centre, axis)
     if abs(span - sector.angle_deg) > _ANGLE_DEG:
         raise SprayError(
             f"{case.mesh.source}: spans {span:.4g} degrees about {triple(axis)} through "
@@ -140,7 +140,7 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
                 f"{case.source}: the patch {patch.name!r} is {patch.kind} and contains the axis of "
                 f"the injection: the mesh is a part of the spray; {_plane_way(patch.normal)}"
             )
-    span, planes = azimuth_span(case.mesh.points, frame.nozzle_m, frame.axis)
+    span, planes = azimuth_span(case.mesh, frame.nozzle_m, frame.axis, enough_deg=_PART_DEG)
     if span < _PART_DEG and planes:
         raise SprayError(
             f"{case.mesh.source}: spans {span:.4g} of 360 degrees about the injection's axis, "
@@ -176,53 +176,54 @@ def _plane_way(normal: Floats) -> str:
 
 
 _NEAR_AXIS = 1e-3  # share of the mesh's width; azimuths of points nearer to the axis mean little
+_SPARSE = 61  # a prime: no common factor with the points of a row or a cell
 _BINS = 36_000  # of azimuth; gaps narrower than one are no gaps
 _PLANE = 1e-4  # radians by which points of a plane through the axis may miss it
 
 
 def azimuth_span(
-    points: Callable[[], Iterable[AnyFloats]], centre_m: Floats, axis: Floats
+    mesh: CellMesh, centre_m: Floats, axis: Floats, *, enough_deg: float = 360.0
 ) -> tuple[float, bool]:
-    """Degrees about an axis that points fill, and whether planes through the axis bound them.
+    """Degrees about an axis that a mesh fills, and whether planes through the axis bound it.
 
-    `points` yields all points, (P, 3) of some at a time, and is called three times; centre_m and
-    the unit axis are (3,). The angle is 360 less the widest gap between azimuths. Planes bound the
-    gap if both of its sides have points at several distances from the axis.
+    centre_m and the unit axis are (3,). The angle is 360 less the widest gap between azimuths of
+    points; it is a lower bound, without a search for planes, once it exceeds enough_deg. Planes
+    bound the gap if both of its sides have points at several distances from the axis.
     """
     first = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = first - (first @ axis) * axis
     first /= np.linalg.norm(first)
     across = np.stack([first, np.cross(axis, first)], axis=1)
+    box = np.array(list(product(*zip(*mesh.extent_m, strict=True))))
+    nearest_m = _NEAR_AXIS * float(np.linalg.norm((box - centre_m) @ across, axis=1).max())
 
-    def polar() -> Iterator[tuple[Floats, Floats]]:
-        for some in points():
-            x, y = ((some - centre_m) @ across).T
-            yield np.arctan2(y, x), np.hypot(x, y)
-
-    farthest = max(float(radius.max(initial=0.0)) for _, radius in polar())
-
-    def far() -> Iterator[tuple[Floats, Floats]]:
-        for angle, radius in polar():
-            kept = radius > _NEAR_AXIS * farthest
-            yield angle[kept], radius[kept]
+    def far(stride: int = 1) -> Iterator[tuple[Floats, Floats]]:
+        for some in mesh.points():
+            x, y = ((some[::stride] - centre_m) @ across).T
+            radius = np.hypot(x, y)
+            kept = radius > nearest_m
+            yield np.arctan2(y[kept], x[kept]), radius[kept]
 
     low, high = np.full(_BINS, np.inf), np.full(_BINS, -np.inf)
-    for angle, _ in far():
+    span, ends = 360.0, (0.0, 0.0)
+    for angle, _ in chain(far(_SPARSE), far()):  # a whole mesh is recognised by few points
         place = np.minimum((angle + np.pi) * (_BINS / (2 * np.pi)), _BINS - 1).astype(np.int64)
         np.minimum.at(low, place, angle)
         np.maximum.at(high, place, angle)
-    filled = np.flatnonzero(high >= low)
-    if not len(filled):
-        return 360.0, False
-    low, high = low[filled], high[filled]
-    gaps = np.append(low[1:], low[0] + 2 * np.pi) - high
-    widest = int(np.argmax(gaps))
-    ends = high[widest], low[(widest + 1) % len(low)]
+        filled = np.flatnonzero(high >= low)
+        if not len(filled):
+            continue
+        begin, end = low[filled], high[filled]
+        gaps = np.append(begin[1:], begin[0] + 2 * np.pi) - end
+        widest = int(np.argmax(gaps))
+        ends = float(end[widest]), float(begin[(widest + 1) % len(begin)])
+        span = float(np.degrees(2 * np.pi - gaps[widest]))
+        if span > enough_deg:
+            return span, False
     nearest, widest_m = np.full(2, np.inf), np.zeros(2)
     for angle, radius in far():
-        for side, end in enumerate(ends):
-            on = radius[np.abs((angle - end + np.pi) % (2 * np.pi) - np.pi) < _PLANE]
+        for side, edge in enumerate(ends):
+            on = radius[np.abs((angle - edge + np.pi) % (2 * np.pi) - np.pi) < _PLANE]
             nearest[side] = min(nearest[side], on.min(initial=np.inf))
             widest_m[side] = max(widest_m[side], on.max(initial=0.0))
-    planes = bool(np.all(widest_m > 1.5 * nearest))
-    return float(np.degrees(2 * np.pi - gaps[widest])), planes
+    return span, bool(np.all(widest_m > 1.5 * nearest))

@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.mesh.cells import (
+    ORIGIN,
+    TURN,
     AnyFloats,
     CellMesh,
     Labels,
+    Measures,
     PointMesh,
     Polyhedra,
     check_labels,
@@ -183,6 +186,16 @@ class BoxMesh(CellMesh):
         """Faces of `cells` (N,), all in one part."""
         nodes = np.arange(8 * len(cells)).reshape(-1, 8)
         yield np.arange(len(cells)), elements(self._corners(cells), VOXEL, nodes)
+
+    def measure(
+        self, cells: Labels | None = None, origin_m: Floats = ORIGIN, rotation: Floats = TURN
+    ) -> Measures:
+        """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
+        some = slice(None) if cells is None else cells
+        edges = np.asarray(self.upper_m[some] - self.lower_m[some], np.float64)
+        middle = ((self.lower_m[some] + self.upper_m[some]) / 2 - origin_m) @ rotation.T
+        half = edges @ np.abs(rotation).T / 2
+        return Measures(edges.prod(axis=1), middle, middle - half, middle + half)
 
     def points(self) -> Iterator[AnyFloats]:
         """Corners of all boxes, (P, 3) of some at a time."""

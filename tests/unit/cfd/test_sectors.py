@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.sectors import azimuth_span
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
@@ -184,10 +185,28 @@ def test_span_about_an_axis() -> None:
     x, y = np.meshgrid(np.linspace(1.0, 2.0, 4), np.linspace(0.5, 2.0, 4))
     points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     axis = np.array([0.0, 0.0, 1.0])
-    span, planes = azimuth_span(lambda: [points], np.zeros(3), axis)
-    assert span == pytest.approx(np.degrees(np.arctan(2.0) - np.arctan(0.25)), rel=1e-9)
+    box = BoxMesh(points - 1e-9, points + 1e-9, "box")
+    span, planes = azimuth_span(box, np.zeros(3), axis)
+    assert span == pytest.approx(np.degrees(np.arctan(2.0) - np.arctan(0.25)), rel=1e-7)
     assert not planes
-    assert azimuth_span(lambda: [points], np.array([1.5, 1.25, 0.0]), axis)[0] > 270.0
+    assert azimuth_span(box, np.array([1.5, 1.25, 0.0]), axis)[0] > 270.0
+
+
+def test_a_whole_mesh_is_recognised_by_few_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At 9b31a35 the azimuths of all corners took half of the time of a large table."""
+    edges = np.linspace(-1.0, 1.0, 41)
+    place = np.stack(np.meshgrid(edges, edges, edges, indexing="ij"), axis=-1).reshape(-1, 3)
+    measured = 0
+
+    def counted(y: Any, x: Any) -> Any:
+        nonlocal measured
+        measured += len(x)
+        return np.angle(x + 1j * y)
+
+    monkeypatch.setattr("cldit.cfd.sectors.np.arctan2", counted)
+    box, axis = BoxMesh(place - 0.02, place + 0.02, "box"), np.array([0.0, 0.0, 1.0])
+    assert azimuth_span(box, np.zeros(3), axis, enough_deg=185.0)[0] > 185.0
+    assert measured < 8 * len(place) / 50
 
 
 def test_sections_that_are_not_allowed() -> None:

@@ -156,6 +156,7 @@ def test_gas_alone_is_a_choice(tmp_path: Path, foam: Foam, writers: Writers) -> 
     ("name", "values", "message"),
     [
         ("Time (s)", "0.0001 0.0002", "column Time .s.: has 2 values, from 0.0001 to 0.0002"),
+        ("Particle ID", "a7 a7", "column Particle ID: a7 occurs .* times, so the rows are tracks"),
         ("Particle ID", "7 7", "column Particle ID: 7 occurs .* times, so the rows are tracks"),
         ("step", "10 10", ""),
         ("injector", "1 2", ""),
@@ -195,7 +196,14 @@ def remarks(text: str) -> str:
     return f"% made by a solver\n% {head}\n{rest}"
 
 
-@pytest.mark.parametrize("change", [latin_1, fortran, remarks], ids=lambda each: each.__name__)
+def utf_16(text: str) -> str:
+    """As Excel's "Unicode text"."""
+    return ("\ufeff" + text).encode("utf-16-le").decode("utf-8", "surrogateescape")
+
+
+@pytest.mark.parametrize(
+    "change", [latin_1, fortran, remarks, utf_16], ids=lambda each: each.__name__
+)
 def test_dialects_of_solvers(tmp_path: Path, foam: Foam, writers: Writers, change: Any) -> None:
     path = writers.tables(tmp_path, foam.sample())
     expected = read_cfd(CfdSpray(file=path, **writers.place)).notes

@@ -1,0 +1,1 @@
+"""Tables of cells and parcels, for codes whose own files are not read."""

@@ -1,0 +1,163 @@
+"""Tables of cells and parcels, named by a mapping file, as a CFD case."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud
+from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
+from cldit.cfd.mapping.file import (
+    CellColumns,
+    ColumnMap,
+    ParcelColumns,
+    columns_of,
+    read_column_map,
+    without_unit,
+)
+from cldit.cfd.mesh.elements import BoxMesh
+from cldit.cfd.one_state import check_marks, is_mark
+from cldit.cfd.size import Size, check_room
+from cldit.cfd.tables.dpm import dpm_columns, dpm_names
+from cldit.cfd.tables.parquet import is_number, parquet_columns, parquet_names, parquet_rows
+from cldit.cfd.tables.text import text_columns, text_names
+from cldit.cfd.times import choose_time
+from cldit.errors import SprayError
+from cldit.io.files import open_regular
+from cldit.io.progress import Watch
+from cldit.scene.spray import CfdSpray
+from cldit.spray.result import Floats
+
+
+def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
+    """Reads the tables that a mapping file names, relative to it.
+
+    A cell is a box about its centre: of edges `size`, or a cube of its `volume`.
+    """
+    path = spec.file
+    mapping = read_column_map(path)
+    if mapping.cells.file is None:
+        raise SprayError(f"{path}: cells.file is missing; it names the table of the gas")
+    file = path.parent / mapping.cells.file
+    check_room(file, _size(file))
+    watch(f"reading {file.name}", 0, 1)
+    source = load_table(file, mapping.cells)
+    position, edges = _boxes(source, mapping.cells)
+    if mapping.time_s is not None:
+        choose_time(str(path), [mapping.time_s], spec.time_s)
+    elif spec.time_s is not None:
+        raise SprayError(f"{path}: does not state its time (time_s); remove spray.time_s")
+    if spec.cloud not in (None, NO_CLOUD, "parcels"):
+        raise SprayError(f"{path}: no cloud {spec.cloud!r} (spray.cloud); available: parcels")
+    drops = None if spec.cloud == NO_CLOUD else mapping.parcels
+    parcels = [] if drops is None or drops.file is None else [path.parent / drops.file]
+    return CfdCase(
+        source=str(file),
+        time_s=mapping.time_s,
+        mesh=BoxMesh(position.values - edges / 2, position.values + edges / 2, position.label),
+        gas=gas_columns(source, mapping.cells, spec.fuel_field),
+        available=tuple(source.columns),
+        cloud=None if drops is None else table_cloud(path, mapping),
+        files=(path, file, *parcels),
+    )
+
+
+def list_tables(spec: CfdSpray) -> Listing:
+    """Lists time [s] and columns of the tables that a mapping file names."""
+    mapping = read_column_map(spec.file)
+    found = {
+        name: [] if part.file is None else table_names(spec.file.parent / part.file, part)
+        for name, part in (("cells", mapping.cells), ("parcels", mapping.parcels))
+        if part is not None
+    }
+    return [] if mapping.time_s is None else [mapping.time_s], found.pop("cells"), found
+
+
+def _size(file: Path) -> Size:
+    """Estimate from the mean length of the first lines: ten columns of numbers, and boxes."""
+    if file.suffix == ".parquet":
+        rows = parquet_rows(file)
+        return Size(rows, 0, 200.0 * rows)
+    try:
+        with open_regular(file) as stream:
+            head = stream.read(1 << 16)
+        rows = file.stat().st_size * head.count(b"\n") // max(len(head), 1)
+    except OSError:  # the reader reports it
+        rows = 0
+    return Size(rows, 0, 200.0 * rows)
+
+
+def _boxes(source: Source, wanted: CellColumns) -> tuple[Column, Floats]:
+    """Centres and edges of the cells, (N, 3) each."""
+    if wanted.position is None or (wanted.size is None) == (wanted.volume is None):
+        raise SprayError(
+            f"{source.name}: cells need position, and either size or volume, in the mapping file"
+        )
+    position = source.vector(wanted.position, "cells.position")
+    if wanted.size is not None:
+        size = source.vector(wanted.size, "cells.size")
+    else:
+        assert wanted.volume is not None
+        volume = source.scalar(wanted.volume, "cells.volume")
+        size = Column(volume.label, np.cbrt(volume.values)[:, None].repeat(3, axis=1))
+    good = np.all((size.values > 0.0) & np.isfinite(size.values), axis=1)
+    if not good.all():
+        bad = int(np.argmin(good))
+        raise SprayError(f"{size.label}: cell {bad} has no volume (edges {size.values[bad]} m)")
+    return position, np.asarray(size.values, np.float64)
+
+
+def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
+    """Parcels of the table that the mapping file `path` names; None if it names none."""
+    wanted = mapping.parcels
+    if wanted is None:
+        return None
+    if wanted.file is None or wanted.position is None:
+        raise SprayError(f"{path}: parcels.file and parcels.position are both needed")
+    file = path.parent / wanted.file
+    table = load_table(file, wanted)
+    position = table.vector(wanted.position, "parcels.position")
+    fields = cloud_columns(table, wanted)
+    return complete_cloud("parcels", str(file), position, fields, table.columns)
+
+
+def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
+    """Names in the header of a table; `wanted` gives the header's line and delimiter."""
+    readers = {".parquet": parquet_names, ".dpm": dpm_names}
+    names = readers[file.suffix](file) if file.suffix in readers else text_names(file, wanted)
+    twice = sorted({name for name in names if name and names.count(name) > 1})
+    if twice or not any(names):
+        what = f"the column {twice[0]!r} twice" if twice else "no names of columns"
+        raise SprayError(f"{file}: its header has {what}")
+    return names
+
+
+def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
+    """Reads the columns of a table that the mapping `wanted` uses; the others are only named."""
+    names = table_names(file, wanted)
+    mapped = columns_of(wanted)
+    used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
+    if not used:
+        raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
+    marks = [name for n, name in enumerate(names) if n not in used and _is_mark(file, name)]
+    if file.suffix == ".parquet":
+        read = parquet_columns(file, [*(names[place] for place in used), *marks])
+    elif file.suffix == ".dpm":
+        read = dpm_columns(file)
+    else:
+        read = text_columns(file, names, used, wanted, [names.index(name) for name in marks])
+    check_marks([read[name] for name in marks], marks)
+    columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
+    columns |= {names[place]: read[names[place]] for place in used}
+    count = len(columns[names[used[0]]].values)
+    if not count:
+        raise SprayError(f"{file}: no row below its header")
+    return Source(str(file), columns, count)
+
+
+def _is_mark(file: Path, name: str) -> bool:
+    """True for a column of time or identity; `time` of a .dpm file is the age of a particle."""
+    if not is_mark(name) or (file.suffix == ".dpm" and name == "time"):
+        return False
+    return file.suffix != ".parquet" or is_number(file, name)

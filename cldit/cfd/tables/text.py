@@ -1,0 +1,187 @@
+"""Tables of text with a delimiter: header, encoding, and columns as numbers."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.case import Column
+from cldit.cfd.inputs import regular
+from cldit.cfd.mapping.file import Table
+from cldit.errors import SprayError
+from cldit.io.files import open_regular
+
+
+def text_names(file: Path, wanted: Table) -> list[str]:
+    """Names in the header of a table; `wanted` gives the header's line and delimiter."""
+    return _header(file, wanted)[0]
+
+
+def _header(file: Path, wanted: Table) -> tuple[list[str], str]:
+    """Names and delimiter; a name in quotes may contain the delimiter."""
+    try:
+        with _opened_text(regular(file)) as stream:
+            lines = [stream.readline() for _ in range(wanted.header_line)]
+            while lines[-1].startswith("%") and "header_line" not in wanted.model_fields_set:
+                following = stream.readline()
+                if not following.startswith("%"):  # the last remark names the columns
+                    break
+                lines.append(following)
+    except SprayError:
+        raise
+    except (OSError, UnicodeError) as error:
+        raise SprayError(f"{file}: cannot be read ({error})") from error
+    line = lines[-1].encode("utf-8", "surrogateescape")
+    header = _decoded(line).strip("\r\n ").lstrip("#%").lstrip()
+    delimiter = wanted.delimiter or _delimiter(header)
+    return [part.strip().strip('"').strip() for part in _split(header, delimiter)], delimiter
+
+
+def _encoding(file: Path) -> str:
+    """UTF-16 if the file begins with its mark; else UTF-8, whose invalid bytes are kept."""
+    with open_regular(file) as stream:
+        marked = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    return "utf-16" if marked else "utf-8-sig"
+
+
+def _opened_text(file: Path) -> TextIO:
+    return file.open(encoding=_encoding(file), errors="surrogateescape")
+
+
+def _decoded(line: bytes) -> str:
+    """Text in UTF-8, else in cp1252, as spreadsheets on Windows write."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("cp1252", "replace")
+
+
+_EXACT = 2.0**53  # whole numbers below are exact as floats
+_UNDEFINED = re.compile(  # also as Windows writes it
+    r"[-+]?(?:\d\.#(?:IND|QNAN|SNAN|INF)\d*|nan\(\w*\))|n/?a|null|", re.IGNORECASE
+)
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[-+]?\d+$)")
+
+
+def _readable(line: str, delimiter: str, used: list[int]) -> str:
+    """Replaces undefined and empty cells by nan, and exponents of Fortran (1.5D-3) by 1.5e-3."""
+    if '"' in line:
+        return line
+    cells = _split(line, delimiter)
+    for place in used:
+        cell = cells[place].strip()
+        if "D" in cell or "d" in cell:
+            cell = cells[place] = _FORTRAN.sub("e", cell)
+        if ("#" in cell or not cell[-1:].isdigit()) and _UNDEFINED.fullmatch(cell):
+            cells[place] = "nan"
+    return delimiter.join(cells)
+
+
+def _delimiter(header: str) -> str:
+    """Delimiter of a header: the first of semicolon, tab and comma outside quotes, or space."""
+    plain = re.sub(r'"[^"]*"', "", header)
+    return next((mark for mark in ";\t," if mark in plain), " " if " " in plain else ",")
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    """Cells of a line; a cell in quotes may contain the delimiter."""
+    if '"' not in line:
+        return line.split() if delimiter == " " else line.split(delimiter)
+    rows = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+    return next(rows, [])
+
+
+def text_columns(
+    file: Path, names: list[str], used: list[int], wanted: Table, marks: list[int]
+) -> dict[str, Column]:
+    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers or texts."""
+    rows = _numbers(file, names, used, wanted, marks)
+    return {
+        names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
+        for place in (*used, *marks)
+    }
+
+
+def _numbers(
+    file: Path,
+    names: list[str],
+    used: list[int],
+    wanted: Table,
+    marks: list[int],
+) -> NDArray[Any]:
+    """Rows (N,) with the `used` columns as numbers, and `marks` as numbers or texts.
+
+    The others are kept as one character.
+
+    NumPy refuses rows of another length than the header; which line it is takes a second reading.
+    """
+    _, delimiter = _header(file, wanted)
+    if delimiter == wanted.decimal:
+        what = f"{delimiter!r} is both the delimiter and the decimal mark"
+        raise SprayError(f"{file}: {what}; allowed delimiters: ; tab space")
+    with open_regular(file) as stream:
+        stream.seek(max(stream.seek(0, 2) - 2, 0))
+        if not stream.read().strip(b"\0").endswith((b"\n", b"\r")):
+            raise SprayError(f"{file}: its last line has no end: the file is cut off")
+    count = 0
+
+    def lines(check: bool) -> Iterator[str]:
+        nonlocal count
+        count = 0
+        blanks = None if delimiter == " " else "\r\n "
+        with _opened_text(file) as stream:
+            for number, raw in enumerate(stream, start=1):
+                line = raw.strip(blanks)
+                if number <= wanted.header_line or not line or line[0] in "#%":
+                    continue
+                if check and (cells := len(_split(line, delimiter))) != len(names):
+                    raise SprayError(
+                        f"{file}: line {number} has {cells} cells, the header {len(names)} "
+                        f"(delimiter {delimiter!r}); put quotes around text that contains the "
+                        "delimiter, and give `delimiter` and `decimal` in the mapping file if "
+                        "numbers have a comma"
+                    )
+                count += 1
+                line = line.replace(",", ".") if wanted.decimal == "," else line
+                yield _readable(line, delimiter, used) if check else line
+
+    def load(check: bool, mark_form: str) -> NDArray[Any]:
+        form = dict.fromkeys(marks, mark_form) | dict.fromkeys(used, "f8")
+        kinds = [(str(place), form.get(place, "U1")) for place in range(len(names))]
+        mark = None if delimiter == " " else delimiter
+        return np.loadtxt(
+            lines(check), kinds, delimiter=mark, ndmin=1, quotechar='"', comments=None
+        )
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # no row: the caller's error
+            for mark_form in ("f8", "U64")[: 1 + bool(marks)]:  # numbers are sorted faster
+                try:
+                    rows = load(False, mark_form)
+                except ValueError:
+                    continue
+                known = [rows[str(place)] for place in marks if mark_form == "f8"]
+                if all(np.all(np.abs(each) < _EXACT) for each in known):
+                    break
+            else:
+                rows = load(True, "U64")
+    except (ValueError, OSError) as error:
+        if isinstance(error, SprayError):
+            raise
+        shown = ", ".join(names[place] for place in used)
+        raise SprayError(
+            f"{file}: its columns {shown} are not all numbers ({error}); for a decimal comma give "
+            "`decimal: ','` in the mapping file"
+        ) from error
+    if len(rows) != count:
+        raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
+    return rows
