@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3265,
+    "accuracy": 3307,
     "acquisition": 5132,
     "api": 944,
     "bench": 896,

@@ -1,17 +1,19 @@
 """Error by the grid that the gas is computed on.
 
 The lattice of a cone is varied by factors of two and four, and the error extrapolated. A computed
-gas is computed again on cells twice as large. Its error falls by first order: T_app of one plume
-of gdi-flow moves by 18.2, 8.7 and 4.3 K from 4 to 2, to 1 and to 0.5 mm (docs/errors.md). So the
-difference between cells of 2 h and h is the error at h. Droplets start alike on both, but eddies
-move them differently at every time step, so that the random parts of the two sprays are
-independent: images of the same seed differ as much as those of different ones. The square of the
-difference contains the square of that error twice. A gas that is read comes on one grid alone.
+gas is computed again on cells twice and four times as large. Droplets start alike on all three, but
+eddies move them differently at every time step, so that the random parts of the sprays are
+independent: images of the same seed differ as much as those of different ones. The square of each
+difference contains the square of that error twice, which is subtracted. If the error is C h^p, the
+rest of both steps has the ratio 2^p and the same sign everywhere. During injection this is often
+not so: then no order is inferred, and the finer step alone is stated, as a lower bound. A gas that
+is read comes on one grid alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -29,16 +31,19 @@ from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 
-_LARGER = 2.0
+_TIMES = {2: "twice", 4: "four times"}
 _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 12  # cells along the gas's fuel, 4 mm of 48: fewer were not seen to follow first order
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
 _HALF = 0.5  # of the square of a difference: if chance makes more, it hides the error
+_ORDERS = (1.0, 2.0)  # of an error that is extrapolated, as of cells
+_ALIKE = 0.5  # least correlation of both steps: those of C h^p have 1, unrelated ones 0
 _FINEST_LATTICE_m = 0.1e-3
 # A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
 NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
 _CONE_KEY, _FLOW_KEY = "spray.spacing_m", "spray.box.spacing_m"
+ORDER = "order of the gas grid"
 
 
 class _GasGrid(ErrorSource):
@@ -55,6 +60,7 @@ class _GasGrid(ErrorSource):
         _CONE_KEY: f"a smaller spray.spacing_m{OR_NONE}",
         _FLOW_KEY: "a smaller spray.box.spacing_m (half takes up to 16 times as long)",
     }
+    also = (ORDER,)
 
     def key(self, scene: Scene) -> str:
         if isinstance(scene.spray, ConeSpray):
@@ -121,22 +127,45 @@ class _GasGrid(ErrorSource):
         ]
 
     def _grid(self, at: Measurement) -> list[Estimate]:
-        gas: CoarserGas = at.prepared.variant(self.name, lambda: _coarser_gas(at))
-        fixed = self.key(at.scene)
-        sources = gas.sources
-        if sources is None:
-            return [Estimate.unknown(self.name, gas.how, fixed)]
-        at.stages.tell("errors: larger cells of gas")
+        fixed, spec = self.key(at.scene), at.scene.spray
+        if not isinstance(spec, LagrangianSpray):
+            why = "the gas comes on one grid alone; compare with a run from a finer one"
+            return [Estimate.unknown(self.name, why, fixed)]
+        first = self._traced(at, spec, 2)
+        if isinstance(first, str):
+            return [Estimate.unknown(self.name, first, fixed)]
+        sampling_K, tracer = at.error_K(PARCELS), at.tracer
+        image = tracer.level(at.depth)
+        whole = tracer.difference(image, first)
+        last, chance = without_chance(whole, sampling_K)
+        second = self._traced(at, spec, 4)
+        order: float | str
+        if isinstance(second, str):
+            order = second
+        else:
+            both = tracer.difference(image, second)
+            order = order_of(whole, tracer.difference(first, second), both, sampling_K)
+        h_mm = 1e3 * spec.box.spacing_m
+        how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm; {chance}"
+        if isinstance(order, float):
+            how += f"; extrapolated by order {order:.2g} of the step from {4 * h_mm:.3g} mm"
+            found = last.times(1.0 / (2.0**order - 1.0))
+            return [Estimate.of(self.name, found, how, fixed, order=order)]
+        stated = Estimate.of(self.name, last, how, fixed, at_most=last is whole)
+        return [stated, Estimate.unknown(ORDER, order, fixed)]
+
+    def _traced(self, at: Measurement, spec: LagrangianSpray, up: int) -> ImagePair | str:
+        """Image of the spray on cells of gas `up` times as large, or why there is none."""
+        name = f"gas on cells {_TIMES[up]} as large"
+        gas: Sources | str = at.prepared.variant(name, lambda: _coarser_gas(at, spec, up))
+        if isinstance(gas, str):
+            return gas
+        at.stages.tell(f"errors: {name}")
         try:
             # On the image's own cells: larger ones would blur those of the gas.
-            other = at.tracer.variant(self.name, lambda: sources, at.depth)
+            return at.tracer.variant(name, lambda: gas, at.depth)
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
-            why = f"the spray on larger cells of gas: {error}"
-            return [Estimate.unknown(self.name, why, fixed)]
-        whole = at.tracer.difference(at.tracer.level(at.depth), other)
-        found, chance = without_chance(whole, at.error_K(PARCELS))
-        how = f"{gas.how}; {chance}"
-        return [Estimate.of(self.name, found, how, fixed, at_most=found is whole)]
+            return f"the spray on larger cells of gas: {error}"
 
 
 def cone_image(at: Measurement, cone: ConeSpray, up: int) -> tuple[ConeSpray, ImagePair]:
@@ -146,53 +175,66 @@ def cone_image(at: Measurement, cone: ConeSpray, up: int) -> tuple[ConeSpray, Im
     return wider, at.tracer.variant(name, lambda: at.prepared.resprayed(wider), at.coarse)
 
 
-@dataclass(frozen=True)
-class CoarserGas:
-    """A spray on larger cells of gas: its sources, None if there are none, and what it is."""
-
-    sources: Sources | None
-    how: str
+def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Sources | str:
+    with at.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
+        return coarser_gas(at.prepared, spec, up)
 
 
-def _coarser_gas(at: Measurement) -> CoarserGas:
-    if not isinstance(at.scene.spray, LagrangianSpray):
-        why = "the gas comes on one grid alone; compare with a run from a finer one"
-        return CoarserGas(None, why)
-    with at.stages.stage("spray on cells of gas twice as large"):
-        return coarser_gas(at.prepared, at.scene.spray)
-
-
-def coarser_gas(prepared: Prepared, spec: LagrangianSpray) -> CoarserGas:
-    """The spray on cells of gas twice as large, or the reason why there is none."""
+def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources | str:
+    """The spray on cells of gas `up` times as large, or the reason why there is none."""
     vapour, h_m = prepared.spray.vapour, spec.box.spacing_m
     assert vapour is not None
-    larger_m = _LARGER * h_m
+    larger_m, name = up * h_m, f"cells {_TIMES[up]} as large"
     edges_m = vapour.cells.upper_m - vapour.cells.lower_m
     if not np.allclose(edges_m, h_m, rtol=1e-6):
-        return CoarserGas(None, f"the spray was given, on other cells than {_FLOW_KEY}")
+        return f"the spray was given, on other cells than {_FLOW_KEY}"
     long_m = float(np.max(vapour.cells.upper_m.max(axis=0) - vapour.cells.lower_m.min(axis=0)))
     if long_m < (_FEWEST - 1e-6) * larger_m:
-        why = (
-            f"cells twice as large are {long_m / larger_m:.3g} along the vapour, and below "
-            f"{_FEWEST} no order is known; allowed: a smaller {_FLOW_KEY}"
+        return (
+            f"{name} are {long_m / larger_m:.3g} along the vapour, and below {_FEWEST} no order is "
+            f"known; allowed: a smaller {_FLOW_KEY}"
         )
-        return CoarserGas(None, why)
     if larger_m > _LARGEST_M:
-        return CoarserGas(None, f"cells twice as large are above {_LARGEST_M:g} m")
+        return f"{name} are above {_LARGEST_M:g} m"
     box = spec.box.model_copy(update={"spacing_m": larger_m})
     try:
         sources = prepared.resprayed(spec.model_copy(update={"box": box}))
     except (SprayError, OpticsError) as error:
-        return CoarserGas(None, f"the spray on cells twice as large: {error}")
+        return f"the spray on {name}: {error}"
     sources, lost = within(prepared.cube, sources)
     if lost > _MOST_LOST:
-        why = (
-            f"{100 * lost:.2g} % of the spray on cells twice as large lies outside the domain; "
-            "allowed: a larger domain.edge_m"
+        return (
+            f"{100 * lost:.2g} % of the spray on {name} lies outside the domain; allowed: a "
+            "larger domain.edge_m"
         )
-        return CoarserGas(None, why)
-    how = f"step from cells of gas of {1e3 * larger_m:.3g} to {1e3 * h_m:.3g} mm, by first order"
-    return CoarserGas(sources, how)
+    return sources
+
+
+def order_of(
+    last: ImageDifference,
+    before: ImageDifference,
+    both: ImageDifference,
+    sampling_K: float | None,
+) -> float | str:
+    """Order of an error by its steps from 2 h to h and from 4 h to 2 h, or why none is known.
+
+    `both` is the step from 4 h to h. The square of each contains twice that of `sampling_K`, the
+    random part of one spray.
+    """
+    steps_K = [one.error_K for one in (last, before, both)]
+    if sampling_K is None or None in steps_K:
+        return "the random part of the sprays is unknown"
+    square, earlier, total = ((step_K or 0.0) ** 2 - 2.0 * sampling_K**2 for step_K in steps_K)
+    if square <= _HALF * (steps_K[0] or 0.0) ** 2 or earlier <= _HALF * (steps_K[1] or 0.0) ** 2:
+        return "chance may contribute half of the square of a step"
+    order = math.log2(earlier / square) / 2.0
+    alike = (total - square - earlier) / (2.0 * (square * earlier) ** 0.5)
+    if alike < _ALIKE or not _ORDERS[0] <= order <= _ORDERS[1]:
+        return (
+            f"the steps are {earlier**0.5:.2g} and {square**0.5:.2g} K, with a correlation of "
+            f"{alike:.2g}: an error of order 1 to 2 falls by 2 to 4, with a correlation of 1"
+        )
+    return order
 
 
 def without_chance(found: ImageDifference, sampling_K: float | None) -> tuple[ImageDifference, str]:

@@ -1,4 +1,4 @@
-"""The error of a computed gas's own cells, by a spray on cells twice as large."""
+"""The error of a computed gas's own cells, by sprays on cells twice and four times as large."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.errors import Errors
+from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.remarks import too_large
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.gas_grid import (
     GAS_GRID,
-    CoarserGas,
+    ORDER,
     coarser_gas,
+    order_of,
     without_chance,
 )
 from cldit.errors import MediumError, SprayError
@@ -76,14 +77,14 @@ def test_the_same_spray_on_cells_twice_as_large() -> None:
         return sources
 
     spec = LagrangianSpray(seed=7)
-    found = coarser_gas(prepared(vapour(), made), spec)
-    (other,) = asked
-    assert other.box.spacing_m == 2 * spec.box.spacing_m
-    data = other.model_dump()
-    data["box"]["spacing_m"] = spec.box.spacing_m
-    assert data == spec.model_dump()
-    assert found.sources is not None
-    assert "2 to 1 mm" in found.how
+    for up in (2, 4):
+        found = coarser_gas(prepared(vapour(long=48), made), spec, up)
+        assert not isinstance(found, str)
+        other = asked.pop()
+        assert other.box.spacing_m == up * spec.box.spacing_m
+        data = other.model_dump()
+        data["box"]["spacing_m"] = spec.box.spacing_m
+        assert data == spec.model_dump()
 
 
 @pytest.mark.parametrize(
@@ -99,16 +100,16 @@ def test_no_spray_where_none_tells(spacing_m: float, here: Vapour, why: str) -> 
         raise AssertionError("made")
 
     spec = LagrangianSpray(box={"spacing_m": spacing_m})
-    found = coarser_gas(prepared(here, never), spec)
-    assert found.sources is None and why in found.how
+    found = coarser_gas(prepared(here, never), spec, 2)
+    assert isinstance(found, str) and why in found
 
 
 def test_a_flow_that_cannot_be_followed() -> None:
     def fails(_: LagrangianSpray) -> Sources:
         raise SprayError("the gas is too fast")
 
-    found = coarser_gas(prepared(vapour(), fails), LagrangianSpray())
-    assert found.sources is None and "too fast" in found.how
+    found = coarser_gas(prepared(vapour(), fails), LagrangianSpray(), 2)
+    assert isinstance(found, str) and "too fast" in found
 
 
 def test_what_lies_outside_is_cut_off() -> None:
@@ -137,9 +138,9 @@ def test_too_much_outside_is_no_answer() -> None:
     for absorption, known in ((500.0, False), (1100.0, True)):
         inside = gas([[0.0, 0.0, 0.0]], 2e-3, absorption)
         sources: Sources = (None, [_both(inside, beside)])
-        found = coarser_gas(prepared(vapour(), lambda _, s=sources: s), LagrangianSpray())
-        assert (found.sources is not None) == known
-        assert known or "0.2 % of the spray" in found.how
+        found = coarser_gas(prepared(vapour(), lambda _, s=sources: s), LagrangianSpray(), 2)
+        assert isinstance(found, str) != known
+        assert known or "0.2 % of the spray" in found
 
 
 def _both(one: CellSource, other: CellSource) -> CellSource:
@@ -162,18 +163,46 @@ def test_chance_is_taken_out_where_it_is_the_smaller_part() -> None:
     assert without_chance(difference(None), 1.0)[0].error_K is None
 
 
+@pytest.mark.parametrize(
+    ("steps_K", "sampling_K", "order"),
+    [
+        ((4.0, 8.0, 12.0), 0.0, 1.0),  # 4 C h and 8 C h, all of one sign
+        ((3.0, 12.0, 15.0), 0.0, 2.0),
+        ((18.0**0.5, 66.0**0.5, 146.0**0.5), 1.0, 1.0),  # the same with 2 K^2 of chance in each
+        ((4.0, 8.0, 8.9), 0.0, "correlation of -0.012"),  # unrelated
+        ((4.0, 8.0, 4.0), 0.0, "correlation of -1"),
+        ((15.2, 17.7, 32.9), 0.0, "steps are 18 and 15 K"),  # hardly smaller on smaller cells
+        ((1.0, 8.0, 9.0), 0.0, "steps are 8 and 1 K"),  # faster than by second order
+        ((4.0, 8.0, 12.0), 2.1, "chance may contribute"),
+        ((4.0, 8.0, 12.0), None, "random part of the sprays is unknown"),
+        ((None, 8.0, 12.0), 1.0, "unknown"),
+        ((0.0, 0.0, 0.0), 0.0, "chance may contribute"),
+    ],
+)
+def test_an_order_only_where_both_steps_show_one(
+    steps_K: tuple[float | None, ...], sampling_K: float | None, order: float | str
+) -> None:
+    last, before, both = (difference(step_K) for step_K in steps_K)
+    found = order_of(last, before, both, sampling_K)
+    if isinstance(order, float):
+        assert found == pytest.approx(order)
+    else:
+        assert isinstance(found, str) and order in found
+
+
 @dataclass
 class Tracer:
     """Images are numbers here, and their differences are plain."""
 
     prepared: Any
-    coarser_K: float | Exception
+    images_K: dict[str, float | Exception]
 
     def variant(self, name: str, make: Any, depth: int) -> float:
-        assert (name, make(), depth) == ("gas grid", "sources", 6)
-        if isinstance(self.coarser_K, Exception):
-            raise self.coarser_K
-        return self.coarser_K
+        assert depth == 6 and not isinstance(make(), str)
+        found = self.images_K[name]
+        if isinstance(found, Exception):
+            raise found
+        return found
 
     def level(self, depth: int) -> float:
         assert depth == 6  # the image's own cells
@@ -183,30 +212,46 @@ class Tracer:
         return difference(abs(one - other))
 
 
-def errors_of(gas: CoarserGas | None, coarser_K: float | Exception = 509.0) -> Errors:
+SPRAY: Any = ("sources",)
+TWICE, FOUR = "gas on cells twice as large", "gas on cells four times as large"
+
+
+def errors_of(
+    gas: Any, once_K: float | Exception = 509.0, *, more: Any = "too few", twice_K: float = 527.0
+) -> Errors:
     prepared = SimpleNamespace(
         cone=None,
         made=SimpleNamespace(parcels=None),
         spray=SimpleNamespace(vapour=gas),
-        variant=lambda *_: gas,
+        variant=lambda name, _: {TWICE: gas, FOUR: more}[name],
     )
-    tracer: Any = Tracer(prepared, coarser_K)
+    tracer: Any = Tracer(prepared, {TWICE: once_K, FOUR: twice_K})
     at = Measurement(scene(), tracer, Stages(None), depth=6, coarse=5)
+    at.found["parcels"] = [Estimate(Cause("parcels", 0.0, ""))]
     return Errors.of(one.cause for one in GAS_GRID.estimate(at))
 
 
 def test_the_error_is_stated() -> None:
-    known: Any = CoarserGas("sources", "step")  # type: ignore[arg-type]
-    (cause,) = errors_of(known).causes
-    assert (cause.name, cause.error_K, cause.fixed) == ("gas grid", 9.0, "spray.box.spacing_m")
-    (remark,) = too_large(errors_of(known), 1.0)
+    (cause,) = errors_of(SPRAY, more=SPRAY).causes
+    assert (cause.name, cause.fixed) == ("gas grid", "spray.box.spacing_m")
+    assert cause.error_K == pytest.approx(9.0) and "extrapolated by order 1 " in cause.how
+    (cause,) = errors_of(SPRAY, more=SPRAY, twice_K=545.0).causes  # 36 and 9 K: second order
+    assert cause.error_K == pytest.approx(3.0)
+    (remark,) = too_large(errors_of(SPRAY), 1.0)
     assert "gas grid contributes 9 K" in remark
     assert "allowed: a smaller spray.box.spacing_m" in remark
     assert errors_of(None).causes == ()
-    (cause,) = errors_of(CoarserGas(None, "one grid alone")).causes
+    (cause,) = errors_of("one grid alone").causes
     assert cause.error_K is None and cause.how == "one grid alone"
-    (cause,) = errors_of(known, MediumError("more than memory holds")).causes
+    (cause,) = errors_of(SPRAY, MediumError("more than memory holds")).causes
     assert cause.error_K is None and "more than memory holds" in cause.how
+
+
+@pytest.mark.parametrize(("more", "twice_K"), [("too few", 0.0), (SPRAY, 491.0), (SPRAY, 518.0)])
+def test_without_an_order_the_step_is_a_lower_bound(more: Any, twice_K: float) -> None:
+    """No third grid, steps of opposite signs, and equal steps."""
+    errors = errors_of(SPRAY, more=more, twice_K=twice_K)
+    assert errors.unknown == (ORDER,) and errors.text == "at least 9 K"
 
 
 def scene() -> Scene:
@@ -215,7 +260,7 @@ def scene() -> Scene:
     )
 
 
-def test_a_second_spray_is_made_for_the_estimate_alone(
+def test_two_more_sprays_are_made_for_the_estimate_alone(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """It is deposited as the spray is, comes from the same cache, once, and is a stage."""
@@ -227,7 +272,7 @@ def test_a_second_spray_is_made_for_the_estimate_alone(
     def make(spec: Any, *, cache: Path, **_: Any) -> Spray:
         h_m = spec.box.spacing_m
         asked.append((h_m, cache))
-        return Spray(parcels=parcels, vapour=vapour(h_m, long=round(24 * H / h_m)))
+        return Spray(parcels=parcels, vapour=vapour(h_m, long=round(48 * H / h_m)))
 
     monkeypatch.setattr(medium, "make_spray", make)
     info = SimpleNamespace(memory_bytes=2**31, largest_buffer_bytes=2**30)
@@ -247,9 +292,10 @@ def test_a_second_spray_is_made_for_the_estimate_alone(
     )
     for _ in range(2):
         GAS_GRID.estimate(Measurement(scene(), tracer, stages, depth=6, coarse=5))
-    assert asked == [(H, tmp_path), (2 * H, tmp_path)]
+    assert asked == [(H, tmp_path), (2 * H, tmp_path), (4 * H, tmp_path)]
     named = [stage.name for stage in stages.done]
-    assert named == ["spray", "optics", "spray on cells of gas twice as large"]
+    more = [f"spray on cells of gas {how} as large" for how in ("twice", "four times")]
+    assert named == ["spray", "optics", *more]
     assert traced[-1][0] is not None and traced[-1][0].extent is not None
 
 

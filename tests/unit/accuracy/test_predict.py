@@ -12,16 +12,15 @@ from cldit.accuracy.errors import Errors
 from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.predict import fixed_estimates
 from cldit.accuracy.sources.base import Measurement
-from cldit.accuracy.sources.gas_grid import CoarserGas
 from cldit.accuracy.sources.parcels import PARCELS, ParcelVariants
 from cldit.errors import TransportError
 from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 
-GAS: Any = CoarserGas("coarse gas", "step")  # type: ignore[arg-type]
+GAS: Any = ("coarse gas",)
 VARIANTS: Any = ParcelVariants(("one", "other"), "narrower", 0.5)  # type: ignore[arg-type]
-KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, "coarse gas": 9.0}
+KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, GAS: 9.0}
 
 
 class Tracer:
@@ -39,7 +38,11 @@ class Tracer:
     ) -> None:
         self.cell_K, self.coarsest = cell_K, coarsest
         points = SimpleNamespace(position_m=np.zeros((count, 3)))
-        kept = {"parcels": parcels, "gas grid": gas}
+        kept = {
+            "parcels": parcels,
+            "gas on cells twice as large": gas,
+            "gas on cells four times as large": "12 along the vapour",
+        }
         sampled = SimpleNamespace(sampled=True, droplets=np.ones(2))
         self.prepared = SimpleNamespace(
             scene=gdi_flow(),
@@ -111,7 +114,7 @@ def test_cells_of_the_scene() -> None:
 
 
 def test_an_error_that_is_unknown_bounds_nothing() -> None:
-    assert found(gdi_flow(), Tracer(gas=CoarserGas(None, "one grid alone"))) == {}
+    assert found(gdi_flow(), Tracer(gas="above 0.01 m")) == {}
 
 
 @pytest.mark.parametrize(("parcels", "known"), [(12_999, False), (13_000, True)])
