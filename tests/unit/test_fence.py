@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "run": 1744,
     "scene": 1672,
     "show": 6951,
-    "spray": 6069,
+    "spray": 6195,
     "study": 3493,
     "testing": 1421,
     "transport": 6970,
