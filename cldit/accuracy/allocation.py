@@ -25,7 +25,7 @@ _CLOSE = 1.1  # in squares: not worth another spray
 # Contribution of the free sources to the square of the fixed ones. By the cost powers of all
 # sources the cost grows as the error to the power -5.5. The sum is then 5 % above the fixed
 # errors alone, and one per cent of it costs (1 + 10) times as much as without fixed errors.
-_IN_VAIN = 0.1
+IN_VAIN = 0.1
 
 
 def split(tolerance_K: float, sources: Mapping[str, ErrorSource]) -> dict[str, float]:
@@ -98,7 +98,7 @@ class Allocation:
         count as F.
         """
         measured_K2, bounds_K2 = self._fixed_K2
-        return float(max(self.tolerance_K, ((1.0 + _IN_VAIN) * measured_K2 + bounds_K2) ** 0.5))
+        return float(max(self.tolerance_K, ((1.0 + IN_VAIN) * measured_K2 + bounds_K2) ** 0.5))
 
     @property
     def _fixed_K2(self) -> tuple[float, float]:
@@ -159,7 +159,7 @@ class Allocation:
         """Remark that fixed errors exceed the tolerance, so the others were relaxed, or nothing."""
         measured_K2, bounds_K2 = self._fixed_K2
         left_K2 = self.tolerance_K**2 - measured_K2 - bounds_K2
-        rest_K2, fixed_K = _IN_VAIN * measured_K2, (measured_K2 + bounds_K2) ** 0.5
+        rest_K2, fixed_K = IN_VAIN * measured_K2, (measured_K2 + bounds_K2) ** 0.5
         if rest_K2 <= max(left_K2, (_LEAST_OF_SHARE * self.tolerance_K) ** 2):
             return ()
         known_K = {name: self.predicted_K.get(name, 0.0) for name in self.fixed or {}}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy import remarks
-from cldit.accuracy.allocation import Allocation, free_sources, shares_of
+from cldit.accuracy.allocation import IN_VAIN, Allocation, free_sources, shares_of
 from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Errors, Estimate
 from cldit.accuracy.evaluation import evaluated, sensor_of
@@ -23,10 +23,11 @@ from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
 from cldit.accuracy.predict import predict
 from cldit.accuracy.problem import Problem
-from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Excess, Measurement, Solved
-from cldit.accuracy.sources.ordinates import audited_K
+from cldit.accuracy.sources.cells import CELLS
+from cldit.accuracy.sources.ordinates import ORDINATES, audited_K
 from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.camera.sensor import SensorModel
@@ -35,9 +36,14 @@ from cldit.medium.octree import build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.medium import Medium
 from cldit.radiance.weights import Weights
+from cldit.scene.spray import GridSpray
 from cldit.transport.trace import settings_for, trace, trace_each
 
 MAX_REFINEMENTS = 2
+_WORTH = 0.8  # of the square of an error that stays too large: less gain is not worth a trace
+_GAIN = 0.75  # of the error before: a trial with less gain is not made again
+_MORE = "more ordinates"
+_NO_GAIN = "a trial did not make the error smaller"
 _MOST_RATIO = 4.0  # of an error to its share, in one refinement: a smaller share is not worth it
 
 
@@ -72,9 +78,9 @@ class Result:
         """The nodes that were traced."""
         return self.medium.properties.chosen.quadrature
 
-    def limited(self, why: str) -> Result:
-        """The result with the reason why its cells cannot be smaller; empty: none."""
-        return replace(self, resolution=self.resolution.limited("cells", why))
+    def limited(self, source: str, why: str) -> Result:
+        """The result with the reason why a source cannot be smaller; empty: none."""
+        return replace(self, resolution=self.resolution.limited(source, why))
 
     @property
     def plan(self) -> dict[str, Any]:
@@ -96,13 +102,24 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
             break
         problem.stages.remark(remarks.refinement(result.errors, number, MAX_REFINEMENTS))
         better = solve(problem, *finer)
-        if _exceeds(better, result):  # memory did not hold the finer resolution
-            problem.stages.remark(remarks.kept(result.errors, better.errors))
-            result = result.limited(better.resolution.limits.get("cells", ""))
+        tried = _remedy(problem, result) if _trace_K(result) > finer[1]["trace"] else ""
+        if not _exceeds(better, result):
+            gained = _trace_K(better) < _GAIN * _trace_K(result)
+            result = replace(better, refinements=number)
+            if tried and not gained:
+                result = result.limited(tried, _NO_GAIN)
+            continue
+        problem.stages.remark(remarks.kept(result.errors, better.errors))
+        if not tried:  # memory did not hold the finer resolution
+            result = result.limited("cells", better.resolution.limits.get("cells", ""))
             break
-        result = replace(better, refinements=number)
+        result = result.limited(tried, _NO_GAIN)
     problem.stages.remark(tuple(remarks.final(problem.scene, result)))
     return result
+
+
+def _trace_K(result: Result) -> float:
+    return (result.trace_error and result.trace_error.error_K) or 0.0
 
 
 def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> Result:
@@ -173,7 +190,7 @@ def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, 
     if finer is not None:
         limited = problem.hardly_finer(finer[0], result.resolution)
         if limited:
-            result = result.limited(limited)
+            result = result.limited("cells", limited)
             finer = _finer(problem, result)
     return result, finer
 
@@ -187,26 +204,53 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
     errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
     reducible = _reducible(problem, result)
     free = [name for name in known if name in reducible]
-    left_K2 = tolerance_K**2 - sum(e**2 for name, e in errors_K.items() if name not in free)
-    if not free or left_K2 <= 0:
-        return None
+    fixed_K2 = sum(e**2 for name, e in errors_K.items() if name not in free)
+    left_K2 = max(tolerance_K**2 - fixed_K2, IN_VAIN * fixed_K2)
+    free_K2 = sum(errors_K[name] ** 2 for name in free)
+    hopeless = fixed_K2 > tolerance_K**2 and fixed_K2 + left_K2 > _WORTH * (fixed_K2 + free_K2)
+    if hopeless or free_K2 <= left_K2:
+        return None  # no refinement of these mends the sum
     shares_K = shares_of(left_K2, {name: errors_K[name] for name in free})
     resolution = result.resolution
     for name in free:
         if errors_K[name] > shares_K[name]:
             ratio = min(errors_K[name] / shares_K[name], _MOST_RATIO)
             excess = Excess(shares_K[name], ratio, known[name].order)
-            resolution = BY_NAME[name].finer(resolution, excess)
+            change = BY_NAME[name].finer
+            if name == "trace" and not _shrinks(result):
+                change = {_MORE: ORDINATES.denser, "cells": CELLS.finer}[_remedy(problem, result)]
+            resolution = change(resolution, excess)
     return resolution, replace(result.allocation, shares_K=shares_K)
 
 
 def _reducible(problem: Problem, result: Result) -> set[str]:
     """Names of the sources that another resolution can make smaller."""
-    free = set(free_sources(problem.scene)) - set(result.resolution.limits)
-    error = result.trace_error
-    if error is None or not error.can_shrink or result.traces.short:
+    free = set(free_sources(problem.scene))
+    if cells_are_free(problem.scene):
+        free.add("cells")
+    free -= set(result.resolution.limits)
+    if not ((_shrinks(result) and not result.traces.short) or _remedy(problem, result)):
         free.discard("trace")
     return free
+
+
+def _shrinks(result: Result) -> bool:
+    """True if more ordinates and paths surely make the error of the trace smaller."""
+    return result.trace_error is not None and result.trace_error.can_shrink
+
+
+def _remedy(problem: Problem, result: Result) -> str:
+    """Remedy to try for an error that only the audit shows; empty: none is left.
+
+    More ordinates cost less than smaller cells, which are tried for the voxels of a grid.
+    """
+    scene, limits = problem.scene, result.resolution.limits
+    if result.trace_error is None or _shrinks(result) or scene.transport.method != "source":
+        return ""
+    if scene.transport.directions is None and _MORE not in limits:
+        return _MORE
+    voxels = isinstance(scene.spray, GridSpray) and cells_are_free(scene)
+    return "cells" if voxels and "cells" not in limits else ""
 
 
 def _exceeds(result: Result, before: Result) -> bool:

@@ -66,13 +66,14 @@ def node_settings(
     phases: Sequence[ScatteringTable | None],
     *,
     tolerance_K: float | None = None,
+    more_ordinates: float = 1.0,
 ) -> list[TraceSettings]:
     """Settings of each node's trace, with which the sum of all is as accurate as asked for.
 
     The nodes get directions of their own, so that their errors are independent, and partly cancel
     in the sum: K nodes of equal light need some K^-3/4 of the directions that one needs (the error
     of a trace falls with their number to the power of about 2/3). `tolerance_K` is the error of
-    the sum; None: the scene's.
+    the sum; None: the scene's. `more_ordinates` multiplies the ordinates that it needs.
     """
     spec = scene.transport
     light = np.array([float(node.share(quadrature.reference_K)) for node in quadrature.nodes])
@@ -83,10 +84,11 @@ def node_settings(
         final = one.final_directions
         if spec.directions is None and len(phases) > 1:
             final = min(final, max(32, 8 * round(final / 8 * nodes**-0.75)))
+        final = round(final * more_ordinates)
         out.append(
             replace(
                 one,
-                directions=min(one.directions, final // 2),
+                directions=min(round(one.directions * more_ordinates), final // 2),
                 final_directions=final,
                 accuracy_K=one.accuracy_K * nodes**0.5,
                 seed=one.seed + number,

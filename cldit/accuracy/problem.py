@@ -13,6 +13,7 @@ from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
+from cldit.medium.resolution import memory_cells
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Medium, Prepared, prepare
 from cldit.prepare.stages import Stages
@@ -94,6 +95,7 @@ class Problem:
             properties.chosen.quadrature,
             properties.phases,
             tolerance_K=resolution.ordinates_K,
+            more_ordinates=resolution.more_ordinates,
         )
         if self.scene.transport.audit:
             number = prepared.number
@@ -103,7 +105,8 @@ class Problem:
     def tracer(self, resolution: Resolution) -> tuple[Resolution, VariantTracer]:
         """Traces variants of the medium; kept if the resolution changes its cells alone."""
         resolution, prepared = self.prepared(resolution)
-        key = (resolution.ordinates_K, *resolution.prepared_key)
+        ordinates = (resolution.ordinates_K, resolution.more_ordinates)
+        key = (*ordinates, *resolution.prepared_key)
         if self._tracer is None or self._tracer[0] != key:
             before = None if self._tracer is None else self._tracer[1]
             mine = self.settings(resolution, prepared)[prepared.number]
@@ -114,7 +117,7 @@ class Problem:
                     self.device,
                     mine,
                     prepared,
-                    key=(resolution.ordinates_K, resolution.spectral_K, resolution.size_classes),
+                    key=(*ordinates, resolution.spectral_K, resolution.size_classes),
                     before=before,
                 ),
             )
@@ -148,7 +151,12 @@ class Problem:
     def hardly_finer(self, finer: Resolution, than: Resolution) -> str:
         """Reason why the cells of a finer resolution are not worth a trace; empty: they are."""
         assert self._prepared is not None
-        possible = clamp_to_memory(finer, self._prepared[1])
+        prepared = self._prepared[1]
+        if finer.depth != than.depth and finer.cube_m is None and finer.depth is not None:
+            frame = prepared.frame.at(finer.depth)
+            held = memory_cells(frame, prepared.sources) <= prepared.limit
+            return "" if held else too_many(frame.cell_m)
+        possible = clamp_to_memory(finer, prepared)
         if possible is finer or possible.spacing_m is None or than.spacing_m is None:
             return ""
         hardly = possible.spacing_m >= _HARDLY * than.spacing_m

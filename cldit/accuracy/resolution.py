@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray, GridSpray
+from cldit.scene.spray import ConeSpray
 
 _FIRST_LATTICE_m = 1e-3
 
@@ -21,7 +21,8 @@ class Resolution:
     wavelengths. size_classes, spacing_m: classes of droplet size and lattice of a cone; None: the
     spray is no cone. domain_m: edge of the domain. depth: number of times that the cube is halved;
     None: not chosen yet. cube_m: edge of the cube whose cells are the cone's lattice as well, where
-    the scene leaves both to choice; spacing_m then follows depth. limits: why a source cannot be
+    the scene leaves both to choice; spacing_m then follows depth. more_ordinates: ordinates over
+    those of ordinates_K, for an error that only the audit shows. limits: why a source cannot be
     made smaller, and what would help, by its name.
     """
 
@@ -32,6 +33,7 @@ class Resolution:
     domain_m: float
     depth: int | None = None
     cube_m: float | None = None
+    more_ordinates: float = 1.0
     limits: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -91,21 +93,21 @@ class Resolution:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Resolution:
         """Reads the `plan` of a run.json; raises KeyError where it is damaged."""
-        return cls(**{name: data[key] for key, name in _STORED.items()})
+        read = {name: data[key] for key, name in _STORED.items() if name != "more_ordinates"}
+        return cls(**read, more_ordinates=data.get("more_ordinates", 1.0))
 
 
 _STORED = {
     "trace_K": "ordinates_K",
     "lattice_of_m": "cube_m",
     **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
+    "more_ordinates": "more_ordinates",
 }  # attributes by their keys
 
 
 def cells_are_free(scene: Scene) -> bool:
-    """True if the scene leaves its cells to choice. A grid given by the user is its own cells."""
-    domain = scene.domain
-    given = isinstance(scene.spray, GridSpray)
-    return domain.leaf_edge_m is None and domain.rule == "need" and not given
+    """True if the scene leaves its cells to choice. Those of a user's grid begin as its voxels."""
+    return scene.domain.leaf_edge_m is None and scene.domain.rule == "need"
 
 
 def lattice_is_cells(scene: Scene) -> bool:

@@ -3,7 +3,6 @@
 Boxes on one regular grid, with edges of whole numbers of its voxels, are exact in cells that are
 these voxels: the cube is then aligned with the grid, and no box is smeared over two cells. Other
 boxes are resolved by cells of half their edge, of which at least one is entirely within each box.
-Thick boxes are divided further, since the light within them varies even if the medium does not.
 """
 
 from __future__ import annotations
@@ -28,9 +27,6 @@ MOST_CELLS = 60_000_000
 _PARTS = 4  # largest ratio of the smallest box to a voxel of the grid of all boxes
 _OFF = 1e-5  # in cells: largest distance of a face from the grid, as in `cldit.medium.lattice`
 _FEW = 0.01  # share of the extinction of all boxes that may be resolved less
-# Optical depth of a scattering cell. T_app of 16^3 uniform cells of depth 0.5 is within 0.13 K of
-# that of cells an eighth as large; gathering thicker cells takes longer than smaller cells.
-CELL_DEPTH = 0.5
 # Cells along a scattering medium. The error of one cell of depth 0.4 is 0.5 K, of 8^3 cells 0.06 K.
 ACROSS = 8
 # Memory of an empty swept cell (8 bytes, measured) and of a brick of the cube (60, by its arrays),
@@ -92,6 +88,11 @@ def refuse_outside(cube: Frame, sources: Sources) -> None:
 def swept_cells(frame: Frame, sources: Sources) -> int:
     """Number of finest cells of the smallest box of bricks around a medium."""
     return _counted(frame, sources).swept
+
+
+def memory_cells(frame: Frame, sources: Sources) -> int:
+    """Number of stored cells that need as much memory as the tree of a medium."""
+    return _counted(frame, sources).memory_cells
 
 
 def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> Frame | None:
@@ -162,15 +163,13 @@ def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
     return np.maximum(low, corner), np.minimum(high, corner + cube.edge_m)
 
 
-def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
-    """Edge of the coarsest cells that resolve a medium of boxes.
+def needed_edge_m(cube: Frame, sources: Sources) -> float:
+    """Edge of the coarsest cells that hold a medium of boxes.
 
-    Cells are at most the voxels of its grid, or half of the edge of boxes without a grid. In
-    scattering boxes they are halved further, while their optical depth is above `CELL_DEPTH`, and
-    until there are `ACROSS` along the medium. Boxes that are thicker in cells of `finest_m` do not
-    need smaller cells: they are gathered in cells of any size. Boxes of less than a hundredth of
-    the total extinction do not count: that of a box of optical depth t and smallest face A is
-    A (1 - exp(-t)).
+    Cells are at most the voxels of its grid, or half of the edge of boxes without a grid. In a
+    scattering medium they are halved until there are `ACROSS` along it. Boxes of less than a
+    hundredth of the total extinction do not count: that of a box of optical depth t and smallest
+    face A is A (1 - exp(-t)).
 
     Raises:
         MediumError: there are parcels that are points or clouds.
@@ -181,19 +180,32 @@ def needed_edge_m(cube: Frame, sources: Sources, *, finest_m: float) -> float:
     if len(lower) == 0:
         return cube.edge_m
     edges = upper - lower
-    shortest = edges.min(axis=1)
     extinction, scattering = _coefficients(sources)
-    taken = -np.expm1(-extinction * shortest) * np.prod(edges, axis=1) / edges.max(axis=1)
     grid = on_grid(cube, sources)
-    edge = _least_but_few(shortest, taken) / 2 if grid is None else grid.cell_m
-    free = np.divide(CELL_DEPTH, extinction, out=np.full(len(edges), np.inf), where=scattering > 0)
-    free[free < finest_m / 2] = np.inf  # halving ends between this and twice as much
-    wanted = max(_least_but_few(free, taken), finest_m)
+    if grid is None:
+        shortest = edges.min(axis=1)
+        taken = -np.expm1(-extinction * shortest) * np.prod(edges, axis=1) / edges.max(axis=1)
+        edge = _least_but_few(shortest, taken) / 2
+    else:
+        edge = grid.cell_m
     if np.any(scattering > 0):
-        wanted = min(wanted, float((upper.max(axis=0) - lower.min(axis=0)).max()) / ACROSS)
-    while edge > wanted * (1 + 1e-9):
-        edge /= 2
+        across_m = float((upper.max(axis=0) - lower.min(axis=0)).max()) / ACROSS
+        while edge > across_m * (1 + 1e-9):
+            edge /= 2
     return float(edge)
+
+
+def divided_voxels(cube: Frame, sources: Sources, *, leaf_m: float) -> Frame | None:
+    """Cube whose cells are the voxels of a medium, halved or doubled to at most `leaf_m`.
+
+    None if its boxes are on no common grid. Raises MediumError if it is outside `cube`.
+    """
+    grid = on_grid(cube.at(0), sources)
+    if grid is None:
+        return None
+    refuse_outside(cube, sources)
+    halvings = int(np.ceil(np.log2(grid.cell_m / leaf_m) - 1e-9))
+    return grid.at(min(max(grid.depth + halvings, 0), DEEPEST))
 
 
 def _least_but_few(values: Floats, weight: Floats) -> float:

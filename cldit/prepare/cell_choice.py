@@ -9,6 +9,8 @@ from cldit.medium.octree import Sources
 from cldit.medium.resolution import (
     MOST_CELLS,
     candidates,
+    divided_voxels,
+    in_whole_cells,
     known_in_boxes,
     needed_edge_m,
     on_grid,
@@ -54,23 +56,29 @@ def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> f
     return float(spacing_m * (parcels / most) ** (1 / 3))
 
 
-def chosen_frame(domain: Domain, sources: Sources, *, limit: int) -> tuple[Frame, tuple[str, ...]]:
+def chosen_frame(
+    domain: Domain, sources: Sources, *, limit: int, voxels: bool = False
+) -> tuple[Frame, tuple[str, ...]]:
     """The cube with its finest cells, and remarks.
 
-    Cells that the scene fixes stay. Otherwise a medium of boxes gets the coarsest cells that
-    resolve it, one with parcels in points or as clouds at most the paper's leaf; if these exceed
-    `limit` cells, both get the finest that fit.
+    Cells that the scene fixes stay; where the medium is a user's `voxels`, these are halved or
+    doubled to at most that edge. Otherwise a medium of boxes gets the coarsest cells that hold it,
+    one with parcels in points or as clouds at most the paper's leaf; if these exceed `limit` cells,
+    both get the finest that fit.
 
     Raises:
         MediumError: something is outside the domain.
     """
     centre_m, edge_m = domain.centre_m, domain.edge_m
     if domain.leaf_edge_m is not None or domain.rule == "paper":
-        return Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=domain.leaf_m), ()
+        cube = Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=domain.leaf_m)
+        if voxels and domain.leaf_edge_m is not None and not in_whole_cells(cube, sources):
+            cube = divided_voxels(cube, sources, leaf_m=domain.leaf_m) or cube
+        return cube, ()
     cube = Frame.around(centre_m=centre_m, edge_m=edge_m, leaf_edge_m=2 * edge_m)
     wanted_m = domain.leaf_m
     if known_in_boxes(sources):
-        wanted_m = needed_edge_m(cube, sources, finest_m=domain.leaf_m)
+        wanted_m = needed_edge_m(cube, sources)
     found = None
     for found in candidates(cube, sources, limit=limit):
         if found.frame.cell_m <= wanted_m * (1 + 1e-9):

@@ -25,7 +25,7 @@ from cldit.prepare.spray_factory import AnySpray, make_spray
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.optics import MOST_WAVELENGTHS, Optics
-from cldit.scene.spray import CfdSpray, ConeSpray
+from cldit.scene.spray import CfdSpray, ConeSpray, GridSpray
 from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
@@ -283,7 +283,12 @@ def prepare(
             scene.domain, found.sources[0], edge_m=cube_m, spacing_m=cone.lattice_m
         )
     else:
-        frame, remarks = chosen_frame(scene.domain, found.sources[0], limit=limit)
+        frame, remarks = chosen_frame(
+            scene.domain,
+            found.sources[0],
+            limit=limit,
+            voxels=isinstance(scene.spray, GridSpray),
+        )
         cube = frame
         stages.remark(remarks)
     at_K = found.chosen.quadrature.reference_K

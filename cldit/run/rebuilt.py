@@ -98,7 +98,11 @@ def rebuilt(
         raise _other(run, "nodes", len(_nodes(run)), len(nodes))
     remarks = tuple(_check_octree(run, medium.integrals, stages))
     settings = node_settings(
-        scene, quadrature, medium.properties.phases, tolerance_K=resolution.ordinates_K
+        scene,
+        quadrature,
+        medium.properties.phases,
+        tolerance_K=resolution.ordinates_K,
+        more_ordinates=resolution.more_ordinates,
     )[number]
     precision: Literal["float32", "float64"] = (
         "float64" if run.info.precision == "float64" else "float32"

@@ -34,6 +34,7 @@ class Tuning:
     solver_share: float = _number(1 / 8, "ordinates of GMRES: time, remaining defect", ABLATION)
     solver_fewest: int = _number(16, "its fewest: the error of 8 in slabs is 0.1 %", ERROR)
     solver_rough: float = _number(1e-2, "RMS error before the defect correction", SOLVER)
+    solver_peak: float = _number(2e-4, "largest residual of a cell: iterations", STABILITY)
     krylov: int = _number(80, "vectors before a restart: memory, iterations", SOLVER)
     krylov_bytes: float = _number(1e9, "of these vectors, beyond the first twelve", MEMORY)
     iterations: int = _number(600, "after which a source is refused", STABILITY)

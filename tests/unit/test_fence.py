@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3307,
+    "accuracy": 3376,
     "acquisition": 5132,
     "api": 944,
     "bench": 896,
@@ -33,18 +33,18 @@ BUDGETS: dict[str, int] = {
     "gpu": 1048,
     "io": 1525,
     "kernels": 2951,
-    "medium": 1639,
+    "medium": 1651,
     "optics": 3613,
-    "prepare": 942,
+    "prepare": 956,
     "radiance": 589,
     "rig": 1755,
-    "run": 1744,
+    "run": 1749,
     "scene": 1672,
     "show": 6951,
     "spray": 6195,
     "study": 3493,
     "testing": 1421,
-    "transport": 6970,
+    "transport": 6976,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

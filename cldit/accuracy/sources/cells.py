@@ -35,7 +35,7 @@ class _Cells(ErrorSource):
         return "domain.rule" if scene.domain.rule == "paper" else ""
 
     def is_free(self, scene: Scene) -> bool:
-        return cells_are_free(scene)
+        return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
 
     def predict(self, at: Measurement) -> list[Estimate]:
         """The error of cells that the scene fixes, by larger ones."""

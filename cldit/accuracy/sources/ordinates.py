@@ -14,6 +14,9 @@ from cldit.accuracy.sources.cells import CELLS
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.scene import Scene
 
+_FEWEST_K = 0.4  # for which, and for any larger error, a trace has its fewest ordinates
+_LEAST_MORE = 2.0  # times the ordinates of a trial: less is lost in the audit's own error
+
 
 class _Ordinates(ErrorSource):
     """The ordinates of a trace, or its random samples."""
@@ -60,7 +63,15 @@ class _Ordinates(ErrorSource):
 
     def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
         finer = excess.ratio**self.cost_power
-        return replace(resolution, ordinates_K=resolution.ordinates_K / finer)
+        now_K, then_K = resolution.ordinates_K, resolution.ordinates_K / finer
+        more = finer * max(1.0, _FEWEST_K / now_K) / max(1.0, _FEWEST_K / then_K)
+        more *= resolution.more_ordinates
+        return replace(resolution, ordinates_K=then_K, more_ordinates=more)
+
+    def denser(self, resolution: Resolution, excess: Excess) -> Resolution:
+        """More ordinates with as many paths: a trial for an error that both halves share."""
+        more = max(excess.ratio**self.cost_power, _LEAST_MORE)
+        return replace(resolution, more_ordinates=more * resolution.more_ordinates)
 
 
 def audited_K(at: Measurement) -> float | None:

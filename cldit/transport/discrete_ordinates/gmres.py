@@ -157,18 +157,22 @@ def defect_correction(
     left, correction, iterations = residual, np.zeros_like(residual), solution.iterations
     # The residual is updated from cycle to cycle, so it does not show the rounding of the first.
     rounding = _ROUNDED * float(np.finfo(residual.dtype).eps) * _worst(solution.source)
-    error = now = _worst(residual)
-    while now > 0.0 and (error > tolerance or left is residual):
-        before, cycle = now, _krylov(sweeper, left, rays, tolerance)
+    error, most = _worst(residual), sweeper.tuning.solver_peak
+    now, peak = error, most
+    while now > 0.0 and (left is residual or error > tolerance or peak > most):
+        # A few cells may be far above the mean: they are solved as well.
+        before, cycle = now, _krylov(sweeper, left, rays, tolerance * min(1.0, most / peak))
         correction, left = correction + cycle.correction, cycle.left
         iterations += cycle.iterations
-        now = _worst(left)
+        now, peak = _worst(left), float(np.abs(left).max())
         error = (now + rounding) * cycle.inverse_norm
         if report is not None:
             report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
         spent = iterations >= sweeper.tuning.iterations
-        if error > tolerance and (spent or now > 0.5 * before or now < rounding):
-            raise _stuck(error, iterations, tolerance)
+        if spent or now > 0.5 * before or now < rounding:
+            if error > tolerance:
+                raise _stuck(error, iterations, tolerance)
+            break
     # The correction less the unpreconditioned residual, over the albedo.
     least = np.finfo(residual.dtype).tiny
     albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)

@@ -18,6 +18,7 @@ from cldit.accuracy.resolution import Resolution, lattice_is_cells
 from cldit.accuracy.sources import BY_NAME
 from cldit.accuracy.sources.base import Excess
 from cldit.accuracy.sources.wavelengths import spectral_K
+from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 
@@ -51,6 +52,7 @@ def refined(
     *,
     fixed: tuple[str, ...] = (),
     orders: dict[str, float] | None = None,
+    can_shrink: bool = True,
 ) -> Resolution | None:
     """The next resolution for these errors; sources in `fixed` have reached a limit."""
     estimates = []
@@ -67,11 +69,18 @@ def refined(
         reference=NOTHING,
         maps=NOTHING,
         sensor=NOTHING,
-        trace_error=SimpleNamespace(can_shrink=True),  # type: ignore[arg-type]
+        trace_error=SimpleNamespace(can_shrink=can_shrink),  # type: ignore[arg-type]
         estimates=tuple(estimates),
     )
     problem = Problem(scene, NOTHING, Stages(None), Path(), None)
-    empty = SimpleNamespace(properties=SimpleNamespace(sources=[(None, [])]), cone=None)
+    cube = Frame(lower_m=(0.0, 0.0, 0.0), edge_m=0.2, depth=1)
+    empty = SimpleNamespace(
+        properties=SimpleNamespace(sources=[(None, [])]),
+        cone=None,
+        frame=cube,
+        sources=(None, []),
+        limit=1_000_000,
+    )
     problem._prepared = (), empty  # type: ignore[assignment]
     finer = refine(problem, result)[1]
     return None if finer is None else finer[0]
@@ -242,6 +251,34 @@ def test_what_is_too_large_is_refined() -> None:
     # Ordinates grow as 1 / ordinates_K, the error falls with their number to the power 2/3.
     expected = resolution.ordinates_K * ((1 - 0.1**2) ** 0.5 / 2.0) ** 1.5
     assert better.ordinates_K == pytest.approx(expected)
+    # One trace of any error above 0.4 K has as few ordinates as any: they are multiplied.
+    few = max(1.0, 0.4 / expected) / max(1.0, 0.4 / resolution.ordinates_K)
+    assert few * better.more_ordinates == pytest.approx(resolution.ordinates_K / expected)
+
+
+def test_what_only_the_audit_shows_is_tried_by_ordinates_then_by_cells(tmp_path: Path) -> None:
+    """Each trial leaves the paths alone; cells of a grid are halved, and within the memory."""
+    spray = {"model": "grid", "file": str(tmp_path / "grid.npz")}
+    scene = parse_scene({"name": "x", "spray": spray})
+    resolution = replace(first(scene), depth=6)
+    errors_K = {"trace": 4.0, "pixel sampling": 0.1}
+    better = refined(resolution, scene, errors_K, can_shrink=False)
+    assert better is not None and better.more_ordinates == pytest.approx(4.0**1.5, rel=0.01)
+    assert (better.ordinates_K, better.depth) == (resolution.ordinates_K, 6)
+    tried = ("more ordinates",)
+    better = refined(resolution, scene, errors_K, can_shrink=False, fixed=tried)
+    assert better is not None and (better.more_ordinates, better.depth) == (1.0, 7)
+    fixed = parse_scene({"name": "x", "spray": spray, "domain": {"leaf_edge_m": 1e-3}})
+    assert refined(resolution, fixed, errors_K, can_shrink=False, fixed=tried) is None
+
+
+def test_a_gain_that_nobody_sees_costs_no_trace() -> None:
+    """4.4 K, of which 3.9 K by pixels: at best 4.1 K."""
+    fixed = scene_of(transport={"accuracy_K": 2.0})
+    errors_K = {"pixel sampling": 3.9, "cells": 1.5, "trace": 1.0}
+    assert refined(replace(first(fixed), depth=8), fixed, errors_K) is None
+    much = {"pixel sampling": 2.2, "cells": 8.0, "trace": 0.1}
+    assert refined(replace(first(fixed), depth=8, cube_m=None), fixed, much) is not None
 
 
 def test_nothing_is_refined_in_vain() -> None:

@@ -13,8 +13,8 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, Sources, build_octree
 from cldit.medium.resolution import (
     ACROSS,
-    CELL_DEPTH,
     candidates,
+    divided_voxels,
     in_whole_cells,
     needed_edge_m,
     on_grid,
@@ -71,17 +71,17 @@ def test_the_cube_is_laid_on_the_grid(
     assert frame.cells == cells
     assert frame.cell_m == pytest.approx(cell, rel=1e-12)
     np.testing.assert_allclose(frame.lower_m, -np.array(shape) * np.array(spacing) / 2)
-    needed = needed_edge_m(CUBE, voxels(shape, spacing), finest_m=5e-4)
+    needed = needed_edge_m(CUBE, voxels(shape, spacing))
     few = max(np.array(shape) * np.array(spacing)) / frame.cell_m < ACROSS
     assert needed < frame.cell_m if few else needed == frame.cell_m
 
 
 def test_a_medium_of_few_boxes_that_scatter_is_divided() -> None:
     one = voxels((1, 1, 1), (0.08,) * 3)
-    assert needed_edge_m(CUBE, one, finest_m=5e-4) == pytest.approx(0.01)
+    assert needed_edge_m(CUBE, one) == pytest.approx(0.01)
     _, (grid,) = one
     black = source(grid.lower_m, grid.upper_m, np.ones(1), albedo=0.0)
-    assert needed_edge_m(CUBE, (None, [black]), finest_m=5e-4) == pytest.approx(0.08)
+    assert needed_edge_m(CUBE, (None, [black])) == pytest.approx(0.08)
 
 
 def test_voxels_of_the_grid_are_the_leaves() -> None:
@@ -159,22 +159,31 @@ def test_boxes_on_no_grid_get_cells_of_half_their_edge() -> None:
     lower = rng.uniform(-0.09, 0.07, (200, 3))
     sources: Sources = (None, [source(lower, lower + 4e-3, np.full(200, 10.0))])
     assert on_grid(CUBE, sources) is None
-    assert needed_edge_m(CUBE, sources, finest_m=1e-3) == pytest.approx(2e-3, rel=1e-6)
+    assert needed_edge_m(CUBE, sources) == pytest.approx(2e-3, rel=1e-6)
     frames = [each.frame for each in candidates(CUBE, sources, limit=10**6)]
     assert all((frame.lower_m, frame.edge_m) == (CUBE.lower_m, EDGE) for frame in frames)
 
 
-def test_thick_voxels_are_divided_until_thin_or_small() -> None:
-    """To half a mean free path where cells reach that; not where nothing scatters."""
-    thick = voxels((4, 4, 4), (8e-3,) * 3, depth=4 * CELL_DEPTH)
-    assert needed_edge_m(CUBE, thick, finest_m=5e-4) == pytest.approx(2e-3)
-    assert needed_edge_m(CUBE, thick, finest_m=3e-3) == pytest.approx(2e-3)
-    opaque = voxels((1, 1, 1), (8e-3,) * 3, depth=1e6)
-    # Deeper still in the finest cells: gathered, and as well in the few that it has across.
-    assert needed_edge_m(CUBE, opaque, finest_m=5e-4) == pytest.approx(8e-3 / ACROSS)
-    _, (grid,) = thick
+@pytest.mark.parametrize("depth", [0.3, 1e6])
+def test_voxels_of_any_optical_depth_are_their_own_cells(depth: float) -> None:
+    """The estimated error divides them, no rule does; few along the medium are divided."""
+    sources = voxels((10, 10, 10), (8e-3,) * 3, depth=depth)
+    assert needed_edge_m(CUBE, sources) == pytest.approx(8e-3)
+    opaque = voxels((1, 1, 1), (8e-3,) * 3, depth=depth)
+    assert needed_edge_m(CUBE, opaque) == pytest.approx(8e-3 / ACROSS)
+    _, (grid,) = voxels((4, 4, 4), (8e-3,) * 3)
     black = source(grid.lower_m, grid.upper_m, np.full(len(grid.lower_m), 1e4), albedo=0.0)
-    assert needed_edge_m(CUBE, (None, [black]), finest_m=5e-4) == pytest.approx(8e-3)
+    assert needed_edge_m(CUBE, (None, [black])) == pytest.approx(8e-3)
+
+
+@pytest.mark.parametrize(
+    ("leaf_m", "cell_m"), [(4e-3, 4e-3), (3.9e-3, 2e-3), (2e-3, 2e-3), (1.1e-3, 1e-3), (9e-3, 8e-3)]
+)
+def test_a_leaf_divides_or_joins_whole_voxels(leaf_m: float, cell_m: float) -> None:
+    sources = voxels((24, 24, 24), (4e-3,) * 3)
+    frame = divided_voxels(CUBE, sources, leaf_m=leaf_m)
+    assert frame is not None and frame.cell_m == pytest.approx(cell_m, rel=1e-9)
+    assert in_whole_cells(frame, sources) == (cell_m <= 4e-3)
 
 
 def test_a_box_that_nobody_sees_asks_for_no_cells() -> None:
@@ -183,7 +192,7 @@ def test_a_box_that_nobody_sees_asks_for_no_cells() -> None:
     upper = lower + np.array([[0.1], [1e-6]])
     sources: Sources = (None, [source(lower, upper, np.array([10.0, 1e12]), 0.0)])
     assert on_grid(CUBE, sources) is None
-    assert needed_edge_m(CUBE, sources, finest_m=5e-4) == pytest.approx(0.05)
+    assert needed_edge_m(CUBE, sources) == pytest.approx(0.05)
     tree = tree_of(Frame(CUBE.lower_m, EDGE, 4), sources)
     assert tree.integral("droplet_absorption") == pytest.approx(10.0 * 1e-3 + 1e-6, rel=2e-7)
 
@@ -248,16 +257,16 @@ def test_a_medium_in_whole_cells() -> None:
 def test_nothing_and_what_cannot_be() -> None:
     empty: Sources = (None, [])
     assert on_grid(CUBE, empty) is None
-    assert needed_edge_m(CUBE, empty, finest_m=5e-4) == EDGE
+    assert needed_edge_m(CUBE, empty) == EDGE
     assert next(candidates(CUBE, empty)).stored == 0
     _, (grid,) = voxels((2, 2, 2), (0.01,) * 3)
     none = source(grid.lower_m, grid.upper_m, np.zeros(8))
-    assert needed_edge_m(CUBE, (None, [none]), finest_m=5e-4) == pytest.approx(0.01)
+    assert needed_edge_m(CUBE, (None, [none])) == pytest.approx(0.01)
     assert not tree_of(CUBE, (None, [none])).has_droplets
     outside = source(grid.lower_m + 0.1, grid.upper_m + 0.1, np.ones(8))
     with pytest.raises(MediumError, match=r"is outside the domain.*domain\.edge_m"):
         next(candidates(CUBE, (None, [outside])))
     with pytest.raises(MediumError, match="no boxes"):
-        needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []), finest_m=1e-3)
+        needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []))
     with pytest.raises(MediumError, match="allowed: 100"):
         next(candidates(CUBE, (None, [grid]), limit=100))

@@ -55,6 +55,8 @@ def test_a_leaf_that_is_set_stays(rule: Any) -> None:
     frame, said = chosen(Domain(rule=rule, leaf_edge_m=3e-3), sources, limit=10)
     assert frame == Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.2, leaf_edge_m=3e-3)
     assert said == ""
+    own, _ = chosen_frame(Domain(rule=rule, leaf_edge_m=3e-3), sources, limit=10, voxels=True)
+    assert own.cell_m == pytest.approx(2e-3)
 
 
 def test_points_get_the_cells_of_the_paper() -> None:
