@@ -175,7 +175,8 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     folder = Path(folder)
     if not (folder / PLAN).is_file():
         raise RunFolderError(
-            f"{folder}: holds no {PLAN}; give the folder that `cldit acquire --out` wrote"
+            f"{folder}: holds no {PLAN}; give the folder that `cldit acquire --out` wrote, or one "
+            "with measured.yaml, which `cldit evaluate FOLDER --write-measured FILE` drafts"
         )
     plan = load_plan(folder / PLAN)
     if not 0 <= frame < plan.frames:

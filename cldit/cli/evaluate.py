@@ -8,6 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
+from cldit.acquisition import measured_draft
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.record import acquisition_in
 from cldit.acquisition.witness_names import ACCEPTABLE
@@ -52,6 +53,11 @@ from cldit.show.report.run_report import write_pages
     type=click.Path(path_type=Path),
     help="Run that models the spray: adds the temperature of the emitting medium.",
 )
+@click.option(
+    "--write-measured",
+    type=click.Path(path_type=Path),
+    help="Draft measured.yaml from the images in FOLDER and their names, and stop.",
+)
 @json_option
 @plain_errors
 def evaluate(
@@ -61,12 +67,18 @@ def evaluate(
     frame: int,
     accept: tuple[str, ...],
     model: Path | None,
+    write_measured: Path | None,
 ) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
     The maps go into `maps` beside the images, with a page, report.html; those of several delays
     into a folder each, with a table of all.
     """
+    if write_measured is not None:
+        for line in measured_draft.write_measured(folder, write_measured):
+            OUT.print(escaped(line))
+        print_next("cldit", "evaluate", write_measured)
+        return Outcome({"measured": write_measured})
     target = acquisition_in(folder)
     with ProgressBar() as bar:
         found = evaluate_delays(

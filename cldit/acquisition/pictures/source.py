@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import import_module
@@ -84,6 +84,18 @@ class Stack(Protocol):
 
     def close(self) -> None:
         """Closes the file."""
+
+
+class NoDataSet(EvaluationError):
+    """A source needs the name of one of the `known` data sets."""
+
+    def __init__(self, source: Source, known: Sequence[str]) -> None:
+        self.known = tuple(known)
+        wanted = f"name the data set too, as in {source.path.name}::/entry/data"
+        super().__init__(
+            f"{source.text}: {'no such data set' if source.dataset else wanted}; the file has "
+            + (", ".join(known) or "none")
+        )
 
 
 class ArrayStack:
@@ -178,11 +190,7 @@ def pick(
     if not name or name not in group:
         known = [each.strip("/") for each, shape in shapes().items() if fits(shape)]
         if name or len(known) != 1:
-            wanted = f"name the data set too, as in {source.path.name}::/entry/data"
-            raise EvaluationError(
-                f"{source.text}: {'no such data set' if name else wanted}; the file has "
-                + (", ".join(f"/{each}" for each in known) or "none")
-            )
+            raise NoDataSet(source, [f"/{each}" for each in known])
         name = known[0]
     data = group[name]
     shape: tuple[int, ...] = getattr(data, "shape", ())

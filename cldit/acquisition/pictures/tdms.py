@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import Source, needed
+from cldit.acquisition.pictures.source import NoDataSet, Source, needed
 from cldit.errors import EvaluationError
 from cldit.io.files import check_regular
 
@@ -79,10 +79,7 @@ def _chosen(file: Any, source: Source) -> tuple[list[Any], dict[str, Any]]:
     channels = groups[name].channels() if name in groups else []
     channels = [each for each in channels if not inner or each.name == inner]
     if not channels:
-        known = [f"/{each.name}/{one.name}" for each in groups.values() for one in each.channels()]
-        raise EvaluationError(
-            f"{source.text}: no such group or channel; the file has {', '.join(known) or 'none'}"
-        )
+        raise NoDataSet(source, [f"/{each}" for each in groups])
     return channels, {**file.properties, **groups[name].properties, **channels[0].properties}
 
 

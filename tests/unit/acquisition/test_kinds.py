@@ -206,7 +206,8 @@ def test_tdms_by_groups_of_channels_and_its_size(tmp_path: Path) -> None:
     assert read_numbers(tmp_path, "a.tdms::/log/bb", column="") == [413.0, 413.1]
     for dataset, message in (
         ("/log/bb", "no size of its images in the properties .*width, columns"),
-        ("/dark", "no such group or channel; the file has /film/0, .*/log/bb"),
+        ("/dark", "no such data set; the file has /film, /log"),
+        ("", "name the data set too, .*; the file has /film, /log"),
     ):
         with pytest.raises(EvaluationError, match=message):
             open_stack(Source(path, dataset))

@@ -1,0 +1,89 @@
+"""Content of images by the names of their files: kind, black-body temperature, delay, number."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+Role = Literal["reference", "injection", "dark", "defective", ""]
+
+_NUMBER = r"(?P<value>\d+(?:[.,p]\d+)?)"
+_APART, _END = r"(?<![A-Za-z0-9.,])", r"(?![A-Za-z0-9])"
+_TEMPERATURE = re.compile(
+    rf"{_APART}(?:t|tbb|bb|bbt|temp|temperature|blackbody|black_body|bg|background"
+    rf"|[a-z_]*(?:ref|reference|inj|injection|spray|shot)s?)?[ _=-]?"
+    rf"{_NUMBER}[ _-]?(?P<unit>k|kelvin|c|°c|degc|celsius){_END}",
+    re.IGNORECASE,
+)
+_BARE = re.compile(
+    rf"{_APART}(?:T|(?i:tbb|bb|temp|temperature|blackbody|black_body))[ _=-]?{_NUMBER}{_END}"
+)
+_DELAY = re.compile(
+    rf"{_APART}(?:delay|asoi|soi|t|d)?[ _+-]?{_NUMBER}[ _-]?(?P<unit>ms|us|µs){_END}",
+    re.IGNORECASE,
+)
+_SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+_WORDS: tuple[tuple[Role, str], ...] = (
+    ("defective", r"(bad|dead|defect|defective|hot)_?(pix|pixel|pixels|px|map|mask)|bpm|defects"),
+    ("dark", r"dark|darks|lid|cap|capped|closed|shutter"),
+    (
+        "reference",
+        r"(no|without)_?(spray|inj|injection|fuel|shot)|spray_off|ref|refs|reference|references"
+        r"|blank|blanks|empty|baseline|without|nospray|off",
+    ),
+    ("injection", r"spray|sprays|inj|injection|injections|shot|shots|fuel|jet|on"),
+)
+
+
+@dataclass(frozen=True)
+class Reported:
+    """Content that a name reports; empty or None where it reports nothing.
+
+    temperature: number with its unit, K, C or none.
+    """
+
+    role: Role = ""
+    temperature: tuple[float, Literal["K", "C", ""]] | None = None
+    delay_s: float | None = None
+
+
+def reported(name: str) -> Reported:
+    """Reads a path relative to the folder of the measurement; parts near its end come first."""
+    parts = re.split(r"[/\\]|::", name)[::-1]
+    return Reported(
+        _role(parts),
+        next((kelvin for part in parts if (kelvin := _temperature(part))), None),
+        next((late_s for part in parts if (late_s := _delay(part)) is not None), None),
+    )
+
+
+def without_role(name: str) -> str:
+    """A name without words for kinds of images: the same for references and their injections."""
+    words = "|".join(pattern for _, pattern in _WORDS)
+    return re.sub(rf"(?i)(?<![a-z])(?:{words})(?![a-z])", "", name).strip("/_- ")
+
+
+def _role(parts: list[str]) -> Role:
+    words = ["_".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", part)).lower() for part in parts]
+    for text in words:
+        for role, pattern in _WORDS:
+            if re.search(rf"(?:^|_)(?:{pattern})(?:_|$)", text):
+                return role
+    return ""
+
+
+def _temperature(part: str) -> tuple[float, Literal["K", "C", ""]] | None:
+    if found := _TEMPERATURE.search(part):
+        return _value(found), "K" if found["unit"].lower().startswith("k") else "C"
+    found = _BARE.search(part)
+    return None if found is None else (_value(found), "")
+
+
+def _delay(part: str) -> float | None:
+    found = _DELAY.search(part)
+    return None if found is None else _value(found) * _SECONDS[found["unit"].lower()]
+
+
+def _value(found: re.Match[str]) -> float:
+    return float(re.sub("[,p]", ".", found["value"]))
