@@ -120,6 +120,14 @@ class AravisClient:
     def set_enum(self, name: str, entry: str) -> None:
         self._ask(lambda d: d.set_string_feature_value(name, entry))
 
+    def get_text(self, name: str) -> str | None:
+        if not self._ask(lambda d: d.is_feature_available(name)):
+            return None
+        return str(self._ask(lambda d: d.get_feature(name).get_value_as_string()))
+
+    def set_text(self, name: str, value: str) -> None:
+        self._ask(lambda d: d.get_feature(name).set_value_from_string(value))
+
     def entries(self, name: str) -> tuple[str, ...]:
         return tuple(
             self._ask(lambda d: d.dup_available_enumeration_feature_values_as_strings(name))

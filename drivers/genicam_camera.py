@@ -27,6 +27,7 @@ from cldit.rig.protocols import (
     TriggerMode,
 )
 
+from .count_features import read_features, set_features, unstated
 from .genicam import Features
 from .genicam_client import Client, GigeSettings, watched
 
@@ -108,6 +109,7 @@ class GenicamCamera(Linked):
             raise NotConnected(f"camera: its frame rate is {rate_Hz:g} Hz, expected more than 0")
         self._period_s = 1.0 / rate_Hz
         self._clock_offset_ns = features.clock_offset_ns()
+        set_features(features.client, wanted.features)
         features.choose("PixelFormat", wanted.pixel_format)
         self.configure(wanted.calibration.integration_time_s)
 
@@ -130,12 +132,15 @@ class GenicamCamera(Linked):
     def read_configuration(self) -> dict[str, Any]:
         settings = self._read_settings()
         roi = settings.roi
+        counting = read_features(self._connected().client)
         return {
             "address": self._settings.address,
             "line": self._settings.line,
             "integration_time_s": settings.integration_time_s,
             "roi": [roi.x, roi.y, roi.width, roi.height],
             "pixel_format": settings.pixel_format,
+            "features": counting,
+            "unstated": unstated(counting, self._settings.features),
             "calibration": self._calibration(settings.integration_time_s).to_dict(),
         }
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from cldit.scene.checks import Section, Within
 
@@ -40,6 +41,7 @@ class GigeSettings(Section):
     pixel_format: str = "Mono16"
     maximum_rate_Hz: Annotated[float, Within(1e-3, 1e6)] | None = None  # None: the camera's
     heartbeat_s: Annotated[float, Within(1.5, 60.0)] = 2.0  # after a crash the camera is free then
+    features: dict[str, bool | int | float | str] = Field(default_factory=dict)  # set, read back
     packet_size: Annotated[int, Within(576, 9000)] | None = None  # None: the camera's
 
 
@@ -76,6 +78,11 @@ class Client(Protocol):
     def get_enum(self, name: str) -> str: ...
 
     def set_enum(self, name: str, entry: str) -> None: ...
+
+    def get_text(self, name: str) -> str | None:
+        """Value of a feature of any type, as GenICam writes it; None while it is unavailable."""
+
+    def set_text(self, name: str, value: str) -> None: ...
 
     def entries(self, name: str) -> tuple[str, ...]:
         """Entries of an enumeration that are allowed at present."""

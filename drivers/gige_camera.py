@@ -101,6 +101,16 @@ class VivaClient:
     def set_enum(self, name: str, entry: str) -> None:
         self._ask(lambda c: c.set_enum(name, entry))
 
+    def get_text(self, name: str) -> str | None:
+        try:
+            return str(self._ask(lambda c: c.get(name)))
+        except ConfigRejected:  # unavailable, or the answer was damaged
+            value = self._ask(lambda c: c.feature_state(name)).value
+            return None if value is None else str(value)
+
+    def set_text(self, name: str, value: str) -> None:
+        self._ask(lambda c: c.set(name, value))
+
     def entries(self, name: str) -> tuple[str, ...]:
         return tuple(self._ask(lambda c: c.available_enum_entries(name)))
 

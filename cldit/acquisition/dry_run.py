@@ -24,7 +24,8 @@ SECONDS_PER_KELVIN = 3.0  # of a black body on its way, where nobody says better
 @dataclass(frozen=True)
 class DryRun:
     """Result of a dry run. `background_s` of `time_s` is waiting for backgrounds. With no
-    `problems`, one line each, the acquisition can begin.
+    `problems`, one line each, the acquisition can begin. `unstated`: settings of the camera that
+    change counts, with their values, which the rig file does not state.
     """
 
     shots: int
@@ -34,6 +35,7 @@ class DryRun:
     disk_bytes: int
     free_bytes: int
     problems: tuple[str, ...]
+    unstated: tuple[str, ...] = ()
 
 
 def dry_run(
@@ -52,12 +54,15 @@ def dry_run(
     done = survey(folder, plan).done if folder.exists() else set()
     left = [shot for shot in plan.steps() if shot.id not in done]
     problems: list[str] = []
+    unstated: list[str] = []
     present_K, picture_bytes, period_s = plan.backgrounds_K[0], 0, 0.0
     try:
         if left:
             ready = preflight(rig, plan, folder, shots_left=len(left), inject=False)
             picture_bytes, period_s = ready.picture_bytes, ready.minimum_period_s
             present_K = read_temperature(rig.background)
+            camera = ready.configuration["devices"]["camera"]["configuration"]
+            unstated = camera.get("unstated", [])
     except (RigError, DiskFull) as error:
         problems += str(error).splitlines()
         with suppress(RigError):  # an estimate all the same, from what the camera says of itself
@@ -88,4 +93,5 @@ def dry_run(
         disk_bytes=disk_bytes,
         free_bytes=free_bytes(folder),
         problems=tuple(problems),
+        unstated=tuple(unstated),
     )

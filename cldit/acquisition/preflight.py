@@ -176,11 +176,14 @@ def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) ->
     """
 
     def meaning(data: dict[str, Any]) -> dict[str, Any]:
-        calibration = data["devices"]["camera"]["configuration"]["calibration"]
+        camera = data["devices"]["camera"]["configuration"]
+        counting = camera.get("features", {})
+        features = {name: value for name, value in counting.items() if name in known}
         setup = {name: value for name, value in data["setup"].items() if name not in _HOW_WELL}
-        return {"shape": data["shape"], **setup, **calibration}
+        return {"shape": data["shape"], **setup, **features, **camera["calibration"]}
 
     try:
+        known = before["devices"]["camera"]["configuration"].get("features", {})
         old = meaning(before)
     except (KeyError, TypeError) as error:
         raise RunFolderError(

@@ -87,4 +87,9 @@ def _print_estimate(found: DryRun) -> None:
     )
     if found.problems:
         raise RigError("the plan cannot run:\n" + "\n".join(found.problems))
+    if found.unstated:
+        OUT.print(
+            f"camera: {', '.join(found.unstated)}: the calibration is valid for one value; state "
+            "it in the rig file, as camera.settings.features"
+        )
     OUT.print("dry run passed")

@@ -176,7 +176,11 @@ class Device(Protocol):
 
 
 class Camera(Device, Protocol):
-    """`read_configuration()["calibration"]` is a `cldit.camera.sensor.Calibration` as a dict."""
+    """`read_configuration()["calibration"]` is a `cldit.camera.sensor.Calibration` as a dict.
+
+    Of a camera whose settings change counts, it also has `features`, their values by name, and
+    `unstated`, a list of those that the rig file does not state.
+    """
 
     @property
     def capabilities(self) -> Capabilities:

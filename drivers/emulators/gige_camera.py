@@ -40,8 +40,9 @@ class GigePeer:
     loss: fraction of the stream's packets that never arrive, drawn with `seed`. skip: number of the
     next images that are never sent; `skipped` counts them. cut: number of the next images that lack
     their second half, and are not sent again. scene: gives an image by its number and the
-    integration time in seconds. taken: images since the start. missed: triggers while not ready.
-    replies: channel of its answers on the control channel.
+    integration time in seconds. stuck: addresses of registers that keep their value. taken: images
+    since the start. missed: triggers while not ready. replies: channel of its answers on the
+    control channel.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class GigePeer:
         self.taken = self.missed = self.lost_packets = self.resent_packets = 0
         self.replies = Replies(BINARY_NAN)
         self.scene = image or pattern(sensor)
+        self.stuck: set[int] = set()
         self._rate_Hz = frame_rate_Hz
         self._random = random.Random(seed)
         self._lock = threading.RLock()
@@ -322,6 +324,8 @@ class GigePeer:
             return 0
         if sender != self._controller:
             return _DENIED
+        if at in self.stuck:
+            return 0
         if at == reg.TRIGGER_SOFTWARE:
             if self._triggered and self._get(reg.TRIGGER_SOURCE) == 0:
                 self._trigger()

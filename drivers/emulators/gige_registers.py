@@ -24,12 +24,14 @@ TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER_SOFTWARE = (
 )
 ACQUISITION_MODE, FRAME_COUNT, START, STOP, LOCKED = (0xA050 + 4 * i for i in range(5))
 MISSED_TRIGGERS, TRIGGER_SELECTOR, BURST_COUNT = (0xA070 + 4 * i for i in range(3))
+GAIN_AUTO, BINNING, IR_FORMAT, NUC_MODE, GAIN = (0xA080 + 4 * i for i in range(5))  # float32: dB
 XML_AT = 0x10000
 SIZE = 0x20000
 
 FRAME, BURST = 0, 1  # trigger selectors
 SOURCES = {"Software": 0, "Line1": 1}
 MODES = {"SingleFrame": 0, "MultiFrame": 1, "Continuous": 2}
+IR_FORMATS = {"Radiometric": 0, "TemperatureLinear100mK": 1, "TemperatureLinear10mK": 2}
 EXPOSURE_LIMITS_us = (0.32, 1e6)
 
 
@@ -78,6 +80,7 @@ def bootstrap(
     put(ACQUISITION_MODE, MODES["Continuous"])
     put(FRAME_COUNT, 1)
     put(BURST_COUNT, 1)
+    put(BINNING, 1)
     struct.pack_into(">f", memory, EXPOSURE, 1000.0)
     description = xml(sensor, schema).encode()
     memory[XML_AT : XML_AT + len(description)] = description
@@ -165,6 +168,12 @@ def xml(sensor: tuple[int, int], schema: tuple[int, int] = (1, 1)) -> str:
     integer("AcquisitionFrameCount", FRAME_COUNT, 1, 2**31 - 1)
     if not old:
         integer("AcquisitionBurstFrameCount", BURST_COUNT, 1, 2**31 - 1)
+    if not old:
+        real("Gain", GAIN, 0.0, 24.0, "dB")
+        choice("GainAuto", GAIN_AUTO, {"Off": 0, "Continuous": 2})
+        choice("BinningHorizontal", BINNING, {"One": 1, "Two": 2})
+        choice("IRFormat", IR_FORMAT, IR_FORMATS)
+        choice("NUCMode", NUC_MODE, {"Manual": 0, "Automatic": 1})
     command("AcquisitionStart", START)
     command("AcquisitionStop", STOP)
     integer("TLParamsLocked", LOCKED, 0, 1)
