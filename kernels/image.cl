@@ -196,10 +196,11 @@ __kernel void image(__global real *planes, ARGUMENTS)
     for (int c = 0; c < PLANES; ++c) planes[c * rows * columns + pixel] = sum[c];
 }
 
-/* The mean of rays_across^2 rays through each listed pixel, one in the middle of each equal part of it.
+/* The mean of rays through each listed pixel, at the same places [right, down] of each, 0 to 1.
    planes, out: [plane][list]. */
 __kernel void refine(
-    __global real *planes, __global const int *list, const int count, const int rays_across, ARGUMENTS)
+    __global real *planes, __global const int *list, const int count, __global const real *places,
+    const int rays, ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
@@ -209,12 +210,11 @@ __kernel void refine(
     const Medium medium = MEDIUM;
     real sum[PLANES];
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
-    for (int part = 0; part < rays_across * rays_across; ++part) {
-        const real across = column + (part % rays_across + R(0.5)) / rays_across;
-        const real down = row + (part / rays_across + R(0.5)) / rays_across;
+    for (int one = 0; one < rays; ++one) {
+        const real across = column + places[2 * one];
+        const real down = row + places[2 * one + 1];
         const Ray ray = ray_at(across, down, columns, rows, middle, pitch_x, pitch_z, distance);
         formal_solution(sum, &ray, &medium);
     }
-    for (int c = 0; c < PLANES; ++c)
-        planes[c * count + item] = sum[c] / (rays_across * rays_across);
+    for (int c = 0; c < PLANES; ++c) planes[c * count + item] = sum[c] / rays;
 }

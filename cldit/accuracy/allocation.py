@@ -110,15 +110,14 @@ class Allocation:
     def with_known(self, scene: Scene, estimates: Iterable[Estimate]) -> Allocation:
         """Adds the estimates of sources that are not free.
 
-        No resolution includes pixels, nor ordinates that the scene sets; their predicted errors
-        count as fixed, too.
+        Predicted errors of rays and ordinates that the scene sets count as fixed, too.
         """
-        errors_K, fixed = {}, {"pixel sampling": False}
+        free = free_sources(scene)
+        errors_K, fixed = {}, {name: False for name in ("pixel sampling", "trace")}
         for one in estimates:
             if one.error_K is not None:
                 errors_K[one.cause.name], fixed[one.cause.name] = one.error_K, one.cause.at_most
-        if "trace" not in free_sources(scene):
-            fixed["trace"] = False
+        fixed = {name: at_most for name, at_most in fixed.items() if name not in free}
         return replace(self, predicted_K={**self.predicted_K, **errors_K}, fixed=fixed)
 
     def allocated(self, scene: Scene) -> Allocation:

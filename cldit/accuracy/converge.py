@@ -134,7 +134,7 @@ def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> R
     traces = summed(every, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)
-    reference = trace(nothing, scene, device, grey).weights
+    reference = trace(nothing, scene, device, grey, rays=traces.rays).weights
     stages.done += traced_stages(traces, scene.transport.order)
     with stages.stage("evaluation"):
         sensor = sensor_of(scene, quadrature, (traces.spectral, reference))
@@ -158,7 +158,7 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     image = ImagePair.of(traces.traces[tracer.prepared.number])
     by_path = scene.transport.method == "path"
     if scene.transport.method == "source":
-        tracer.levels[depth] = tracer.picked(image)
+        tracer.levels[depth] = tracer.picked(traces.traces[tracer.prepared.number])
         exact = not traces.scatters or scene.transport.order == 0
         by_path = exact or traces.audit is not None
     at = Measurement(

@@ -35,17 +35,27 @@ class ImagePair:
     """Weights (H, W) of one wavelength, as the mean of two independent halves.
 
     difference: half the difference of the halves; None where nothing is random. subpixels: some
-    pixels by many more rays; None: not asked for.
+    pixels by many more rays; None: not asked for. rays: (H, W) rays across each pixel; None: those
+    of the scene.
     """
 
     weights: Weights
     difference: Weights | None = None
     subpixels: Subpixels | None = None
+    rays: NDArray[np.int64] | None = None
 
     @classmethod
     def of(cls, result: Trace) -> ImagePair:
         """The images of a trace."""
-        return cls(result.weights, result.weights_difference, result.subpixels)
+        difference = result.weights_difference
+        return cls(result.weights, difference, result.subpixels, result.rays)
+
+    @classmethod
+    def middle_of(cls, result: Trace) -> ImagePair:
+        """The images of a trace by one ray through the middle of each pixel."""
+        if result.middle is None:
+            return cls.of(result)
+        return cls(result.middle, result.middle_difference)
 
     @property
     def visible(self) -> NDArray[np.bool_]:

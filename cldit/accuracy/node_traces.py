@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
@@ -53,6 +54,11 @@ class NodeTraces:
         """The largest residual of all nodes."""
         found = [result.closure for result in self.traces if result.closure is not None]
         return max(found, key=lambda one: abs(one.largest), default=None)
+
+    @property
+    def rays(self) -> NDArray[np.int64] | None:
+        """(H, W) rays across each pixel, the same for all nodes; None: those of the scene."""
+        return self.traces[0].rays
 
     @property
     def spectral(self) -> tuple[Weights, ...]:
@@ -152,8 +158,10 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     notes = {
         "audit": "of some pixels, by path tracing",
         "gather": samples,
-        "subpixels": "more rays through some pixels",
     }
+    if result.rays is not None:
+        number = result.rays**2
+        notes["image"] = f"{number.mean():.3g} rays a pixel, up to {number.max()}"
     scattering = []
     if order is not None:
         scattering.append(f"up to order {order}, beyond it the wall is seen")
@@ -165,7 +173,7 @@ def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
         scattering.append(f"{counts['scattered_rays']} rays started by scattering")
     notes["scattering"] = "; ".join(scattering)
     usual = ("compile", "scattering", "image")
-    others = ("gather", "audit", "subpixels")
+    others = ("gather", "audit")
     steps = [*usual, *(name for name in others if name in result.seconds)]
     return [
         Stage(name, result.seconds[name], notes.get(name, ""))

@@ -55,9 +55,14 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
 
 
 def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Resolution:
-    """The resolution with the errors allocated to the trace and to the wavelengths."""
+    """The resolution with the errors allocated to trace, wavelengths and pixels."""
     wavelengths_K = spectral_K(scene, allocation["wavelengths"])
-    return replace(resolution, ordinates_K=allocation["trace"], spectral_K=wavelengths_K)
+    return replace(
+        resolution,
+        ordinates_K=allocation["trace"],
+        spectral_K=wavelengths_K,
+        pixels_K=allocation.shares_K.get("pixel sampling"),
+    )
 
 
 def _for_spray(

@@ -99,14 +99,14 @@ class Problem:
         )
         if self.scene.transport.audit:
             number = prepared.number
-            settings[number] = replace(settings[number], subpixels=True)
+            settings[number] = replace(settings[number], subpixels=True, rays_K=resolution.pixels_K)
         return settings
 
     def tracer(self, resolution: Resolution) -> tuple[Resolution, VariantTracer]:
         """Traces variants of the medium; kept if the resolution changes its cells alone."""
         resolution, prepared = self.prepared(resolution)
         ordinates = (resolution.ordinates_K, resolution.more_ordinates)
-        key = (*ordinates, *resolution.prepared_key)
+        key = (*ordinates, resolution.pixels_K, *resolution.prepared_key)
         if self._tracer is None or self._tracer[0] != key:
             before = None if self._tracer is None else self._tracer[1]
             mine = self.settings(resolution, prepared)[prepared.number]

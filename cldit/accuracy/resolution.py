@@ -22,7 +22,8 @@ class Resolution:
     spray is no cone. domain_m: edge of the domain. depth: number of times that the cube is halved;
     None: not chosen yet. cube_m: edge of the cube whose cells are the cone's lattice as well, where
     the scene leaves both to choice; spacing_m then follows depth. more_ordinates: ordinates over
-    those of ordinates_K, for an error that only the audit shows. limits: why a source cannot be
+    those of ordinates_K, for an error that only the audit shows. pixels_K: error asked of the rays
+    that sample a pixel; None: the scene has their number. limits: why a source cannot be
     made smaller, and what would help, by its name.
     """
 
@@ -34,6 +35,7 @@ class Resolution:
     depth: int | None = None
     cube_m: float | None = None
     more_ordinates: float = 1.0
+    pixels_K: float | None = None
     limits: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.accuracy.image_pair import Floats, ImageDifference, ImagePair
@@ -27,7 +28,7 @@ from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 from cldit.transport.cells import OpticalCells
-from cldit.transport.trace import TraceSettings, trace
+from cldit.transport.trace import Trace, TraceSettings, trace
 from cldit.transport.view import View
 
 _PREVIEW, _PREVIEW_CELLS = 256, 256  # pixels, and cells, along an edge of the preview
@@ -71,19 +72,19 @@ class VariantTracer:
         """
         mine = replace(settings, method="source", audit=False, subpixels=False)
         temperature = temperature_of(scene, prepared)
-        camera, drawn = scene.camera, None
-        # Adaptive rays depend on the whole image.
-        if camera.rays_per_pixel != "adaptive" and not all_are_traced(camera.pixels):
+        drawn = None
+        if not all_are_traced(scene.camera.pixels):
             drawn = None if before is None else before.drawn
             if drawn is None:
-                emissivity = preview(scene, device, mine, prepared)
+                emissivity = preview(scene, device, replace(mine, rays_K=None), prepared)
                 background = temperature.sees_background
                 drawn = DrawnPixels.of(background, emissivity, seed=mine.seed)
             temperature = temperature.picked(drawn.sample.pixels)
+            mine = replace(mine, rays_K=None)  # which depend on the whole image
         return cls(
             scene=scene,
             device=device,
-            settings=replace(mine, subpixels=drawn is None),
+            settings=replace(mine, subpixels=drawn is None and mine.rays_K is None),
             prepared=prepared,
             drawn=drawn,
             temperature=temperature,
@@ -155,8 +156,7 @@ class VariantTracer:
     def variant(self, name: str, make: Callable[[], Sources], depth: int) -> ImagePair:
         """Image of other sources in the same cube, made and traced once for a name and depth."""
         if (name, depth) not in self.variants:
-            settings = replace(self.settings, subpixels=False)
-            self.variants[name, depth] = self._traced(make(), depth, settings)
+            self.variants[name, depth] = self._alike(make(), depth, {})
         return self.variants[name, depth]
 
     def changed(
@@ -167,23 +167,40 @@ class VariantTracer:
         `split` takes the place of `domain.optical_depth_split`. Raises as `coarser`.
         """
         if (name, depth) not in self.variants:
-            other = replace(self.settings, subpixels=False, **settings)
-            self.variants[name, depth] = self._traced(self._sources(depth), depth, other, split)
+            self.variants[name, depth] = self._alike(self._sources(depth), depth, settings, split)
         return self.variants[name, depth]
 
+    def _alike(
+        self, sources: Sources, depth: int, settings: Mapping[str, Any], split: float | None = None
+    ) -> ImagePair:
+        """Image by the same rays as that of the medium itself."""
+        other = replace(self.settings, subpixels=False, rays_K=None, **settings)
+        like = self.levels.get(depth)
+        return self._traced(sources, depth, other, split, None if like is None else like.rays)
+
     def _traced(
-        self, sources: Sources, depth: int, settings: TraceSettings, split: float | None = None
+        self,
+        sources: Sources,
+        depth: int,
+        settings: TraceSettings,
+        split: float | None = None,
+        rays: NDArray[np.int64] | None = None,
     ) -> ImagePair:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         tree = _tree(self.scene, self.prepared, sources, frame, split)
         pixels = None if self.drawn is None else self.drawn.sample.pixels
-        return ImagePair.of(trace(tree, self.scene, self.device, settings, pixels=pixels))
+        found = trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays)
+        return ImagePair.of(found)
 
-    def picked(self, image: ImagePair) -> ImagePair:
-        """The drawn pixels of an image of the whole run."""
-        return image if self.drawn is None else image.map(self.drawn.pick)
+    def picked(self, result: Trace) -> ImagePair:
+        """The drawn pixels of an image of the whole run, by the rays of this tracer's images."""
+        if self.drawn is None:
+            return ImagePair.of(result)
+        chosen = self.scene.camera.rays_across is None
+        image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
+        return image.map(self.drawn.pick)
 
     def difference(self, one: ImagePair, other: ImagePair) -> ImageDifference:
         """Difference of two images of the drawn pixels; its map is that of the whole image."""

@@ -39,19 +39,15 @@ _TRACED_BY = (
 def trace_content(scene: Scene) -> dict[str, Any]:
     """The part of a scene, as plain data, that its trace depends on.
 
-    The temperatures of backgrounds and walls count if wavelengths are chosen for their light, for
-    `path`, which stops at an error in T_app, and for adaptive rays, which go where T_app is steep.
+    The temperatures of backgrounds and walls count if wavelengths are chosen for their light, and
+    for `path`, which stops at an error in T_app.
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.
     data["camera"]["sensor"] = {
         "quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]
     }
-    bound = (
-        scene.optics.preset == "spectral"
-        or scene.transport.method != "source"
-        or scene.camera.rays_per_pixel == "adaptive"
-    )
+    bound = scene.optics.preset == "spectral" or scene.transport.method != "source"
     if not bound:
         for patch in data["patches"]:
             del patch["temperature_K"], patch["emissivity"]

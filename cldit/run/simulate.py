@@ -91,7 +91,8 @@ def _against_paper(problem: Problem, result: Result) -> Difference | None:
     with problem.stages.stage("the paper's properties"):
         phase = result.medium.properties.paper_phase
         grey = settings_for(scene, phase, tolerance_K=result.resolution.ordinates_K)
-        other = trace(paper, scene, problem.device, grey).weights
+        rays = result.traces.rays
+        other = trace(paper, scene, problem.device, grey, rays=rays).weights
         chosen = result.quadrature
         one = Quadrature.grey(chosen.filter_um, reference_K=chosen.reference_K)
         maps = evaluated(scene, one, (other,), result.reference, result.sensor)

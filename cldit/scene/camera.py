@@ -5,6 +5,7 @@ The sensor's defaults are assumptions, typical of a cooled 640 x 512 InSb camera
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import field_validator
@@ -51,9 +52,9 @@ class Camera(Section):
     """Width and height of the field of view in the plane of the target."""
     pixels: tuple[Pixels, Pixels] = (1000, 1000)
     """Columns and rows of the traced image; one number for a square image."""
-    rays_per_pixel: Literal[1, 4, 16, 64, "adaptive"] = 1
-    """1: through the pixel's centre; 4, 16, 64: on a regular grid; adaptive: 16 where the image is
-    steep, 1 elsewhere."""
+    rays_per_pixel: Literal[1, 4, 16, 64, "auto"] = "auto"
+    """auto: the run chooses 1 to 256 for each pixel (1 without `transport.audit`); 1: through the
+    pixel's centre; 4, 16, 64: on a regular grid."""
     target_m: Point | None = None
     """Point at the centre of the image. Default: the domain's centre."""
     surroundings_K: Temperature = 295.0
@@ -65,3 +66,13 @@ class Camera(Section):
     @classmethod
     def _square(cls, value: object) -> object:
         return (value, value) if isinstance(value, int) else value
+
+    @field_validator("rays_per_pixel", mode="before")
+    @classmethod
+    def _auto(cls, value: object) -> object:
+        return "auto" if value == "adaptive" else value  # its name in version 0.1
+
+    @property
+    def rays_across(self) -> int | None:
+        """Rays across each pixel, whose square is their number; None: the run chooses them."""
+        return None if self.rays_per_pixel == "auto" else math.isqrt(self.rays_per_pixel)

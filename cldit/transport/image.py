@@ -1,6 +1,7 @@
 """Formal solution of the equation of transfer along lines of sight: images (stage 4).
 
 One ray a pixel, or several, by octree traversal (kernels/image.cl), on one device or several.
+`FormalSolution` has the medium, and `Rays` also its sources.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
-from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.scene.schema import Scene
 from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
@@ -27,7 +27,6 @@ Reals = NDArray[np.floating]  # of the device's precision
 # that have a T_app to the terms to add to each image, (images, C + 1, N).
 Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
 
-RAYS_ACROSS = {1: 1, 4: 2, 16: 4, 64: 8, "adaptive": 4}  # by `camera.rays_per_pixel`
 _GROUP = 64
 
 
@@ -45,7 +44,6 @@ class _DeviceRows:
 class FormalSolution:
     """Computes images of a medium with given sources.
 
-    accuracy_K: largest allowed error of T_app of a pixel, with adaptive rays.
     real: the device's precision.
     parts: one for each device; every device has the whole medium.
     at_once: images that share one traversal.
@@ -55,7 +53,6 @@ class FormalSolution:
     cells: OpticalCells
     view: View
     scene: Scene
-    accuracy_K: float
     real: type[np.floating]
     cell_records: CellRecords
     parts: tuple[_DeviceRows, ...]
@@ -71,7 +68,6 @@ class FormalSolution:
         device: Device,
         defines: dict[str, Define],
         *,
-        accuracy_K: float,
         thick: NDArray[np.int64] | None = None,
         at_once: int = 1,
         linear: bool = False,
@@ -101,79 +97,25 @@ class FormalSolution:
             )
             for one, rows in shares(device, view.pixels[1])
         ]
-        return cls(cells, view, scene, accuracy_K, real, cell_records, tuple(parts), at_once, thick)
+        return cls(cells, view, scene, real, cell_records, tuple(parts), at_once, thick)
 
-    def images(
+    def with_sources(
         self,
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
         gather: Gathered | None = None,
         *,
         gradient: NDArray[np.floating] | None = None,
-        pixels: NDArray[np.int64] | None = None,
-    ) -> tuple[list[Reals], list[Reals], int]:
-        """Images of sources.
+    ) -> Rays:
+        """Uploads sources, for which rays can then be traced.
 
         Args:
             listed: `at_once` sources (C, N) of the scattering cells; None if nothing scatters.
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
             gather: adds the light scattered by thick cells; needed with `thick`.
             gradient: (3, C, N) spatial gradient of all sources; needed with `linear`.
-            pixels: (M,) flat numbers of the pixels to trace, as images of one row; not with
-                adaptive rays, which need the whole image to find steep pixels. None: all.
-
-        Returns:
-            Weights (C + 1, H, W) of each image, the part from within the medium last (see
-            energy_balance.py); with several rays a pixel, the same by one ray through the middle
-            of every pixel; and the number of pixels of several rays.
         """
-        columns, rows = self.view.pixels
-        rays = self.scene.camera.rays_per_pixel
-        records = self._records(listed, defect, gradient)
-        if pixels is not None:
-            some = self._several(records, pixels, RAYS_ACROSS[rays], gather)
-            return list(some[:, :, None, :]), [], 0 if rays == 1 else len(pixels)
-        every = np.arange(columns * rows)
-        finer = np.empty(0, np.int64) if rays == 1 else every
-        images, left = self._images(self._whole(records))
-        self._gather(images, left, every, 1, gather)
-        middle = [] if rays == 1 else list(images.copy().reshape(*images.shape[:2], rows, columns))
-        if rays == "adaptive":  # the same pixels for all images
-            whole = images[0, :-1].reshape(-1, rows, columns)
-            finer = pixels_to_refine(
-                whole, self.cells.temperature(self.scene), accuracy_K=self.accuracy_K
-            )
-        if len(finer):
-            images[:, :, finer] = self._several(records, finer, RAYS_ACROSS[rays], gather)
-        planes = list(images.reshape(*images.shape[:2], rows, columns))
-        return planes, middle, len(finer)
-
-    def several(
-        self,
-        pixels: NDArray[np.int64],
-        across: int,
-        listed: list[NDArray[np.floating] | None],
-        defect: Floats,
-        gather: Gathered | None = None,
-        *,
-        gradient: NDArray[np.floating] | None = None,
-    ) -> Reals:
-        """Mean weights (images, C + 1, N) of `across`^2 rays through each of the `pixels` (N,).
-
-        The other arguments are those of `images`.
-        """
-        return self._several(self._records(listed, defect, gradient), pixels, across, gather)
-
-    def _several(
-        self,
-        records: list[dict[str, Any]],
-        pixels: NDArray[np.int64],
-        across: int,
-        gather: Gathered | None,
-    ) -> Reals:
-        several, left = self._images(self._listed(records, pixels, across))
-        self._gather(several, left, pixels, across, gather)
-        return several
+        return Rays(self, self._records(listed, defect, gradient), gather)
 
     def _records(
         self,
@@ -199,70 +141,88 @@ class FormalSolution:
             some["scattering"] = len(table)
         return records
 
-    def _images(self, planes: Reals) -> tuple[Reals, NDArray[np.int64]]:
-        """Splits the kernel's planes (P, N) into images (images, C + 1, N) and pixels to gather."""
-        parts = len(self.cells.needs.components) + 1
-        left = np.flatnonzero(planes[-1]) if self.thick is not None else np.zeros(0, np.int64)
-        return planes[: self.at_once * parts].reshape(self.at_once, parts, -1), left
 
-    def _gather(
-        self,
-        images: Reals,
-        left: NDArray[np.int64],
-        pixels: NDArray[np.int64],
-        across: int,
-        gather: Gathered | None,
-    ) -> None:
-        """Adds the final gather of the pixels `left` to their images."""
-        if gather is None or not len(left):
-            return
-        seen = images[:, :-1, left].mean(axis=0)
-        counts = self.view.has_temperature(1 - images[0, 0], pixels)
-        other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
-        images[:, :, left] += gather(pixels[left], across, seen, other)
+@dataclass(frozen=True)
+class Rays:
+    """Rays through a medium with sources, as many for each pixel as are asked for.
+
+    solution: the medium. records: kernel arguments of the cells' sources, for each device. gather:
+    adds the light scattered by thick cells; None: there is none.
+    """
+
+    solution: FormalSolution
+    records: list[dict[str, Any]]
+    gather: Gathered | None
+
+    def middle(self) -> Reals:
+        """Weights (images, C + 1, H W) by one ray through the middle of every pixel.
+
+        The part from within the medium is the last (see energy_balance.py).
+        """
+        columns, rows = self.solution.view.pixels
+        return self._gathered(self._whole(), np.arange(columns * rows), 1)
+
+    def through(self, pixels: NDArray[np.int64], across: NDArray[np.int64]) -> Reals:
+        """Mean weights (images, C + 1, N) of `across`^2 (N,) rays through each of `pixels` (N,)."""
+
+        def traced(some: NDArray[np.int64], each: int) -> Reals:
+            return self._gathered(self._listed(some, each), some, each)
+
+        return by_number(traced, pixels, across)
+
+    def _gathered(self, planes: Reals, pixels: NDArray[np.int64], across: int) -> Reals:
+        """Images (images, C + 1, N) of the kernel's planes (P, N), and what thick cells scatter."""
+        solution = self.solution
+        parts = len(solution.cells.needs.components) + 1
+        images = planes[: solution.at_once * parts].reshape(solution.at_once, parts, -1)
+        if solution.thick is None or self.gather is None:
+            return images
+        left = np.flatnonzero(planes[-1])
+        if len(left):
+            seen = images[:, :-1, left].mean(axis=0)
+            counts = solution.view.has_temperature(1 - images[0, 0], pixels)
+            other = int(np.count_nonzero(counts) - np.count_nonzero(counts[left]))
+            images[:, :, left] += self.gather(pixels[left], across, seen, other)
+        return images
 
     @property
     def _planes(self) -> int:
         """Number of the kernel's planes: those of all images, and the mark of pixels to gather."""
-        parts = len(self.cells.needs.components) + 1
-        return self.at_once * parts + (0 if self.thick is None else 1)
+        parts = len(self.solution.cells.needs.components) + 1
+        return self.solution.at_once * parts + (0 if self.solution.thick is None else 1)
 
-    def _whole(self, records: list[dict[str, Any]]) -> Reals:
+    def _whole(self) -> Reals:
         """Planes (P, H W) of one ray through the middle of every pixel, each device its rows."""
-        columns, rows = self.view.pixels
+        solution = self.solution
+        columns, rows = solution.view.pixels
         outs = []
-        for part, some in zip(self.parts, records, strict=True):
-            out = unset(part.device, "image", self._planes * rows * columns, self.real)
+        for part, some in zip(solution.parts, self.records, strict=True):
+            out = unset(part.device, "image", self._planes * rows * columns, solution.real)
             if part.rows:
                 part.program.launch(
                     "image",
-                    *self.view.tiles(part.program, "image", len(part.rows)),
-                    {
-                        "planes": out,
-                        **some,
-                        **part.arguments,
-                    },
+                    *solution.view.tiles(part.program, "image", len(part.rows)),
+                    {"planes": out, **some, **part.arguments},
                     offset=(0, part.rows.start),
                 )
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
-        planes = np.empty((self._planes, rows * columns), self.real)
-        for part, out in zip(self.parts, outs, strict=True):
+        planes = np.empty((self._planes, rows * columns), solution.real)
+        for part, out in zip(solution.parts, outs, strict=True):
             mine = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
                 first = number * plane.size + mine.start
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(
-        self, records: list[dict[str, Any]], pixels: NDArray[np.int64], across: int
-    ) -> Reals:
+    def _listed(self, pixels: NDArray[np.int64], across: int) -> Reals:
         """Planes (P, N): means of across^2 rays through each of the listed pixels."""
-        outs = []
-        divided = shares(self.parts[0].device, len(pixels))
-        for part, some, (_, mine) in zip(self.parts, records, divided, strict=True):
+        solution = self.solution
+        outs, places = [], solution.view.places(across)
+        divided = shares(solution.parts[0].device, len(pixels))
+        for part, some, (_, mine) in zip(solution.parts, self.records, divided, strict=True):
             count = len(mine)
-            out = unset(part.device, "image", self._planes * count, self.real)
+            out = unset(part.device, "image", self._planes * count, solution.real)
             if count:
                 some_pixels = pixels[mine.start : mine.stop].astype(np.int32)
                 part.program.launch(
@@ -273,7 +233,8 @@ class FormalSolution:
                         "planes": out,
                         "list": upload(part.device, "pixels", some_pixels),
                         "count": count,
-                        "rays_across": across,
+                        "places": upload(part.device, "rays", places.astype(solution.real)),
+                        "rays": len(places),
                         **some,
                         **part.arguments,
                     },
@@ -281,46 +242,25 @@ class FormalSolution:
                 part.device.queue.flush()
             outs.append((out, count))
         means = [
-            download(part.device, out, np.empty((self._planes, count), self.real))
-            for part, (out, count) in zip(self.parts, outs, strict=True)
+            download(part.device, out, np.empty((self._planes, count), solution.real))
+            for part, (out, count) in zip(solution.parts, outs, strict=True)
             if count
         ]
         return np.concatenate(means, axis=1)
 
 
-def pixels_to_refine(
-    image: NDArray[np.floating], temperature: TraceTemperature, *, accuracy_K: float
-) -> NDArray[np.int64]:
-    """Flat numbers (N,) of pixels that one ray does not represent, and of their neighbours.
-
-    A ray through the middle misses the mean over a pixel by a 24th of the second difference where
-    the image is smooth, and by up to half of it at an edge. A quarter is taken here, both in T_app
-    and in the brightness temperature in front of the median background.
-
-    Args:
-        image: (C, H, W) weights from one ray a pixel.
-        temperature: converts errors of the weights.
-        accuracy_K: largest error to leave.
-    """
-    _, rows, columns = image.shape
-    marked = np.zeros((rows, columns), bool)
-    for axis in (1, 2):
-        if image.shape[axis] < 3:
-            continue
-        missing = np.zeros_like(image)
-        inner = [slice(None)] * 3
-        inner[axis] = slice(1, -1)
-        missing[tuple(inner)] = np.diff(image, n=2, axis=axis) / 4
-        curved = np.flatnonzero(np.max(np.abs(missing), axis=0) > 1e-5)
-        there, missed = (part.reshape(len(part), -1)[:, curved] for part in (image, missing))
-        apparent_K = np.nan_to_num(np.abs(temperature.error_K(there, missed)))
-        missed_K = np.abs(temperature.brightness_error_K(there, missed))
-        marked.flat[curved[np.maximum(apparent_K, missed_K) > accuracy_K]] = True
-    wide = marked.copy()
-    for axis in (0, 1):
-        one = wide.copy()
-        ahead, behind = [slice(None)] * 2, [slice(None)] * 2
-        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-        wide[tuple(ahead)] |= one[tuple(behind)]
-        wide[tuple(behind)] |= one[tuple(ahead)]
-    return np.flatnonzero(wide)
+def by_number(
+    made: Callable[[NDArray[np.int64], int], NDArray[Any]],
+    pixels: NDArray[np.int64],
+    numbers: NDArray[np.int64],
+) -> NDArray[Any]:
+    """Results (..., N) of `made` for pixels (N,) with a number (N,) each, equal numbers at once."""
+    out: NDArray[Any] | None = None
+    for each in np.unique(numbers):
+        mine = numbers == each
+        found = made(pixels[mine], int(each))
+        if out is None:
+            out = np.empty((*found.shape[:-1], len(pixels)), found.dtype)
+        out[..., mine] = found
+    assert out is not None  # there are pixels
+    return out

@@ -41,6 +41,8 @@ class TraceSettings:
     thick_depth: optical depth of a cell's edge from which the final gather refines it.
     path_depth: optical depth from which its paths continue in a cell.
     subpixels: some pixels are traced by more rays, to measure the error within pixels.
+    rays_K: RMS error of T_app by the sampling of pixels, for which the trace chooses rays, and
+        which it measures; None: the rays are given.
     """
 
     directions: int
@@ -60,6 +62,7 @@ class TraceSettings:
     thick_depth: float = Tuning.thick_depth
     path_depth: float = Tuning.path_depth
     subpixels: bool = False
+    rays_K: float | None = None
     tuning: Tuning = field(default_factory=Tuning)
 
     @property
@@ -105,14 +108,14 @@ class Subpixels:
     """Some pixels of an image, by many more rays each than the image has.
 
     sample: the pixels.
-    across: across^2 rays go through each.
+    across: (N,) across^2 rays go through each.
     weights: (1, N) means of these rays; difference: as `Trace.weights_difference`.
     references: weights (1, N) without the medium, by the image's rays and by these; None: all of
         these rays end on the background.
     """
 
     sample: PixelSample
-    across: int
+    across: NDArray[np.int64]
     weights: Weights
     difference: Weights | None
     references: tuple[Weights, Weights] | None = None
@@ -130,14 +133,16 @@ class Trace:
     seconds: wall time of each part.
     precision: of the device, float32 or float64.
     counts: sizes for the record: cells, sweeps, samples.
-    middle: weights of one ray through the middle of each pixel, if `weights` are of several.
+    middle: weights of one ray through the middle of each pixel, if `weights` may be of several, and
+        half the difference of their two images.
+    rays: (H, W) rays across each pixel; None: one ray.
     audit: error of `source` in a few pixels, by `path`; None if nothing scatters, for other
         methods, or if `unaudited` gives a reason.
     scatters: true if anything in the medium scatters.
     short: reason why the final gather stopped before the wanted accuracy; empty if it did not.
     pixel_sample: the pixels in the image's one row, if `path` traced only some.
     closure: energy balance; None if no pixel was traced.
-    subpixels: some pixels by more rays, by `TraceSettings.subpixels`; None if none has a T_app.
+    subpixels: some pixels by more rays, if the settings ask for them; None if none has a T_app.
     """
 
     weights: Weights
@@ -149,6 +154,8 @@ class Trace:
     counts: dict[str, int] = field(default_factory=dict)
     standard_error: Weights | None = None
     middle: Weights | None = None
+    middle_difference: Weights | None = None
+    rays: NDArray[np.int64] | None = None
     audit: Audit | None = None
     unaudited: str = ""
     scatters: bool = True

@@ -49,3 +49,11 @@ def points(first: int, count: int) -> NDArray[np.uint32]:
     for bit, column in enumerate(columns(max(int(first + count - 1).bit_length(), 1)).T):
         out ^= np.where(number >> np.uint32(bit) & np.uint32(1), column, np.uint32(0))
     return out
+
+
+def net(count: int) -> NDArray[np.float64]:
+    """A (0, 2)-net (count, 2) of a power of two, in the middles of its rows and columns.
+
+    Every part of the unit square of area 1 / count that is halved from it has one point.
+    """
+    return np.asarray(points(0, count)[:, :2] / 2.0**32 + 0.5 / count)

@@ -8,7 +8,8 @@
    spatial moments in thick cells, from a few more sweeps.
 3. Final sweeps (camera_source.py): the source of every cell to the camera, by many ordinates in two
    halves; and the radiance on the interfaces of the thick region.
-4. Image (image.py): the formal solution along one ray a pixel, with the sources of either half.
+4. Image (image.py): the formal solution along one ray a pixel, with the sources of either half, and
+   along more where the scene or the expected error asks for them (ray_choice.py).
 5. Final gather (final_gather/gather.py): the light that thick cells scatter, by short paths from
    each pixel.
 
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
+from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 from cldit.transport.camera_source import final_sweeps, order_0_source
 from cldit.transport.cell_phases import phase_moments
@@ -36,8 +38,8 @@ from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.image import FormalSolution
 from cldit.transport.result import Trace, TraceSettings, weights_of
-from cldit.transport.subpixels import sampled_subpixels
 from cldit.transport.thick_region import ThickRegion
+from cldit.transport.traced_pixels import Across, traced_pixels
 from cldit.transport.view import View, check_boundary
 
 Floats = NDArray[np.float64]
@@ -51,11 +53,13 @@ def trace_source(
     settings: TraceSettings,
     report: Callable[[str], None] | None,
     pixels: NDArray[np.int64] | None = None,
+    rays: Across | None = None,
 ) -> Trace:
     """Weights by source iteration.
 
     `settings` have a precision other than `auto`. The device's other parts share the image and the
-    final gather. Of the `pixels` (N,), flat numbers, images are one row; None: all pixels.
+    final gather. Of the `pixels` (N,), flat numbers, images are one row; None: all pixels. `rays`
+    (H, W) as in `trace`.
 
     Raises:
         NotConvergedError: the source does not reach the tolerance.
@@ -88,12 +92,11 @@ def trace_source(
     gradient = None if camera is None else camera.gradient
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # the energy balance refuses a broken image
-        # 4, and 5 by `gather`
-        halves, middle, refined = image.images(
-            sources, defect, gather, gradient=gradient, pixels=pixels
-        )
+        lit = image.with_sources(sources, defect, gather, gradient=gradient)
+        made = traced_pixels(lit, scene, settings, pixels, rays)  # 4, and 5 by `gather`
+        halves = made.halves
         seconds["image"] = time.perf_counter() - start
-        mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
+        mean = _mean(halves)
         balance = EnergyBalance.of(
             mean[: cells.needs.boundaries],
             mean[-1],
@@ -101,8 +104,9 @@ def trace_source(
         )
     programs = [image.parts[0].program, *([] if camera is None else camera.programs)]
     counts = {} if camera is None else dict(camera.counts)
-    if scene.camera.rays_per_pixel != 1:
-        counts["pixels_of_several_rays"] = refined
+    if np.any(made.across > 1):
+        counts["pixels_of_several_rays"] = int(np.count_nonzero(made.across > 1))
+        counts["rays"] = int(np.sum(made.across**2))
     if gather is not None:
         programs += gather.programs
         counts["samples"] = gather.samples
@@ -111,21 +115,12 @@ def trace_source(
         seconds["image"] = max(seconds["image"] - gather.seconds, 0.0)
     seconds["compile"] = sum(program.build_s for program in programs)
     short = "" if gather is None else gather.short
-    subpixels = None
-    if settings.subpixels:
-        start = time.perf_counter()
-
-        def several(pixels: NDArray[np.int64], across: int) -> NDArray[np.floating]:
-            return image.several(pixels, across, sources, defect, gather, gradient=gradient)
-
-        subpixels = sampled_subpixels(mean, several, cells, scene, view, settings)
-        seconds["subpixels"] = time.perf_counter() - start
-    difference = None if len(halves) < 2 else (halves[0] - halves[1]) / 2
     return Trace(
         weights=weights_of(mean, cells),
-        weights_difference=None if difference is None else weights_of(difference, cells),
+        weights_difference=_half(halves, cells),
         scatters=cells.needs.scattering,
-        middle=weights_of(np.mean(middle, axis=0), cells) if middle else None,
+        middle=None if made.middle is None else weights_of(_mean(made.middle), cells),
+        middle_difference=None if made.middle is None else _half(made.middle, cells),
         programs=tuple(programs),
         solution=None if camera is None else camera.solution,
         seconds=seconds,
@@ -133,8 +128,18 @@ def trace_source(
         precision="float64" if settings.precision == "float64" else "float32",
         short=short,
         closure=balance,
-        subpixels=subpixels,
+        subpixels=made.subpixels,
+        rays=made.across if pixels is None else None,
     )
+
+
+def _mean(halves: NDArray[np.floating]) -> NDArray[np.floating]:
+    return halves[0] if len(halves) < 2 else np.asarray((halves[0] + halves[1]) / 2)
+
+
+def _half(halves: NDArray[np.floating], cells: OpticalCells) -> Weights | None:
+    """Half the difference of both images; None of one."""
+    return None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
 
 
 def thick_region(cells: OpticalCells, settings: TraceSettings) -> ThickRegion | None:
@@ -170,7 +175,6 @@ def formal_solution(
         scene,
         device,
         {**settings.defines(cells, view), "CUTOFF": float(settings.cutoff)},
-        accuracy_K=settings.accuracy_K,
         thick=None if region is None else region.listed,
         at_once=2 if scatters else 1,
         linear=scatters and settings.within_cells,

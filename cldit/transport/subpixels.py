@@ -7,100 +7,104 @@ proportion to the square of that difference, which minimises the variance of the
 squares. A part of the probability is uniform, since structures smaller than a pixel show in none.
 No ray of the sample influences the draw, so there is no bias.
 
-A pixel at the rim of the background sees a share f of it, and the wall beside it. DIT divides the
-excess over its reference by f: I(T_app) = (I - (1 - f) I_wall) / f for a medium of radiance I. A
-ray through the middle has f = 1, other rays another f: the resulting change of T_app is known
-without tracing them, and also enters the probabilities.
+A ray through the middle of a pixel at the rim of the background sees all of it or nothing, other
+rays a share: the resulting change of T_app is known without tracing them, and also enters the
+probabilities. Where rays were chosen for each pixel (ray_choice.py), the expected squares of the
+errors are the probabilities.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
-from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
-from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.image import RAYS_ACROSS
+from cldit.transport.image import Rays, Reals, by_number
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.ray_choice import PixelTemperature, RayChoice, contrast_K
 from cldit.transport.result import Subpixels, TraceSettings, weights_of
 from cldit.transport.tuning import Tuning
-from cldit.transport.view import View
 
 Floats = NDArray[np.float64]
 
 # Ratio of rays across a pixel: the error is a 16th of the image's where light is smooth, and an 8th
-# at edges, whose square adds a 64th.
-_MORE = 4
+# at edges, whose square adds a 64th. Twice the rays of a pixel that has many adds an 8th.
+_MORE, _TWICE = 4, 2
 
 
 def sampled_subpixels(
+    rays: Rays,
     image: NDArray[np.floating],
-    several: Callable[[NDArray[np.int64], int], NDArray[np.floating]],
-    cells: OpticalCells,
-    scene: Scene,
-    view: View,
+    across: NDArray[np.int64],
+    temperature: PixelTemperature,
     settings: TraceSettings,
 ) -> Subpixels | None:
     """Draws pixels of an image and traces them by more rays; None if no pixel has a T_app.
 
     Args:
+        rays: trace more of them.
         image: (C + 1, H, W) weights, the part from within the medium last.
-        several: maps pixels (N,) and rays across each to weights (1 or 2, C + 1, N) by each half
-            of the ordinates.
-        cells, scene, view, settings: of the trace.
+        across: (H W,) the image's rays across each pixel.
+        temperature: of pixels.
+        settings: of the trace.
     """
-    parts, rows, columns = image.shape
-    flat = image.reshape(parts, -1)
-    seen = view.has_temperature(1.0 - flat[0], np.arange(flat.shape[1]))
-    apparent_K = np.full(flat.shape[1], np.nan)
+    flat = image.reshape(len(image), -1)
+    every = np.arange(flat.shape[1])
+    seen = rays.solution.view.has_temperature(1.0 - flat[0], every)
     if not seen.any():
         return None
-    temperature = cells.temperature(scene)
-    apparent_K[seen] = temperature.temperature_K(flat[:-1, seen])
-    few = RAYS_ACROSS[scene.camera.rays_per_pixel]
-    across = _MORE * few
-    rim = np.zeros(flat.shape[1])
-    at = np.flatnonzero(seen & ~minimum_filter(view.sees_background, 3).reshape(-1))
-    if len(at):
-        seen_by = [view.boundary_shares(at, each) for each in (few, across)]
-        as_seen = [_evaluated(flat[:-1, at], seen_by[0], each) for each in seen_by]
-        there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY  # the wall's share is no emissivity
-        # DIT fits pixels of at least this share.
-        there &= np.minimum(*(each[0] for each in seen_by)) > VISIBLE_DISC
-        here_K, more_K = (temperature.temperature_K(one[:, there]) for one in as_seen)
-        rim[at[there]] = more_K - here_K
-    sample = drawn(
-        apparent_K.reshape(rows, columns), rim, tuning=settings.tuning, seed=settings.seed
-    )
-    halves = several(sample.pixels, across)[:, :, None, :]
+    apparent_K = np.full(flat.shape[1], np.nan)
+    apparent_K[seen] = temperature.temperature.temperature_K(flat[:-1, seen])
+    rim = temperature.of_shares(flat[:-1], every, across, _MORE * across)
+    contrast = apparent_K.reshape(image.shape[1:])
+    sample = drawn(contrast, rim, tuning=settings.tuning, seed=settings.seed)
+    return many_rays(rays, sample, across, _MORE * across[sample.pixels])[0]
+
+
+def measured_subpixels(
+    choice: RayChoice, settings: TraceSettings, number: int
+) -> tuple[Subpixels | None, float]:
+    """The same for rays that were chosen, and the RMS error that the sample measures.
+
+    The pixels of each `number` of sample are drawn anew. `choice` takes what they show.
+    """
+    square_K2 = choice.square_K2
+    count = int(np.count_nonzero(np.isfinite(square_K2)))
+    if not count:
+        return None, 0.0
+    sample = important(square_K2, tuning=settings.tuning, seed=settings.seed + number)
+    few = choice.across[sample.pixels]
+    more = np.where(few <= _TWICE, _MORE, _TWICE) * few
+    found, halves = many_rays(choice.rays, sample, choice.across, more)
+    apart = choice.change_K(halves, sample.pixels, more)
+    square, doubt = sample.mean_square(apart[0], apart[-1], count=count)
+    error_K = float((max(square, 0.0) + doubt) ** 0.5)
+    choice.correct(error_K, sample.pixels, apart)
+    return found, error_K
+
+
+def many_rays(
+    rays: Rays, sample: PixelSample, across: NDArray[np.int64], more: NDArray[np.int64]
+) -> tuple[Subpixels, Reals]:
+    """Pixels of a sample (N,) by `more` (N,) rays across each, and their halves' weights.
+
+    `across` (H W,) are the image's rays across each pixel.
+    """
+    cells, view = rays.solution.cells, rays.solution.view
+    planes = rays.through(sample.pixels, more)
+    halves = planes[:, :, None, :]
     difference = None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
-    shares = [view.boundary_shares(sample.pixels, each) for each in (few, across)]
+    shares = [
+        by_number(view.boundary_shares, sample.pixels, each)
+        for each in (across[sample.pixels], more)
+    ]
     references = None
     if any(np.any(each[0] < 1.0) for each in shares):
         one, other = (_boundary(each, cells) for each in shares)
         references = one, other
     mean = weights_of(halves.mean(axis=0), cells)
-    return Subpixels(sample, across, mean, difference, references)
-
-
-def _evaluated(mean: NDArray[np.floating], seen: Floats, shares: Floats) -> Floats:
-    """Weights (C, N) as DIT evaluates them, of pixels that see only a share of the background.
-
-    `mean` (C, N) are the weights of rays of which the shares `seen` (B, N) end on each part of the
-    boundary; `shares` (B, N) are those of the wanted rays, through the same medium.
-    """
-    through = mean[0] / np.maximum(seen[0], VISIBLE_DISC)
-    out = np.array(mean, np.float64)
-    # Transmitted light of the other parts, less their light without the spray.
-    out[1 : len(shares)] += (shares[1:] - seen[1:]) * through - shares[1:]
-    out /= np.maximum(shares[0], VISIBLE_DISC)
-    out[0] = through
-    return out
+    return Subpixels(sample, more, mean, difference, references), planes
 
 
 def _boundary(shares: Floats, cells: OpticalCells) -> Weights:
@@ -122,23 +126,12 @@ def drawn(
         seed: of the random start.
     """
     square = contrast_K(temperature_K).reshape(-1) ** 2 + np.square(rim_K)
+    return important(square, tuning=tuning, seed=seed)
+
+
+def important(square: Floats, *, tuning: Tuning, seed: int) -> PixelSample:
+    """Sample by expected squares (H W,), NaN in pixels that do not count; a part is uniform."""
     known = np.isfinite(square)
     even = tuning.audit_even * float(square[known].mean()) or 1.0  # of a uniform image
     importance = np.where(known, square + even, 0.0)
     return PixelSample.of(importance, most=tuning.subpixels, seed=seed)
-
-
-def contrast_K(temperature_K: Floats) -> Floats:
-    """RMS difference (H, W) of each pixel of `temperature_K` (H, W) from its four neighbours.
-
-    Neighbours of NaN do not count; the result is 0 if none counts, and NaN where the pixel is NaN.
-    """
-    square, count = np.zeros(temperature_K.shape), np.zeros(temperature_K.shape)
-    for axis in (0, 1):
-        apart = np.diff(temperature_K, axis=axis) ** 2
-        known = np.isfinite(apart)
-        for side in (slice(1, None), slice(None, -1)):
-            here = (side, slice(None)) if axis == 0 else (slice(None), side)
-            square[here] += np.where(known, apart, 0.0)
-            count[here] += known
-    return np.where(np.isfinite(temperature_K), np.sqrt(square / np.maximum(count, 1.0)), np.nan)

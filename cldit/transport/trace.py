@@ -89,15 +89,26 @@ def trace_each(
     """
     total = len(trees)
     traces: list[Trace] = []
+    # The wavelength that chooses rays comes first, the others have the same.
+    first = next((n for n, one in enumerate(settings) if one.rays_K is not None), 0)
+    trees.insert(0, trees.pop(first))
+    ordered = [settings[first], *settings[:first], *settings[first + 1 :]]
     for number in range(total):
         if report is not None and total > 1:
             report(f"wavelength {number + 1} of {total}")
         # All wavelengths are audited in the same pixels, where their errors add as in the image.
         sample = next((one.audit.sample for one in traces if one.audit is not None), None)
         made = trace(
-            trees.pop(0), scene, device, settings[number], report=report, audit_sample=sample
+            trees.pop(0),
+            scene,
+            device,
+            ordered[number],
+            report=report,
+            audit_sample=sample,
+            rays=traces[0].rays if traces else None,
         )
         traces.append(made)
+    traces.insert(first, traces.pop(0))
     return traces
 
 
@@ -110,6 +121,7 @@ def trace(
     report: Callable[[str], None] | None = None,
     audit_sample: PixelSample | None = None,
     pixels: NDArray[np.int64] | None = None,
+    rays: NDArray[np.int64] | None = None,
 ) -> Trace:
     """Weights of every pixel.
 
@@ -124,7 +136,8 @@ def trace(
         report: receives lines of progress.
         audit_sample: pixels to audit; None: they are drawn from the trace.
         pixels: (N,) flat numbers of the pixels to trace, by `source` without audit, `subpixels` and
-            adaptive rays; images then have one row. None: all.
+            chosen rays; images then have one row. None: all.
+        rays: (H, W) rays across each pixel; None: the scene's number, or chosen by `rays_K`.
 
     Raises:
         TransportError: the source did not converge, the medium reaches behind the background, or
@@ -136,10 +149,10 @@ def trace(
             f"transport.precision: float64 is not available on {device.info.name}; allowed: float32"
         )
     cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
-    if scene.camera.rays_per_pixel != 1 and settings.method != "source":
+    if (scene.camera.rays_across or 1) != 1 and settings.method != "source":
         raise TransportError(
             f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with method {settings.method}, "
-            "whose samples go through the middle of a pixel; allowed: 1, or method source"
+            "whose samples go through the middle of a pixel; allowed: 1 or auto, or method source"
         )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
@@ -147,12 +160,12 @@ def trace(
         return follow(cells, scene, device, single, report)
     view = View.of(scene, cells)
     try:
-        result = trace_source(cells, scene, view, device, single, report, pixels)
+        result = trace_source(cells, scene, view, device, single, report, pixels, rays)
     except NotConvergedError:
         if settings.precision != "auto" or not device.info.float64:
             raise
         if report is not None:
             report("single precision does not resolve this source; repeating in double precision")
         single = replace(settings, precision="float64")
-        result = trace_source(cells, scene, view, device, single, report, pixels)
+        result = trace_source(cells, scene, view, device, single, report, pixels, rays)
     return audited(cells, scene, view, device, single, result, audit_sample)

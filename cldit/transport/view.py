@@ -18,6 +18,7 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.transport.boundary import boundary_seen, patch_rows
 from cldit.transport.cells import OpticalCells
+from cldit.transport.sobol import net
 
 Floats = NDArray[np.float64]
 _TILE = 8
@@ -34,7 +35,9 @@ class View:
     pitch: width and height of a pixel in the target plane.
     distance: from the camera to the target.
     pixels: columns, rows.
-    defines: compile-time defines of the kernels.
+    defines: compile-time defines of the kernels. regular: several rays of a pixel are on a regular
+    grid; else they are a net, which has no two of them in a row or column (edges of cells are
+    parallel to those).
     """
 
     disc: Floats
@@ -44,6 +47,7 @@ class View:
     distance: float
     pixels: tuple[int, int]
     defines: dict[str, int]
+    regular: bool = True
 
     @classmethod
     def of(cls, scene: Scene, cells: OpticalCells) -> View:
@@ -64,7 +68,16 @@ class View:
                 f"CAMERA_{camera.model.upper()}": 1,
                 **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
             },
+            regular=camera.rays_across is not None,
         )
+
+    def places(self, across: int) -> Floats:
+        """Places (across^2, 2), right and down, of a pixel's rays, 0 to 1."""
+        if not self.regular:
+            return net(across**2)
+        place = (np.arange(across) + 0.5) / across
+        down, right = np.meshgrid(place, place, indexing="ij")
+        return np.stack([right.ravel(), down.ravel()], axis=1)
 
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
@@ -100,7 +113,7 @@ class View:
     def boundary_shares(self, pixels: NDArray[np.int64], across: int) -> Floats:
         """Shares (B, N) of background, wall and patches in pixels (N,), without the medium.
 
-        across^2 lines of sight go through each pixel, in the middles of equal parts.
+        across^2 lines of sight go through each pixel.
         """
         columns, rows = self.pixels
         centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
@@ -109,15 +122,14 @@ class View:
         away = np.array([0.0, self.distance, 0.0])
         out = np.zeros((2 + len(self.patches), len(pixels)))
         at_once = max(_AT_ONCE // across**2, 1)
-        inside = (np.arange(across) + 0.5) / across
+        right, down = self.places(across).T
         for first in range(0, len(pixels), at_once):
             some = slice(first, first + at_once)
             row, column = np.divmod(pixels[some], columns)
             # Intersections with the target plane.
-            lines = np.zeros((len(row), across, across, 3))
-            lines[..., 0] = (column[:, None, None] + inside - 0.5 * columns) * self.pitch[0]
-            down = row[:, None, None] + inside[:, None]
-            lines[..., 2] = (0.5 * rows - down) * self.pitch[1]
+            lines = np.zeros((len(row), across**2, 3))
+            lines[..., 0] = (column[:, None] + right - 0.5 * columns) * self.pitch[0]
+            lines[..., 2] = (0.5 * rows - (row[:, None] + down)) * self.pitch[1]
             plane = lines.reshape(-1, 3)
             toward = plane + away if "CAMERA_PINHOLE" in self.defines else 0.0 * plane + away
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)

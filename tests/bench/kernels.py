@@ -134,7 +134,10 @@ class Kernels:
             found.append(pixels)
             return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
 
-        image.images(list(camera.halves), camera.defect, collect, gradient=camera.gradient)
+        rays = image.with_sources(
+            list(camera.halves), camera.defect, collect, gradient=camera.gradient
+        )
+        rays.middle()
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None

@@ -5,19 +5,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
-from cldit.accuracy.sources.base import ErrorSource, Measurement
+from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
 from cldit.accuracy.variant_tracer import temperature_of
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.prepare.medium import Prepared
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.subpixels import contrast_K
+from cldit.transport.ray_choice import contrast_K
 
 
 class _PixelSampling(ErrorSource):
@@ -25,13 +27,22 @@ class _PixelSampling(ErrorSource):
 
     name = "pixel sampling"
     shared_by = "pixels"
-    remedy: ClassVar = {"": "more camera.pixels, or camera.rays_per_pixel: 4 or more"}
+    cost_power = 4 / 3  # at edges the error falls with the number of rays to the power -3/4
+    cost_share = 0.3  # rays are the smaller part of most runs
+    remedy: ClassVar = {
+        "": "more camera.pixels, or a larger transport.accuracy_K",
+        "camera.rays_per_pixel": "camera.rays_per_pixel: auto",
+    }
 
     def key(self, scene: Scene) -> str:
-        return "camera.rays_per_pixel"
+        return "" if scene.camera.rays_across is None else "camera.rays_per_pixel"
+
+    def is_free(self, scene: Scene) -> bool:
+        return scene.camera.rays_across is None and scene.transport.method == "source"
 
     def of_image(self, at: Measurement, image: ImagePair) -> float | None:
-        if at.tracer.drawn is not None:  # single pixels far apart do not show it
+        # Single pixels far apart do not show it, and chosen rays are chosen for their share.
+        if at.tracer.drawn is not None or self.is_free(at.scene):
             return None
         return pixel_error(at.tracer.scene, at.prepared, image).error_K
 
@@ -41,6 +52,9 @@ class _PixelSampling(ErrorSource):
             why = "not known from an image of random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, why, self.key(at.scene))]
         return [pixel_error(at.scene, at.prepared, at.solved.image)]
+
+    def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
+        return replace(resolution, pixels_K=excess.share_K)
 
 
 PIXEL_SAMPLING = _PixelSampling()
@@ -77,7 +91,9 @@ def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
     map_K = contrast_K(np.where(seen, apparent_K, np.nan))
     rms_K = float(np.sqrt(np.nanmean(map_K**2)))
     map_K *= error_K / rms_K if rms_K > 0 else 0.0
-    how = f"the image's rays against {found.across**2}, in each of {len(pixels)} pixels"
+    rays = "{0}" if found.across.min() == found.across.max() else "{0} to {1}"
+    rays = rays.format(found.across.min() ** 2, found.across.max() ** 2)
+    how = f"the image's rays against {rays}, in each of {len(pixels)} pixels"
     return Estimate(Cause(name, error_K, how, key), map_K)
 
 

@@ -124,7 +124,7 @@ def _classes(
 class Gather:
     """Final gather of an image, in rounds of paths.
 
-    samples, seconds: paths per pixel, and time, so far.
+    samples, seconds: paths per pixel of the first call, and time, so far.
     short: reason why paths stopped before the wanted accuracy; empty if they did not.
     """
 
@@ -335,7 +335,7 @@ class Gather:
                     "increase transport.max_samples or transport.accuracy_K"
                 )
                 break
-        self.samples = int(2 * samples.mean() * across**2)
+        self.samples = self.samples or int(2 * samples.mean() * across**2)
         self.seconds += time.perf_counter() - start
         return means
 
@@ -354,11 +354,8 @@ class Gather:
     def paths(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
         """Paths from the thick cells on across^2 rays through each pixel (N,), for each device."""
         row, column = np.divmod(pixels, self._image.view.pixels[0])
-        place = (np.arange(across) + 0.5) / across
-        down, right = np.meshgrid(place, place, indexing="ij")
-        rays = np.stack(
-            [column[:, None] + right.reshape(-1), row[:, None] + down.reshape(-1)], axis=2
-        ).reshape(-1, 2)
+        right, down = self._image.view.places(across).T
+        rays = np.stack([column[:, None] + right, row[:, None] + down], axis=2).reshape(-1, 2)
         numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
         out = []
         for part, program, traversal, fixed in zip(

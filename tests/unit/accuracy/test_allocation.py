@@ -26,7 +26,9 @@ NOTHING: Any = None
 
 
 def scene_of(name: str = "gdi", **sections: dict[str, Any]) -> Scene:
+    """A shipped scene with one ray a pixel."""
     data = load_scene(name).model_dump(mode="json")
+    data["camera"]["rays_per_pixel"] = 1
     for section, values in sections.items():
         data[section].update(values)
     return parse_scene(data)
@@ -101,6 +103,15 @@ def test_all_that_is_left_out_is_free() -> None:
     assert "wavelengths" not in free_sources(given)
     assert first(given).spectral_K == 0.3
     assert "trace" not in free_sources(load_scene("methane-jet"))  # nothing scatters
+    auto = scene_of(camera={"rays_per_pixel": "auto"})
+    assert free_sources(auto) == ("trace", "cells", "pixel sampling", "size classes")
+    by_path: dict[str, Any] = {
+        "camera": {"rays_per_pixel": "auto"},
+        "transport": {"method": "path"},
+    }
+    assert "pixel sampling" not in free_sources(scene_of(**by_path))
+    better = refined(first(auto), auto, {"cells": 0.1, "pixel sampling": 2.0})
+    assert better is not None and better.pixels_K == pytest.approx((1 - 0.1**2) ** 0.5)
 
 
 def test_the_lattice_is_that_of_the_cells() -> None:

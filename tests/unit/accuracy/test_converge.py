@@ -94,7 +94,12 @@ def test_no_error_is_stated_of_a_temperature_that_no_pixel_has(
         "name": "dark",
         "spray": {"model": "grid", "file": str(tmp_path / "grid.npz")},
         "domain": {"edge_m": 0.016},
-        "camera": {"pixels": [8, 8], "field_m": [0.006, 0.006], "target_m": [0.0, 0.0, 0.0]},
+        "camera": {
+            "pixels": [8, 8],
+            "field_m": [0.006, 0.006],
+            "target_m": [0.0, 0.0, 0.0],
+            "rays_per_pixel": 1,  # a mean over an edge may have a T_app
+        },
         "walls": {"temperature_K": 400.0, **change.get("walls", {})},
         "background": {"radius_m": 0.05, **change["background"]},
     }

@@ -46,7 +46,12 @@ def traced(folder: Path, **transport: Any) -> tuple[Any, dict[str, Cause]]:
     scene = {
         "name": "ball",
         "spray": {"model": "grid", "file": str(folder / "ball.npz")},
-        "camera": {"pixels": [PIXELS] * 2, "field_m": [0.13, 0.13], "target_m": [0.0, 0.0, 0.0]},
+        "camera": {
+            "pixels": [PIXELS] * 2,
+            "field_m": [0.13, 0.13],
+            "target_m": [0.0, 0.0, 0.0],
+            "rays_per_pixel": 1,
+        },
         "background": {"radius_m": 0.09, "temperatures_K": [350.0, 450.0]},
         "walls": {"temperature_K": 200.0},
         "domain": {"edge_m": 0.2},

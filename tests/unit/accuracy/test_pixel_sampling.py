@@ -17,8 +17,9 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.ray_choice import contrast_K
 from cldit.transport.result import Subpixels
-from cldit.transport.subpixels import contrast_K, drawn
+from cldit.transport.subpixels import drawn
 from cldit.transport.tuning import Tuning
 
 FINE = 32  # points along a pixel's edge
@@ -84,7 +85,8 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
     assert len(sample.pixels) < COUNT**2 / 10
     some = many.map(lambda image: image.reshape(1, -1)[:, sample.pixels])
     prepared: Any = SimpleNamespace()
-    image = ImagePair(seen, subpixels=Subpixels(sample, 4 * across, some, None))
+    many_across = np.full(len(sample.pixels), 4 * across)
+    image = ImagePair(seen, subpixels=Subpixels(sample, many_across, some, None))
     found = pixel_sampling.pixel_error(scene, prepared, image)
     true = float(np.sqrt(np.mean((temperature(seen) - temperature(mean)) ** 2)))
     assert found.map_K is not None and found.map_K.shape == (COUNT, COUNT)
@@ -116,7 +118,7 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     sample = PixelSample(np.arange(count) * 9, np.full(count, 1 / 9))
     some, apart = noisy((1, count))
     prepared: Any = SimpleNamespace()
-    image = ImagePair(mean, half, Subpixels(sample, 4, some, apart))
+    image = ImagePair(mean, half, Subpixels(sample, np.full(count, 4), some, apart))
     error_K = pixel_sampling.pixel_error(scene, prepared, image).error_K
     assert error_K is not None and error_K**2 < 4 * 0.07
 

@@ -113,7 +113,6 @@ def test_what_a_trace_depends_on(gdi: Scene, key: str, value: object, same: bool
     [
         {"optics.preset": "spectral"},
         {"transport.method": "path"},
-        {"camera.rays_per_pixel": "adaptive"},
     ],
     ids=str,
 )

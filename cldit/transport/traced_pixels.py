@@ -1,0 +1,84 @@
+"""Pixels of an image by the rays that the scene asks for, or that the expected error needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.scene.schema import Scene
+from cldit.transport.image import Rays, Reals
+from cldit.transport.ray_choice import PixelTemperature, RayChoice
+from cldit.transport.result import Subpixels, TraceSettings
+from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
+
+Across = NDArray[np.int64]
+_SAMPLES = 7  # that measure the error
+_CLOSE = 1.1  # of the allowed error
+
+
+@dataclass(frozen=True)
+class TracedPixels:
+    """An image, with its pixels' rays.
+
+    halves: (images, C + 1, H, W) weights, the part from within the medium last. middle: the same by
+    one ray a pixel; None: `halves` are. across: (H, W) rays across each pixel. subpixels: some
+    pixels by many more rays; None: not asked for, or no pixel has a T_app.
+    """
+
+    halves: Reals
+    middle: Reals | None
+    across: Across
+    subpixels: Subpixels | None = None
+
+
+def traced_pixels(
+    rays: Rays,
+    scene: Scene,
+    settings: TraceSettings,
+    pixels: NDArray[np.int64] | None = None,
+    given: Across | None = None,
+) -> TracedPixels:
+    """Traces all pixels, or those of the flat numbers `pixels` (N,) as an image of one row.
+
+    `given` (H, W) are the rays across each pixel; None: the number of the scene, or, with
+    `settings.rays_K`, as many as the error needs.
+    """
+    columns, rows = rays.solution.view.pixels
+    few = scene.camera.rays_across or 1
+    if pixels is not None:
+        across = np.full(len(pixels), few)
+        return TracedPixels(rays.through(pixels, across)[:, :, None, :], None, across[None])
+    images = rays.middle()
+    across = np.full(rows * columns, few) if given is None else given.reshape(-1)
+    several = np.flatnonzero(across > 1)
+    middle = images.copy() if settings.rays_K is not None or len(several) else None
+    cells, subpixels = rays.solution.cells, None
+    temperature = PixelTemperature.of(rays.solution.view, cells.temperature(scene))
+    if settings.rays_K is not None:
+        choice = RayChoice(rays, images, temperature)
+        subpixels = _chosen(choice, settings)
+        across = choice.across
+    elif len(several):
+        images[:, :, several] = rays.through(several, across[several])
+
+    def shaped(planes: Reals) -> Reals:
+        return planes.reshape(*planes.shape[:2], rows, columns)
+
+    halves = shaped(images)
+    if settings.subpixels and settings.rays_K is None:
+        mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
+        subpixels = sampled_subpixels(rays, mean, across, temperature, settings)
+    shown = None if middle is None else shaped(middle)
+    return TracedPixels(halves, shown, across.reshape(rows, columns), subpixels)
+
+
+def _chosen(choice: RayChoice, settings: TraceSettings) -> Subpixels | None:
+    """Adds rays until a sample of pixels measures `settings.rays_K` or less."""
+    assert settings.rays_K is not None
+    for number in range(_SAMPLES):
+        subpixels, error_K = measured_subpixels(choice, settings, number)
+        if error_K <= _CLOSE * settings.rays_K or not choice.reach(settings.rays_K):
+            break
+    return subpixels

@@ -1,0 +1,61 @@
+"""Allocation of rays to pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cldit.transport.ray_choice import MOST_ACROSS, allocated
+from cldit.transport.sobol import net
+
+ONE = np.ones(1000, np.int64)
+
+
+def left(square: np.ndarray, across: np.ndarray) -> float:
+    """Sum of squares by these rays, which falls with their number as n^-3/2."""
+    return float(np.sum(square / across**3.0))
+
+
+@pytest.mark.parametrize("allowed", [1e-2, 0.1, 0.5])
+def test_sum_of_squares_at_little_cost(allowed: float) -> None:
+    """Against the best allocation of any number of rays: rounding to powers of four costs no more
+    than a factor of four."""
+    square = np.random.default_rng(1).random(1000) ** 8
+    square /= square.sum()
+    across = allocated(square, ONE, allowed=allowed)
+    assert left(square, across) <= allowed
+    assert set(np.unique(across)) <= {1, 2, 4, 8, 16}
+    assert np.all(np.diff(across[np.argsort(square)]) >= 0)
+    many = square**0.4  # n in proportion to e^(4/5), so that the sum of squares is what is allowed
+    many *= (np.sum(square / many**1.5) / allowed) ** (2 / 3)
+    assert np.sum(across**2) <= 4 * np.sum(np.maximum(many, 1.0))
+
+
+def test_what_pixels_have_is_kept() -> None:
+    square = np.full(1000, 1e-3)
+    have = np.where(np.arange(1000) < 100, 8, 1)
+    across = allocated(square, have, allowed=0.5)
+    assert np.all(across >= have) and left(square * have**3.0, across) <= 0.5
+    assert np.array_equal(allocated(square, have, allowed=2.0), have)
+
+
+@pytest.mark.parametrize("count", [1, 4, 16, 64, 256, 1024])
+def test_rays_of_a_pixel_are_a_net(count: int) -> None:
+    """One point in each row, in each column, and in each rectangle of the same area."""
+    points = net(count)
+    for rows in 2 ** np.arange(int(np.log2(count)) + 1):
+        place = np.floor(points * [rows, count // rows])
+        assert len(np.unique(place, axis=0)) == count
+    np.testing.assert_allclose(points.mean(axis=0), 0.5)
+
+
+def test_the_number_of_rays_has_an_end() -> None:
+    square = np.ones(40_000)
+    across = allocated(square, np.ones(len(square), np.int64), allowed=1e-9)
+    assert across.max() <= MOST_ACROSS
+    assert 0.2 < np.sum(across**2) / (4 * len(square) + 1e6) <= 1.0
+    spread = np.geomspace(1.0, 1e6, len(square))
+    across = allocated(spread, np.ones(len(square), np.int64), allowed=1e-9)
+    assert 0.8 < np.sum(across**2) / (4 * len(square) + 1e6) <= 1.0
+    nothing = allocated(np.zeros(5), np.ones(5, np.int64), allowed=0.0)
+    assert np.all(nothing == 1)
