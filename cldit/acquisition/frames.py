@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.hcc import HccError
 from cldit.acquisition.pictures.kinds import ALLOWED, EXPORT, by_ending, kind_of
 from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack, Told
 from cldit.errors import EvaluationError, FileError
@@ -44,7 +43,7 @@ def open_stack(source: Source) -> Stack:
         stack = _arranged(reader(source), source)
     except EvaluationError:
         raise
-    except (HccError, FileError) as error:
+    except FileError as error:
         raise EvaluationError(str(error)) from error
     except Exception as error:  # damaged headers lead the readers into errors of all kinds
         raise EvaluationError(f"{source.path}: cannot be read ({error})") from error

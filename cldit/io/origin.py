@@ -70,8 +70,14 @@ class FileRead:
 
 
 def files_read(paths: Iterable[Path]) -> tuple[FileRead, ...]:
-    """Records of the files, each once, in order; OSError if one cannot be read."""
-    return tuple(FileRead.of(path) for path in dict.fromkeys(each.resolve() for each in paths))
+    """Records of the files, and of all in folders, each once, in order; OSError if one cannot be
+    read.
+    """
+    found = (
+        each for path in paths for each in (sorted(path.rglob("*")) if path.is_dir() else (path,))
+    )
+    files = dict.fromkeys(each.resolve() for each in found if not each.is_dir())
+    return tuple(FileRead.of(path) for path in files)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,14 +42,18 @@ def read_table_text(path: Path) -> str:
 def split_cells(line: str) -> tuple[list[str], str]:
     """Cells of a line, and what separates them: a semicolon, a tab, a comma or blanks.
 
-    With any other separator than a comma, a comma is a decimal point. An empty last cell, which
-    many programs write, is omitted.
+    A comma within a cell is a decimal point. An empty last cell, which many programs write, is
+    omitted.
     """
-    between = next((mark for mark in ";\t," if mark in line), " ")
-    if between == "," and _COMMA_IN_NUMBERS.search(line):
+    plain = re.sub(r'"[^"]*"', "", line)
+    between = next((mark for mark in ";\t," if mark in plain), " ")
+    if between == "," and _COMMA_IN_NUMBERS.search(plain):
         between = " "
-    cells = line.split() if between == " " else line.strip("\r\n ").split(between)
-    cells = [cell.strip().strip('"').strip() for cell in cells]
+    text = line.strip("\r\n ")
+    cells = text.split() if between == " " else text.split(between)
+    if '"' in line:
+        cells = next(csv.reader([text], delimiter=between, skipinitialspace=True))
+    cells = [cell.strip() for cell in cells]
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells, between
 
 
@@ -87,9 +92,7 @@ def number_table(text: str) -> NumberTable:
 
 def _numbers(line: str) -> tuple[str | None, list[float] | None]:
     """Label and numbers of a line; None for a line that has anything else."""
-    cells, between = split_cells(line)
-    if between != ",":
-        cells = [cell.replace(",", ".") for cell in cells]
+    cells = [cell.replace(",", ".") for cell in split_cells(line)[0]]
     for label, rest in ((None, cells), (cells[0] if cells else None, cells[1:])):
         values = _floats(rest)
         if values:

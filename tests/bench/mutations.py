@@ -228,7 +228,7 @@ MUTATIONS = (
         "pass", "unit/acquisition"),
     row("cldit/acquisition/quality.py", "wanted = frames[0].frame_id + number",
         "wanted = frame.frame_id", "unit/acquisition/test_quality.py", "unit/acquisition"),
-    row("cldit/acquisition/hcc.py", "1e-7 * header", "1e-6 * header", "unit/acquisition"),
+    row("cldit/acquisition/pictures/hcc.py", "1e-7 * header", "1e-6 * header", "unit/acquisition"),
     row("cldit/acquisition/shot.py", "abs(after_K - shot.background_K) <= self._plan.drift_K",
         "abs(after_K - shot.background_K) <= 9 * self._plan.drift_K", "unit/acquisition"),
     # show, study, bench, command line, files, api

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import ArrayStack, Axis, Source, needed, pick
+from cldit.acquisition.pictures.source import ArrayStack, Axis, Source, axes_named, needed, pick
 from cldit.io.files import check_regular
 
 MATLAB: tuple[Axis, ...] = ("rows", "columns", "frames")
@@ -54,7 +54,8 @@ class NetCdf3(ArrayStack):
         try:
             known = {name: each.shape for name, each in self._file.variables.items()}
             found = pick(source, self._file.variables, lambda: known, line=False)
-            super().__init__(found.data, source.axes, attributes=found._attributes)
+            axes = source.axes or axes_named(found.dimensions)
+            super().__init__(found.data, axes, attributes=found._attributes)
         except BaseException:
             self._file.close()
             raise
@@ -69,7 +70,10 @@ class Zarr(ArrayStack):
 
     def __init__(self, source: Source) -> None:
         found = _zarr(source, line=False)
-        super().__init__(found, source.axes, attributes=dict(found.attrs))
+        known = dict(found.attrs)
+        names = getattr(found.metadata, "dimension_names", None) or known.get("_ARRAY_DIMENSIONS")
+        axes = source.axes or axes_named([str(name) for name in names or ()])
+        super().__init__(found, axes, attributes=known)
 
 
 def read_line(source: Source) -> NDArray[np.float64]:

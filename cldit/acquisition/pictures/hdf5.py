@@ -16,6 +16,7 @@ from cldit.acquisition.pictures.source import (
     Source,
     Told,
     as_text,
+    axes_named,
     moment_s,
     needed,
     pick,
@@ -31,7 +32,8 @@ class Hdf5(ArrayStack):
         self._source = source
         self._file, data = _open(source, line=False)
         matlab = "MATLAB_class" in data.attrs
-        axes = (source.axes or MATLAB)[::-1] if matlab else source.axes
+        names = [dim.keys()[0].rpartition("/")[2] if len(dim) else dim.label for dim in data.dims]
+        axes = (source.axes or MATLAB)[::-1] if matlab else source.axes or axes_named(names)
         super().__init__(data, axes, attributes=data.attrs)
         self.notes += matlab_notes(source, data.shape) if matlab else ()
         self.told = _told(data.parent, len(self))

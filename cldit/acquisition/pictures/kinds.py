@@ -60,7 +60,7 @@ KINDS = (
     Kind("Zarr", "zarr", reader="arrays:Zarr", line="arrays:read_line"),
     Kind("FITS", "fits fit fts", ((0, b"SIMPLE  ="),), "fits:Fits"),
     Kind("TDMS", "tdms", ((0, b"TDSm"),), "tdms:Tdms", line="tdms:read_line"),
-    Kind("Telops", "hcc", reader="plain:Hcc"),
+    Kind("Telops", "hcc", reader="hcc:Hcc"),
     Kind("NumPy", "npy", ((0, b"\x93NUMPY"),), "plain:open_npy"),
     Kind("PNG", "png", ((0, b"\x89PNG\r\n\x1a\n"),), "plain:open_png"),
     Kind("text", "csv txt asc tsv dat", reader="text:TextImages"),

@@ -1,4 +1,4 @@
-"""Images in files that hold little else: .npy, .png, and Telops' films."""
+"""Images in files that hold little else: .npy and .png."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from cldit.acquisition.hcc import HccReader, frame_time
-from cldit.acquisition.pictures.source import Source, Told
+from cldit.acquisition.pictures.source import Source
 from cldit.io.files import check_regular, open_regular
 
 
@@ -27,29 +26,3 @@ def open_png(source: Source) -> NDArray[Any]:
                 f"mode {image.mode} holds colours, not counts; export grey images of 16 bits"
             )
         return np.array(image)
-
-
-class Hcc:
-    """A Telops film, read frame by frame."""
-
-    def __init__(self, source: Source) -> None:
-        check_regular(source.path)
-        self._film = HccReader(source.path)
-        self.told = tuple(
-            Told(
-                frame_time(header).timestamp() if header.get("POSIXTime") else None,
-                1e-6 * float(header["ExposureTime"]) or None,
-            )
-            for header in self._film.headers
-        )
-
-    def __len__(self) -> int:
-        return len(self._film.headers)
-
-    def read(self, number: int) -> NDArray[Any]:
-        """Image `number`, (rows, columns)."""
-        return np.asarray(self._film.frames(number, number + 1)[0])
-
-    def close(self) -> None:
-        """Closes the film."""
-        self._film.close()

@@ -18,6 +18,11 @@ from cldit.errors import EvaluationError
 Axis = Literal["frames", "rows", "columns"]
 AXES: tuple[Axis, ...] = ("frames", "rows", "columns")
 
+_NAMES: dict[Axis, str] = {  # of dimensions in files that name them
+    "frames": "t time frame frames n shot shots number image images",
+    "rows": "y row rows z height line lines",
+    "columns": "x column columns col cols width",
+}
 _PART = re.compile(r"^(?P<name>.*)\[(?P<first>\d*):(?P<last>\d*)(?::(?P<step>[1-9]\d*))?\]$")
 
 
@@ -84,6 +89,14 @@ class Stack(Protocol):
 
     def close(self) -> None:
         """Closes the file."""
+
+
+def axes_named(names: Sequence[str]) -> tuple[Axis, ...] | None:
+    """Order of axes by the names of two or three dimensions; None unless all of them are clear."""
+    found: list[Axis] = ["frames"] if len(names) == 2 else []
+    for name in names:
+        found += [axis for axis, known in _NAMES.items() if name.lower() in known.split()]
+    return tuple(found) if sorted(found) == sorted(AXES) else None
 
 
 class NoDataSet(EvaluationError):

@@ -127,6 +127,10 @@ class Tiff:
             found.append(f"turned as orientation tag {self._turn} says")
         if taken := self._tag(0, _TIME, ""):
             found.append(f"file made {taken}")
+        series = self._file.series[0]
+        if series.axes.endswith("CYX") and series.shape[-3] > 1:
+            channels = series.shape[-3]
+            found.append(f"{channels} channels in turns; [0::{channels}] takes the first")
         return tuple(found)
 
     def _told(self) -> tuple[Told, ...]:

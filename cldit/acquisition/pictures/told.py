@@ -95,7 +95,7 @@ def _column(
         row = line.split() if between == " " else next(quoted)
         value = row[place].strip() if place < len(row) else ""
         try:
-            found.append(convert(value if between == "," else value.replace(",", ".")))
+            found.append(convert(value.replace(",", ".")))
         except ValueError as error:
             raise EvaluationError(
                 f"{source.path}, line {number}: {name} is {value!r}; allowed: {allowed}"

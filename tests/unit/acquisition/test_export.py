@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,10 @@ from click.testing import CliRunner
 
 from cldit.acquisition import Acquisition, Plan, acquire, open_acquisition
 from cldit.acquisition.export import ExportError, export
-from cldit.acquisition.hcc import HccError, read_hcc
+from cldit.acquisition.frames import open_stack
+from cldit.acquisition.pictures.source import Source
 from cldit.cli import main
-from cldit.errors import DiskFull, RunFolderError
+from cldit.errors import DiskFull, EvaluationError, RunFolderError
 from cldit.rig.load import open_rig
 from tests.full_disk import full_disk
 
@@ -123,29 +123,32 @@ def film(path: Path, **changes: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:
 
 def test_hcc(tmp_path: Path) -> None:
     frames = film(tmp_path / "a.hcc")
-    found = read_hcc(tmp_path / "a.hcc")
-    assert np.array_equal(found.frames, frames) and found.frames.dtype == np.uint16
-    assert found.integration_time_s == pytest.approx(25e-6) and found.frame_rate_Hz == 1000.0
-    assert list(found.frame_ids) == list(range(100, 105)) and not found.corrected
-    assert found.time[0] == datetime.fromtimestamp(1_700_000_000, UTC)
-    assert (found.time[1] - found.time[0]).total_seconds() == pytest.approx(1e-3, abs=1e-6)
+    found = open_stack(Source(tmp_path / "a.hcc"))
+    read = np.stack([found.read(number) for number in range(len(found))])
+    assert np.array_equal(read, frames) and read.dtype == np.uint16
+    told = found.told  # type: ignore[attr-defined]
+    assert [one.integration_time_s for one in told] == pytest.approx([25e-6] * 5)
+    assert [one.time_s for one in told] == pytest.approx(
+        [1_700_000_000 + 1e-3 * n for n in range(5)], abs=1e-6
+    )
+    found.close()
 
 
 def test_hcc_that_is_no_use(tmp_path: Path) -> None:
     film(tmp_path / "kelvin.hcc", calibration_mode=2)
-    with pytest.raises(HccError, match="calibration mode 2"):
-        read_hcc(tmp_path / "kelvin.hcc")
+    with pytest.raises(EvaluationError, match="calibration mode 2"):
+        open_stack(Source(tmp_path / "kelvin.hcc"))
     film(tmp_path / "gap.hcc", metadata=[{"FrameID": n} for n in (1, 2, 4, 5, 6)])
-    with pytest.raises(HccError, match="frame 3 is missing"):
-        read_hcc(tmp_path / "gap.hcc")
+    with pytest.raises(EvaluationError, match="frame 3 is missing"):
+        open_stack(Source(tmp_path / "gap.hcc"))
     film(tmp_path / "cut.hcc")
     (tmp_path / "cut.hcc").write_bytes((tmp_path / "cut.hcc").read_bytes()[:-100])
-    with pytest.raises(HccError, match="cannot be read"):
-        read_hcc(tmp_path / "cut.hcc")
+    with pytest.raises(EvaluationError, match="cannot be read"):
+        open_stack(Source(tmp_path / "cut.hcc"))
     (tmp_path / "text.hcc").write_text("no film" * 100)
     for name in ("text.hcc", "missing.hcc"):
-        with pytest.raises(HccError, match=name):
-            read_hcc(tmp_path / name)
+        with pytest.raises(EvaluationError, match=name):
+            open_stack(Source(tmp_path / name))
 
 
 @pytest.mark.parametrize("form", ["nexus", "ome-tiff"])

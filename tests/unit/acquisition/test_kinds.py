@@ -129,9 +129,31 @@ def _tdms(path: Path) -> None:
         file.write_segment([group, nptdms.ChannelObject("camera", "counts", IMAGES.ravel())])
 
 
+def _named_dimensions(path: Path) -> None:
+    """As xarray writes an array with the dimensions y, x and time."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["counts"] = MATLAB_ORDER
+        for number, (name, size) in enumerate(zip("yxt", MATLAB_ORDER.shape, strict=True)):
+            file[name] = np.arange(size)
+            file[name].make_scale(name)
+            file["counts"].dims[number].attach_scale(file[name])
+
+
+def _named_variables(path: Path) -> None:
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, "w") as file:
+        for name, size in zip(("x", "frame", "y"), (7, 6, 5), strict=True):
+            file.createDimension(name, size)
+        data = file.createVariable("counts", "i4", ("x", "frame", "y"))
+        data[:] = IMAGES.transpose(2, 0, 1)
+
+
 WRITERS: list[tuple[str, Callable[[Path], None]]] = [
     ("a.btf", _btf), ("a.lsm", _lsm), ("a.stk", _stk), ("a.nc", _netcdf4), ("b.nc", _netcdf3),
-    ("c.nc", _packed), ("a.mat", _matlab5), ("b.mat", _matlab7), ("a.zarr", _zarr),
+    ("c.nc", _packed), ("d.nc", _named_dimensions), ("e.nc", _named_variables),
+    ("a.mat", _matlab5), ("b.mat", _matlab7), ("a.zarr", _zarr),
     ("a.fits", _fits), ("a.tdms", _tdms),
 ]  # fmt: skip
 
@@ -147,6 +169,13 @@ def test_kinds_are_read_and_the_only_data_set_needs_no_name(
     np.testing.assert_array_equal(read_all(part), IMAGES[1::2])
     if path.is_file():  # its content decides
         np.testing.assert_array_equal(read_all(Source(path.rename(tmp_path / "a.png"))), IMAGES)
+
+
+def test_channels_in_turns_are_reported(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, IMAGES.reshape(3, 2, 5, 7), imagej=True, metadata={"axes": "TCYX"})
+    assert notes(Source(path)) == "2 channels in turns; [0::2] takes the first"
+    np.testing.assert_array_equal(read_all(parse_source(f"{path}[1::2]")[1]), IMAGES[1::2])
 
 
 @pytest.mark.parametrize("write", [_matlab5, _matlab7])
@@ -244,6 +273,8 @@ TABLES: list[tuple[str, str, str, Any, str]] = [
     ("irbis.csv", IRBIS.format("") + "\n".join(_lines(",", ".")) , "utf-8", IMAGES[:1],
      "header rows omitted: 6"),
     ("optris.csv", "\n".join(line + ";" for line in _lines(";", ",")), "cp1252", IMAGES[:1], ""),
+    ("quoted.csv", "\n".join('"' + '","'.join(line.split(";")) + '"' for line in _lines(";", ",")),
+     "utf-8", IMAGES[:1], ""),
     ("blanks.dat", "\n".join(_lines("  ", ",")), "utf-8-sig", IMAGES[:1], ""),
     ("flir.csv", _flir(), "cp1252", IMAGES, "header rows omitted: 3"),
     ("pandas.csv", _numbered(), "utf-8", IMAGES[:1],

@@ -102,9 +102,11 @@ def test_a_folder_of_tiffs_from_the_command_line(tiffs: Path) -> None:
     assert picture.exit_code == 0 and (tiffs / "maps.png").is_file()
 
 
-@pytest.mark.parametrize("form", ["pages", "imagej", "nexus", "hcc"])
+@pytest.mark.parametrize("form", ["pages", "imagej", "nexus", "hcc", "zarr"])
 def test_stacks_give_what_single_pictures_give(tiffs: Path, tmp_path: Path, form: str) -> None:
-    """Pages of one TIFF, ImageJ's stack in one page, a data set of NeXus, a Telops film."""
+    """Pages of one TIFF, ImageJ's stack in one page, a data set of NeXus, a Telops film, and a
+    folder.
+    """
     expected = evaluate_folder(tiffs).maps
     folder = tmp_path / form
     folder.mkdir()
@@ -121,6 +123,14 @@ def test_stacks_give_what_single_pictures_give(tiffs: Path, tmp_path: Path, form
                 + (f"[:{SHOTS}]" if kind == "references" else f"[{SHOTS}:]")
             ),
         )
+    elif form == "zarr":
+        zarr = pytest.importorskip("zarr")
+        for kelvin in BACKGROUNDS:
+            for kind in ("references", "injections"):
+                data = np.stack(_pictures(kelvin, kind))
+                place = str(folder / f"{kind}{kelvin:g}.zarr")
+                zarr.create_array(place, shape=data.shape, dtype=data.dtype)[...] = data
+        _described(folder, lambda kelvin, kind: f"{kind}{kelvin:g}.zarr")
     elif form == "hcc":
         fasthcc = pytest.importorskip("fasthcc")
         for kelvin in BACKGROUNDS:

@@ -14,8 +14,8 @@ import yaml
 from click.testing import CliRunner
 
 from cldit.acquisition.measured import open_measured
+from cldit.acquisition.pictures.hcc import Hcc
 from cldit.acquisition.pictures.hdf5 import Hdf5
-from cldit.acquisition.pictures.plain import Hcc
 from cldit.acquisition.pictures.source import Source, Told, moment_s
 from cldit.acquisition.pictures.tiff import Tiff, told_by_exif
 from cldit.cli import main
