@@ -21,8 +21,9 @@ from cldit.acquisition.pictures.source import (
     needed,
     pick,
 )
-from cldit.errors import EvaluationError
+from cldit.errors import EvaluationError, FileError
 from cldit.io.files import check_regular
+from cldit.io.hdf_files import check_links, check_sources
 
 
 class Hdf5(ArrayStack):
@@ -120,7 +121,13 @@ def _open(source: Source, *, line: bool) -> tuple[Any, Any]:
         return found
 
     try:
-        return file, pick(source, file, shapes, line=line)
+        check_links(source.path, file, complete=False)
+        data = pick(source, file, shapes, line=line)
+        check_sources(source.path, data)
+        return file, data
+    except FileError as error:
+        file.close()
+        raise EvaluationError(str(error)) from error
     except BaseException:
         file.close()
         raise

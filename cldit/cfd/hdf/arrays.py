@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from cldit.cfd.inputs import missing, regular
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
-from cldit.errors import SprayError
+from cldit.errors import FileError, SprayError
+from cldit.io.hdf_files import check_links, check_sources
 from cldit.spray.result import Floats
 
 
@@ -25,9 +26,14 @@ def open_hdf(path: Path) -> Iterator[Any]:
         raise missing(path, "h5py") from error
     try:
         with h5py.File(regular(path), "r") as file:
+            check_links(path, file, complete=True)
+            for each in arrays_in(file):
+                check_sources(path, each)
             yield file
     except SprayError:
         raise
+    except FileError as error:
+        raise SprayError(str(error)) from error
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
 

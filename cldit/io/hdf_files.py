@@ -1,0 +1,147 @@
+"""Other files that an HDF5 file refers to: they must be there, whole, and regular.
+
+HDF5 reads zeros where the source of a virtual data set is missing or too short, and waits for ever
+for a pipe. Names are searched as HDF5 does (H5F_prefix_open_file in its source).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cldit.errors import FileError
+from cldit.io.files import check_regular
+
+_ITSELF = "."
+_BLOCK = "%b"  # in names of sources: a number, from 0 as far as there are files
+_DEEPEST = 20  # sources of sources, links to links
+
+
+def check_links(path: Path, file: Any, *, complete: bool) -> None:
+    """Checks all external links of an open file, without following them.
+
+    `complete`: their files must exist. Raises FileError, which names the file.
+    """
+    _check_links(path, file, complete, set())
+
+
+def check_sources(path: Path, data: Any, _depth: int = 0) -> None:
+    """Checks that all values of a data set of an open file are in files that exist.
+
+    Raises FileError, which names the missing file, or the source that is too short.
+    """
+    for name, *_ in data.external or ():
+        _found(path, os.fsdecode(name), "HDF5_EXTFILE_PREFIX", data.name)
+    if not data.is_virtual:
+        return
+    if _depth > _DEEPEST:
+        raise FileError(f"{path}: {data.name}: is a virtual data set of itself")
+    for source in data.virtual_sources():
+        where = path
+        if source.file_name != _ITSELF:
+            name = source.file_name.replace(_BLOCK, "0")
+            where = _found(path, name, "HDF5_VDS_PREFIX", data.name)
+        with _opened(path, data.name, where) as file:
+            part = file.get(source.dset_name.replace(_BLOCK, "0"))
+            if part is None:
+                raise FileError(
+                    f"{path}: {data.name}: {where} has no {source.dset_name}, its source"
+                )
+            _check_extent(path, data.name, where, part, source)
+            check_sources(where, part, _depth + 1)
+
+
+def _check_extent(path: Path, name: str, where: Path, part: Any, source: Any) -> None:
+    """Raises FileError if a source has fewer values than are taken from it."""
+    import h5py
+
+    space = source.src_space
+    try:
+        if space.get_select_type() == h5py.h5s.SEL_ALL:  # of any shape
+            needed: tuple[int, ...] = (int(source.vspace.get_select_npoints()),)
+            short = part.size < needed[0]
+        else:
+            needed = tuple(int(last) + 1 for last in space.get_select_bounds()[1])
+            short = len(needed) != part.ndim or bool(np.any(np.greater(needed, part.shape)))
+    except (ValueError, RuntimeError):  # unlimited, or empty
+        return
+    if short:
+        raise FileError(
+            f"{path}: {name}: its source {where} has the shape {part.shape}, expected at least "
+            f"{needed}; it is incomplete"
+        )
+
+
+def _check_links(path: Path, file: Any, complete: bool, seen: set[Path]) -> None:
+    seen.add(path.resolve())
+    for name, link in _external(file, set()):
+        found = _search(path, link.filename, "HDF5_EXT_PREFIX")
+        if found is None and complete:
+            raise FileError(
+                f"{path}: {name}: is a link to {path.parent / link.filename}, which is missing"
+            )
+        if found is None or found.resolve() in seen:
+            continue
+        check_regular(found)
+        if len(seen) > _DEEPEST:
+            raise FileError(f"{path}: more than {_DEEPEST} files are linked one to the other")
+        with _opened(path, name, found) as other:
+            _check_links(found, other, complete, seen)
+
+
+def _opened(path: Path, name: str, other: Path) -> Any:
+    """Another file that `name` in a file refers to."""
+    import h5py
+
+    try:
+        return h5py.File(other, "r")
+    except OSError as error:
+        raise FileError(f"{path}: {name}: {other} cannot be read ({error})") from error
+
+
+def _external(group: Any, seen: set[Any]) -> Iterator[tuple[str, Any]]:
+    """External links in a group and those below, with their names."""
+    import h5py
+
+    seen.add(group.id)
+    for key in group:
+        link = group.get(key, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            yield f"{group.name.rstrip('/')}/{key}", link
+        elif isinstance(link, h5py.HardLink):
+            item = group.get(key)
+            if isinstance(item, h5py.Group) and item.id not in seen:
+                yield from _external(item, seen)
+
+
+def _found(path: Path, name: str, prefix: str, data: str) -> Path:
+    """A regular file that is a source of a data set; raises FileError if it is missing."""
+    found = _search(path, name, prefix)
+    if found is None:
+        raise FileError(
+            f"{path}: {data}: its source {path.parent / name} is missing, and would be read as "
+            "zeros"
+        )
+    check_regular(found)
+    return found
+
+
+def _search(path: Path, name: str, prefix: str) -> Path | None:
+    """The file that HDF5 opens under a name in a file; None if there is none."""
+    asked = Path(name)
+    below = Path(asked.name) if asked.is_absolute() else asked
+    here = path.absolute().parent
+    folders = [part.replace("${ORIGIN}", str(here)) for part in _prefixes(prefix)]
+    places = [*(Path(folder) / below for folder in folders), here / below, below]
+    places.append(path.resolve().parent / below)
+    if asked.is_absolute():
+        places.insert(0, asked)
+    return next((place for place in places if place.exists()), None)
+
+
+def _prefixes(variable: str) -> list[str]:
+    return [part for part in os.environ.get(variable, "").split(":") if part]
