@@ -20,7 +20,8 @@ class Calibration:
 
     filter_um: lower and upper wavelength, or the response, in which L is defined.
     counts_per_radiance: counts per photon s-1 m-2 sr-1.
-    saturation_counts: counts from which a pixel is saturated.
+    saturation_counts: counts from which a pixel is saturated. step_counts: to which images are
+    rounded; 0 for values that are not rounded.
     """
 
     filter_um: Filter
@@ -29,6 +30,7 @@ class Calibration:
     electrons_per_count: float
     read_noise_electrons: float
     saturation_counts: float
+    step_counts: float = 1.0
 
     def __post_init__(self) -> None:
         try:
@@ -40,6 +42,7 @@ class Calibration:
             ("electrons_per_count", False),
             ("read_noise_electrons", True),
             ("saturation_counts", False),
+            ("step_counts", True),
         ):
             value = getattr(self, name)
             if not (0.0 <= value < math.inf) or (value == 0.0 and not zero):
@@ -63,12 +66,12 @@ class Calibration:
             EvaluationError: a value is missing, not a number, or impossible.
         """
         names = {item.name for item in fields(cls)}
-        missing = sorted(names - set(data))
+        missing = sorted(names - set(data) - {"step_counts"})
         if missing:
             raise EvaluationError(f"calibration: {', '.join(missing)} missing")
         try:
             filter_um = from_plain(data["filter_um"])
-            numbers = {name: float(data[name]) for name in names - {"filter_um"}}
+            numbers = {name: float(data[name]) for name in (names & set(data)) - {"filter_um"}}
             return cls(filter_um=filter_um, **numbers)
         except (TypeError, ValueError) as error:
             if isinstance(error, EvaluationError):
@@ -84,11 +87,12 @@ class Calibration:
         return self.offset_counts + np.asarray(radiance, np.float64) * self.counts_per_radiance
 
     def variance_counts2(self, counts: ArrayLike) -> NDArray[np.float64]:
-        """Variance of one exposure of mean `counts`, any shape: shot, read and rounding (1/12).
+        """Variance of one exposure of mean `counts`, any shape: shot, read and rounding.
 
         Electrons follow a Poisson distribution, whose variance is its mean.
         """
         over = np.asarray(counts, np.float64) - self.offset_counts
         electrons = np.maximum(over, 0.0) * self.electrons_per_count
         read = self.read_noise_electrons**2
-        return np.asarray((electrons + read) / self.electrons_per_count**2 + 1.0 / 12.0)
+        rounding = self.step_counts**2 / 12.0
+        return np.asarray((electrons + read) / self.electrons_per_count**2 + rounding)

@@ -30,7 +30,12 @@ class PhotonTransfer:
 
 
 def photon_transfer(
-    mean: Floats, variance: Floats, *, exposures: int, offset_counts: float | None
+    mean: Floats,
+    variance: Floats,
+    *,
+    exposures: int,
+    offset_counts: float | None,
+    step_counts: float = 1.0,
 ) -> PhotonTransfer:
     """Gain and read noise from means and sample variances of equal exposures.
 
@@ -42,6 +47,7 @@ def photon_transfer(
         exposures: number per pixel, 2 or more.
         offset_counts: counts without light. None: counts at which the variance is that of rounding;
             the offset then includes the read noise, with the same errors as a result.
+        step_counts: to which images are rounded.
 
     Raises:
         EvaluationError: the variance does not rise with the light.
@@ -64,8 +70,8 @@ def photon_transfer(
         )
     offset = offset_counts
     if offset is None:
-        offset = (1.0 / 12.0 - at_zero) / slope
-    read2 = at_zero + slope * offset - 1.0 / 12.0
+        offset = (step_counts**2 / 12.0 - at_zero) / slope
+    read2 = at_zero + slope * offset - step_counts**2 / 12.0
     return PhotonTransfer(
         electrons_per_count=float(1.0 / slope),
         read_noise_electrons=float(np.sqrt(max(read2, 0.0)) / slope),

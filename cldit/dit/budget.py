@@ -175,10 +175,18 @@ def budget(
         *,
         curve: Curve = curve,
         dimmed: dict[str, float] | None = None,
-    ) -> tuple[str, Boundary, Curve]:
-        return name, _boundary(around, curve, backgrounds_K, dimmed=dimmed), curve
+        warmer_K: float = 0.0,
+    ) -> tuple[str, Boundary, Curve, float]:
+        return name, _boundary(around, curve, backgrounds_K, dimmed=dimmed), curve, warmer_K
 
     changed = [
+        *(
+            other(f"black body's {name} by {kelvin:g} K", warmer_K=kelvin)
+            for name, kelvin in (
+                ("calibration", unsure.background_calibration_K),
+                ("uniformity", unsure.background_uniformity_K),
+            )
+        ),
         other(
             f"background emissivity by {around.background_emissivity - less:g}",
             replace(around, background_emissivity=less),
@@ -213,8 +221,8 @@ def budget(
     known = np.isfinite(apparent_K)
     spray = float(np.median(radiance[known])) if known.any() else float(x[0])
     parts: list[Part] = []
-    for name, boundary, changed_curve in changed:
-        leaving = boundary.leaving(np.asarray(backgrounds_K))
+    for name, boundary, changed_curve, warmer_K in changed:
+        leaving = boundary.leaving(np.asarray(backgrounds_K) + warmer_K)
         lines = np.array(
             [
                 _affine(leaving, x, _weight(share, x, spray, stated, calibration))

@@ -38,6 +38,7 @@ CurveSource = Literal["planck", "fitted"]
 
 _SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
 IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
+_ALL = 0.95  # share of saturated pixels at which a background is left out
 _MUCH = 0.01  # share of saturated pixels that is reported
 
 
@@ -144,15 +145,19 @@ def evaluate_shots(
     setpoints = check_shots(acquisition.shots)
     stated_counts = _saturation(acquisition.calibration)
     axis = drift_axis(acquisition.shots)
-    sums = accumulate(acquisition, stated_counts, progress, places=axis.places)
+    sums, ignored = accumulate(acquisition, stated_counts, progress, places=axis.places)
     around = acquisition.surroundings
     witnesses, saturation = examine_images(sums, setpoints, around, saturation_counts=stated_counts)
     for group in sums.values():
         group.saturation_counts = saturation
-    outliers, weights = judge(sums)
-    if robust:
-        _reweigh(acquisition, sums, weights)
     bad = _defective(sums, acquisition.bad_pixels)
+    ignored += _leave_saturated(sums, bad)
+    setpoints = sorted({setpoint for setpoint, _ in sums})
+    outliers, weights = judge(sums)
+    if not robust:  # what spoils a reference is no property of the spray
+        bare = {name for (_, kind), one in sums.items() if kind == "reference" for name in one.ids}
+        weights = {one.id: 0.0 for one in outliers if one.id in bare}
+    _reweigh(acquisition, sums, weights)
     sees = _seeing(sums, setpoints, bad)
     fitted = None
     filter_um = from_plain(acquisition.calibration["filter_um"])
@@ -208,7 +213,7 @@ def evaluate_shots(
     refuse(witnesses, accept)
     return Evaluation(
         maps=maps,
-        remarks=tuple(_remarks(sums, outliers, fitted, robust)),
+        remarks=tuple([*ignored, *_remarks(sums, outliers, fitted, weights)]),
         outliers=outliers,
         fitted=fitted,
         calibration=calibration,
@@ -232,6 +237,30 @@ def _saturation(calibration: Mapping[str, Any]) -> float:
         raise EvaluationError(
             f"calibration.saturation_counts: missing or no number ({error})"
         ) from error
+
+
+def _leave_saturated(
+    sums: dict[tuple[float, str], Sums], bad: NDArray[np.bool_] | None
+) -> list[str]:
+    """Removes backgrounds at which nearly all pixels are saturated, and returns their remarks."""
+    lines: list[str] = []
+    for setpoint in sorted({setpoint for setpoint, _ in sums}):
+        for kind in ("reference", "injection"):
+            full = sums[setpoint, kind].full
+            share = float(np.mean(full if bad is None else full[~bad]))
+            if share > _ALL:
+                lines.append(
+                    f"background {setpoint:g} K: {100 * share:.0f} % of the pixels of its {kind}s "
+                    "are saturated; it is left out"
+                )
+                for of in ("reference", "injection"):
+                    del sums[setpoint, of]
+                break
+    if len({setpoint for setpoint, _ in sums}) < 2:
+        raise EvaluationError(
+            "\n".join(lines) + "\nthe evaluation needs two backgrounds: shorten the exposure"
+        )
+    return lines
 
 
 def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, float]) -> None:
@@ -272,7 +301,8 @@ def _complete(
     given: Mapping[str, Any], sums: AllSums, sees: NDArray[np.bool_], seen: Floats
 ) -> Calibration:
     """The calibration, with missing values from references that show radiances `seen` (K,)."""
-    data = dict(given)
+    rounded = all(group.rounded for group in sums.values())
+    data = {"step_counts": 1.0 if rounded else 0.0, **given}
     groups = [group for (_, kind), group in sorted(sums.items()) if kind == "reference"]
     missing = {"counts_per_radiance", "electrons_per_count", "read_noise_electrons"} - set(data)
     if missing and not sees.any():
@@ -293,6 +323,7 @@ def _complete(
             np.concatenate([group.variance(slice(None))[sees] for group in several]),
             exposures=exposures,
             offset_counts=data.get("offset_counts"),
+            step_counts=data["step_counts"],
         )
         data |= {field.name: getattr(noise, field.name) for field in fields(noise)}
     if "counts_per_radiance" in missing:
@@ -377,7 +408,10 @@ def _check_not_swapped(maps: Maps) -> None:
 
 
 def _remarks(
-    sums: AllSums, outliers: Sequence[Outlier], fitted: CurveFit | None, robust: bool
+    sums: AllSums,
+    outliers: Sequence[Outlier],
+    fitted: CurveFit | None,
+    weights: Mapping[str, float],
 ) -> list[str]:
     lines: list[str] = []
     if fitted is not None:
@@ -389,5 +423,8 @@ def _remarks(
                 f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "
                 "are evaluated without it"
             )
-    ending = "ignored" if robust else "counted in full; --robust ignores it"
-    return lines + [f"{shot.text}; {ending}" for shot in outliers]
+    return lines + [
+        f"{shot.text}; "
+        + ("ignored" if shot.id in weights else "counted in full; --robust ignores it")
+        for shot in outliers
+    ]

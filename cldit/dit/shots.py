@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any, Protocol
@@ -15,6 +15,8 @@ from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
 Floats = NDArray[np.float64]
+
+_LEAST_PIXELS = 16  # fewer may be equal by chance
 
 
 class Shot(Protocol):
@@ -71,7 +73,8 @@ class Sums:
 
     total, squares, course: weighted sums of counts, of their squares, and of counts times the
     place of the shot on the drift's axis, relative to the first. largest: maximum of all exposures.
-    Lists have an entry per shot; digests are those of the images' bytes.
+    rounded: True if all counts are whole numbers. Lists have an entry per shot; digests are those
+    of the images' bytes, without the margin that may have a counter (`_inner`).
     """
 
     temperatures_K: list[float]
@@ -85,6 +88,7 @@ class Sums:
     ids: list[str]
     digests: list[bytes]
     places: list[Place]
+    rounded: bool = True
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> Sums:
@@ -103,7 +107,10 @@ class Sums:
         self.places.append(place)
         counts = self._weigh(image, 1.0, place)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
-        self.digests.append(blake2b(np.ascontiguousarray(image).data, digest_size=16).digest())
+        inner = np.ascontiguousarray(_inner(image))
+        self.digests.append(blake2b(inner.data, digest_size=16).digest())
+        if image.dtype.kind == "f" and self.rounded:
+            self.rounded = bool(np.all(image == np.rint(image)))
         self.temperatures_K.append(shot.background_K)
         self.weights.append(1.0)
         self.thumbnails.append(thumbnail(counts))
@@ -171,6 +178,15 @@ class Sums:
         return max(float(left) - steady, 0.0) if len(weights) > 1 else 0.0
 
 
+def _inner(image: NDArray[Any]) -> NDArray[Any]:
+    """The image without an eighth of its rows and columns at each edge.
+
+    Cameras write counters and times into the first or last of them.
+    """
+    rows, columns = (slice(n // 8, n - n // 8) for n in image.shape)
+    return image[rows, columns]
+
+
 def thumbnail(counts: Floats) -> NDArray[np.float32]:
     """Means of `counts` (h, w) over blocks, at most 32 x 32 of them."""
     rows, columns = (
@@ -220,16 +236,20 @@ def accumulate(
     progress: Callable[[int, int], None] | None,
     *,
     places: Sequence[Place],
-) -> dict[tuple[float, str], Sums]:
-    """Reads every shot once, and returns sums by set point [K] and kind.
+) -> tuple[dict[tuple[float, str], Sums], list[str]]:
+    """Reads every shot once; returns sums by set point [K] and kind, and images that were ignored.
 
     Pixels saturate at `saturation_counts`; `progress` is called with (shots read, shots in all);
-    `places` are those of the shots on the drift's axis.
+    `places` are those of the shots on the drift's axis. An image with one value in all pixels is
+    no image (a frame that was never written), unless it is the level of saturation.
 
     Raises:
-        EvaluationError: an image has another shape than the others, or is not finite.
+        EvaluationError: an image has another shape than the others, or is not finite; all images
+            of a background and kind have one value.
     """
     sums: dict[tuple[float, str], Sums] = {}
+    flat: list[tuple[float, Any, Place]] = []
+    uneven: set[str] = set()
     bad = acquisition.bad_pixels
     shape = None if bad is None else bad.shape
     for done, (shot, place) in enumerate(zip(acquisition.shots, places, strict=True), start=1):
@@ -245,10 +265,45 @@ def accumulate(
                 f"shot {shot.id}: {broken} pixels are not finite; remove the shot, or list the "
                 "pixels as bad"
             )
-        key = (shot.background_setpoint_K, shot.kind)
-        if key not in sums:
-            sums[key] = Sums.empty(shape, saturation_counts)
-        sums[key].add(image, shot, place=place)
+        if image.size >= _LEAST_PIXELS and np.ptp(_inner(image)) == 0:
+            flat.append((float(_inner(image)[0, 0]), shot, place))
+        else:
+            key = (shot.background_setpoint_K, shot.kind)
+            if key not in sums:
+                sums[key] = Sums.empty(shape, saturation_counts)
+            if shot.kind not in uneven and np.median(np.abs(np.diff(image.astype(float)))) > 0.0:
+                uneven.add(shot.kind)
+            sums[key].add(image, shot, place=place)
         if progress is not None:
             progress(done, len(acquisition.shots))
-    return sums
+    filled = [(np.broadcast_to(value, shape or (0, 0)), shot, place) for value, shot, place in flat]
+    return sums, _with_flat(sums, filled, uneven, saturation_counts=saturation_counts)
+
+
+def _with_flat(
+    sums: dict[tuple[float, str], Sums],
+    flat: Sequence[tuple[Floats, Any, Place]],
+    uneven: Collection[str],
+    *,
+    saturation_counts: float,
+) -> list[str]:
+    """Adds images of one value to the `sums` if they are saturated, or if their kind is not
+    `uneven` from pixel to pixel (a simulation without noise). Returns remarks on the others."""
+    tops = [group.largest.max() for group in sums.values()] + [one[0, 0] for one, _, _ in flat]
+    top = min(float(max(tops, default=0.0)), saturation_counts)
+    sound = {key: bool(np.mean(group.largest >= top) > 0.5) for key, group in sums.items()}
+    ignored: list[str] = []
+    for image, shot, place in flat:
+        key, value = (shot.background_setpoint_K, shot.kind), float(image[0, 0])
+        if shot.kind in uneven and not (value >= top and sound.get(key, True)):
+            if key not in sound:
+                raise EvaluationError(
+                    f"{shot.kind}s at {key[0]:g} K: every pixel of every image is {value:g}; "
+                    "these are no images; record them again, or remove the background"
+                )
+            ignored.append(f"shot {shot.id}: every pixel is {value:g}; ignored")
+            continue
+        if key not in sums:
+            sums[key] = Sums.empty(image.shape, saturation_counts)
+        sums[key].add(image, shot, place=place)
+    return ignored

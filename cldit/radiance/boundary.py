@@ -35,10 +35,13 @@ Radiance = Callable[[ArrayLike], Floats]
 class Uncertainty:
     """Standard uncertainties of the setup, which no image contains.
 
-    background_emissivity, window_transmission: absolute. filter_um: shift of the filter along the
-    wavelength.
+    background_calibration_K: of the black body, at all set points alike. background_uniformity_K:
+    between a point of its surface and its reading. background_emissivity, window_transmission:
+    absolute. filter_um: shift of the filter along the wavelength.
     """
 
+    background_calibration_K: float = 1.0
+    background_uniformity_K: float = 0.5
     background_emissivity: float = 0.01
     wall_temperature_K: float = 1.0
     window_temperature_K: float = 1.0

@@ -68,6 +68,10 @@ class DriverChoice(Section):
 class UncertaintySection(Section):
     """Standard uncertainties of quantities that no image shows, for the evaluation's budget."""
 
+    background_calibration_K: Annotated[float, Within(0.0, 100.0)] = 1.0
+    """Uncertainty of the black body's calibration, at all set points alike (data sheet)."""
+    background_uniformity_K: Annotated[float, Within(0.0, 100.0)] = 0.5
+    """Uncertainty of a point of its surface relative to its reading (data sheet)."""
     background_emissivity: Annotated[float, Within(0.0, 0.5)] = 0.01
     """Uncertainty of the black body's emissivity."""
     wall_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0

@@ -83,7 +83,10 @@ def test_saturation_is_said() -> None:
         if shot.background_setpoint_K == 560:
             recorded.shots[number] = replace(shot, image=np.full_like(shot.image, 16383))
     found = evaluate_shots(recorded)
-    assert any("560 K: 100 % of the pixels are saturated" in line for line in found.remarks)
+    assert any(
+        "560 K: 100 % of the pixels of its references are saturated; it is left out" in line
+        for line in found.remarks
+    )
     assert np.isfinite(found.maps.emissivity).all()  # from the other four
 
 

@@ -14,6 +14,8 @@ Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
+_STUCK = 0.01  # share of pixels with the same count in every exposure at one background
+_BY_CHANCE = 1e-3  # probability of that in one pixel
 _NAMED = 3  # repeats that a message lists
 _STEADIER = 4.0  # variance between images over that along an axis that holds frames
 
@@ -45,7 +47,9 @@ def repeats(sums: AllSums) -> Witness | None:
 def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, float]:
     """Witness of a level of saturation below the stated one, and the level to use."""
     top = max(float(group.largest.max()) for group in sums.values())
-    if top >= saturation_counts or not any(
+    if top >= saturation_counts:
+        return _stuck(sums), saturation_counts
+    if not any(
         np.count_nonzero(group.variance(slice(None)) > 0.0) >= _PLATEAU for group in sums.values()
     ):  # no lower level, or no noise to detect it by
         return None, saturation_counts
@@ -57,13 +61,45 @@ def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, fl
             ending.append(f"{kind}s at {setpoint:g} K")
             share = max(share, float(np.mean(group.largest == top)))
     if not ending:
-        return None, saturation_counts
+        return _stuck(sums), saturation_counts
     return Witness(
         name="saturation",
         says=f"{', '.join(ending)} end at {top:g} counts, with up to {100 * share:.0f} % of the "
         f"pixels constant there; this counts as saturation, not {saturation_counts:g}",
         stands_out=True,
     ), top
+
+
+def _stuck(sums: AllSums) -> Witness | None:
+    """Witness of pixels that are constant at some backgrounds; they count as saturated there.
+
+    A camera that corrects its images saturates at another count in each pixel.
+    """
+    still: dict[tuple[float, str], NDArray[np.bool_]] = {}
+    usual: list[float] = []
+    for key, group in sums.items():
+        if group.spare() > 0.0:
+            variance = group.variance(slice(None))
+            still[key] = variance == 0.0
+            usual += [float(np.median(variance))] if still[key].mean() < 0.5 else []
+    dead = np.all(list(still.values()), axis=0) if still else np.False_
+    noise = np.sqrt(min(usual, default=0.0))
+    ending: list[str] = []
+    for (setpoint, kind), constant in sorted(still.items()):
+        group = sums[setpoint, kind]
+        here = constant & ~dead & (group.largest < group.saturation_counts)
+        chance = (0.4 / max(noise, 0.4)) ** group.spare()  # density of a normal distribution
+        if here.mean() > max(_STUCK, 10.0 * chance) and chance < _BY_CHANCE:
+            group.largest[here] = np.inf
+            ending.append(f"{100 * here.mean():.0f} % of the {kind}s at {setpoint:g} K")
+    if not ending:
+        return None
+    return Witness(
+        name="saturation",
+        says=f"pixels have the same count in every image: {', '.join(ending)}; they count as "
+        "saturated",
+        stands_out=True,
+    )
 
 
 def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:

@@ -15,6 +15,8 @@ from cldit.radiance.boundary import Surroundings, Uncertainty
 from tests.laboratory import AROUND, FILTER_UM, laboratory
 
 NOTHING = Uncertainty(
+    background_calibration_K=0.0,
+    background_uniformity_K=0.0,
     background_emissivity=0.0,
     wall_temperature_K=0.0,
     window_temperature_K=0.0,
