@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +86,7 @@ def laboratory(
     timed: bool = False,
     offset_of_injections: float = 0.0,
     blackbody_of_injections_K: float = 0.0,
-    off_K: dict[float, float] | None = None,
+    off_K: dict[float, Any] | None = None,
     gain_from: dict[float, float] | None = None,
     spray_shift: dict[float, tuple[float, float]] | None = None,
     plume: bool = True,
@@ -105,7 +106,7 @@ def laboratory(
         timed: shots tell when they were taken.
         offset_of_injections: counts by which the camera differs.
         blackbody_of_injections_K: kelvin by which the black body is warmer with injections.
-        off_K: kelvin by which the black body is warmer than said, by set point.
+        off_K: kelvin (or an image of them) by which it is warmer than said, by set point.
         gain_from: relative change of the gain by set point.
         spray_shift: rows and columns by which the camera sees the spray elsewhere, by set point.
         plume: False: no spray at all.

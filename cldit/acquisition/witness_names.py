@@ -5,6 +5,15 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 Acceptable = Literal[
-    "backgrounds", "injections", "kinds", "shift", "repeats", "saturation", "orientation", "celsius"
+    "backgrounds",
+    "injections",
+    "kinds",
+    "pixels",
+    "levels",
+    "shift",
+    "repeats",
+    "saturation",
+    "orientation",
+    "celsius",
 ]
 ACCEPTABLE: tuple[str, ...] = get_args(Acceptable)

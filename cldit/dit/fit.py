@@ -50,7 +50,8 @@ Floats = NDArray[np.float64]
 class CommonError:
     """An error that references and injections of one background share.
 
-    variance: (K,). reference, injection: (N,) or (K, N), change of either mean by an error of 1.
+    variance: (K,) or, of single pixels, (K, N). reference, injection: (N,) or (K, N), change of
+    either mean by an error of 1.
     """
 
     variance: Floats
@@ -121,7 +122,8 @@ def fit_pair(
         determinant, both = a * b, np.zeros_like(a)
         whole_a, whole_b = a.copy(), b.copy()
         scaled = [
-            (one.variance[:, None] / unit**2, one.reference, one.injection) for one in present
+            (one.variance.reshape(len(x_ref), -1) / unit**2, one.reference, one.injection)
+            for one in present
         ]
         for number, (d, p, q) in enumerate(scaled):
             determinant = determinant + d * (a * q**2 + b * p**2)

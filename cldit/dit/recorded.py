@@ -291,6 +291,8 @@ def _seeing(sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_]) -
     """Pixels with a high contrast between references of two backgrounds, never saturated."""
     cold, hot = (sums[k, "reference"].mean(slice(None)) for k in (setpoints[0], setpoints[-1]))
     good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0) & ~bad)
+    both = good & ~np.any([sums[k, "injection"].full for k in setpoints], axis=0)
+    good = both if both.any() else good
     contrast = hot - cold
     if not good.any() or not np.percentile(contrast[good], 95) > 0.0:
         return good

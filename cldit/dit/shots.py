@@ -189,14 +189,17 @@ def _inner(image: NDArray[Any]) -> NDArray[Any]:
 
 def thumbnail(counts: Floats) -> NDArray[np.float32]:
     """Means of `counts` (h, w) over blocks, at most 32 x 32 of them."""
-    rows, columns = (
-        np.unique(np.linspace(0, n, min(n, 32), endpoint=False).astype(int)) for n in counts.shape
-    )
+    rows, columns = (thumbnail_edges(n) for n in counts.shape)
     total = np.add.reduceat(np.add.reduceat(counts, rows, axis=0), columns, axis=1)
     high, wide = (
         np.diff(np.append(edges, n)) for edges, n in zip((rows, columns), counts.shape, strict=True)
     )
     return np.asarray(total / (high[:, None] * wide), np.float32)
+
+
+def thumbnail_edges(pixels: int) -> NDArray[np.intp]:
+    """First pixel of each block of a thumbnail along an axis with so many pixels."""
+    return np.unique(np.linspace(0, pixels, min(pixels, 32), endpoint=False).astype(np.intp))
 
 
 def check_shots(shots: Sequence[Shot]) -> list[float]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -29,6 +29,7 @@ _AGAIN = 2  # iterations for a drifting gain: the error falls by a factor of the
 DETECTION = 3.0  # least emissivity in standard errors ...
 LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
 
+KINDS = ("reference", "injection")
 Cause = Literal["black body", "offset", "gain"]
 
 
@@ -65,32 +66,39 @@ class Drift:
 
 @dataclass(frozen=True, kw_only=True)
 class Systematic:
-    """Errors of the injections alone.
+    """Errors of the injections alone, and of single pixels.
 
     offset: radiance in every pixel, the same for all backgrounds. kelvin: likewise of the black
     body; slope, start: of the line of its radiance per kelvin over the radiance of the background.
-    extra: (K, ...) additional variance of the injections' means.
+    pixel_offset, pixel_gain: standard deviations from pixel to pixel between the kinds.
+    extra: (K, ...) additional variances of the means by kind, or of a common `offset` or `gain` of
+    single pixels.
     """
 
     offset: float = 0.0
     kelvin: float = 0.0
     slope: float = 0.0
     start: float = 0.0
-    extra: Floats | None = None
+    pixel_offset: float = 0.0
+    pixel_gain: float = 0.0
+    extra: Mapping[str, Floats] = field(default_factory=dict)
 
     def rows(self, rows: slice) -> Systematic:
         """The errors in these rows of the image."""
-        return self if self.extra is None else replace(self, extra=self.extra[:, rows])
+        return replace(self, extra={name: one[:, rows] for name, one in self.extra.items()})
 
     def widened(self, lines: Pair) -> Pair:
         """The lines with that error, common to all backgrounds, in their covariance."""
-        if not (self.offset or self.kelvin):
-            return lines
-        s = lines.values[:, 2]
-        apart = np.zeros_like(lines.values)
-        apart[:, 2] = self.kelvin * self.slope * s
-        apart[:, 3] = self.offset + self.kelvin * self.start * s
-        covariance = lines.covariance + apart[:, :, None] * apart[:, None, :]
+        _, _, s, c_inj = lines.values.T
+        covariance = lines.covariance
+        for slope, start in (
+            (self.kelvin * self.slope * s, self.offset + self.kelvin * self.start * s),
+            (0.0 * s, self.pixel_offset),
+            (self.pixel_gain * s, self.pixel_gain * c_inj),
+        ):
+            apart = np.zeros_like(lines.values)
+            apart[:, 2], apart[:, 3] = slope, start
+            covariance = covariance + apart[:, :, None] * apart[:, None, :]
         return Pair(lines.values, covariance, lines.chi2)
 
 
@@ -152,9 +160,8 @@ def solve(
     mean = (flat(reference.mean), flat(injection.mean))
     exposures = (reference.exposures[:, None], injection.exposures[:, None])
     still = np.zeros_like(mean[0])
-    more = still
-    if systematic is not None and systematic.extra is not None:
-        more = flat(systematic.extra)
+    extra = {} if systematic is None else systematic.extra
+    more = [flat(extra[kind]) if kind in extra else still for kind in KINDS]
 
     spare = exposures[1] - 1.0 if injection.spare is None else injection.spare[:, None]
     bright = np.ones((len(usable), 1))
@@ -200,13 +207,18 @@ def solve(
                 mean[1] / bright + (1.0 - 1.0 / bright) * line[1],
             ),
             variance=(
-                (noise[0] + jitter[0]) / exposures[0],
-                (noise[1] + jitter[1]) / exposures[1] + more,
+                (noise[0] + jitter[0]) / exposures[0] + more[0],
+                (noise[1] + jitter[1]) / exposures[1] + more[1],
             ),
             usable=usable,
             common=[
                 CommonError(variance=drift.variance, reference=p, injection=q)
                 for drift, (p, q) in zip(drifts, factors, strict=True)
+            ]
+            + [
+                CommonError(variance=flat(extra[name]), reference=one[0], injection=one[1])
+                for name, one in (("offset", (1.0 + still[0],) * 2), ("gain", line))
+                if name in extra
             ],
             steady=[
                 SteadyError(
@@ -222,8 +234,8 @@ def solve(
             source,
             mean,
             variance=(
-                reference.camera(mean[0]) / exposures[0],
-                injection.camera(mean[1]) / exposures[1] + more,
+                reference.camera(mean[0]) / exposures[0] + more[0],
+                injection.camera(mean[1]) / exposures[1] + more[1],
             ),
             usable=usable,
         )

@@ -81,7 +81,8 @@ def test_truth_comes_back(around: Surroundings, pattern: bool) -> None:
 def test_unsteady_backgrounds_are_in_the_errors() -> None:
     """0.3 K from one set point to the next, said to the evaluation and not.
 
-    Opaque, that is the larger part of the error; an emissivity of 0.05 hardly feels it.
+    Opaque, that is the larger part of the error; an emissivity of 0.05 hardly feels it. Each pixel
+    has its own black body here, so that the pixels show what is not said.
     """
     recorded = record(background_error_K=0.3)
     ratio = {}
@@ -95,7 +96,7 @@ def test_unsteady_backgrounds_are_in_the_errors() -> None:
         ratio[told] = np.nanvar(found, axis=1) / np.nanmean(error**2, axis=1)
         assert np.all(np.abs(np.nanmean(found, axis=1) - TRUTH_K) < 0.1)
     np.testing.assert_allclose(ratio[0.3], 1.0, atol=0.16)
-    assert ratio[0.0][-1] > 2.0
+    assert np.all(ratio[0.0] < 1.2)
 
 
 def test_held_against_scipy() -> None:

@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.dit.solve import Cause, Drift
+from cldit.dit.solve import KINDS, Cause, Drift
 from cldit.dit.witness.backgrounds import references, slopes
-from cldit.dit.witness.evidence import KINDS, Evidence
+from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
 from cldit.dit.witness.lines import OffLine
 from cldit.dit.witness.trend import Trends, steady, unit, without

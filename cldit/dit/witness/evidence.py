@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
 from cldit.dit.drift_axis import Places
-from cldit.dit.shots import Sums, thumbnail
+from cldit.dit.shots import Sums, thumbnail, thumbnail_edges
+from cldit.dit.solve import KINDS
 from cldit.radiance.boundary import Boundary
 
 Floats = NDArray[np.float64]
-
-KINDS = ("reference", "injection")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +26,7 @@ class Evidence:
     camera: (K, B) by kind, variance of a block in one shot due to the camera's noise.
     places: by kind and background, of the n shots on the drift's axis. own_radiance: of a black
     body, as a function of temperature. warmest: upper bound of the radiance of a spray without
-    flame.
+    flame. shape: of the image. chosen: which of its thumbnail's blocks these are.
     """
 
     setpoints: tuple[float, ...]
@@ -39,6 +38,8 @@ class Evidence:
     places: Mapping[str, tuple[Places, ...]]
     own_radiance: Callable[[Floats], Floats]
     warmest: float
+    shape: tuple[int, int]
+    chosen: NDArray[np.bool_]
 
     @classmethod
     def of(
@@ -55,10 +56,9 @@ class Evidence:
 
         `warmest_K` is the temperature of the hottest of backgrounds, walls and windows.
         """
-        chosen = thumbnail(sees.astype(float)).ravel() >= 1.0
-        if not chosen.any():
-            chosen = thumbnail(sees.astype(float)).ravel() > 0.5
-        rows, columns = thumbnail(sees.astype(float)).shape
+        image = cls.of_blocks(sees)
+        chosen = image.ravel()
+        rows, columns = image.shape
         pixels = max(sees.size / (rows * columns), 1.0)
         scale = calibration.counts_per_radiance * whole.front.transmission
         shots: dict[str, tuple[Floats, ...]] = {}
@@ -96,7 +96,24 @@ class Evidence:
             places=places,
             own_radiance=whole.radiance,
             warmest=float(whole.radiance(warmest_K)),
+            shape=(sees.shape[0], sees.shape[1]),
+            chosen=image,
         )
+
+    @staticmethod
+    def of_blocks(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Blocks of a thumbnail whose pixels all see the background, else most of them."""
+        share = thumbnail(sees.astype(float))
+        return share >= 1.0 if np.any(share >= 1.0) else share > 0.5
+
+    def pixels(self, blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Pixels (h, w) of these `blocks` (B,)."""
+        image = np.zeros(self.chosen.shape, bool)
+        image[self.chosen] = blocks
+        rows, columns = (
+            np.searchsorted(thumbnail_edges(n), np.arange(n), side="right") - 1 for n in self.shape
+        )
+        return np.asarray(image[rows[:, None], columns])
 
     @property
     def blocks(self) -> int:

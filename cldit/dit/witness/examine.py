@@ -12,16 +12,21 @@ from cldit.camera.calibration import Calibration
 from cldit.dit.shots import Sums
 from cldit.dit.solve import Cause, Drift, Systematic
 from cldit.dit.witness import backgrounds, drift, images
+from cldit.dit.witness.backgrounds import clearest, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
+from cldit.dit.witness.levels import levels
 from cldit.dit.witness.orientation import orientation
+from cldit.dit.witness.pixels import Patterns, between_backgrounds, between_kinds
 from cldit.dit.witness.shift import shift
 from cldit.dit.witness.trend import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings
 
 Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
+
+_THIN = 0.98  # share of the background behind thin spray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +81,7 @@ def examine(
         unfitted: `whole` with the filter as stated, if the curve was fitted to the references.
     """
     given = stated(sums, setpoints, whole=whole, around=around, calibration=calibration)
-    if not sees.any():
+    if not Evidence.of_blocks(sees).any():
         return Examined(witnesses=(), drifts=given, systematic=Systematic())
     warm_K = [
         *setpoints,
@@ -109,6 +114,7 @@ def examine(
         )
         lined = backgrounds.fitted_over(as_stated, evidence, lined, stated_K=stated_K)
     between = kinds(evidence)
+    uneven = levels(evidence)
     moved, widened = shift(
         sums,
         setpoints,
@@ -116,18 +122,46 @@ def examine(
         source=evidence.source["reference"],
         counts_per_kelvin=evidence.rise * scale,
     )
-    extra = None
+    x = evidence.source["reference"]
+    patterns = Patterns.of(
+        sums,
+        setpoints,
+        sees=sees,
+        source=x,
+        calibration=calibration,
+        amount2=evidence.scatter()[1],
+    )
+    lying, extra = between_backgrounds(
+        patterns, stated=_stated_K2(given, evidence) * (evidence.rise * scale) ** 2
+    )
+    clear = clearest(evidence)
+    renewed = between_kinds(
+        patterns,
+        clear=evidence.pixels(clear),
+        wide=evidence.pixels(clear | (slopes(evidence) > _THIN)),
+        thin=float(1.0 - np.mean(slopes(evidence)[clear])),
+        warmest=max(1.0, evidence.warmest / float(x.max())),
+        rise_counts=evidence.rise * scale,
+    )
+    extra = {name: one if name == "gain" else one / scale**2 for name, one in extra.items()}
     if widened:
-        extra = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
+        spray = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
+        extra["injection"] = np.maximum(spray, extra.get("injection", 0.0))
     return Examined(
         witnesses=(
             lined,
             backgrounds.injections(evidence, stated_K=stated_K),
             between.witness,
             moved,
+            *(one for one in (lying, renewed.witness, uneven) if one is not None),
         ),
         drifts=(*given, *common.drifts),
-        systematic=replace(between.systematic, extra=extra),
+        systematic=replace(
+            between.systematic,
+            extra=extra,
+            pixel_offset=renewed.offset_counts / scale,
+            pixel_gain=renewed.gain,
+        ),
         terms=terms(evidence, given=given, found=common.drifts),
         through=common.through,
     )

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from cldit.dit.solve import Systematic
+from cldit.dit.solve import KINDS, Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
-from cldit.dit.witness.evidence import KINDS, Evidence
+from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,336 @@
+"""Errors of single pixels: a pattern of offsets or gains that changed, an image that moved.
+
+A non-uniformity correction that is renewed gives every pixel another offset and gain. Images are
+therefore compared without their smooth part (each pixel minus its four neighbours):
+
+- between backgrounds, by the residuals about the lines of each pixel. Their second moments, in
+  blocks, are explained by variances of references, injections, common offsets and common gains at
+  each background (non-negative least squares), which enter the covariance of the fit;
+- between the kinds, where there is the least spray. No spray explains a difference that remains at
+  every radiance between 0 and that of the warmest part of the surroundings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from cldit.camera.calibration import Calibration
+from cldit.dit.shots import Sums
+from cldit.dit.solve import KINDS
+from cldit.dit.witness.finding import Witness
+
+Floats = NDArray[np.float64]
+AllSums = Mapping[tuple[float, str], Sums]
+
+_BLOCKS = 32  # along either axis, at most
+_EDGE = 6  # pixels along a block, at least
+_HIGH = np.sqrt(0.8)  # of a pixel minus its four neighbours, for the variance of white noise
+_SURE = 6.0  # standard deviations of moments that are no chance
+_MORE = 0.1  # excess of the variance that is worth widening
+_PART = 0.02  # share of the blocks that is worth a warning
+_LONE = 0.5  # of the unexplained squares, for one background alone
+_CLIP = 4.0  # usual deviations
+_WIDE = 2.5  # standard deviations from which errors are widened without a warning
+_SPREAD = 0.3  # of the warmest radiance: spread of the temperatures of thin sprays
+_UNLUCKY = 10.0  # variance of few shots over that found from them
+_RADIANCES = np.linspace(0.0, 1.0, 9)
+
+
+@dataclass(frozen=True)
+class Patterns:
+    """Means of each background without their smooth part, counts.
+
+    high, mean, noise: (K, h, w) by kind; noise: variance of `high`. sees: (h, w) pixels with four
+    neighbours that see the background. source: (K,) radiance over the largest.
+    """
+
+    high: Mapping[str, Floats]
+    mean: Mapping[str, Floats]
+    noise: Mapping[str, Floats]
+    sees: NDArray[np.bool_]
+    source: Floats
+
+    @classmethod
+    def of(
+        cls,
+        sums: AllSums,
+        setpoints: Sequence[float],
+        *,
+        sees: NDArray[np.bool_],
+        source: Floats,
+        calibration: Calibration,
+        amount2: float,
+    ) -> Patterns:
+        """Patterns of the `sums`; amount2: variance of the relative amount of spray of a shot."""
+        high: dict[str, Floats] = {}
+        mean: dict[str, Floats] = {}
+        noise: dict[str, Floats] = {}
+        for kind in KINDS:
+            groups = [sums[k, kind] for k in setpoints]
+            mean[kind] = np.array([one.mean(slice(None)) for one in groups])
+            high[kind] = _HIGH * np.array([one - _around(one) for one in mean[kind]])
+            each = []
+            for group, own in zip(groups, mean[kind], strict=True):
+                steady = group.spare(steady=True) > 1.0
+                each.append(
+                    group.variance(slice(None), steady=steady)
+                    if group.spare() > 0.0
+                    else calibration.variance_counts2(own)
+                )
+            noise[kind] = np.array(each)
+            if kind == "injection":
+                spray = high[kind] - high["reference"]
+                noise[kind] = noise[kind] + _UNLUCKY * amount2 * spray**2
+            noise[kind] = noise[kind] / np.array([g.exposures for g in groups])[:, None, None]
+        return cls(high, mean, noise, _inside(sees), source / source.max())
+
+    @property
+    def design(self) -> Floats:
+        """(K, 2) of a line over the radiance."""
+        return np.stack([self.source, np.ones_like(self.source)], axis=1)
+
+
+def _around(image: Floats) -> Floats:
+    edged = np.pad(image, 1, mode="edge")
+    sides = edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]
+    return np.asarray(sides / 4.0)
+
+
+def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(sees & (_around(sees.astype(float)) == 1.0))
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks of an image. number: (h, w) of the block of each pixel; counts: (B,) pixels that
+    see the background."""
+
+    number: NDArray[np.intp]
+    sees: NDArray[np.bool_]
+    counts: Floats
+
+    @classmethod
+    def of(cls, sees: NDArray[np.bool_]) -> _Blocks:
+        parts = [max(1, min(_BLOCKS, n // _EDGE)) for n in sees.shape]
+        rows, columns = (
+            np.arange(n) * part // n for n, part in zip(sees.shape, parts, strict=True)
+        )
+        number = rows[:, None] * parts[1] + columns
+        count = np.bincount(number[sees], minlength=parts[0] * parts[1])
+        return cls(number, sees, count.astype(float))
+
+    def mean(self, image: Floats) -> Floats:
+        """(B,) means of an image (h, w) over the pixels that see the background."""
+        total = np.bincount(self.number[self.sees], image[self.sees], minlength=len(self.counts))
+        return np.asarray(total / np.maximum(self.counts, 1.0))
+
+
+def between_backgrounds(
+    patterns: Patterns, *, stated: Floats
+) -> tuple[Witness | None, dict[str, Floats]]:
+    """Witness of pixels off their lines, and variances (K, h, w) in counts^2 that explain them:
+    of each kind, of a common `offset` and (relative) of a common `gain`. The fit has the variances
+    `stated` (K,) of a common error already."""
+    count = len(patterns.source)
+    spare = count - 2
+    blocks = _Blocks.of(patterns.sees)
+    known = blocks.counts >= _EDGE
+    if spare < 1 or not known.any():
+        return None, {}
+    usual = np.sqrt(np.median(patterns.noise["reference"][:, patterns.sees], axis=1))
+    if not np.all(usual > 0.0):  # a simulation without noise
+        return None, {}
+    # Residuals of whitened signals, in an orthonormal basis
+    basis = np.linalg.svd(patterns.design / usual[:, None])[0][:, 2:].T / usual  # (spare, K)
+    left = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
+    noise = {kind: np.array([blocks.mean(v) for v in patterns.noise[kind]]) for kind in KINDS}
+    level = {kind: np.array([blocks.mean(v) for v in patterns.mean[kind]]) for kind in KINDS}
+    contrast = {kind: (patterns.source - patterns.source.mean()) @ level[kind] for kind in KINDS}
+    through = contrast["injection"] / np.where(known, contrast["reference"], 1.0)
+    noise["reference"] += stated[:, None]
+    noise["injection"] += stated[:, None] * through**2
+    moments: dict[tuple[str, str], Floats] = {}
+    for one, other in ((KINDS[0], KINDS[0]), (KINDS[1], KINDS[1]), KINDS):
+        moment = np.array([[blocks.mean(a * b) for b in left[other]] for a in left[one]])
+        if one == other:
+            moment -= np.einsum("ik,kb,jk->ijb", basis, noise[one], basis)
+        moments[one, other] = moment
+    expected = sum(np.einsum("ik,kb,ik->b", basis, noise[kind], basis) for kind in KINDS)
+    excess = sum(np.einsum("iib->b", moments[kind, kind]) for kind in KINDS)
+    ratio = np.where(known, excess / np.where(known, expected, 1.0), 0.0)
+    # The noise of a kind's moments, and that pixels share neighbours
+    doubt = np.sqrt(3.0 / (spare * np.maximum(blocks.counts, 1.0)))
+    whole = float(np.average(ratio, weights=blocks.counts))
+    everywhere = whole > max(_MORE, _SURE * np.sqrt(3.0 / (spare * blocks.counts.sum())))
+    wide = known & ((ratio > 0.0) if everywhere else (ratio > _SURE * doubt))
+    if not wide.any():
+        return None, {}
+    parts = _explained(
+        basis,
+        {pair: moment[:, :, wide] for pair, moment in moments.items()},
+        {kind: level[kind][:, wide] for kind in KINDS},
+    )
+    variances = {name: np.zeros((count, len(blocks.counts))) for name in parts}
+    for name, values in parts.items():
+        variances[name][:, wide] = values
+    share = float(blocks.counts[wide].sum() / blocks.counts.sum())
+    witness = None
+    if everywhere or share > _PART:
+        factor = 1.0 + (whole if everywhere else float(np.median(ratio[wide])))
+        witness = Witness(
+            name="pixels",
+            says=f"in {100.0 * share:.0f} % of the image the pixels lie off their lines by "
+            f"{np.sqrt(factor):.2g} times their noise: offsets or gains of single pixels changed, "
+            "or images moved; errors are widened",
+            stands_out=True,
+        )
+    return witness, {name: values[:, blocks.number] for name, values in variances.items()}
+
+
+def _explained(
+    basis: Floats, moments: Mapping[tuple[str, str], Floats], levels: Mapping[str, Floats]
+) -> dict[str, Floats]:
+    """Variances (K, B) of the kinds, of common offsets and common gains that explain the moments of
+    the residuals of each block: the same at all backgrounds, unless one alone explains them better.
+    """
+    count = basis.shape[1]
+    upper = np.triu_indices(len(basis))
+    wanted = np.concatenate(
+        [
+            moment.reshape(-1, moment.shape[2]) if one != other else moment[upper]
+            for (one, other), moment in moments.items()
+        ]
+    ).T
+
+    def solved(backgrounds: Sequence[int]) -> tuple[Floats, float]:
+        part = basis[:, backgrounds]
+        amount, left = np.zeros((4, len(wanted))), 0.0
+        for block, moment in enumerate(wanted):
+            r, i = (levels[kind][backgrounds, block] for kind in KINDS)
+            own, zero = np.ones_like(r), np.zeros_like(r)
+            columns = []
+            for a, b in ((own, zero), (zero, own), (own, own), (r, i)):
+                rr, ii, ri = ((part * one) @ part.T for one in (a * a, b * b, a * b))
+                columns.append(np.concatenate([rr[upper], ii[upper], ri.ravel()]))
+            matrix = np.array(columns).T
+            size = np.sqrt(np.sum(matrix**2, axis=0))
+            found, rest = nnls(matrix / size, moment)
+            amount[:, block] = found / size
+            left += rest**2
+        return amount, left
+
+    every, left = solved(range(count))
+    found = np.repeat(every[:, None], count, axis=1)
+    alone = [solved([k]) for k in range(count)]
+    best = int(np.argmin([rest for _, rest in alone]))
+    if len(basis) == 1:  # three backgrounds do not show which of them it is
+        found = np.stack([one for one, _ in alone], axis=1)
+    elif alone[best][1] < _LONE * left:
+        found = np.zeros_like(found)
+        found[:, best] = alone[best][0]
+    return dict(zip((*KINDS, "offset", "gain"), found, strict=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Renewed:
+    """Standard deviations between the kinds: of the pixels' offsets [counts], and gains."""
+
+    witness: Witness | None = None
+    offset_counts: float = 0.0
+    gain: float = 0.0
+
+
+def between_kinds(
+    patterns: Patterns,
+    *,
+    clear: NDArray[np.bool_],
+    wide: NDArray[np.bool_],
+    thin: float,
+    warmest: float,
+    rise_counts: Floats,
+) -> Renewed:
+    """Compares the patterns of injections and references in the pixels with the least spray.
+
+    Args:
+        patterns: of both kinds.
+        clear: (h, w) pixels with the least spray. thin: their mean emissivity. wide: those, and
+            all with thin spray.
+        warmest: radiance of the warmest part of the surroundings, over the largest source.
+        rise_counts: (K,) counts per kelvin of the black body.
+    """
+    lines = [_Difference.of(patterns, patterns.sees & one) for one in (wide, clear)]
+    if lines[0] is None or lines[1] is None:
+        return Renewed()
+    offset2, doubt = min(lines[0].beyond(x, 1.0) for x in warmest * _RADIANCES)
+    slopes2, slopes_doubt = lines[1].beyond(1.0, 0.0)
+    spray2 = max(slopes2 + 2.0 * slopes_doubt, 0.0)
+    gain = lines[1].gain
+    if offset2 > _WIDE * doubt and offset2 > spray2 * (_SPREAD * warmest) ** 2:
+        found = Renewed(offset_counts=float(np.sqrt(offset2)))
+        kelvin = found.offset_counts / float(np.median(rise_counts))
+        says, sure = (
+            f"offsets by {found.offset_counts:.2g} counts ({kelvin:.2g} K)",
+            offset2 / doubt,
+        )
+    elif slopes2 > _WIDE * slopes_doubt and slopes2 > (2.0 * thin * gain) ** 2:
+        found = Renewed(gain=float(np.sqrt(slopes2)) / gain)
+        says, sure = f"gains by {100.0 * found.gain:.2g} %", slopes2 / slopes_doubt
+    else:
+        return Renewed()
+    if sure < _SURE:
+        return found
+    witness = Witness(
+        name="pixels",
+        compared="pixels of injections against those of references, with the least spray",
+        says=f"{says} from pixel to pixel: was the camera's correction (NUC) renewed between the "
+        "kinds? Errors are widened",
+        stands_out=True,
+    )
+    return replace(found, witness=witness)
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """Line over the radiance of injections minus references of N pixels, without smooth parts.
+
+    to_line: (2, K) slope and start from the signals. change: (K, N) signals. noise: (K,) variance.
+    gain: slope of the references.
+    """
+
+    to_line: Floats
+    change: Floats
+    noise: Floats
+    gain: float
+
+    @classmethod
+    def of(cls, patterns: Patterns, here: NDArray[np.bool_]) -> _Difference | None:
+        """The difference in the pixels `here` (h, w); None where they are few or without noise."""
+        if np.count_nonzero(here) < 8 * _EDGE:
+            return None
+        change = patterns.high["injection"][:, here] - patterns.high["reference"][:, here]
+        each = patterns.noise["reference"][:, here] + patterns.noise["injection"][:, here]
+        usual = np.sqrt(np.median(each, axis=1))
+        if not np.all(usual > 0.0):
+            return None
+        to_line = np.linalg.pinv(patterns.design / usual[:, None]) / usual
+        gain = float(np.mean(to_line[0] @ patterns.mean["reference"][:, here]))
+        return cls(to_line, change, each.mean(axis=1), gain)
+
+    def beyond(self, slope: float, start: float) -> tuple[float, float]:
+        """Variance beyond the noise of so much of the slope and of the start, and its error."""
+        weight = slope * self.to_line[0] + start * self.to_line[1]
+        noise = float(weight**2 @ self.noise)
+        doubt = 2.0 / np.sqrt(self.change.shape[1]) * noise
+        return _variance(weight @ self.change) - noise, float(doubt)
+
+
+def _variance(values: Floats) -> float:
+    """Variance of values whose tails are clipped, since a few odd pixels shall not change it."""
+    off = values - np.median(values)
+    most = _CLIP * 1.4826 * np.median(np.abs(off))
+    return float(np.mean(np.clip(off, -most, most) ** 2))
