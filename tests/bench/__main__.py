@@ -13,6 +13,7 @@ MEASUREMENTS = (
     "drawn_pixels",
     "droplets",
     "evaluation",
+    "faults",
     "flow_seeds",
     "imported_errors",
     "imports",

@@ -1,0 +1,56 @@
+"""Faults of laboratories are named, and what is stated covers them, or the run is refused.
+
+Set-up: a known spray with one fault (`tests/laboratory_faults.py`). Expected: the check that names
+it; chi-square of the totals below 2 in every band of emissivity.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from cldit.dit.recorded import evaluate_shots
+from cldit.errors import EvaluationError
+from tests.bench.faults import fault_row
+from tests.laboratory_faults import FAULTS
+
+NAMED = {
+    "offsets renewed between kinds, 15 counts": "offsets by 2[01] counts",
+    "offsets renewed between backgrounds, 15 counts": "pixels lie off their lines",
+    "offsets renewed at every recording, 15 counts": "pixels lie off their lines",
+    "hottest background clipped": "523 K: 100 % of the pixels .* left out",
+    "second background clipped everywhere": "483 K: 100 % of the pixels .* left out",
+    "half a pixel, all images at 423 K": "pixels lie off their lines",
+    "half a pixel, injections at 523 K": "pixels lie off their lines",
+    "one reference and one injection swapped": "shot b01_ref_02 is an outlier.*; ignored",
+    "a reference of zeros": "shot b02_ref_04: every pixel is 0; ignored",
+    "superframing": "integration times taken in turns",
+    "frozen camera with a counter": "6 of 80 images repeat another one",
+}
+
+
+def _said(name: str, seed: int) -> str:
+    try:
+        return "\n".join(evaluate_shots(FAULTS[name](seed).recorded).lines)
+    except EvaluationError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_fault_is_named(name: str) -> None:
+    assert re.search(NAMED[name], _said(name, 1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAULTS)
+def test_two_hundred_seeds_of_a_fault(name: str) -> None:
+    """Chi-square of the totals; that of clean ones is known to 5 % by band."""
+    row = fault_row(name, range(200))
+    if row.refused == 200:
+        return
+    assert np.nanmax(row.kelvin) < 2.0 and np.nanmax(row.emissivity) < 2.0
+    if name == "clean":
+        assert row.refused == 0 and not row.named
+        assert all(0.85 < one < 1.15 for one in row.statistical_kelvin)
