@@ -38,7 +38,7 @@ CurveSource = Literal["planck", "fitted"]
 
 _SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
 IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
-_ALL = 0.95  # share of saturated pixels at which a background is left out
+_ALL = 0.95  # share of saturated pixels at which a background is ignored
 _MUCH = 0.01  # share of saturated pixels that is reported
 
 
@@ -251,7 +251,7 @@ def _leave_saturated(
             if share > _ALL:
                 lines.append(
                     f"background {setpoint:g} K: {100 * share:.0f} % of the pixels of its {kind}s "
-                    "are saturated; it is left out"
+                    "are saturated; it is ignored"
                 )
                 for of in ("reference", "injection"):
                     del sums[setpoint, of]

@@ -51,7 +51,7 @@ def fault_row(name: str, seeds: range) -> FaultRow:
             messages[str(error).splitlines()[0][:160]] += 1
             continue
         named.update(one.name for one in found.witnesses if one.stands_out)
-        named.update("ignored" for one in found.remarks if one.endswith(("ignored", "left out")))
+        named.update("ignored" for one in found.remarks if one.endswith("ignored"))
         assert found.budget is not None
         maps = found.maps
         kelvin = maps.apparent_temperature_K.astype(float)

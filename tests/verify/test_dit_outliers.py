@@ -84,7 +84,7 @@ def test_saturation_is_said() -> None:
             recorded.shots[number] = replace(shot, image=np.full_like(shot.image, 16383))
     found = evaluate_shots(recorded)
     assert any(
-        "560 K: 100 % of the pixels of its references are saturated; it is left out" in line
+        "560 K: 100 % of the pixels of its references are saturated; it is ignored" in line
         for line in found.remarks
     )
     assert np.isfinite(found.maps.emissivity).all()  # from the other four

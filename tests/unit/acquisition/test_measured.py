@@ -341,7 +341,7 @@ def _colour(data: dict[str, Any], folder: Path) -> str:
 
 def _all_saturated(data: dict[str, Any], folder: Path) -> str:
     data["sensor"]["saturation_counts"] = 250
-    return "saturated; it is left out\nthe evaluation needs two backgrounds"
+    return "saturated; it is ignored\nthe evaluation needs two backgrounds"
 
 
 def _other_ending(data: dict[str, Any], folder: Path) -> str:
