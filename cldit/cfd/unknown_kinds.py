@@ -26,7 +26,6 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".trk": ("particle tracks of STAR-CCM+", _STAR),
     ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
     ".hdf": ("HDF, maybe VTK's", "give VTK's own the ending .vtkhdf"),
-    ".pvti .pvtr .pvts": ("pieces of a grid of VTK", _PARAVIEW),
     ".pvsm": ("a state of ParaView without data", "save the data themselves as .vtu and .vtp"),
     ".xmf .xdmf": ("XDMF", _PARAVIEW),
     ".e .exo": ("Exodus II", _PARAVIEW),
@@ -42,9 +41,9 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".tar .tgz .tar.gz .zip": ("an archive", "unpack it and give the case inside"),
 }
 _READ = (
-    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .vti, .vtr, .vts, .pvtu, "
-    ".pvtp, .vtm, .pvd, .vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE (.h5), "
-    "Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+    "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .vti, .vtr, .vts, their "
+    "pieces (.pvtu), .vtm, .pvd, .vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE "
+    "(.h5), Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
 )
 
 

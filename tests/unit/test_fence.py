@@ -25,7 +25,7 @@ BUDGETS: dict[str, int] = {
     "api": 944,
     "bench": 896,
     "camera": 571,
-    "cfd": 8064,
+    "cfd": 8263,
     "cldit": 142,
     "cli": 2685,
     "dit": 5700,

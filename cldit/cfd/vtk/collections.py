@@ -1,4 +1,4 @@
-"""Files that name other files: .vtm, .pvtu, .pvtp and .pvd of ParaView, .series of foamToVTK."""
+"""Files that name other files: .vtm, .pvtu and .pvd of ParaView, .series of foamToVTK."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from cldit.errors import SprayError
 from cldit.io.plain_data import read_json
 
 DATA = (".vtu", ".vtp", ".vtk", ".vti", ".vtr", ".vts", *COMPOSITE)
-COLLECTIONS = (".vtm", ".pvtu", ".pvtp")
+PIECES = (".pvtu", ".pvtp", ".pvti", ".pvtr", ".pvts")
+COLLECTIONS = (".vtm", *PIECES)
 _STEP = re.compile(r"[_.-](\d+)$")
 
 
@@ -58,7 +59,8 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
     if file.suffix in DATA:
         _must_be(file, seen)
         return [Entry(stem(file), (file,), named_by=seen)]
-    if file.suffix in (".pvtu", ".pvtp"):
+    if file.suffix in PIECES:
+        _must_be(file, seen)
         pieces = [file.parent / name for _, name in _named(file, "Piece", "Source")]
         for piece in pieces:
             _must_be(piece, named_by)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -34,12 +33,6 @@ def dimension(data: Any) -> int:
 
 
 _DIMENSION = {1: 0, 2: 0, 3: 1, 4: 1, 21: 1} | dict.fromkeys((5, 6, 7, 8, 9, 22, 23, 28), 2)
-
-
-def geometry_of(data: Any) -> tuple[Any, ...]:
-    """Coordinates, and the corners of the cells of a grid."""
-    grid = data.IsA("vtkUnstructuredGrid")
-    return (_points(data), *((_lists(data.GetCells())[0],) if grid else ()))
 
 
 def as_unstructured(data: Any) -> Any:
@@ -85,7 +78,7 @@ def cell_columns(file: Path, data: Any) -> dict[str, Column]:
 def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3), and numeric point arrays of `data` by name, as doubles."""
     fields = _columns(file, data.GetPointData(), "point field")
-    place = Column(f"{file}: points", _points(data).astype(np.float64))
+    place = Column(f"{file}: points", points_of(data).astype(np.float64))
     return place, {k: Column(v.label, v.values.astype(np.float64)) for k, v in fields.items()}
 
 
@@ -97,7 +90,8 @@ def as_numpy(array: Any) -> Any:
     return convert(array)
 
 
-def _points(data: Any) -> Any:
+def points_of(data: Any) -> Any:
+    """Coordinates (P, 3) of the points."""
     some = data.GetNumberOfPoints() > 0
     return as_numpy(data.GetPoints().GetData()) if some else np.empty((0, 3))
 
@@ -121,96 +115,40 @@ def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
         except TypeError:  # vtk before 9.6, where the name means another list
             types = grid.GetCellTypesArray()
         kinds = as_numpy(types)
-    nodes, offsets = _lists(grid.GetCells())
+    nodes, offsets = lists_of(grid.GetCells())
     faces, own = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
     solid = None
     if faces is not None and own is not None and own.GetNumberOfCells():
-        solid = PolyhedronFaces(*_lists(faces), *_lists(own))
-    return ElementMesh(_points(grid), kinds, offsets, nodes, str(file), solid)
+        solid = PolyhedronFaces(*lists_of(faces), *lists_of(own))
+    return ElementMesh(points_of(grid), kinds, offsets, nodes, str(file), solid)
 
 
-def _lists(cells: Any) -> tuple[Any, Any]:
+def lists_of(cells: Any) -> tuple[Any, Any]:
     """Content of all lists of a vtkCellArray, one after the other, and their offsets."""
     return as_numpy(cells.GetConnectivityArray()), as_numpy(cells.GetOffsetsArray())
 
 
-# bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
-# finer ones replace, one outside, one that is hidden; a copied and a hidden point
-_MARKED_CELL = 1 | 8 | 16 | 32
-_MARKED_POINT = 1 | 2
+def check_cells(file: Path, data: Any) -> None:
+    """Refuses cells with points that do not exist, at which vtk's filters would end the process."""
+    count = data.GetNumberOfPoints()
+    for nodes, start in _cell_arrays(data):
+        whole = start[0] == 0 and start[-1] == len(nodes) and np.all(np.diff(start) >= 0)
+        if not whole or (len(nodes) and not (nodes.min() >= 0 and nodes.max() < count)):
+            what = f"cells that do not fit {len(nodes)} corners and {count} points"
+            raise SprayError(f"{file}: is damaged or truncated ({what})")
 
 
-@dataclass
-class Marked:
-    """Numbers of cells and points that were marked as copied or hidden, and omitted."""
-
-    cells: int = 0
-    points: int = 0
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentence on them, if there are any."""
-        pairs = ((self.cells, "cells"), (self.points, "points"))
-        counts = [f"{count} {what}" for count, what in pairs if count]
-        return (f"Marked as ghost or hidden, omitted: {' and '.join(counts)}.",) if counts else ()
+def cell_lists(data: Any) -> tuple[Any, Any]:
+    """Points of all cells, one cell after the other, and where each cell begins, (N + 1,)."""
+    lists = _cell_arrays(data)
+    if len(lists) == 1:
+        return lists[0]
+    sizes = np.concatenate([np.zeros(1, np.int64), *(np.diff(start) for _, start in lists)])
+    return np.concatenate([np.empty(0, np.int64), *(each for each, _ in lists)]), np.cumsum(sizes)
 
 
-def unmarked(data: Any, marked: Marked) -> Any:
-    """Removes cells and parcels that `vtkGhostType` marks, and counts them in `marked`.
-
-    Points of a mesh are kept, as cells refer to them. Points of a set without cells of three
-    dimensions are parcels.
-    """
-    in_cells, at_points = data.GetCellData().GetArray(GHOSTS), data.GetPointData().GetArray(GHOSTS)
-    if dimension(data) > 0:
-        if in_cells is None or not (bad := (as_numpy(in_cells) & _MARKED_CELL) != 0).any():
-            return data
-        marked.cells += int(bad.sum())
-        return _cells_of(data, np.flatnonzero(~bad))
-    bad = np.zeros(data.GetNumberOfPoints(), dtype=bool)
-    if at_points is not None:
-        bad |= (as_numpy(at_points) & _MARKED_POINT) != 0
-    if in_cells is not None and data.GetNumberOfCells() == len(bad):  # a vertex a parcel, in order
-        bad |= (as_numpy(in_cells) & _MARKED_CELL) != 0
-    if not bad.any():
-        return data
-    marked.points += int(bad.sum())
-    return _points_of(data, np.flatnonzero(~bad))
-
-
-def _cells_of(data: Any, kept: Any) -> Any:
-    """Some cells of a data set, with their data, in order."""
-    from vtkmodules.vtkFiltersCore import vtkExtractCells
-
-    extract = vtkExtractCells()
-    extract.SetInputData(data)
-    extract.SetCellList(_id_list(kept))
-    extract.Update()
-    return extract.GetOutput()
-
-
-def _points_of(data: Any, kept: Any) -> Any:
-    """Some points of a data set, with their data, in order."""
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkPolyData
-
-    chosen = _id_list(kept)
-    found: Any = vtkPolyData()
-    points: Any = vtkPoints()
-    points.SetDataType(data.GetPoints().GetDataType())
-    data.GetPoints().GetPoints(chosen, points)
-    found.SetPoints(points)
-    found.GetPointData().CopyAllocate(data.GetPointData(), len(kept))
-    found.GetPointData().SetNumberOfTuples(len(kept))
-    found.GetPointData().CopyData(data.GetPointData(), chosen, 0)
-    return found
-
-
-def _id_list(kept: Any) -> Any:
-    from vtkmodules.vtkCommonCore import vtkIdList
-
-    chosen = vtkIdList()
-    chosen.SetNumberOfIds(len(kept))
-    for place, index in enumerate(kept.tolist()):
-        chosen.SetId(place, index)
-    return chosen
+def _cell_arrays(data: Any) -> list[tuple[Any, Any]]:
+    kinds = ("GetVerts", "GetLines", "GetPolys", "GetStrips")
+    poly = data.IsA("vtkPolyData")
+    parts = [getattr(data, kind)() for kind in kinds] if poly else [data.GetCells()]
+    return [lists_of(each) for each in parts if each is not None and each.GetNumberOfCells()]

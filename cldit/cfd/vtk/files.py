@@ -14,6 +14,7 @@ from cldit.cfd.mapping.file import (
     PARCEL_NAMES,
     ColumnMap,
     columns_of,
+    columns_of_value,
     gas_names,
     merged,
     without_unit,
@@ -39,7 +40,8 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     path = spec.file
     layout = find_layout(path)
     loader = Loader(_gas_alone(names, spec.fuel_field), watch)
-    step = find_step(path, layout, loader, time_s=spec.time_s, cloud=spec.cloud)
+    drops = _parcel_fields(names)
+    step = find_step(path, layout, loader, time_s=spec.time_s, cloud=spec.cloud, drops=drops)
     chosen = choose_cloud(str(path), step.clouds, spec.cloud)
     if chosen is None and spec.cloud != NO_CLOUD and layout.beside:
         shown = ", ".join(map(str, layout.beside))
@@ -73,7 +75,8 @@ def list_vtk(spec: CfdSpray) -> Listing:
     """Lists times [s], fields of the mesh, and clouds with their fields, at one time."""
     layout = find_layout(spec.file)
     loader = Loader(nothing)
-    step = find_step(spec.file, layout, loader, time_s=spec.time_s, cloud=NO_CLOUD)
+    drops = _parcel_fields(ColumnMap())
+    step = find_step(spec.file, layout, loader, time_s=spec.time_s, cloud=NO_CLOUD, drops=drops)
     known = [time for time in step_times(layout, loader).values() if time is not None]
     fields = frozenset[str]().union(*(e.cell_names | e.point_names for e in step.meshes))
     clouds = {
@@ -81,6 +84,13 @@ def list_vtk(spec: CfdSpray) -> Listing:
         for name, parts in step.clouds.items()
     }
     return known, sorted(fields), clouds
+
+
+def _parcel_fields(names: ColumnMap) -> tuple[str, ...]:
+    """Names of the size of droplets and their number, or mass, in a parcel."""
+    wanted = merged(names.parcels, PARCEL_NAMES)
+    pairs = ((wanted.diameter, wanted.radius), (wanted.number, wanted.mass))
+    return tuple(name for each in pairs for value in each for name in columns_of_value(value))
 
 
 def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:

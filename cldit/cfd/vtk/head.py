@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import mmap
 import re
 from dataclasses import dataclass
 from math import prod
@@ -17,9 +18,13 @@ from typing import BinaryIO, Literal
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
-_TAG = re.compile(rb"<(?:VTKFile|Piece|DataArray|Array)\b[^>]*>")
-_COUNT = re.compile(rb'\bNumberOf(Points|Cells)\s*=\s*["\'](\d+)["\']')
-_EXTENT = re.compile(rb'\bExtent\s*=\s*["\']([-\d\s]+)["\']')  # of a grid by rows
+_TAG = re.compile(rb"<(?:VTKFile|Piece|DataArray|Array|\w+Grid|\w+Data)\b[^>]*>")
+_KINDS = {".vtu": "UnstructuredGrid", ".vtp": "PolyData", ".vti": "ImageData"}
+_KINDS |= {".vtr": "RectilinearGrid", ".vts": "StructuredGrid"}
+_COUNT = re.compile(rb'\b(NumberOf\w+|offset)\s*=\s*["\']([^"\']*)["\']')
+_EXTENT = re.compile(rb'\b(?:Whole)?Extent\s*=\s*["\']([-\d\s]+)["\']')  # of a grid by rows
+_MOST_PACKED = 10_000  # bytes of content for each in the file
+_MOST_COMPONENTS = 100
 _OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
 _BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
 _AT_ONCE = 1 << 20
@@ -33,14 +38,19 @@ def piece_counts(file: Path) -> tuple[int, int]:
         tags, _, _ = _xml(stream)
     for piece in (tag for tag in tags if tag.startswith(b"<Piece")):
         found = {name: int(count) for name, count in _COUNT.findall(piece)}
-        points += found.get(b"Points", 0)
-        cells += found.get(b"Cells", 0)
-        if (extent := _EXTENT.search(piece)) is not None:
-            ends = [int(text) for text in extent.group(1).split()]
-            edges = [high - low for low, high in zip(ends[::2], ends[1::2], strict=False)]
-            points += prod(edge + 1 for edge in edges)
-            cells += prod(edges)
+        points += found.get(b"NumberOfPoints", 0)
+        cells += found.get(b"NumberOfCells", 0)
+        edges = [high - low for low, high in _extent(piece)]
+        points += prod(edge + 1 for edge in edges) if edges else 0
+        cells += prod(edges) if edges else 0
     return points, cells
+
+
+def _extent(tag: bytes) -> list[tuple[int, int]]:
+    """First and last index of a grid by rows along each axis."""
+    found = _EXTENT.search(tag)
+    ends = [] if found is None else [int(text) for text in found.group(1).split()]
+    return list(zip(ends[::2], ends[1::2], strict=False))
 
 
 def vtk_size(file: Path, *, fields: int) -> Size:
@@ -70,10 +80,13 @@ class _Form:
         return -(-count // 3) * 4 if self.encoded else count
 
 
-def check_appended(file: Path) -> None:
-    """Refuses a file in which two arrays overlap, or one ends after the file."""
+def check_head(file: Path) -> None:
+    """Refuses a file of another kind than its name says, counts that it cannot contain, at which
+    vtk prints messages or ends the process, and appended arrays that overlap or are cut off.
+    """
     with file.open("rb") as stream:
         tags, found, begin = _xml(stream)
+        _check_counts(file, tags, stream.seek(0, 2))
         if not found:
             return  # the arrays lie between the tags
         end = stream.seek(0, 2)
@@ -85,12 +98,57 @@ def check_appended(file: Path) -> None:
             encoded=b"base64" in found,
         )
         behind = 0
-        for place in sorted(_places(file, tags)):
+        for place in sorted(_places(tags)):
             if place < behind:
                 raise _damaged(file, f"an array at {place}, inside the previous one")
             behind = place + _length(stream, form, begin + place, end, file)
             if begin + behind > end:
                 raise _damaged(file, f"an array at {place} that ends after the file")
+
+
+def _check_counts(file: Path, tags: list[bytes], size: int) -> None:
+    root = next((tag for tag in tags if tag.startswith(b"<VTKFile")), b"")
+    kind = re.search(rb"\btype\s*=\s*[\"'](\w+)", root)
+    if kind is None or kind.group(1).decode() != _KINDS[file.suffix]:
+        what = "no VTK file in XML" if kind is None else f"of type {kind.group(1).decode()}"
+        raise SprayError(f"{file}: is {what}; expected by its name: {_KINDS[file.suffix]}")
+    for tag in tags:
+        counts = {name.decode(): text for name, text in _COUNT.findall(tag)}
+        for name, text in counts.items():
+            most = _MOST_COMPONENTS if name.endswith("Components") else _MOST_PACKED * size
+            if not text.strip().isdigit() or int(text[:20]) > most:
+                raise _damaged(file, f"{name} is {text.decode('latin-1')!a}")
+        if int(counts.get("NumberOfCells", 0)) and not int(counts.get("NumberOfPoints", 1)):
+            raise _damaged(file, "cells without points")
+    pieces = [ends for tag in tags if tag.startswith(b"<Piece") and (ends := _extent(tag))]
+    whole = next((_extent(tag) for tag in tags if b"WholeExtent" in tag), [])
+    around = [(min(each)[0], max(b for _, b in each)) for each in zip(*pieces, strict=False)]
+    if pieces and (len(whole) != 3 or any(a > b for each in pieces for a, b in each)):
+        raise _damaged(file, "extents that are none")
+    if pieces and whole != around:
+        raise _damaged(file, f"pieces that fill {around} of {whole}")
+
+
+_LEGACY = re.compile(
+    rb"\n(DIMENSIONS|POINTS|VERTICES|LINES|POLYGONS|TRIANGLE_STRIPS|CELLS|CELL_TYPES|CELL_DATA"
+    rb"|POINT_DATA|[XYZ]_COORDINATES)[ \t]+([^\n]*)"
+)
+
+
+def check_legacy(file: Path) -> None:
+    """Refuses counts in a legacy file that it cannot contain."""
+    if not (size := file.stat().st_size):
+        raise _damaged(file, "empty")
+    with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        for found in _LEGACY.finditer(text):
+            name, words = found.group(1).decode(), found.group(2).split()
+            numbers = [word for word in words if not word[:1].isalpha()]
+            good = bool(numbers) and all(word.isdigit() and len(word) < 19 for word in numbers)
+            counts = [int(word) for word in numbers] if good else []
+            if name == "DIMENSIONS":
+                good = len(counts) == 3 and 0 < prod(max(each - 1, 1) for each in counts) <= size
+            if not good or max(counts) > size:
+                raise _damaged(file, f"{name} {found.group(2)[:60].decode('latin-1')!a}")
 
 
 def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:
@@ -115,13 +173,9 @@ def _damaged(file: Path, what: str) -> SprayError:
     return SprayError(f"{file}: is damaged or truncated ({what})")
 
 
-def _places(file: Path, tags: list[bytes]) -> set[int]:
+def _places(tags: list[bytes]) -> set[int]:
     """Offsets in the XML, each once: time steps may share one."""
-    found = {each.group(1) for tag in tags if (each := _OFFSET.search(tag)) is not None}
-    for text in found:
-        if not text.strip().isdigit():
-            raise _damaged(file, f"an offset {text.decode('latin-1')!a}")
-    return {int(text) for text in found}
+    return {int(each.group(1)) for tag in tags if (each := _OFFSET.search(tag)) is not None}
 
 
 def _length(stream: BinaryIO, form: _Form, begin: int, end: int, file: Path) -> int:

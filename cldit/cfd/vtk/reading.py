@@ -14,8 +14,8 @@ from typing import Any
 from cldit.cfd.inputs import missing, regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
-from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, dimension
-from cldit.cfd.vtk.head import check_appended, vtk_size
+from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, check_cells, dimension
+from cldit.cfd.vtk.head import check_head, check_legacy, vtk_size
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
 
@@ -39,21 +39,20 @@ class Loaded:
     name: str = ""
 
 
-def load_vtk(
-    file: Path, kind: str = "vtkDataSet", *, choose: Choose | None = None, watch: Watch = silent
-) -> Loaded:
-    """Reads the data set in a file of `DATA`, other than a composite; `kind`: its class in vtk.
+def load_vtk(file: Path, *, choose: Choose | None = None, watch: Watch = silent) -> Loaded:
+    """Reads the data set in a file of `DATA`, other than a composite.
 
     `choose` selects the fields that are read, if the format allows it; None is all. All fields of
-    points alone, which are parcels, are read. Ctrl-C stops vtk and raises KeyboardInterrupt.
+    points and lines, which may be parcels, are read. Ctrl-C stops vtk and raises KeyboardInterrupt.
     """
     reader = _reader(regular(file))
     if file.suffix == ".vtk":
+        check_legacy(file)
         check_room(file, vtk_size(file, fields=0))
         with _messages(file, reader), _observed(file, reader, watch):
             reader.Update()
     else:
-        check_appended(file)
+        check_head(file)
         with _messages(file, reader):
             reader.UpdateInformation()
         cells, points = reader.GetCellDataArraySelection(), reader.GetPointDataArraySelection()
@@ -65,14 +64,16 @@ def load_vtk(
         check_room(file, vtk_size(file, fields=count))
         with _messages(file, reader), _observed(file, reader, watch):
             reader.Update()
-            if not known[1] <= wanted[1] and dimension(reader.GetOutput()) == 0:
+            missing_some = not (known[0] <= wanted[0] and known[1] <= wanted[1])
+            if missing_some and dimension(reader.GetOutput()) in (0, 1):
+                cells.EnableAllArrays()
                 points.EnableAllArrays()
                 reader.Update()
     data = reader.GetOutput()
-    data = None if data is None else as_unstructured(data)
-    if data is None or not data.IsA(kind):
+    if data is None or not data.IsA("vtkDataSet"):
         found = "nothing" if data is None else data.GetClassName()
-        raise SprayError(f"{file}: contains {found}, expected {kind}")
+        raise SprayError(f"{file}: contains {found}, expected a data set")
+    data = _checked(file, data)
     if file.suffix == ".vtk":
         known = _array_names(data.GetCellData()), _array_names(data.GetPointData())
     return Loaded(file, data, *known)
@@ -102,12 +103,20 @@ def load_composite(
     if not found:
         raise SprayError(f"{file}: no data set in it")
     parts = []
-    for name, data in found:
+    for name, each in found:
+        data = _checked(file, each)
         in_cells, at_points = _array_names(data.GetCellData()), _array_names(data.GetPointData())
         if dimension(data) == 3:  # any mesh of the file may have fields that were not read
             in_cells |= known[0]
         parts.append(Loaded(file, data, in_cells, at_points, name))
     return parts
+
+
+def _checked(file: Path, data: Any) -> Any:
+    """An unstructured grid or poly data, with cells whose points exist."""
+    data = as_unstructured(data)
+    check_cells(file, data)
+    return data
 
 
 def nothing(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:

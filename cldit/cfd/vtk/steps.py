@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.composite import COMPOSITE
-from cldit.cfd.vtk.datasets import Marked, dimension, geometry_of, time_value, unmarked, vtk_mesh
+from cldit.cfd.vtk.datasets import dimension, time_value
+from cldit.cfd.vtk.ghosts import Marked, without_ghosts
 from cldit.cfd.vtk.layout import Layout
+from cldit.cfd.vtk.parcel_cells import parcels_of
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import NotAtThisTime, SprayError
 from cldit.io.progress import Watch, silent
@@ -86,9 +85,18 @@ def step_times(layout: Layout, loader: Loader) -> dict[str, float | None]:
 
 
 def find_step(
-    path: Path, layout: Layout, loader: Loader, *, time_s: CaseTime | None, cloud: str | None
+    path: Path,
+    layout: Layout,
+    loader: Loader,
+    *,
+    time_s: CaseTime | None,
+    cloud: str | None,
+    drops: Sequence[str],
 ) -> Step:
-    """Step at a time, its data sets read and sorted; `cloud` is `none` for gas alone."""
+    """Step at a time, its data sets read and sorted; `cloud` is `none` for gas alone.
+
+    drops: fields that mark lines and points as parcels, their size and number.
+    """
     times = step_times(layout, loader)
     if not times:
         raise SprayError(
@@ -125,7 +133,7 @@ def find_step(
         others = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
         what = f"no cloud file of the same step {key!r}, but other steps have"
         raise NotAtThisTime(f"{found[0].pieces[0]}: {what}: {others}")
-    return _sorted(at, found, layout, loader, cloud)
+    return _sorted(at, found, layout, loader, drops if cloud is None else ())
 
 
 def _parcels_likely(entry: Entry) -> bool:
@@ -133,7 +141,7 @@ def _parcels_likely(entry: Entry) -> bool:
 
 
 def _sorted(
-    at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader, cloud: str | None
+    at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader, drops: Sequence[str]
 ) -> Step:
     """Sorts the data sets of a step into meshes, clouds and the rest."""
     meshes: dict[Entry, list[Loaded]] = {}
@@ -143,67 +151,39 @@ def _sorted(
     files = list(layout.read)
     surfaces = list(layout.left_out)
     for entry, loaded in (pair for each in found for pair in loader.parts(each).items()):
-        pieces = [replace(each, data=unmarked(each.data, marked)) for each in loaded]
+        kept = without_ghosts([each.data for each in loaded], marked)
+        pieces = [replace(each, data=data) for each, data in zip(loaded, kept, strict=True)]
         files += [*entry.named_by, *entry.pieces]
         high = max(dimension(piece.data) for piece in pieces)
-        if entry.cloud or (entry.cloud is None and high == 0):
+        names = frozenset[str]().union(*(each.point_names | each.cell_names for each in pieces))
+        likely = high == 0 or (high in (1, 2) and bool(drops) and names.issuperset(drops))
+        if entry.cloud or (entry.cloud is None and likely):
             name = entry.name if entry.cloud else without_step(entry.name)
             claims.setdefault(name, []).append(entry.pieces[0])
-            clouds[name] = pieces
+            clouds[name] = [parcels_of(piece, drops) for piece in pieces]
         elif entry.cloud is False or high in (-1, 3):
             meshes[entry] = pieces
         else:
-            if cloud is None:
-                _refuse_liquid(pieces)
             surfaces += entry.pieces
     for name, places in claims.items():
         only_claimant(f"cloud {name!r}", places)
-    for pieces in clouds.values():
-        _all_different(pieces)
     tops = {entry.named_by[:1] for entry in meshes}  # the blocks of one collection belong together
     if len(tops) > 1 or (len(meshes) > 1 and tops == {()}):
         only_claimant("the mesh of the gas", (entry.pieces[0] for entry in meshes))
     every = [piece for pieces in meshes.values() for piece in pieces]
-    _all_different(every)
+    shown = ", ".join(map(str, surfaces))
     if not meshes:
-        first = found[0].pieces[0]
-        if first.suffix in COMPOSITE:
-            raise SprayError(f"{first}: no gas: no data set of cells with a volume")
-        data = load_vtk(first, "vtkUnstructuredGrid").data
-        vtk_mesh(first, data)  # its error names the kind of cells
-        raise SprayError(f"{first}: only parcels in it; name the gas, or the folder of both")
+        parcels = ", ".join(str(each) for places in claims.values() for each in places)
+        looked = (("parcels alone", parcels), ("lines or surfaces", shown))
+        held = "; ".join(f"{what} in {names}" for what, names in looked if names)
+        raise SprayError(
+            f"{found[0].pieces[0].parent}: no gas: no data set of cells with a volume ({held}); "
+            "name the gas, or the folder of gas and parcels"
+        )
     remarks = marked.remarks
     if surfaces:
-        shown = ", ".join(map(str, surfaces))
         remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
-    for piece in every:
-        if not piece.data.IsA("vtkUnstructuredGrid"):
-            kind = piece.data.GetClassName()
-            raise SprayError(f"{piece.file}: contains {kind}, expected vtkUnstructuredGrid")
     return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
-
-
-def _refuse_liquid(pieces: Sequence[Loaded]) -> None:
-    """Refuses lines or surfaces with diameters and numbers of droplets, which would be omitted."""
-    for piece in pieces:
-        if {"d", "nParticle"} <= piece.point_names | piece.cell_names:
-            raise SprayError(
-                f"{piece.file}: has d and nParticle, the fields of parcels, on lines or surfaces: "
-                "tracks of several times, or joined parcels; save the points of one time as "
-                f"vertices, or name the cloud to be read (spray.cloud; {NO_CLOUD} for gas alone)"
-            )
-
-
-def _all_different(parts: Sequence[Loaded]) -> None:
-    """Refuses pieces with the same points and cells: they would count twice."""
-    seen: dict[bytes, Path] = {}
-    for part in parts:
-        if len(parts) > 1 and part.data.GetNumberOfPoints():
-            key = hashlib.sha256()
-            for array in geometry_of(part.data):
-                key.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
-            same = seen.setdefault(key.digest(), part.file)
-            only_claimant("the same piece of the data", {same, part.file})
 
 
 def _own_time(found: Sequence[Entry], loader: Loader, only: bool) -> float | None:

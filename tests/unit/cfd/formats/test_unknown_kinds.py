@@ -15,7 +15,6 @@ KINDS = [
     ("cells.csv", r"is a table, .*mapping file \(\.yaml\)"),
     ("parcels.XLSX", "is a spreadsheet, .*save it as CSV"),
     ("case.tar.gz", "is an archive, .*unpack it"),
-    ("grid.pvts", "is pieces of a grid of VTK, .*open it in ParaView"),
     ("notes.xyz", r"is of no kind that is read; allowed: an OpenFOAM case"),
 ]
 

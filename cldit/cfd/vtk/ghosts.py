@@ -1,0 +1,144 @@
+"""Cells and parcels that `vtkGhostType` marks as copies of another piece's, or as hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.cfd.vtk.datasets import GHOSTS, as_numpy, cell_lists, dimension, points_of
+from cldit.spray.result import Floats
+
+# bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
+# finer ones replace, one outside, one that is hidden; a copied and a hidden point
+_MARKED_CELL = 1 | 8 | 16 | 32
+_MARKED_POINT = 1 | 2
+_SAME = 1e-6  # of the width of a case: copies of a cell are nearer to each other
+
+
+@dataclass
+class Marked:
+    """Numbers of cells and points that were marked as copied or hidden, and omitted.
+
+    nowhere: those that every piece marks as a copy, of which one was kept.
+    """
+
+    cells: int = 0
+    points: int = 0
+    nowhere: int = 0
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentence on them, if there are any."""
+        pairs = ((self.cells, "cells"), (self.points, "points"))
+        counts = [f"{count} {what}" for count, what in pairs if count]
+        found = [f"Marked as ghost or hidden, omitted: {' and '.join(counts)}."] if counts else []
+        if self.nowhere:
+            found.append(f"Marked as ghost in every piece, kept once: {self.nowhere}.")
+        return tuple(found)
+
+
+def without_ghosts(pieces: Sequence[Any], marked: Marked) -> list[Any]:
+    """Pieces of a data set without the cells and parcels that `vtkGhostType` marks.
+
+    A copy that is marked in every piece is kept once. Points of a mesh are kept, as cells refer to
+    them. Points of a set without cells of three dimensions are parcels.
+    """
+    bits = [_bits(data) for data in pieces]
+    spared = [np.zeros(len(each), dtype=bool) for each in bits]
+    if sum(bool(np.any(each == 1)) for each in bits) > 1:
+        spared = _owned_by_none([_places(data) for data in pieces], bits)
+        marked.nowhere += sum(int(each.sum()) for each in spared)
+    found = []
+    for data, each, saved in zip(pieces, bits, spared, strict=True):
+        bad = (each != 0) & ~saved
+        if not bad.any():
+            found.append(data)
+        elif dimension(data) > 0:
+            marked.cells += int(bad.sum())
+            found.append(_cells_of(data, np.flatnonzero(~bad)))
+        else:
+            marked.points += int(bad.sum())
+            found.append(as_points(data, np.flatnonzero(~bad)))
+    return found
+
+
+def _bits(data: Any) -> NDArray[np.integer]:
+    """Marks of the cells, or of the parcels of a set of points."""
+    in_cells, at_points = data.GetCellData().GetArray(GHOSTS), data.GetPointData().GetArray(GHOSTS)
+    if dimension(data) > 0:
+        none = np.zeros(data.GetNumberOfCells(), np.uint8)
+        return none if in_cells is None else as_numpy(in_cells) & _MARKED_CELL
+    found = np.zeros(data.GetNumberOfPoints(), np.uint8)
+    if at_points is not None:
+        found |= as_numpy(at_points) & _MARKED_POINT
+    if in_cells is not None and data.GetNumberOfCells() == len(found):  # vertices
+        found |= as_numpy(in_cells) & _MARKED_CELL
+    return found
+
+
+def _places(data: Any) -> Floats:
+    """Means of the corners of the cells, or the points themselves, (N, 3)."""
+    points: Floats = points_of(data).astype(np.float64)
+    if dimension(data) <= 0:
+        return points
+    nodes, start = cell_lists(data)
+    sums = np.add.reduceat(points[nodes], start[:-1], axis=0)
+    return np.asarray(sums / np.diff(start)[:, None])
+
+
+def _owned_by_none(
+    places: Sequence[Floats], bits: Sequence[NDArray[np.integer]]
+) -> list[NDArray[np.bool_]]:
+    """First of the copies at each place at which several are and no entry is unmarked."""
+    every, marks = np.concatenate(list(places)), np.concatenate(list(bits))
+    step = _SAME * max(float(np.ptp(every, axis=0).max()), 1e-12)
+    whole = np.floor(every / step + np.sqrt(0.5)).astype(np.int64).astype(np.uint64)
+    key = whole @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    copies = np.flatnonzero(marks == 1)
+    found, first, count = np.unique(key[copies], return_index=True, return_counts=True)
+    kept = copies[first[(count > 1) & ~np.isin(found, key[marks == 0])]]
+    spared = np.zeros(len(marks), dtype=bool)
+    spared[kept] = True
+    return np.split(spared, np.cumsum([len(each) for each in bits])[:-1])
+
+
+def _cells_of(data: Any, kept: Any) -> Any:
+    """Some cells of a data set, with their data, in order."""
+    from vtkmodules.vtkFiltersCore import vtkExtractCells
+
+    extract = vtkExtractCells()
+    extract.SetInputData(data)
+    extract.SetCellList(_id_list(kept))
+    extract.Update()
+    return extract.GetOutput()
+
+
+def as_points(data: Any, kept: Any) -> Any:
+    """Some points of a data set, with their data, in order, without cells."""
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    chosen = _id_list(kept)
+    found: Any = vtkPolyData()
+    points: Any = vtkPoints()
+    points.SetDataType(data.GetPoints().GetDataType())
+    data.GetPoints().GetPoints(chosen, points)
+    found.SetPoints(points)
+    found.GetPointData().CopyAllocate(data.GetPointData(), len(kept))
+    found.GetPointData().SetNumberOfTuples(len(kept))
+    found.GetPointData().CopyData(data.GetPointData(), chosen, 0)
+    return found
+
+
+def _id_list(kept: Any) -> Any:
+    from vtkmodules.vtkCommonCore import vtkIdList
+
+    chosen = vtkIdList()
+    chosen.SetNumberOfIds(len(kept))
+    for place, index in enumerate(kept.tolist()):
+        chosen.SetId(place, index)
+    return chosen

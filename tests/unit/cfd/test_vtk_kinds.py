@@ -1,0 +1,214 @@
+"""Data sets of VTK by what they hold: parcels on any cells, grids of every kind, ghosts, heads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+import pytest
+
+from cldit.cfd.to_spray import read_cfd
+from cldit.cfd.vtk.datasets import as_numpy
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.test_vtk import SET, block_grid, cloud_data, save
+from tests.unit.cfd.test_vtk_grids import HIGH, LOW, RHO, SHAPE, field, grid_of, write
+from tests.unit.cfd.vtkfiles import pieces
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+pytest.importorskip("vtkmodules")
+from vtkmodules import vtkCommonDataModel as model
+from vtkmodules.util.numpy_support import numpy_to_vtk
+
+
+def joined(foam: Foam, form: str) -> Any:
+    """The parcels of the sample, on cells of a form."""
+    cloud = foam.sample()[2]
+    cells: Any = model.vtkCellArray()
+    count = len(cloud["d"])
+    if form == "tracks":  # three places of each parcel, one after the other
+        way = np.repeat(np.arange(count), 3)
+        late = np.tile([0.0, 1e-6, 2e-6], count)
+        cloud = {name: values[way] for name, values in cloud.items()}
+        cloud["position"] = cloud["position"] + late[:, None] * cloud["U"]
+        cloud["age"] = late + 1e-5
+    data = cloud_data(cloud)
+    ends = {"tracks": 3, "one line": count, "few lines": 4, "vertices": 1, "surfaces": 3}[form]
+    points = np.arange(len(cloud["position"]))
+    for begin in range(0, len(points) // ends * ends, ends):
+        cells.InsertNextCell(ends, points[begin : begin + ends].tolist())
+    setter = {"vertices": data.SetVerts, "surfaces": data.SetPolys}.get(form, data.SetLines)
+    setter(cells)
+    if form == "vertices":
+        data.GetCellData().ShallowCopy(data.GetPointData())
+        data.GetPointData().Initialize()
+    return data
+
+
+@pytest.mark.parametrize("form", ["one line", "few lines", "vertices", "surfaces", "tracks"])
+def test_parcels_on_any_cells(tmp_path: Path, foam: Foam, form: str) -> None:
+    """One of 17 points is on none of the lines of four points."""
+    block, gas, cloud = foam.sample()
+    save(tmp_path / "gas.vtu", block_grid(block, gas))
+    save(tmp_path / "spray.vtp", joined(foam, form))
+    spec = CfdSpray(file=tmp_path, **SET)
+    if form in ("surfaces", "tracks"):
+        with pytest.raises(SprayError, match=r"spray\.vtp: has d and nParticle, .* parcels, on"):
+            read_cfd(spec)
+        assert "parcels" not in read_cfd(spec.model_copy(update={"cloud": "none"})).notes
+        return
+    mass = np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3)
+    assert read_cfd(spec).notes["liquid_mass_kg"] == pytest.approx(mass, rel=1e-5)
+
+
+def test_a_folder_without_gas_names_its_files(tmp_path: Path, foam: Foam) -> None:
+    save(tmp_path / "spray.vtp", cloud_data(foam.sample()[2]))
+    image = model.vtkImageData()
+    image.SetDimensions(5, 5, 1)
+    write(tmp_path / "cut.vti", image, ".vti")
+    message = r"no gas: .*\(parcels alone in .*spray\.vtp; lines or surfaces in .*cut\.vti\)"
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=tmp_path, **SET))
+
+
+def vapour_kg(path: Path) -> float:
+    spec = CfdSpray(file=path, nozzle_m=(0.0, 0.0, 0.0), axis="-z", cloud="none")
+    return read_cfd(spec).notes["vapour_mass_kg"]
+
+
+def whole_kg() -> float:
+    _, centre, volume = grid_of(".vti")
+    return float((RHO * field(centre)[1] * volume).sum())
+
+
+def hdf(file: Path, kind: bytes) -> Path:
+    """An image, or the image with a block of half its spacing within it, by VTK's documentation."""
+    grid, step = grid_of(".vti")[0], (HIGH - LOW) / SHAPE
+    text = h5py.string_dtype("ascii", len(kind))
+    with h5py.File(file, "w") as root:
+        top = root.create_group("VTKHDF")
+        top.attrs["Version"] = [1, 0]
+        top.attrs.create("Type", kind, dtype=text)
+        top.attrs["Origin"] = LOW
+        ends = [end for count in SHAPE for end in (0, count)]
+        if kind == b"ImageData":
+            top.attrs["WholeExtent"], top.attrs["Spacing"] = ends, step
+            top.attrs["Direction"] = np.eye(3).reshape(-1)
+        else:
+            top.attrs.create("GridDescription", b"XYZ", dtype=h5py.string_dtype("ascii", 3))
+            fine = top.create_group("Level1")
+            fine.attrs["Spacing"] = step / 2
+            fine["AMRBox"] = np.array([[2, 5, 2, 5, 6, 11]], "i4")
+        held = top if kind == b"ImageData" else top.create_group("Level0")
+        if held is not top:
+            held.attrs["Spacing"] = step
+            held["AMRBox"] = np.array([[0, 6, 0, 5, 0, 8]], "i4")
+        for name in ("T", "C7H16", "rho"):
+            values = as_numpy(grid.GetCellData().GetArray(name))
+            held[f"CellData/{name}"] = values.reshape(SHAPE[::-1]) if held is top else values
+            if held is not top:  # each coarse cell as eight of its values
+                some = values.reshape(SHAPE[::-1])[3:6, 1:3, 1:3]
+                eight = some.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
+                fine[f"CellData/{name}"] = eight.reshape(-1)
+    return file
+
+
+@pytest.mark.parametrize("kind", [b"ImageData", b"OverlappingAMR"])
+def test_images_and_levels_in_hdf(tmp_path: Path, kind: bytes) -> None:
+    assert vapour_kg(hdf(tmp_path / "gas.vtkhdf", kind)) == pytest.approx(whole_kg(), rel=1e-9)
+
+
+def ghosts(data: Any, marks: Any) -> Any:
+    convert: Any = numpy_to_vtk
+    array = convert(np.asarray(marks, np.uint8), deep=True)
+    array.SetName("vtkGhostType")
+    data.AddArray(array)
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_ghosts_on_both_sides(tmp_path: Path, foam: Foam, both: bool) -> None:
+    """Two pieces share a layer of cells, which one of them marks as a copy, or both."""
+    block, gas, cloud = foam.sample()
+    shape = block.shape[::-1]
+    layer = np.arange(block.cells).reshape(shape)
+    for number, (points, kept) in enumerate(
+        ((slice(0, 3), slice(0, 2)), (slice(1, 4), slice(1, 3)))
+    ):
+        own = foam.block((block.edges[0][points], block.edges[1], block.edges[2]))
+        cells = layer[:, :, kept].reshape(-1)
+        grid = block_grid(own, {name: values[cells] for name, values in gas.items()})
+        shared = np.isin(cells, layer[:, :, 1]) & (both or number == 0)
+        ghosts(grid.GetCellData(), shared)
+        save(tmp_path / f"gas_{number}.vtu", grid)
+        drops = cloud_data(cloud)
+        ghosts(drops.GetPointData(), np.full(17, both or number == 0))
+        save(tmp_path / f"drops_{number}.vtp", drops)
+    pieces(tmp_path / "gas.pvtu", ["gas_0.vtu", "gas_1.vtu"])
+    pieces(tmp_path / "drops.pvtp", ["drops_0.vtp", "drops_1.vtp"])
+    spray = read_cfd(CfdSpray(file=tmp_path, **SET))
+    vapour = float(np.sum(gas["rho"] * gas["C7H16"] * block.volume))
+    assert spray.notes["vapour_mass_kg"] == pytest.approx(vapour, rel=1e-5)
+    assert spray.notes["parcels"] == 17
+    remark = "Marked as ghost in every piece, kept once: 25."
+    assert (remark in spray.remarks) == both
+
+
+def test_pieces_of_a_grid(tmp_path: Path) -> None:
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    for number, ends in enumerate(((0, 7, 0, 6, 0, 4), (0, 7, 0, 6, 4, 9))):
+        writer: Any = vtkXMLImageDataWriter()
+        writer.SetInputData(grid_of(".vti")[0])
+        writer.SetWriteExtent(*ends)
+        writer.SetFileName(str(tmp_path / f"gas_{number}.vti"))
+        writer.Write()
+    pieces(tmp_path / "gas.pvti", ["gas_0.vti", "gas_1.vti"])
+    assert vapour_kg(tmp_path / "gas.pvti") == pytest.approx(whole_kg(), rel=1e-9)
+    assert vapour_kg(tmp_path) == pytest.approx(whole_kg(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("gas.vtu", 'NumberOfPoints="560"', 'NumberOfPoints="0"'),
+        ("gas.vtu", 'NumberOfPoints="560"', 'NumberOfPoints="7"'),
+        ("gas.vtu", 'NumberOfCells="378"', 'NumberOfCells="-1"'),
+        ("gas.vtu", 'NumberOfCells="378"', 'NumberOfCells="99999999999999999999"'),
+        ("gas.vtu", 'NumberOfComponents="3"', 'NumberOfComponents="-1"'),
+        ("gas.vtu", 'NumberOfComponents="3"', 'NumberOfComponents="999999999999"'),
+        ("gas.vtu", 'type="UnstructuredGrid"', 'type="PolyData"'),
+        ("gas.vti", 'WholeExtent="0 7', 'WholeExtent="0 9999999'),
+        ("gas.vti", ' Extent="0 7', ' Extent="9 7'),
+        ("gas.vtk", "DIMENSIONS 8", "DIMENSIONS 800000000"),
+        ("gas.vtk", "DIMENSIONS 8", "DIMENSIONS -8"),
+        ("gas.vtk", "POINTS 560", "POINTS 99999999999"),
+        ("gas.vtk", "CELL_DATA 378", "CELL_DATA 37800000000"),
+    ],
+)
+def test_heads_that_end_the_process(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, old: str, new: str
+) -> None:
+    grid = grid_of(".vti" if name == "gas.vti" else ".vts")[0]
+    if name == "gas.vtu":
+        from vtkmodules.vtkFiltersCore import vtkAppendFilter
+
+        append = vtkAppendFilter()
+        append.AddInputData(grid)
+        append.Update()
+        grid = append.GetOutput()
+        ghosts(grid.GetCellData(), np.arange(378) == 3)
+    file = tmp_path / name
+    if name == "gas.vtu":
+        save(file, grid)
+    else:
+        write(file, grid, file.suffix)
+    content = file.read_bytes()
+    assert old.encode() in content
+    file.write_bytes(content.replace(old.encode(), new.encode(), 1))
+    with pytest.raises(SprayError, match=rf"{name}: is (damaged|of type PolyData; expected)"):
+        vapour_kg(file)
+    assert capfd.readouterr() == ("", "")
