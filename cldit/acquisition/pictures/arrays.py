@@ -70,6 +70,8 @@ class Zarr(ArrayStack):
 
     def __init__(self, source: Source) -> None:
         found = _zarr(source, line=False)
+        if (lost := found.nchunks - found.nchunks_initialized) > 0:  # they would be read as zeros
+            raise ValueError(f"{lost} of {found.nchunks} chunks are missing")
         known = dict(found.attrs)
         names = getattr(found.metadata, "dimension_names", None) or known.get("_ARRAY_DIMENSIONS")
         axes = source.axes or axes_named([str(name) for name in names or ()])

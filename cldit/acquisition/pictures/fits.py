@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
 from typing import Any
 
@@ -10,20 +11,16 @@ from cldit.io.files import check_regular
 
 
 class Fits(ArrayStack):
-    """Images of a unit, by its number or its name; scaled by BSCALE and BZERO."""
+    """Images of a unit, by its number or its name, scaled by BSCALE and BZERO; parts are read."""
 
     def __init__(self, source: Source) -> None:
         fits = needed("astropy.io.fits", source.path, extra="fits", what="FITS files")
         check_regular(source.path)
-        self._file = fits.open(
-            source.path, mode="readonly", memmap=False
-        )  # sections are read alone
+        self._file = fits.open(source.path, mode="readonly", memmap=False)
         try:
-            units: dict[str, Any] = {}
-            for number, unit in enumerate(self._file):
-                if unit.is_image and len(unit.shape) > 1:
-                    units[unit.name or str(number)] = unit
-            named = units | {str(n): unit for n, unit in enumerate(self._file) if unit.is_image}
+            images = {n: unit for n, unit in enumerate(_units(self._file)) if unit.is_image}
+            units = {unit.name or str(n): unit for n, unit in images.items() if len(unit.shape) > 1}
+            named = units | {str(n): unit for n, unit in images.items()}
             found = pick(source, named, lambda: {n: u.shape for n, u in units.items()}, line=False)
             head = found.header
             super().__init__(found.section, source.axes, unit=str(head.get("BUNIT", "")))
@@ -51,3 +48,11 @@ class Fits(ArrayStack):
     def close(self) -> None:
         """Closes the file."""
         self._file.close()
+
+
+def _units(file: Any) -> list[Any]:
+    """All units; a truncated file is an error, a keyword that is not standard is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("error", message=".*truncated")
+        return list(file)

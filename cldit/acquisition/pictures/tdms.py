@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -67,7 +69,12 @@ def read_line(source: Source) -> NDArray[np.float64]:
 def _open(source: Source) -> Any:
     nptdms = needed("nptdms", source.path, extra="tdms", what="TDMS files")
     check_regular(source.path)
-    return nptdms.TdmsFile.open(source.path)
+    import_module("nptdms.log").log_manager.set_level(logging.ERROR)  # damage is reported here
+    file = nptdms.TdmsFile.open(source.path)
+    if file.file_status.incomplete_final_segment:
+        file.close()
+        raise EvaluationError(f"{source.path}: its last segment is incomplete; it is cut off")
+    return file
 
 
 def _chosen(file: Any, source: Source) -> tuple[list[Any], dict[str, Any]]:

@@ -221,6 +221,21 @@ def test_data_sets_that_are_not_there_are_answered_with_those_that_are(
         open_stack(Source(tmp_path / name, line))
 
 
+@pytest.mark.parametrize(("name", "write"), WRITERS, ids=[name for name, _ in WRITERS])
+def test_files_that_lost_a_part_are_refused(
+    tmp_path: Path, name: str, write: Callable[[Path], None], capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    write(path)
+    if path.is_dir():  # a chunk would be read as zeros
+        next(each for each in path.rglob("c/3/*/*") if each.is_file()).unlink()
+    else:
+        path.write_bytes(path.read_bytes()[: int(0.9 * path.stat().st_size)])
+    with pytest.raises(EvaluationError, match=name):
+        read_all(Source(path))
+    assert not capfd.readouterr().err
+
+
 def test_tdms_by_groups_of_channels_and_its_size(tmp_path: Path) -> None:
     nptdms = pytest.importorskip("nptdms")
     path = tmp_path / "a.tdms"
