@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, ValidationError, model_validator
 
 from cldit.acquisition.frames import FrameReader
-from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, parse_source
+from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, find_sources, parse_source
 from cldit.acquisition.pictures.told import (
     ZERO_CELSIUS_K,
     check_exposures,
@@ -279,7 +279,7 @@ def open_measured(path: str | Path) -> Measured:
             readings = celsius if kelvins is None else kelvins
             where = f"{kind}s at {setpoint_K:g} K"
             found: list[MeasuredShot] = []
-            for source in _sources(folder, patterns, where, given.axes):
+            for source in find_sources(folder, patterns, where, given.axes):
                 if source in owners:
                     raise EvaluationError(
                         f"{source.text}: named as {owners[source]} and as {where}; remove one"
@@ -356,25 +356,6 @@ def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
             yield folder / parse_source(text)[0]
 
 
-def _sources(
-    folder: Path, patterns: tuple[str, ...], where: str, axes: tuple[Axis, ...] | None = None
-) -> list[Source]:
-    """Files by name, those of a pattern in natural order: frame_2 before frame_10."""
-    found: list[Source] = []
-    for text in patterns:
-        pattern, place = parse_source(text)
-        paths = [folder / pattern]  # a name may have brackets
-        if not paths[0].exists():
-            plain = Path(pattern.replace("[", "[[]"))
-            root = Path(plain.anchor) if plain.is_absolute() else folder
-            inside = plain.relative_to(plain.anchor) if plain.is_absolute() else plain
-            paths = sorted(root.glob(str(inside)), key=natural_order)
-        if not paths:
-            raise EvaluationError(f"{where}: no file matches {text} in {folder}")
-        found += [replace(place, path=path, axes=axes) for path in paths]
-    return found
-
-
 def _calibration(given: MeasuredFile) -> dict[str, Any]:
     known = given.filter_um
     filter_um = Response(known) if isinstance(known[0], tuple) else known
@@ -394,5 +375,5 @@ def _calibration(given: MeasuredFile) -> dict[str, Any]:
 def _bad_pixels(folder: Path, name: str | None, reader: FrameReader) -> NDArray[np.bool_] | None:
     if name is None:
         return None
-    (source,) = _sources(folder, (name,), "bad_pixels")[:1]
+    (source,) = find_sources(folder, (name,), "bad_pixels")[:1]
     return np.asarray(reader.read(source, 0) != 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -27,20 +28,16 @@ class Matlab5(ArrayStack):
         from scipy.io import loadmat, whosmat
 
         check_regular(source.path)
-        known = {name: shape for name, shape, kind in whosmat(source.path) if "int" in kind or
-                 kind in ("single", "double")}  # fmt: skip
-        chosen = pick(source, {each: _Shape(known[each], each) for each in known},
-                      lambda: known, line=False)  # fmt: skip
+        known = {
+            name: SimpleNamespace(name=name, shape=shape)  # not read yet
+            for name, shape, kind in whosmat(source.path)
+            if kind in ("single", "double") or "int" in kind
+        }
+        shapes = {name: each.shape for name, each in known.items()}
+        chosen = pick(source, known, lambda: shapes, line=False)
         data = loadmat(source.path, variable_names=[chosen.name])[chosen.name]
         super().__init__(data, source.axes or MATLAB)
         self.notes += matlab_notes(source, data.shape)
-
-
-class _Shape:
-    """A variable that is not read yet."""
-
-    def __init__(self, shape: tuple[int, ...], name: str) -> None:
-        self.shape, self.name = shape, name
 
 
 class NetCdf3(ArrayStack):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import EvaluationError
+from cldit.io.files import natural_order
 
 Axis = Literal["frames", "rows", "columns"]
 AXES: tuple[Axis, ...] = ("frames", "rows", "columns")
@@ -198,7 +199,7 @@ def pick(
     def fits(shape: tuple[int, ...]) -> bool:
         if line:
             return len(shape) > 0 and max(shape) == np.prod(shape)
-        return len(shape) > 1 and min(shape[-2:]) > 1
+        return len(shape) > 1 and (bool(name) or sum(size > 1 for size in shape) > 1)
 
     if not name or name not in group:
         known = [each.strip("/") for each, shape in shapes().items() if fits(shape)]
@@ -229,3 +230,24 @@ def parse_source(text: str) -> tuple[str, Source]:
         )
     place = int(first or 0), int(last) if last else None, int(step or 1)
     return pattern, Source(Path(pattern), dataset, *place)
+
+
+def find_sources(
+    folder: Path, patterns: tuple[str, ...], where: str, axes: tuple[Axis, ...] | None = None
+) -> list[Source]:
+    """Files by name, those of a pattern in natural order: frame_2 before frame_10. Raises
+    EvaluationError, which begins with `where`, if a pattern matches none.
+    """
+    found: list[Source] = []
+    for text in patterns:
+        pattern, place = parse_source(text)
+        paths = [folder / pattern]  # a name may have brackets
+        if not paths[0].exists():
+            plain = Path(pattern.replace("[", "[[]"))
+            root = Path(plain.anchor) if plain.is_absolute() else folder
+            inside = plain.relative_to(plain.anchor) if plain.is_absolute() else plain
+            paths = sorted(root.glob(str(inside)), key=natural_order)
+        if not paths:
+            raise EvaluationError(f"{where}: no file matches {text} in {folder}")
+        found += [replace(place, path=path, axes=axes) for path in paths]
+    return found
