@@ -17,8 +17,8 @@ from cldit.run import RunCache, default_cache
 from cldit.scene import load_scene
 from cldit.study.grid import Grid
 from cldit.study.lab import QUICK, Lab
-from cldit.study.page import StudyPage, write_overview, write_page
-from cldit.study.paper import STUDIES, run_study
+from cldit.study.page import AGREES, DISAGREES, StudyPage, write_overview, write_page
+from cldit.study.paper import STUDIES, run_study, studies_of
 from cldit.study.sweep import Progress as Swept
 from cldit.study.sweep import run_sweep
 
@@ -51,6 +51,11 @@ def study(
 ) -> None:
     """Run the paper's study NAME, or all; or a sweep over the scene NAME (gdi) with --grid.
 
+    \b
+    Names, or figures of the paper (fig12):
+      methane, optics, visible, camera, conditions, order, walls,
+      sizes, index, vapour, evaporation, fuel-temperature
+
     --grid "walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370": all combinations;
     start:stop:step includes the stop.
     """
@@ -61,15 +66,10 @@ def study(
         return
     if scheduler is not None or workers is not None:
         raise StudyError("--scheduler and --workers are for sweeps; give --grid too")
-    if name is None or (name != "all" and name not in STUDIES):
-        raise StudyError(
-            f"{name or 'study'}: no such study; allowed: {', '.join(STUDIES)}, or all. For a sweep "
-            "over a scene, give --grid"
-        )
+    wanted = studies_of(name or "")
     folder = out or Path("studies")
     lab = Lab(RunCache(cache or default_cache()), quick, open_device(device), say)
     pages: list[StudyPage] = []
-    wanted = list(STUDIES) if name == "all" else [name]
     start = time.perf_counter()
     for number, each in enumerate(wanted, start=1):
         since = f", {(time.perf_counter() - start) / 60:.0f} min so far" if number > 1 else ""
@@ -87,7 +87,7 @@ def _print_verdicts(pages: list[StudyPage]) -> None:
     table = folded_table("study", "the paper", "found", "agrees if", "")
     for page in pages:
         for each in page.verdicts:
-            colour = "green" if each.agrees else "yellow"
+            colour = {AGREES: "green", DISAGREES: "red"}.get(each.word, "yellow")
             table.add_row(
                 page.name,
                 escaped(each.claim),

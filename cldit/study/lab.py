@@ -10,6 +10,7 @@ from cldit.gpu.device import Device
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
 from cldit.scene import Scene, load_scene
+from cldit.scene.spray import LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 
@@ -43,7 +44,8 @@ class Lab:
     """Runs and sprays of scenes, from the cache if they are there.
 
     quick: reduced pixels and accuracy. always: values of all scenes that override those of a study.
-    used: scenes that were run, for the page.
+    seed: of computed sprays. coarser: factor on the edge of their gas cells. used: scenes that were
+    run, for the page.
     """
 
     runs: RunCache = field(default_factory=RunCache)
@@ -51,6 +53,8 @@ class Lab:
     device: Device | None = None
     say: Say | None = None
     always: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 1
+    coarser: float = 1.0
     used: dict[str, Scene] = field(default_factory=dict)
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
@@ -60,14 +64,18 @@ class Lab:
         fixed = {
             "name": name,
             "description": "",
-            "spray": {**spray, "droplets_per_parcel": _PARCELS},
+            "spray": {**spray, "droplets_per_parcel": _PARCELS, "seed": self.seed},
             "walls.temperature_K": _WALLS_K,
             # Scenes are compared, and share the error of their cells.
             "domain.leaf_edge_m": PAPER_LEAF_M,
             "transport.accuracy_K": 0.1,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
-        return base.with_(**{**fixed, **_CAMERA, **quick, **(values or {})}).with_(**self.always)
+        scene = base.with_(**{**fixed, **_CAMERA, **quick, **(values or {})}).with_(**self.always)
+        if not isinstance(scene.spray, LagrangianSpray):
+            return scene
+        edge_m = self.coarser * scene.spray.box.spacing_m
+        return scene.with_(**{"spray.box.spacing_m": edge_m})
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Shipped scene `name` with some `values` changed, reduced if the study is quick."""

@@ -26,33 +26,49 @@ _VERDICTS = ("the paper", "found", "agrees if", "")
 _OVERVIEW = ("study", "the paper's", "size", "took / s", "against the paper")
 
 
+AGREES, DISAGREES, OPEN = "agrees", "disagrees", "cannot be told"
+_SURE = 2.0  # standard errors between a value and a limit
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """One statement of the paper and the value that was found, in `unit`.
+    """One statement of the paper and the value that was found, in `unit`, with its standard error.
 
-    It agrees if the value is between low and high; None: no limit. NaN agrees with nothing. why:
-    the reason if it does not agree.
+    It agrees if the value is between low and high; None: no limit. A value that is closer to a
+    limit than two errors can tell nothing, nor can one that is not finite. error: 0 for a value
+    that repetition does not change. why: the reason if it does not agree.
     """
 
     claim: str
     value: float
+    error: float = 0.0
     unit: str = ""
     low: float | None = None
     high: float | None = None
     why: str = ""
 
     @property
-    def agrees(self) -> bool:
-        """True if the value is within the limits."""
-        if not math.isfinite(self.value):
-            return False
-        above = self.low is None or self.value >= self.low
-        return above and (self.high is None or self.value <= self.high)
+    def word(self) -> str:
+        """`agrees`, `disagrees` or `cannot be told`."""
+        if not math.isfinite(self.value) or math.isnan(self.error):
+            return OPEN
+        inside = (
+            -math.inf if self.low is None else self.low,
+            (math.inf if self.high is None else self.high),
+        )
+        least, most = (self.value + sign * _SURE * self.error for sign in (-1, 1))
+        if inside[0] <= least and most <= inside[1]:
+            return AGREES
+        return DISAGREES if most < inside[0] or least > inside[1] else OPEN
 
     @property
     def found(self) -> str:
-        """Value with its unit."""
-        return _with_unit(self.value, self.unit) if math.isfinite(self.value) else "no value"
+        """Value with its error and unit."""
+        if not math.isfinite(self.value):
+            return "no value"
+        if self.error == 0:
+            return _with_unit(self.value, self.unit)
+        return f"{_measured(self.value, self.error)} {self.unit}".rstrip()
 
     @property
     def allowed(self) -> str:
@@ -65,22 +81,29 @@ class Verdict:
             return f"at most {_with_unit(self.high, self.unit)}"
         return f"at least {_with_unit(self.low or 0.0, self.unit)}"
 
-    @property
-    def word(self) -> str:
-        """`agrees` or `disagrees`."""
-        return "agrees" if self.agrees else "disagrees"
-
 
 def _with_unit(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}".rstrip()
 
 
+def _measured(value: float, error: float) -> str:
+    """Value to the second digit of its error, and the error."""
+    if not math.isfinite(error):
+        return f"{value:.3g}, error unknown"
+    if error == 0:
+        return f"{value:.4g}"
+    places = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{places}f} ± {error:.{places}f}"
+
+
 def summary(verdicts: tuple[Verdict, ...]) -> str:
-    """Sentence with the number of statements that agree."""
-    agreed = sum(each.agrees for each in verdicts)
+    """Sentence with the numbers of statements that agree and that cannot be told."""
+    words = [each.word for each in verdicts]
+    agreed, open_ = words.count(AGREES), words.count(OPEN)
     if agreed == len(verdicts):
         return f"All {agreed} statements agree."
-    return f"{agreed} of {len(verdicts)} statements agree."
+    told = f", {open_} cannot be told" if open_ else ""
+    return f"{agreed} of {len(verdicts)} statements agree{told}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,8 +111,9 @@ class StudyPage:
     """Results of a study.
 
     about: its subject, one sentence. command: makes the page. text: one paragraph. findings:
-    sentences. figures: by file name without suffix. table: rows of equal keys, with units
-    in their names; more: further tables by title.
+    sentences. figures: by file name without suffix. table: rows of equal keys, with units in their
+    names; row_errors: standard errors of their numbers; more: further tables by title. seeds: of
+    the sprays whose mean the numbers are.
     """
 
     name: str
@@ -101,11 +125,14 @@ class StudyPage:
     findings: Sequence[str] = ()
     figures: Mapping[str, Figure]
     table: Sequence[Row]
+    row_errors: Sequence[Mapping[str, float]] = ()
     more: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
     scenes: Mapping[str, Scene] = field(default_factory=dict)
     quick: bool = False
     seconds: float = 0.0
+    seeds: tuple[int, ...] = ()
+    device: str = ""
 
     @property
     def summary(self) -> str:
@@ -116,28 +143,46 @@ class StudyPage:
         """Page as one file."""
         tables = {"Numbers": self.table, **self.more}
         scenes = [Details(name, dump_scene(scene)) for name, scene in self.scenes.items()]
-        made = f"`{self.command}`, cldit {version('cldit')}"
+        made = f"`{self.command}`, cldit {version('cldit')}. {self._made()}"
         content: list[Block] = [
             self.about,
             Section("", [*self.figures.values(), self.text]),
             Section("Findings", [Bullets(self.findings)] if self.findings else []),
             Section(f"Against the paper: {self.summary}", [self._verdicts()]),
-            *(Section(title, [_table(rows)]) for title, rows in tables.items()),
+            *(
+                Section(title, [_table(rows, self._errors(title))])
+                for title, rows in tables.items()
+            ),
             Section("To repeat it", [made, *scenes]),
         ]
         return show.Page(self.title, content)
 
+    def _errors(self, title: str) -> Sequence[Mapping[str, float]]:
+        return self.row_errors if title == "Numbers" else ()
+
+    def _made(self) -> str:
+        """Commit, device, seeds and cost."""
+        made = commit()
+        told = [
+            f"commit {made[:7] + made[40:]}" if made else "",
+            self.device,
+            f"mean of seeds {', '.join(map(str, self.seeds))}, errors by them and by gas cells of "
+            "twice the edge"
+            if self.seeds
+            else "",
+            f"{self.seconds:.0f} s" if self.seconds else "",
+        ]
+        return "; ".join(each for each in told if each)
+
     def markdown(self, *, tables: bool) -> show.Page:
         """Page with figures as files beside it. Without `tables`, as in docs, numbers are in the
-        JSON, and it states the commit."""
-        made = commit()
-        at = f" at commit {made[:7] + made[40:]}" if made and not tables else ""
+        JSON."""
         figures = [
             Figure(each.png, each.caption, f"study-{self.name}-{name}.png")
             for name, each in self.figures.items()
         ]
         content: list[Block] = [
-            f"{self.about} Made by `{self.command}`{at}.",
+            f"{self.about} Made by `{self.command}`. {self._made()}",
             *figures,
             self.text,
         ]
@@ -146,7 +191,7 @@ class StudyPage:
         if self.verdicts:
             content += [self.summary, self._verdicts()]
         if tables:
-            content += [Section(title, [_table(rows)])
+            content += [Section(title, [_table(rows, self._errors(title or "Numbers"))])
                         for title, rows in {"": self.table, **self.more}.items()]  # fmt: skip
         else:
             content.append(f"All numbers are in `{self.name}.json`.")
@@ -155,7 +200,7 @@ class StudyPage:
     def _verdicts(self) -> Table:
         return Table(_VERDICTS, [
             (each.claim, each.found, each.allowed,
-             each.word + (f": {each.why}" if each.why and not each.agrees else ""))
+             each.word + (f": {each.why}" if each.why and each.word == DISAGREES else ""))
             for each in self.verdicts
         ])  # fmt: skip
 
@@ -178,23 +223,37 @@ class StudyPage:
                     "unit": each.unit,
                     "low": each.low,
                     "high": each.high,
-                    "agrees": each.agrees,
+                    "error": _plain(each.error),
+                    "verdict": each.word,
                 }
                 for each in self.verdicts
             ],
             "table": _plain_rows(self.table),
+            "table_errors": _plain_rows(self.row_errors),
+            "seeds": list(self.seeds),
+            "device": self.device,
         }
         if self.more:
             data["more"] = {title: _plain_rows(rows) for title, rows in self.more.items()}
         return json.dumps(data, indent=1)
 
     def csv(self) -> str:
-        """Rows of the table."""
+        """Rows of the table, each number followed by its error."""
         stream = io.StringIO()
-        if self.table:
-            writer = csv.DictWriter(stream, list(self.table[0]), lineterminator="\n")
+        errors = self.row_errors or [{} for _ in self.table]
+        rows = [
+            {
+                column: cell
+                for name, value in row.items()
+                for column, cell in ((name, value), (f"{name}, error", error.get(name)))
+                if cell is not None
+            }
+            for row, error in zip(self.table, errors, strict=True)
+        ]
+        if rows:
+            writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
             writer.writeheader()
-            writer.writerows(self.table)
+            writer.writerows(rows)
         return stream.getvalue()
 
 
@@ -203,19 +262,25 @@ def _plain(value: float | str) -> float | str | None:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _plain_rows(rows: Sequence[Row]) -> list[dict[str, float | str | None]]:
+def _plain_rows(
+    rows: Sequence[Row] | Sequence[Mapping[str, float]],
+) -> list[dict[str, float | str | None]]:
     return [{key: _plain(value) for key, value in row.items()} for row in rows]
 
 
-def _cell(value: float | str) -> str:
+def _cell(value: float | str, error: float) -> str:
     if isinstance(value, str):
         return value
-    return f"{value:.4g}" if math.isfinite(value) else "–"
+    return _measured(value, error) if math.isfinite(value) else "–"
 
 
-def _table(rows: Sequence[Row]) -> Table:
+def _table(rows: Sequence[Row], errors: Sequence[Mapping[str, float]] = ()) -> Table:
     titles = list(rows[0]) if rows else []
-    return Table(titles, [[_cell(value) for value in row.values()] for row in rows])
+    cells = []
+    for number, row in enumerate(rows):
+        known = errors[number] if errors else {}
+        cells.append([_cell(value, known.get(name, 0.0)) for name, value in row.items()])
+    return Table(titles, cells)
 
 
 def write_page(page: StudyPage, folder: Path, *, markdown_only: bool = False) -> Path:

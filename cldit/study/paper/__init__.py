@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
 from cldit.errors import StudyError
 from cldit.study.lab import Lab
-from cldit.study.page import StudyPage
-from cldit.study.paper.found import Found, page_of
+from cldit.study.page import OPEN, StudyPage
+from cldit.study.paper.found import Found, page_of, sentences
 from cldit.study.paper.instruments import camera, optics, visible_light
 from cldit.study.paper.maps import conditions, methane, order, walls
 from cldit.study.paper.variants import evaporation, fuel_temperature, index, sizes, vapour
+from cldit.study.paper.variation import Repeated, repeat
+
+_NUMBER = re.compile(r"\d+")
 
 STUDIES: dict[str, Callable[[Lab], Found]] = {
     "methane": methane,
@@ -30,6 +34,26 @@ STUDIES: dict[str, Callable[[Lab], Found]] = {
 }
 
 
+def studies_of(name: str) -> list[str]:
+    """Names of the studies called `name`, which is one of them, `all`, or a figure such as fig12.
+
+    Raises:
+        StudyError: no such study.
+    """
+    if name == "all":
+        return list(STUDIES)
+    figures = {
+        study: {f"fig{number}" for number in _NUMBER.findall(sentences()[study]["figure"])}
+        for study in STUDIES
+    }
+    wanted = name.lower().replace(".", "").replace(" ", "")
+    found = [study for study in STUDIES if study == name or wanted in figures[study]]
+    if not found:
+        known = (f"{study} ({sentences()[study]['figure']})" for study in STUDIES)
+        raise StudyError(f"{name}: no such study; allowed: {', '.join(known)}, or all")
+    return found
+
+
 def run_study(name: str, lab: Lab) -> StudyPage:
     """Runs the study `name` in `lab`, with runs and sprays from its cache.
 
@@ -41,7 +65,15 @@ def run_study(name: str, lab: Lab) -> StudyPage:
         raise StudyError(f"{name}: no such study; allowed: {', '.join(STUDIES)}, all")
     start = time.perf_counter()
     own = replace(lab, used={})
-    page = page_of(name, STUDIES[name](own))
+
+    def page_with(repeated: Repeated) -> StudyPage:
+        return page_of(name, repeated.found, errors=repeated.errors, row_errors=repeated.row_errors)
+
+    def decided(repeated: Repeated) -> bool:
+        return all(each.word != OPEN for each in page_with(repeated).verdicts)
+
+    repeated = repeat(STUDIES[name], own, decided=decided)
+    page = page_with(repeated)
     reduced = ", with reduced pixels and accuracy" if lab.quick else ""
     return replace(
         page,
@@ -50,4 +82,6 @@ def run_study(name: str, lab: Lab) -> StudyPage:
         scenes=own.used,
         quick=lab.quick,
         seconds=time.perf_counter() - start,
+        seeds=repeated.seeds,
+        device="" if lab.device is None else lab.device.info.name,
     )

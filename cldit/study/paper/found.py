@@ -32,8 +32,14 @@ def sentences() -> dict[str, Any]:
     return read_mapping(Path(__file__).with_name("studies.yaml"), error=StudyError)
 
 
-def page_of(name: str, found: Found) -> StudyPage:
-    """Page of the study `name`: its sentences with the values filled in."""
+def page_of(
+    name: str,
+    found: Found,
+    *,
+    errors: Mapping[str, float],
+    row_errors: Sequence[Mapping[str, float]] = (),
+) -> StudyPage:
+    """Page of the study `name`: its sentences with the values filled in, and errors of values."""
     said, values = sentences()[name], found.values
 
     def filled(text: str) -> str:
@@ -53,10 +59,12 @@ def page_of(name: str, found: Found) -> StudyPage:
             **found.figures,
         },
         table=found.table,
+        row_errors=row_errors,
         verdicts=tuple(
             Verdict(
                 claim=filled(each["claim"]),
                 value=float(values[each["value"]]),
+                error=errors.get(each["value"], 0.0),
                 unit=each.get("unit", ""),
                 low=number(each.get("low")),
                 high=number(each.get("high")),

@@ -15,28 +15,49 @@ from cldit.scene import load_scene
 from cldit.show.figures.sheet import figure_of
 from cldit.show.page import Figure
 from cldit.study.figures import small_png
-from cldit.study.page import StudyPage, Verdict, summary, write_overview, write_page
+from cldit.study.page import (
+    AGREES,
+    DISAGREES,
+    OPEN,
+    StudyPage,
+    Verdict,
+    summary,
+    write_overview,
+    write_page,
+)
 
 
 @pytest.mark.parametrize(
-    ("value", "low", "high", "agrees", "allowed"),
+    ("value", "error", "low", "high", "word", "allowed"),
     [
-        (0.99, None, 1.0, True, "at most 1 K"),
-        (1.01, None, 1.0, False, "at most 1 K"),
-        (-9.0, -10.0, 10.0, True, "±10 K"),
-        (-11.0, -10.0, 10.0, False, "±10 K"),
-        (30.0, 20.0, 40.0, True, "20 to 40 K"),
-        (30.0, 31.0, None, False, "at least 31 K"),
-        (math.nan, None, None, False, "at least 0 K"),
-        (math.inf, 1.0, None, False, "at least 1 K"),
+        (0.99, 0.0, None, 1.0, AGREES, "at most 1 K"),
+        (1.01, 0.0, None, 1.0, DISAGREES, "at most 1 K"),
+        (-9.0, 0.4, -10.0, 10.0, AGREES, "±10 K"),
+        (-9.0, 0.6, -10.0, 10.0, OPEN, "±10 K"),
+        (-11.0, 0.6, -10.0, 10.0, OPEN, "±10 K"),
+        (-11.0, 0.4, -10.0, 10.0, DISAGREES, "±10 K"),
+        (30.0, 6.0, 20.0, 40.0, OPEN, "20 to 40 K"),
+        (30.0, 4.0, 20.0, 40.0, AGREES, "20 to 40 K"),
+        (30.0, 0.0, 31.0, None, DISAGREES, "at least 31 K"),
+        (30.0, math.nan, 31.0, None, OPEN, "at least 31 K"),
+        (math.nan, 0.0, None, None, OPEN, "at least 0 K"),
+        (math.inf, 0.0, 1.0, None, OPEN, "at least 1 K"),
     ],
 )
 def test_verdict(
-    value: float, low: float | None, high: float | None, agrees: bool, allowed: str
+    value: float, error: float, low: float | None, high: float | None, word: str, allowed: str
 ) -> None:
-    verdict = Verdict(claim="x", value=value, unit="K", low=low, high=high)
-    assert (verdict.agrees, verdict.allowed) == (agrees, allowed)
-    assert verdict.word == ("agrees" if agrees else "disagrees")
+    """Twice the error must not reach across a limit."""
+    verdict = Verdict(claim="x", value=value, error=error, unit="K", low=low, high=high)
+    assert (verdict.word, verdict.allowed) == (word, allowed)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "found"),
+    [(3.14159, 0.0, "3.14 K"), (3.14159, 0.043, "3.142 ± 0.043 K"), (251.0, 12.0, "251 ± 12 K")],
+)
+def test_value_has_the_digits_of_its_error(value: float, error: float, found: str) -> None:
+    assert Verdict(claim="x", value=value, error=error, unit="K").found == found
 
 
 def _page() -> StudyPage:
@@ -75,7 +96,7 @@ def test_page_is_whole(tmp_path: Path) -> None:
     rows = list(csv.DictReader((tmp_path / "walls.csv").read_text(encoding="utf-8").splitlines()))
     assert float(rows[0]["T_app / K"]) == 400.123456
     told = json.loads((tmp_path / "walls.json").read_text(encoding="utf-8"))
-    assert [each["agrees"] for each in told["verdicts"]] == [True, False]
+    assert [each["verdict"] for each in told["verdicts"]] == [AGREES, DISAGREES]
     assert load_scene(tmp_path / "scenes" / "walls-gdi.yaml") == page.scenes["gdi"]
     assert told["table"][1]["T_app / K"] is None  # NaN is no JSON
     index = write_overview(tmp_path, ["methane", "walls"]).read_text(encoding="utf-8")

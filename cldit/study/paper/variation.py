@@ -1,0 +1,93 @@
+"""Error of a study's figures: the study repeated with other random numbers and coarser gas cells.
+
+A figure is a property of one image or a change between two. Both images of a change have the same
+random numbers and gas cells in each repetition, so that what both share is no part of its error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from cldit.scene.spray import LagrangianSpray
+from cldit.study.lab import Lab
+from cldit.study.page import Row
+from cldit.study.paper.found import Found, Value
+
+_SIGMA = 0.8413  # quantile of one standard error
+MOST_SEEDS = {False: 4, True: 2}  # by `quick`
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Means of a study over its random numbers, and their standard errors.
+
+    errors, row_errors: of values and of rows; empty if nothing in the study is random or computed
+    on gas cells. seeds: the random numbers.
+    """
+
+    found: Found
+    errors: Mapping[str, float]
+    row_errors: Sequence[Mapping[str, float]]
+    seeds: tuple[int, ...] = ()
+
+
+def repeat(
+    study: Callable[[Lab], Found], lab: Lab, *, decided: Callable[[Repeated], bool]
+) -> Repeated:
+    """Runs `study` with the seed of `lab`, on its gas cells and on cells of twice the edge.
+
+    Further seeds follow until all verdicts are `decided`, at least one and at most `MOST_SEEDS` in
+    all.
+    """
+    first = study(lab)
+    if not any(isinstance(scene.spray, LagrangianSpray) for scene in lab.used.values()):
+        return Repeated(first, {}, ())
+    aside = replace(lab, used={})
+    coarse = study(replace(aside, coarser=2.0))
+    every = [first]
+    while True:
+        every.append(study(replace(aside, seed=lab.seed + len(every))))
+        found = _combined(every, coarse, first_seed=lab.seed)
+        if len(every) >= MOST_SEEDS[lab.quick] or decided(found):
+            return found
+
+
+def _combined(every: Sequence[Found], coarse: Found, *, first_seed: int) -> Repeated:
+    values, errors = _means([each.values for each in every], coarse.values)
+    pairs = [
+        _means(rows[:-1], rows[-1])
+        for rows in zip(*(each.table for each in (*every, coarse)), strict=True)
+    ]
+    return Repeated(
+        found=replace(every[0], values=values, table=[row for row, _ in pairs]),
+        errors=errors,
+        row_errors=[row for _, row in pairs],
+        seeds=tuple(range(first_seed, first_seed + len(every))),
+    )
+
+
+def _means(
+    every: Sequence[Row | Mapping[str, Value]], coarse: Row | Mapping[str, Value]
+) -> tuple[dict[str, Value], dict[str, float]]:
+    """Means of the numbers of several mappings with one set of keys, and their errors.
+
+    The error is that of the mean (Student's t for few repetitions), and in quadrature the change
+    that coarser cells make with the first seed: that of first order at least.
+    """
+    means: dict[str, Value] = dict(every[0])
+    errors: dict[str, float] = {}
+    for name, first in every[0].items():
+        numbers = [float(each[name]) for each in every if not isinstance(each[name], str)]
+        if isinstance(first, str) or isinstance(coarse[name], str):
+            continue
+        count = len(numbers)
+        chance = float(np.std(numbers, ddof=1)) / math.sqrt(count)
+        chance *= float(stats.t.ppf(_SIGMA, count - 1))
+        means[name] = float(np.mean(numbers))
+        errors[name] = math.hypot(chance, float(coarse[name]) - float(first))
+    return means, errors

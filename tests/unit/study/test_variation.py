@@ -1,0 +1,80 @@
+"""Errors of a study's figures: of known random numbers and of known steps of gas cells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cldit.errors import StudyError
+from cldit.scene import Scene
+from cldit.study.lab import Lab
+from cldit.study.paper import STUDIES, studies_of
+from cldit.study.paper.found import Found
+from cldit.study.paper.variation import MOST_SEEDS, Repeated, repeat
+
+_NOISE = np.random.default_rng(3).normal(size=100)
+
+
+def _study(lab: Lab, *, chance: float, step: float, model: str = "lagrangian") -> Found:
+    """Figure of 5 with an error of `step` times the cells' edge, and noise."""
+    scene = lab.gdi("gdi")
+    lab.used["gdi"] = scene if model == "lagrangian" else replace_spray(scene)
+    value = 5.0 + step * lab.coarser + chance * float(_NOISE[lab.seed])
+    return Found(values={"value": value, "name": "text"}, table=[{"case": "a", "value / K": value}])
+
+
+def replace_spray(scene: Scene) -> Scene:
+    return scene.with_(spray={"model": "none"})
+
+
+def _never(_: Repeated) -> bool:
+    return False
+
+
+def test_error_of_cells_is_the_step_between_them() -> None:
+    """First order: the step from twice the edge to the edge is what is left."""
+    found = repeat(lambda lab: _study(lab, chance=0.0, step=0.7), Lab(), decided=lambda _: True)
+    assert found.seeds == (1, 2)
+    assert found.errors == pytest.approx({"value": 0.7})
+    assert found.row_errors[0]["value / K"] == pytest.approx(0.7)
+    assert found.found.values["name"] == "text"
+
+
+def test_error_by_chance_holds_the_truth() -> None:
+    """Of 24 means of four seeds about 68 % lie within one error, which has three degrees of
+    freedom: 16.4 +- 2.3; three of those."""
+    inside = 0
+    for first in range(0, 96, 4):
+        lab = replace(Lab(), seed=first)
+        found = repeat(lambda lab: _study(lab, chance=1.0, step=0.0), lab, decided=_never)
+        assert len(found.seeds) == MOST_SEEDS[False]
+        inside += abs(float(found.found.values["value"]) - 5.0) < found.errors["value"]
+    assert 9 <= inside <= 23
+
+
+def test_what_has_no_computed_spray_is_not_repeated() -> None:
+    ran: list[Lab] = []
+
+    def study(lab: Lab) -> Found:
+        ran.append(lab)
+        return _study(lab, chance=1.0, step=1.0, model="none")
+
+    assert repeat(study, Lab(), decided=_never).errors == {}
+    assert len(ran) == 1
+
+
+def test_seeds_and_cells_reach_the_scene() -> None:
+    scene = Lab(seed=4, coarser=2.0, quick=True).gdi("gdi").spray
+    fine = Lab(quick=True).gdi("gdi").spray
+    assert (scene.seed, fine.seed) == (4, 1)  # type: ignore[union-attr]
+    assert scene.box.spacing_m == 2 * fine.box.spacing_m  # type: ignore[union-attr]
+
+
+def test_studies_by_figure() -> None:
+    assert studies_of("fig12") == ["index"]
+    assert studies_of("Fig. 2") == ["methane"]
+    assert studies_of("all") == list(STUDIES)
+    with pytest.raises(StudyError, match=r"fig1: no such study; allowed: methane \(Fig. 2\)"):
+        studies_of("fig1")
