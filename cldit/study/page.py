@@ -166,10 +166,8 @@ class StudyPage:
         told = [
             f"commit {made[:7] + made[40:]}" if made else "",
             self.device,
-            f"mean of seeds {', '.join(map(str, self.seeds))}, errors by them and by gas cells of "
-            "twice the edge"
-            if self.seeds
-            else "",
+            f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
+            "errors by seeds and by cells of twice the edge" if self.row_errors else "",
             f"{self.seconds:.0f} s" if self.seconds else "",
         ]
         return "; ".join(each for each in told if each)

@@ -1,7 +1,7 @@
-"""Error of a study's figures: the study repeated with other random numbers and coarser gas cells.
+"""Error of a study's figures: the study repeated with other random numbers and on coarser cells.
 
 A figure is a property of one image or a change between two. Both images of a change have the same
-random numbers and gas cells in each repetition, so that what both share is no part of its error.
+random numbers and cells in each repetition, so that what both share is no part of its error.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ MOST_SEEDS = {False: 4, True: 2}  # by `quick`
 class Repeated:
     """Means of a study over its random numbers, and their standard errors.
 
-    errors, row_errors: of values and of rows; empty if nothing in the study is random or computed
-    on gas cells. seeds: the random numbers.
+    errors, row_errors: of values and of rows; empty if the study traces nothing. seeds: the random
+    numbers; empty if no spray is computed.
     """
 
     found: Found
@@ -39,17 +39,19 @@ class Repeated:
 def repeat(
     study: Callable[[Lab], Found], lab: Lab, *, decided: Callable[[Repeated], bool]
 ) -> Repeated:
-    """Runs `study` with the seed of `lab`, on its gas cells and on cells of twice the edge.
+    """Runs `study` with the seed of `lab`, on its cells and on cells of twice the edge.
 
-    Further seeds follow until all verdicts are `decided`, at least one and at most `MOST_SEEDS` in
-    all.
+    If it has computed sprays, further seeds follow until all verdicts are `decided`, at least one
+    and at most `MOST_SEEDS` in all.
     """
     first = study(lab)
-    if not any(isinstance(scene.spray, LagrangianSpray) for scene in lab.used.values()):
+    if not lab.used:
         return Repeated(first, {}, ())
     aside = replace(lab, used={})
     coarse = study(replace(aside, coarser=2.0))
     every = [first]
+    if not any(isinstance(scene.spray, LagrangianSpray) for scene in lab.used.values()):
+        return replace(_combined(every, coarse, first_seed=lab.seed), seeds=())
     while True:
         every.append(study(replace(aside, seed=lab.seed + len(every))))
         found = _combined(every, coarse, first_seed=lab.seed)
@@ -86,8 +88,10 @@ def _means(
         if isinstance(first, str) or isinstance(coarse[name], str):
             continue
         count = len(numbers)
-        chance = float(np.std(numbers, ddof=1)) / math.sqrt(count)
-        chance *= float(stats.t.ppf(_SIGMA, count - 1))
+        chance = 0.0
+        if count > 1:
+            chance = float(np.std(numbers, ddof=1)) / math.sqrt(count)
+            chance *= float(stats.t.ppf(_SIGMA, count - 1))
         means[name] = float(np.mean(numbers))
         errors[name] = math.hypot(chance, float(coarse[name]) - float(first))
     return means, errors

@@ -54,20 +54,28 @@ def test_error_by_chance_holds_the_truth() -> None:
     assert 9 <= inside <= 23
 
 
-def test_what_has_no_computed_spray_is_not_repeated() -> None:
+def test_what_is_not_random_is_repeated_on_coarser_cells_alone() -> None:
     ran: list[Lab] = []
 
     def study(lab: Lab) -> Found:
         ran.append(lab)
-        return _study(lab, chance=1.0, step=1.0, model="none")
+        return _study(lab, chance=1.0, step=0.7, model="none")
 
-    assert repeat(study, Lab(), decided=_never).errors == {}
-    assert len(ran) == 1
+    found = repeat(study, Lab(), decided=_never)
+    assert found.errors == pytest.approx({"value": 0.7})
+    assert [(lab.seed, lab.coarser) for lab in ran] == [(1, 1.0), (1, 2.0)]
+    assert found.seeds == ()
+
+
+def test_what_traces_nothing_has_no_error() -> None:
+    found = repeat(lambda lab: Found(values={"n": 1.3}, table=[]), Lab(), decided=_never)
+    assert found.errors == {}
 
 
 def test_seeds_and_cells_reach_the_scene() -> None:
-    scene = Lab(seed=4, coarser=2.0, quick=True).gdi("gdi").spray
-    fine = Lab(quick=True).gdi("gdi").spray
+    coarse, normal = Lab(seed=4, coarser=2.0, quick=True).gdi("gdi"), Lab(quick=True).gdi("gdi")
+    assert coarse.domain.leaf_edge_m == 2 * normal.domain.leaf_edge_m  # type: ignore[operator]
+    scene, fine = coarse.spray, normal.spray
     assert (scene.seed, fine.seed) == (4, 1)  # type: ignore[union-attr]
     assert scene.box.spacing_m == 2 * fine.box.spacing_m  # type: ignore[union-attr]
 
