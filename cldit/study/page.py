@@ -102,8 +102,8 @@ def summary(verdicts: tuple[Verdict, ...]) -> str:
     agreed, open_ = words.count(AGREES), words.count(OPEN)
     if agreed == len(verdicts):
         return f"All {agreed} statements agree."
-    told = f", {open_} cannot be told" if open_ else ""
-    return f"{agreed} of {len(verdicts)} statements agree{told}."
+    rest = f", {open_} cannot be told" if open_ else ""
+    return f"{agreed} of {len(verdicts)} statements agree{rest}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,14 +163,14 @@ class StudyPage:
     def _made(self) -> str:
         """Commit, device, seeds and cost."""
         made = commit()
-        told = [
+        parts = [
             f"commit {made[:7] + made[40:]}" if made else "",
             self.device,
             f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
             "errors by seeds and by cells of twice the edge" if self.row_errors else "",
             f"{self.seconds:.0f} s" if self.seconds else "",
         ]
-        return "; ".join(each for each in told if each)
+        return "; ".join(each for each in parts if each)
 
     def markdown(self, *, tables: bool) -> show.Page:
         """Page with figures as files beside it. Without `tables`, as in docs, numbers are in the

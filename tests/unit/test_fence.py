@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "scene": 1683,
     "show": 6951,
     "spray": 6195,
-    "study": 3493,
+    "study": 3722,
     "testing": 1421,
     "transport": 7291,
 }
