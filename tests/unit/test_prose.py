@@ -23,7 +23,8 @@ FIRST = re.compile(
     r"|If|And|Or|But|So|It|They|This|These|Those|There|Not|Nothing|None)\b"
 )
 WORDS = re.compile(
-    r"\b((?<!cannot be )told|tells|errs?|erred|allowed (is|are)|stands|stood|pictures?|left out|leaves? out"
+    r"\b((?<!cannot be )told|tells|errs?|erred|allowed (is|are)|stands|stood|pictures?"
+    r"|left out|leaves? out"
     r"|speaks against|said of|of the same kind as|foretold|foretells?|foreseen"
     r"|(is|are) known by|goes? on)\b",
     re.IGNORECASE,
