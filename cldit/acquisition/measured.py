@@ -325,8 +325,14 @@ def open_measured(path: str | Path) -> Measured:
     check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
     bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
     centre_m = given.setup.centre_m
-    if given.setup.injector_pixel is not None:
-        centre_m = given.setup.centre_of(reader.read(shots[0].source, shots[0].number).shape)
+    if bad_pixels is not None or given.setup.injector_pixel is not None:
+        shape = reader.read(shots[0].source, shots[0].number).shape
+        centre_m = given.setup.centre_of(shape)
+        if bad_pixels is not None and bad_pixels.shape != shape:
+            raise EvaluationError(
+                f"bad_pixels: {given.bad_pixels} has shape {bad_pixels.shape}; allowed: {shape}, "
+                f"that of {shots[0].id}"
+            )
     reader.close()
     return Measured(
         folder=folder,

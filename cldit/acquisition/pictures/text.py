@@ -22,6 +22,7 @@ _UNIT = re.compile(
 )
 _SIZE = re.compile(r"\b(width|height|columns|cols|rows)\s*[=:;,\t]\s*(\d+)\b", re.IGNORECASE)
 _WIDE = ("width", "columns", "cols")
+_COLD_C, _HOT_C = -80.0, 800.0  # of what infrared cameras export as temperatures
 _UNEVEN = 0.02  # of positions, from one to the next: they are rounded
 
 
@@ -44,6 +45,11 @@ class TextImages(ArrayStack):
             if there != int(number):
                 raise ValueError(f"its header has {name} {number}, its numbers {there}; cut off?")
         unit = _UNIT.search(header)
+        if unit is None:
+            low, high = float(images.min()), float(images.max())
+            degrees = low > _COLD_C and high < _HOT_C and bool(np.any(images % 1.0))
+            maybe = f"; decimals of {low:g} to {high:g} could be degrees Celsius" if degrees else ""
+            notes.append(f"no unit, read as counts{maybe}")
         super().__init__(images, source.axes, unit=unit[1] if unit else "")
         self.notes = tuple(notes)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import warnings
 from collections.abc import Callable
@@ -309,7 +310,8 @@ def test_tables_as_programs_of_cameras_export_them(
 ) -> None:
     (tmp_path / name).write_text(text, encoding=encoding)
     np.testing.assert_array_equal(read_all(Source(tmp_path / name)), expected / 4)
-    assert notes(Source(tmp_path / name)) == said
+    unit = "" if "unit" in said else "no unit, read as counts"
+    assert notes(Source(tmp_path / name)) == "; ".join(part for part in (said, unit) if part)
 
 
 @pytest.mark.parametrize(
@@ -329,6 +331,14 @@ def test_tables_that_are_no_counts_or_cut_off_are_refused(
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     with pytest.raises(EvaluationError, match=message):
         open_stack(Source(tmp_path / "a.csv"))
+
+
+def test_decimals_that_could_be_degrees_are_reported(tmp_path: Path) -> None:
+    """Optris' programs export degrees Celsius without a word of it."""
+    lines = [";".join(f"{20 + value / 1e3:.1f}" for value in row) for row in IMAGES[0]]
+    (tmp_path / "a.csv").write_text("\n".join(lines).replace(".", ","))
+    assert re.search("no unit, .*decimals of 2.* to 2.* could be degrees Celsius",
+                     notes(Source(tmp_path / "a.csv")))  # fmt: skip
 
 
 def test_a_ramp_is_an_image_and_no_header(tmp_path: Path) -> None:

@@ -344,6 +344,12 @@ def _all_saturated(data: dict[str, Any], folder: Path) -> str:
     return "saturated; it is ignored\nthe evaluation needs two backgrounds"
 
 
+def _other_mask(data: dict[str, Any], folder: Path) -> str:
+    tifffile.imwrite(folder / "bad.tif", np.zeros((8, 8), np.uint8))
+    data["bad_pixels"] = "bad.tif"
+    return r"bad_pixels: bad.tif has shape \(8, 8\); allowed: \(16, 20\), that of 000.tif\[0\]"
+
+
 def _other_ending(data: dict[str, Any], folder: Path) -> str:
     (folder / "video.avi").write_bytes(b"RIFF")
     data["backgrounds"][0]["references"] = "video.avi"
@@ -366,7 +372,8 @@ def _upside_down(data: dict[str, Any], folder: Path) -> str:
     "spoil",
     [
         _only_one, _equal, _too_near, _swapped, _swapped_once, _same_files, _none_match, _missing,
-        _wrong_size, _damaged, _cut_short, _not_finite, _colour, _all_saturated, _other_ending,
+        _wrong_size, _damaged, _cut_short, _not_finite, _colour, _all_saturated, _other_mask,
+        _other_ending,
         _one_reference, _upside_down,
     ],
 )  # fmt: skip
