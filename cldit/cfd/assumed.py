@@ -31,19 +31,23 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
     if stated is not None and abs(stated / spec.fuel_molar_mass_kg_mol - 1.0) > _SLACK:
         used = f"Molar mass of {spec.fuel_field}: {spec.fuel_molar_mass_kg_mol:g} kg/mol, as given"
         found.append(f"{used}; by its formula it is {stated:.6g} (spray.fuel_molar_mass_kg_mol).")
-    if spec.fuel != "n-heptane":
-        found.append(
-            f"Fuel {spec.fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol. The constants of "
-            "optics.preset: paper are those of n-heptane; preset: spectral uses data of the fuel."
-        )
+    if stated is None:
+        why = f"the name of the field {spec.fuel_field} is no formula (spray.fuel_field)"
+        found.append(f"Fuel {spec.fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol: {why}.")
+    elif spec.fuel != "n-heptane":
+        found.append(f"Fuel {spec.fuel}, {spec.fuel_molar_mass_kg_mol:.6g} kg/mol.")
     return tuple(found)
 
 
 def with_molar_mass(spec: CfdSpray) -> CfdSpray:
     """Sets the molar mass by the formula of the fuel's field, unless it is given or n-heptane's."""
     stated = molar_mass_kg_mol(spec.fuel_field)
-    known = "fuel_molar_mass_kg_mol" in spec.model_fields_set or stated is None
-    if known or abs((stated or 0.0) / spec.fuel_molar_mass_kg_mol - 1.0) <= _SLACK:
+    default = CfdSpray.model_fields["fuel_molar_mass_kg_mol"].default
+    if (
+        stated is None
+        or spec.fuel_molar_mass_kg_mol != default
+        or abs(stated / default - 1) < _SLACK
+    ):
         return spec
     return spec.model_copy(update={"fuel_molar_mass_kg_mol": stated})
 

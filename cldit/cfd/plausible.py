@@ -26,8 +26,16 @@ _COLDEST_K = 60.0  # of a fuel that is not in the table
 
 def freezing_K(fuel_field: str) -> float:
     """Freezing point of the fuel in a field such as `MASSFRAC_C7H16`, or that of the lowest."""
-    name = fuel_field.upper().removeprefix("MASSFRAC_").removeprefix("Y_")
-    return _FREEZING_K.get(name, _COLDEST_K)
+    return _FREEZING_K.get(_formula(fuel_field), _COLDEST_K)
+
+
+def is_fuel(field: str) -> bool:
+    """True for a field of a substance that is injected as a fuel, and no product of reactions."""
+    return _formula(field) in _FREEZING_K
+
+
+def _formula(field: str) -> str:
+    return field.upper().removeprefix("MASSFRAC_").removeprefix("Y_").replace("-", "")
 
 
 def check_totals(case: CfdCase, notes: Mapping[str, float]) -> None:

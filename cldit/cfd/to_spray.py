@@ -15,7 +15,7 @@ from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
 from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_volume
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
-from cldit.cfd.plausible import check_totals, freezing_K, gas_remarks
+from cldit.cfd.plausible import check_totals, freezing_K, gas_remarks, is_fuel
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
@@ -34,6 +34,8 @@ _OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; cli
 _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
+_MOLAR = 0.01  # relative difference of molar masses: another fuel
+_SECOND = 0.01  # of the fuel's largest mass fraction: a second fuel
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
 
 
@@ -82,10 +84,17 @@ def _stored(spec: CfdSpray) -> Spray:
         if getattr(spec, key) is not None:
             raise SprayError(f"{spec.file}: spray.{key} was fixed when the case was imported")
     spray = read_spray(spec.file)
+    fuel, vapour = spray.fuel or spec.fuel, spray.vapour
+    if spec.fuel_field != CfdSpray.model_fields["fuel_field"].default and fuel != spec.fuel:
+        raise SprayError(f"{spec.file}: spray.fuel_field: {spec.fuel}; the file contains {fuel}")
+    if not spray.fuel and vapour is not None:  # a file of an older version
+        mass = with_molar_mass(spec).fuel_molar_mass_kg_mol
+        if abs(vapour.molar_mass_kg_mol / mass - 1.0) > _MOLAR:
+            fuel = f"one of {vapour.molar_mass_kg_mol:g} kg/mol (spray.fuel_field names it)"
     if spec.time_s is not None:
         known = [spray.notes["time_s"]] if "time_s" in spray.notes else []
         choose_time(str(spec.file), known, spec.time_s)
-    return replace(spray, files=files_read([spec.file]) + spray.files)
+    return replace(spray, files=files_read([spec.file]) + spray.files, fuel=fuel)
 
 
 def _imported(spec: CfdSpray, watch: Watch) -> Spray:
@@ -122,6 +131,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     if some is None and not notes.get("liquid_mass_kg"):
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
+    _check_one_fuel(spec, gas, others)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
@@ -135,7 +145,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         *completed,
     )
     files = files_read(case.files)
-    return Spray(parcels=parcels, vapour=some, notes=notes, remarks=remarks, files=files)
+    return Spray(parcels, some, notes=notes, remarks=remarks, files=files, fuel=spec.fuel)
 
 
 _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORECASE)
@@ -145,6 +155,21 @@ def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
     """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
     others = [name for name in available if name != fuel_field and _FUEL.match(name)]
     return sorted(name for name in others if not name.endswith(f"_{fuel_field}"))
+
+
+def _check_one_fuel(spec: CfdSpray, gas: _Gas, others: Sequence[str]) -> None:
+    """Refuses a case in which another fuel has more than a small share."""
+    for name in others if spec.mapping is None and find_format(spec) != "tables" else ():
+        if not is_fuel(name):
+            continue
+        other = read_case(spec.model_copy(update={"fuel_field": name, "cloud": NO_CLOUD}))
+        most = float(np.nanmax(other.gas[name].values)) if name in other.gas else 0.0
+        if most > _SECOND * float(gas.mass_fraction.max()):
+            raise SprayError(
+                f"{spec.file}: two fuels: {spec.fuel_field}, up to {gas.mass_fraction.max():.3g}, "
+                f"and {name}, up to {most:.3g}; allowed: one fuel, as mass, liquid, vapour and "
+                "optics depend on it (add the fields of a mixture under one name in the case)"
+            )
 
 
 def _check_size(case: CfdCase) -> None:

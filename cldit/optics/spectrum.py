@@ -32,6 +32,11 @@ _LIQUID_SPAN_K = 5.0  # k follows the density, 0.15 %/K and nearly straight: two
 _ROOM_Pa = 101325.0
 
 
+def fuel_of(scene: Scene, spray: Spray) -> str:
+    """Name of the fuel: that of the spray, else that of the scene."""
+    return spray.fuel or getattr(scene.spray, "fuel", "n-heptane")
+
+
 @dataclass(frozen=True)
 class Substances:
     """Liquid and vapour of a spray; None for a phase that is absent."""
@@ -42,7 +47,7 @@ class Substances:
     @classmethod
     def of(cls, scene: Scene, spray: Spray) -> Substances:
         """The substances that the scene names, or the spray's fuel."""
-        fuel = getattr(scene.spray, "fuel", "n-heptane")
+        fuel = fuel_of(scene, spray)
         found = None
         if spray.parcels is not None and len(spray.parcels.diameter_m):
             name = scene.optics.liquid or fuel

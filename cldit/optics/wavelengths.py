@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from cldit.errors import OpticsError
 from cldit.io.tables import Arrays, cached, digest
 from cldit.optics import mie
 from cldit.optics.band import BandOptics, Droplets
@@ -28,7 +29,7 @@ from cldit.optics.response import Filter, scene_filter
 from cldit.optics.scene_phase import scene_phase
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
-from cldit.optics.spectrum import Spectrum
+from cldit.optics.spectrum import Spectrum, fuel_of
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
@@ -63,6 +64,19 @@ class Wavelengths:
         return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
 
 
+def _check_constants(scene: Scene, fuel: str, *, droplets: bool, gas: bool) -> None:
+    """Refuses n-heptane's constants for another fuel."""
+    keys = (("n", "k") if droplets else ()) + (("vapour_m2_mol",) if gas else ())
+    fields = type(scene.optics).model_fields
+    kept = [key for key in keys if getattr(scene.optics, key) == fields[key].default]
+    if kept and fuel != "n-heptane":
+        raise OpticsError(
+            f"optics.{', optics.'.join(kept)}: the constants of preset `paper` are those of "
+            f"n-heptane, and the fuel is {fuel}; give those of the fuel, or `preset: spectral`, "
+            "with optics.liquid or optics.vapour if no data of it are shipped"
+        )
+
+
 def wavelengths(
     scene: Scene,
     spray: Spray,
@@ -86,6 +100,8 @@ def wavelengths(
     reference_K = reference_temperature_K(scene.background.temperatures_K)
     droplets = spray.parcels is not None and len(spray.parcels.diameter_m) > 0
     gas = spray.vapour is not None and bool(np.any(spray.vapour.number_density_m3 > 0))
+    if not paper and scene.optics.preset == "paper":
+        _check_constants(scene, fuel_of(scene, spray), droplets=droplets, gas=gas)
     if paper or scene.optics.preset == "paper" or not (droplets or gas):
         band = BandOptics.paper(scene.optics, filter_um, droplets=droplets, cache=cache)
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))

@@ -20,6 +20,7 @@ _BACKGROUNDS = 6
 _SPAN_K = 100.0  # from the coldest background to the hottest, at least
 _COLDEST_K = 300.0  # black bodies are heated
 _PIXELS = 1000  # along the field's longer side
+_OTHER_FUEL = ["optics:", "  preset: spectral  # the constants of `paper` are those of n-heptane"]
 
 
 def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
@@ -61,6 +62,7 @@ def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
         "background:",
         *_background(spray, edge_m, centre_m, target_m, field_m),
         *_walls(spray),
+        *([] if (spray.fuel or spec.fuel) == "n-heptane" else _OTHER_FUEL),
     ]
     return "\n".join(lines) + "\n"
 

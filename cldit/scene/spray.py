@@ -253,10 +253,11 @@ class CfdSpray(Section):
 
     @property
     def fuel(self) -> str:
-        """Name of the fuel by `fuel_field`: n-heptane if the field names no other formula."""
-        name = self.fuel_field.upper().removeprefix("MASSFRAC_").removeprefix("Y_")
+        """Name of the fuel by `fuel_field`, which n-heptane's molar mass replaces."""
+        name = self.fuel_field.upper().removeprefix("MASSFRAC_").removeprefix("Y_").replace("-", "")
         formula = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
-        return _FUELS.get(name, self.fuel_field if formula else "n-heptane")
+        heptane = abs(self.fuel_molar_mass_kg_mol / 0.100204 - 1.0) < 0.01
+        return _FUELS.get(name, "n-heptane" if heptane and not formula else self.fuel_field)
 
 
 _FUELS = {

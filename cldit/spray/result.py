@@ -281,7 +281,8 @@ class Spray(Presented):
     """Result of every spray model and importer; a part that it does not have is None.
 
     `notes` are figures for the report (name -> value in SI); `remarks` are sentences for the user,
-    on assumptions that were necessary. `files`: those that the spray was read from.
+    on assumptions that were necessary. `files`: those that the spray was read from. `fuel`: its
+    name, if the source states it; "" leaves it to the scene.
     """
 
     parcels: Parcels | None = None
@@ -290,6 +291,7 @@ class Spray(Presented):
     notes: dict[str, float] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     files: tuple[FileRead, ...] = ()
+    fuel: str = ""
 
     def __repr__(self) -> str:
         parts = []

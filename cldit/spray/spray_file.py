@@ -3,9 +3,9 @@
 Arrays: `parcels/position_m`, `parcels/diameter_m`, ...; `parcels/box_m` (3,) if parcels fill boxes,
 `parcels/covariance_m2` if they are clouds; `vapour/lower_m`, `vapour/upper_m`,
 `vapour/number_density_m3`, `vapour/temperature_K`; and `about`, a JSON text with the version of the
-layout, the molar mass, notes, remarks and the files read. Cells of a regular grid also have
-`vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index`. The
-file is written atomically.
+layout, the molar mass, the fuel, notes, remarks and the files read. Cells of a regular grid also
+have `vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index`.
+The file is written atomically.
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
         "notes": spray.notes,
         "remarks": list(spray.remarks),
         "files": [file.to_dict() for file in spray.files],
+        "fuel": spray.fuel,
     }
     arrays: dict[str, Floats] = {}
     if spray.parcels is not None:
@@ -179,10 +180,11 @@ def read_spray(path: Path) -> Spray:
         notes = {str(name): float(value) for name, value in about["notes"].items()}
         remarks = tuple(map(str, about["remarks"]))
         files = tuple(FileRead.from_dict(each) for each in about.get("files", []))
+        fuel = str(about.get("fuel", ""))
     except KeyError as error:
         raise SprayError(f"{path}: {error.args[0]} is missing") from error
     except SprayError as error:
         raise error if str(path) in str(error) else SprayError(f"{path}: {error}") from error
     except (ValueError, TypeError, AttributeError) as error:
         raise SprayError(f"{path}: not a spray file of cldit ({error})") from error
-    return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks, files=files)
+    return Spray(parcels, vapour, notes=notes, remarks=remarks, files=files, fuel=fuel)

@@ -1,0 +1,91 @@
+"""The fuel decides mass, liquid, vapour and the properties of the spray, or the run is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.cfd.importing import imported
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import OpticsError, SprayError
+from cldit.optics.spectrum import Substances
+from cldit.optics.wavelengths import wavelengths
+from cldit.prepare.fitted_scene import fitted_scene
+from cldit.scene import load_scene, parse_scene
+from cldit.scene.spray import CfdSpray
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+PLACE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}
+
+
+def octane(folder: Path, foam: Foam) -> CfdSpray:
+    block, gas, cloud = foam.sample()
+    own = {name: values for name, values in gas.items() if name != "C7H16"}
+    case = foam.write(folder, block, gas=own | {"IC8H18": gas["C7H16"]}, cloud=cloud)
+    return CfdSpray(file=case, fuel_field="IC8H18", **PLACE)
+
+
+def test_the_fuel_of_a_stored_spray(tmp_path: Path, foam: Foam) -> None:
+    spec = octane(tmp_path / "case", foam)
+    stored = tmp_path / "spray.npz"
+    assert imported(spec, stored).fuel == "iso-octane"
+    again = read_cfd(CfdSpray(file=stored))
+    assert again.fuel == "iso-octane"
+    with pytest.raises(SprayError, match=r"fuel_field: n-octane; the file contains iso-octane"):
+        read_cfd(CfdSpray(file=stored, fuel_field="NC8H18"))
+    scene = load_scene("gdi").model_copy(update={"spray": CfdSpray(file=stored)})
+    with pytest.raises(OpticsError, match="iso-octane: no vapour absorption is shipped"):
+        Substances.of(scene, again)
+    only = load_scene("gdi").optics.model_copy(update={"vapour": "methane"})
+    found = Substances.of(scene.model_copy(update={"optics": only}), again).liquid
+    assert found is not None and found.name == "iso-octane"
+
+
+def test_constants_of_n_heptane_are_for_n_heptane(tmp_path: Path, foam: Foam) -> None:
+    spec = octane(tmp_path / "case", foam)
+    spray = read_cfd(spec)
+    scene = load_scene("gdi").model_copy(update={"spray": spec})
+    with pytest.raises(OpticsError, match=r"optics\.n, .*vapour_m2_mol: .* fuel is iso-octane"):
+        wavelengths(scene, spray, cache=None)
+    own = {"n": 1.39, "k": 0.03, "vapour_m2_mol": 60.0}
+    given = scene.optics.model_copy(update=own)
+    wavelengths(scene.model_copy(update={"optics": given}), spray, cache=None)
+    fitted = tmp_path / "fit.yaml"
+    fitted.write_text(fitted_scene(spec, spray, name="fit"))
+    again = load_scene(fitted)
+    assert again.optics.preset == "spectral"
+    assert isinstance(again.spray, CfdSpray) and again.spray.fuel == "iso-octane"
+
+
+def test_a_resolved_scene_keeps_the_mass_of_the_fuel(tmp_path: Path, foam: Foam) -> None:
+    """A resolved scene has all keys, n-heptane's molar mass among them."""
+    spec = octane(tmp_path / "case", foam)
+    scene = load_scene("gdi").model_copy(update={"spray": spec})
+    again = parse_scene(scene.model_dump(mode="json"), source="scene").spray
+    assert isinstance(again, CfdSpray)
+    vapour = read_cfd(again).vapour
+    assert vapour is not None and vapour.molar_mass_kg_mol == pytest.approx(0.114232, rel=1e-5)
+
+
+def test_a_name_that_is_no_formula() -> None:
+    case = Path("case")
+    assert CfdSpray(file=case, fuel_field="Y_FUEL").fuel == "n-heptane"
+    assert CfdSpray(file=case, fuel_field="Y_FUEL", fuel_molar_mass_kg_mol=0.17).fuel == "Y_FUEL"
+    assert CfdSpray(file=case, fuel_field="N-C7H16").fuel == "n-heptane"
+
+
+@pytest.mark.parametrize("share", [0.5, 1e-3])
+def test_two_fuels(tmp_path: Path, foam: Foam, share: float) -> None:
+    block, gas, cloud = foam.sample()
+    gas = gas | {"IC8H18": share * gas["C7H16"], "C2H4": np.full(block.cells, 0.01)}
+    spec = CfdSpray(file=foam.write(tmp_path, block, gas=gas, cloud=cloud), **PLACE)
+    if share > 0.1:
+        with pytest.raises(SprayError, match=r"two fuels: C7H16, up to .* and IC8H18, up to"):
+            read_cfd(spec)
+    else:
+        assert "Other fuels, not read: C2H4, IC8H18." in read_cfd(spec).remarks
