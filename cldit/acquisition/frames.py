@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,13 +24,26 @@ _TEMPERATURES = set("k kelvin c °c degc celsius deg_c f °f degf fahrenheit mk 
 
 
 @cache
-def _named(path: tuple[str, ...], ending: str) -> EntryPoint:
-    """Installed reader of files with an ending; `path` is where packages are searched. Raises
-    LookupError, which is not cached: another search finds what is installed later.
+def _named(path: tuple[str, ...], ending: str) -> EntryPoint | None:
+    """Installed reader of files with an ending; `path` is where packages are searched.
+
+    Raises LookupError, which is not cached, for an ending that is unknown altogether: another
+    search finds what is installed later.
     """
     for entry in entry_points(group=GROUP, name=ending):
-        return entry
+        if not entry.value.startswith("cldit.") or not by_ending(ending):  # of older versions
+            return entry
+    if by_ending(ending):
+        return None
     raise LookupError(ending)
+
+
+def own_reader(path: Path) -> EntryPoint | None:
+    """Reader of another package for the ending of a file; it comes before those of cldit."""
+    try:
+        return _named(tuple(sys.path), path.suffix.lower().removeprefix("."))
+    except LookupError:
+        return None
 
 
 def open_stack(source: Source) -> Stack:
@@ -56,23 +69,19 @@ def open_stack(source: Source) -> Stack:
 
 
 def _reader(source: Source) -> Reader:
-    """Reader by the file's content; an own ending goes to the installed reader of that name."""
-    ending = source.path.suffix.lower().removeprefix(".")
-    if ending and not by_ending(ending):
-        with suppress(LookupError):
-            own = _named(tuple(sys.path), ending)
-            try:
-                reader: Reader = own.load()
-            except (ImportError, AttributeError) as error:
-                raise EvaluationError(
-                    f"{source.path}: its reader {own.value} cannot be loaded: {error}"
-                ) from error
-            return reader
+    """Reader of the file: an installed one for its ending, or by its content."""
+    if (own := own_reader(source.path)) is not None:
+        try:
+            reader: Reader = own.load()
+        except (ImportError, AttributeError) as error:
+            raise EvaluationError(
+                f"{source.path}: its reader {own.value} cannot be loaded: {error}"
+            ) from error
+        return reader
     kind = kind_of(source.path)
     if kind is None or not kind.reader:
-        known = f".{ending}" if ending else "no ending"
         raise EvaluationError(
-            f"{source.path}: {known}"
+            f"{source.path}: {source.path.suffix or 'no ending'}"
             + (f" is {kind.name}; {kind.way_out}" if kind else "")
             + f"; allowed: {ALLOWED}, and readers of your own (docs/extending.md)"
         )

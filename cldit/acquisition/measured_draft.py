@@ -11,7 +11,7 @@ from statistics import multimode
 
 import numpy as np
 
-from cldit.acquisition.frames import FrameReader
+from cldit.acquisition.frames import FrameReader, own_reader
 from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.names import Reported, reported, without_role
 from cldit.acquisition.pictures.source import NoDataSet, Source
@@ -73,15 +73,16 @@ def _recordings(folder: Path) -> tuple[list[Recording], list[str]]:
     for path in sorted(_files(folder), key=natural_order):
         name = path.relative_to(folder).as_posix()
         kind = kind_of(path)
-        if kind is None:
+        own = own_reader(path) is not None
+        if kind is None and not own:
             continue
-        if not kind.reader:
+        if kind is not None and not kind.reader and not own:
             others.append(f"{name} is {kind.name}: {kind.way_out}")
             continue
         try:
             found += _opened(reader, path, name)
         except EvaluationError as error:
-            columns = _columns(path) if kind.name == "text" else ()
+            columns = _columns(path) if kind is not None and kind.name == "text" else ()
             others.append(f"table {name}: {', '.join(columns)}" if columns else str(error))
     reader.close()
     logs = [each for each in found if min(each.form[0]) < _SMALLEST]
@@ -231,7 +232,7 @@ def _backgrounds(images: Sequence[Recording], files: Files) -> Iterator[str]:
             for line in _kind("injections", some, files, notes.get("injection", "") + several):
                 yield line.replace("    inj", "    # inj") if number else line
         if roles.get(""):
-            yield f"    # not found: whether these have spray: {files(roles[''])}"
+            yield f"    # not found: whether these have spray: {files(roles[''])}; part: FILE[0:20]"
 
 
 def _kind(key: str, some: Sequence[Recording], files: Files, note: str) -> Iterator[str]:

@@ -135,7 +135,7 @@ def test_units_that_names_omit_delays_and_unknown_kinds_are_comments(tmp_path: P
         "    injections: bb350_inj_0.5ms.npy  # 3 of 16 x 12 float32; delay 0.5 ms\n",
         "    # injections: bb350_inj_1ms.npy  # 3 of .*; delay 1 ms, for a file of its own\n",
         "    # references: NAMES  # not found\n    # injections: NAMES  # not found\n"
-        "    # not found: whether these have spray: bb400_a.npy\n",
+        "    # not found: whether these have spray: bb400_a.npy; part: ",
         "  # saturation_counts: 0  # not found",
         "# other.npy: 40 x 30 uint16, another size",
     ):

@@ -240,7 +240,7 @@ def test_a_reader_that_is_installed_later_is_found(
     np.testing.assert_array_equal(read_all(Source(path)), PICTURES)
     with pytest.raises(EvaluationError, match=r"\.later; allowed: "):
         open_stack(Source(tmp_path / "a.later"))
-    assert asked == ["later"]  # .npy is known without
+    assert asked == ["later"]  # .npy was looked up before
     info = tmp_path / "later-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: later\nVersion: 1.0\n")
@@ -250,6 +250,25 @@ def test_a_reader_that_is_installed_later_is_found(
     np.testing.assert_array_equal(read_all(Source(later)), PICTURES)
     np.testing.assert_array_equal(read_all(Source(later)), PICTURES)
     assert asked == ["later", "later"]
+
+
+def test_an_installed_reader_comes_before_the_own_one_of_an_ending(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Raw films are .dat as well; readers in the metadata of older versions of cldit are not."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "raw_film.py").write_text(
+        "import numpy as np\n"
+        "def read(source):\n    return np.fromfile(source.path, '<u2').reshape(-1, 5, 7)\n"
+    )
+    info = tmp_path / "raw_film-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: raw_film\nVersion: 1.0\n")
+    points = "[cldit.readers]\ndat = raw_film:read\ncsv = cldit.gone:read\n"
+    (info / "entry_points.txt").write_text(points)
+    PICTURES.tofile(tmp_path / "a.dat")
+    np.testing.assert_array_equal(read_all(Source(tmp_path / "a.dat")), PICTURES)
+    np.testing.assert_array_equal(read_all(Source(_text(",", ".")(tmp_path))), PICTURES[:1] / 4)
 
 
 def test_a_part_of_any_file(tmp_path: Path) -> None:
