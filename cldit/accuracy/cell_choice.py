@@ -86,7 +86,7 @@ def choose_cells(
         if found is None or found.difference.error_K is None:
             return None
         error_K, tolerance_K = found.difference.error_K, allowed_K(tracer.level(depth))
-        if found.bound_K is not None and found.bound_K > tolerance_K and depth < _FINEST:
+        if (found.bound_K or 0.0) > _CLOSE * tolerance_K and depth < _FINEST:
             depth += 1  # outside the asymptotic range: finer cells tell the order
             continue
         # Coarse cells overestimate the order: it is limited for the prediction of the next.

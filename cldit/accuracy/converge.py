@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from cldit.accuracy import remarks
 from cldit.accuracy.allocation import IN_VAIN, Allocation, free_sources, shares_of
 from cldit.accuracy.error_maps import error_maps
-from cldit.accuracy.errors import Errors, Estimate
+from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
+from cldit.accuracy.phase_spread import phase_spread
 from cldit.accuracy.predict import predict
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, cells_are_free
@@ -52,7 +53,8 @@ class Result:
     """The solution of a problem at one resolution.
 
     trace_error: None if nothing scatters. estimates: by source, empty without audit.
-    error_maps: of `errors` (H, W), by source. unstated: why no error is stated, if none is.
+    error_maps: of `errors` (H, W), by source. unstated: why no error is stated, if none is. model:
+    spread of the model itself, as far as it is traced.
     """
 
     resolution: Resolution
@@ -67,11 +69,13 @@ class Result:
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     refinements: int = 0
     unstated: str = ""
+    model: tuple[Cause, ...] = ()
 
     @property
     def errors(self) -> Errors:
         """Errors by source, and their sum."""
-        return Errors(tuple(one.cause for one in self.estimates), why=self.unstated)
+        causes = tuple(one.cause for one in self.estimates)
+        return Errors(causes, self.model, why=self.unstated)
 
     @property
     def quadrature(self) -> Quadrature:
@@ -95,13 +99,13 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
     Raises:
         ClditError: as `cldit.simulate`.
     """
-    result = solve(problem, *predict(problem, tolerance_K))
+    result = newest = solve(problem, *predict(problem, tolerance_K))
     for number in range(1, 1 + MAX_REFINEMENTS):
         result, finer = refine(problem, result)
         if finer is None:
             break
         problem.stages.remark(remarks.refinement(result.errors, number, MAX_REFINEMENTS))
-        better = solve(problem, *finer)
+        newest = better = solve(problem, *finer)
         tried = _remedy(problem, result) if _trace_K(result) > finer[1]["trace"] else ""
         if not _exceeds(better, result):
             gained = _trace_K(better) < _GAIN * _trace_K(result)
@@ -115,7 +119,20 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
             break
         result = result.limited(tried, _NO_GAIN)
     problem.stages.remark(tuple(remarks.final(problem.scene, result)))
-    return result
+    return replace(result, model=_model_spread(problem, newest))
+
+
+def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:
+    """Spread by the phase function, where anything scatters into a pixel with a T_app."""
+    scene, depth = problem.scene, result.resolution.depth
+    if depth is None or not result.estimates or scene.transport.order == 0:
+        return ()
+    if not result.traces.scatters:
+        return ()
+    with problem.stages.stage("phase function") as note:
+        found = phase_spread(problem.tracer(result.resolution)[1], depth)
+        note.append(found.text)
+    return (found,)
 
 
 def _trace_K(result: Result) -> float:

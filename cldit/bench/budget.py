@@ -12,18 +12,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cldit.accuracy.errors import Errors
+from cldit.accuracy.sources.gas_grid import GAS_GRID
 from cldit.bench import ASKED_K, BUDGET_SCENES
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError, Say, changed, clocked
 from cldit.bench.report import Part, Table, number
 from cldit.gpu.device import Device
+from cldit.io.origin import commit
+from cldit.io.plain_data import read_json
 from cldit.run import Run, simulate
 from cldit.scene import Scene
 from cldit.show.figures.sheet import figure_of
 
-_HEAD = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "core-s")
-_TABS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
-_COLOURS = dict(zip(BUDGET_SCENES, _TABS, strict=True))
+_HEAD = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "held by", "core-s")
+_TABS = ("blue", "orange", "green", "red", "purple", "brown", "olive")
+_COLOURS = {name: f"tab:{tab}" for name, tab in zip(BUDGET_SCENES, _TABS, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,9 @@ class BudgetRow:
 
     asked_K: `transport.accuracy_K`. stated_K: error that the run states, without the sources that
     it shares with the reference; at_least: one of them is unknown. true_K: RMS against the
-    reference. causes_K: error by source. seed: of the trace, and of a computed spray.
+    reference. causes_K: error by source. held: what holds its error above the tolerance, as the run
+    remarks; empty where it is kept. seed: of the trace, and of a spray of parcels. commit: of the
+    sources.
     """
 
     scene: str
@@ -43,7 +48,9 @@ class BudgetRow:
     core_s: float
     wall_s: float
     causes_K: dict[str, float | None]
+    held: str = ""
     seed: int = 1
+    commit: str = ""
 
     @property
     def ratio(self) -> float | None:
@@ -65,24 +72,36 @@ def true_error_K(run: Run, reference: Reference) -> float:
 
 
 def beside_reference(errors: Errors, scene: Scene) -> Errors:
-    """Errors that a run does not share with its reference.
-
-    The reference has as many rays per pixel, and that of a computed spray the same gas grid.
-    """
-    shared = {"pixel sampling", *(["gas grid"] if scene.spray.model == "lagrangian" else [])}
+    """Errors that a run does not share with its reference, which has the same grid of gas."""
+    given = scene.spray.model in ("lagrangian", "cfd")
+    shared = {GAS_GRID.name, *GAS_GRID.also} if given else set()
     return Errors.of(cause for cause in errors.causes if cause.name not in shared)
 
 
+def held_by(run: Run, asked_K: float) -> str:
+    """Source and key that hold the error above the tolerance, as the run remarks; else empty.
+
+    Raises:
+        BenchError: the error exceeds the tolerance and no remark says so.
+    """
+    errors = run.errors
+    largest = None if errors is None else errors.largest()
+    if errors is None or largest is None or not errors.exceed(asked_K):
+        return ""
+    if not any(one.startswith("stated error") and largest.name in one for one in run.info.remarks):
+        raise BenchError(f"{run.scene.name}: {errors.text} for {asked_K:g} K without a remark")
+    return f"{largest.name} ({largest.fixed})" if largest.fixed else largest.name
+
+
 def measure(
-    scene: Scene, reference: Reference, device: Device, *, asked_K: float, cache: Path, seed: int
+    scene: Scene, reference: Reference, device: Device, *, asked_K: float, cache: Path
 ) -> BudgetRow:
     """Runs a scene once, from the spray to the errors, and compares it with its reference.
 
     The run chooses the resolution for the tolerance `asked_K`; `cache` holds tables, and computed
     sprays after the first run.
     """
-    spray = {"spray": {"seed": seed}} if scene.spray.model == "lagrangian" else {}
-    wanted = changed(scene, transport={"accuracy_K": asked_K, "seed": seed}, **spray)
+    wanted = changed(scene, transport={"accuracy_K": asked_K})
     run, cost = clocked(device, lambda: simulate(wanted, device=device, cache=cache))
     assert run.errors is not None  # these scenes are audited
     errors = beside_reference(run.errors, scene)
@@ -95,7 +114,9 @@ def measure(
         core_s=cost.core_s,
         wall_s=cost.wall_s,
         causes_K={cause.name: cause.error_K for cause in errors.causes},
-        seed=seed,
+        held=held_by(run, asked_K),
+        seed=scene.transport.seed,
+        commit=(commit() or "")[:7],
     )
 
 
@@ -109,16 +130,24 @@ def budget(
     scenes: Sequence[str] = BUDGET_SCENES,
     asked_K: Sequence[float] = ASKED_K,
     seeds: int = 1,
+    before: Sequence[BudgetRow] = (),
 ) -> Part:
     """Measures every scene that has a reference with every tolerance, `seeds` times.
 
-    `pixels` along an edge are as many as the references have. `save` takes the unfinished part
-    after each tolerance, `say` a line for each run.
+    `pixels` along an edge are as many as the references have. `before` are rows of other scenes,
+    measured earlier. `save` takes the unfinished part after each tolerance, `say` a line for each
+    run.
 
     Raises:
         BenchError: no scene has a reference of so many pixels.
     """
-    rows, missing, errors_K = [], [], {}
+    rows = [row for row in before if row.scene not in scenes]
+    missing: list[str] = []
+    errors_K = {
+        name: found.error_K
+        for name in dict.fromkeys(row.scene for row in rows)
+        if (found := Reference.load(name, pixels=pixels)) is not None
+    }
     with tempfile.TemporaryDirectory() as folder:
         for name in scenes:
             reference = Reference.load(name, pixels=pixels)
@@ -126,13 +155,16 @@ def budget(
                 missing.append(name)
                 continue
             errors_K[name] = reference.error_K
-            scene = budget_scene(name, pixels=pixels, folder=Path(folder))
-            quick = changed(scene, transport={"accuracy_K": 20.0})
+            made = [
+                budget_scene(name, pixels=pixels, folder=Path(folder), seed=seed)
+                for seed in range(1, seeds + 1)
+            ]
+            quick = changed(made[0], transport={"accuracy_K": 20.0})
             simulate(quick, device=device, cache=cache)  # builds kernels, and the tables
             for kelvin in asked_K:
-                for seed in range(1, seeds + 1):
-                    row = measure(scene, reference, device, asked_K=kelvin, cache=cache, seed=seed)
-                    say(f"{name}, {kelvin:g} K asked, seed {seed}: {_said(row)}")
+                for scene in made:
+                    row = measure(scene, reference, device, asked_K=kelvin, cache=cache)
+                    say(f"{name}, {kelvin:g} K asked, seed {row.seed}: {_said(row)}")
                     rows.append(row)
                 save(budget_part(rows, pixels=pixels, references_K=errors_K, missing=missing))
     if not rows:
@@ -141,6 +173,13 @@ def budget(
             "`python -m tests.bench budget_reference` makes them"
         )
     return budget_part(rows, pixels=pixels, references_K=errors_K, missing=missing)
+
+
+def stored_rows(folder: Path, *, pixels: int) -> list[BudgetRow]:
+    """Rows that an earlier part of the measurement wrote for so many pixels."""
+    path = folder / "budget.json"
+    data = read_json(path, error=BenchError) if path.is_file() else {}
+    return [BudgetRow(**row) for row in data.get("rows", ()) if data.get("pixels") == pixels]
 
 
 def budget_part(
@@ -170,13 +209,16 @@ def budget_part(
         "tables and sprays with computed gas are in the cache. The true error is the RMS of T_app "
         "against the reference, whose own error is "
         + ", ".join(f"{error_K:.2g} K ({name})" for name, error_K in references_K.items())
-        + ". References have as many rays per pixel as the runs, so pixel sampling is in neither "
-        "error."
+        + f". All runs take {number(sum(row.core_s for row in rows) / 60)} core-min."
     ]
-    if "gdi-flow" in references_K:
+    if {"gdi-flow", "imported"} & set(references_K):
         text.append(
-            "The reference of gdi-flow has the gas grid of the run: its error is in neither."
+            "References of gdi-flow and of the imported case have the gas grid of the run: its "
+            "error is in neither."
         )
+    commits = sorted({row.commit for row in rows} - {""})
+    if len(commits) > 1:
+        text.append(f"Measured in parts, at commits {', '.join(commits)}.")
     if missing:
         text.append(f"Without a reference of so many pixels: {', '.join(missing)}.")
     return Part(
@@ -209,6 +251,7 @@ def _line(name: str, asked_K: float, rows: Sequence[BudgetRow]) -> tuple[str, ..
         stated,
         _range([row.true_K for row in rows]),
         _range([row.ratio for row in rows]),
+        ", ".join(sorted({row.held for row in rows} - {""})) or "-",
         _range([row.core_s for row in rows]),
     )
 

@@ -72,7 +72,8 @@ class Options:
     type=click.Choice(BUDGET_SCENES),
     multiple=True,
     default=BUDGET_SCENES,
-    help="budget: a scene with a reference image; may be repeated; all if omitted.",
+    help="budget: a scene with a reference image; may be repeated; all if omitted. Rows of "
+    "others in budget.json of --out are kept.",
 )
 @click.option(
     "--seeds",
@@ -144,7 +145,7 @@ def bench(**given: Any) -> None:
 
 
 def _budget(options: Options, device: Device, save: Callable[[Part], None]) -> Part:
-    from cldit.bench.budget import budget
+    from cldit.bench.budget import budget, stored_rows
     from cldit.run import default_cache
 
     return budget(
@@ -156,6 +157,7 @@ def _budget(options: Options, device: Device, save: Callable[[Part], None]) -> P
         asked_K=options.asked_K,
         seeds=options.seeds,
         scenes=options.budget_scenes,
+        before=stored_rows(options.out, pixels=options.pixels),
     )
 
 

@@ -178,6 +178,20 @@ class Prepared:
         """The spray of another specification at that wavelength."""
         return self.sources_of(deposited(self.scene, make_spray(spec, cache=self.cache)))
 
+    def rescattered(self, *, mie: bool) -> Prepared:
+        """The medium whose droplets scatter isotropically, or by Mie's phase function, at that
+        wavelength; raises PhaseError without diameters."""
+        band = self.properties.chosen.bands[self.number]
+        points, cells = emitters(self.spray, band)
+        phase = None
+        if mie:
+            content = droplets_content(self.spray)
+            phase = mean_phase(self.spray, band, points, content=content, cache=self.cache)
+        count = len(self.properties.sources)
+        sources = ((in_classes(points, self.spray, phase), cells),) * count
+        other = replace(self.properties, sources=sources, phases=(phase,) * count)
+        return replace(self, properties=other, kept={})
+
     def variant(self, name: str, make: Callable[[], Any]) -> Any:
         """A variant of the medium, made once."""
         if name not in self.kept:

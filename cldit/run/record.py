@@ -22,7 +22,8 @@ def run_info(problem: Problem, result: Result, from_paper: Difference | None) ->
     last = result.traces.traces[-1]  # all are compiled alike
     errors = None
     if scene.transport.audit:
-        errors = replace(result.errors, model=model_spread(scene, from_paper))
+        model = (*model_spread(scene, from_paper), *result.model)
+        errors = replace(result.errors, model=model)
     trace_error = result.trace_error
     return RunInfo(
         device=f"{device.info.index} {device.info.name} ({device.info.platform})",

@@ -20,14 +20,14 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3431,
+    "accuracy": 3515,
     "acquisition": 5514,
     "api": 944,
-    "bench": 896,
+    "bench": 1030,
     "camera": 571,
     "cfd": 8300,
     "cldit": 142,
-    "cli": 2685,
+    "cli": 2687,
     "dit": 5700,
     "drivers": 5648,
     "gpu": 1048,
@@ -35,7 +35,7 @@ BUDGETS: dict[str, int] = {
     "kernels": 2951,
     "medium": 1651,
     "optics": 3634,
-    "prepare": 957,
+    "prepare": 971,
     "radiance": 592,
     "rig": 1763,
     "run": 1749,

@@ -9,7 +9,7 @@ from typing import ClassVar
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
+from cldit.accuracy.sources.base import OR_NONE, ErrorSource, Excess, Measurement
 from cldit.accuracy.sources.cells import CELLS
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.scene import Scene
@@ -27,7 +27,8 @@ class _Ordinates(ErrorSource):
     remedy: ClassVar = {
         "": "more transport.directions or a larger transport.max_samples, or, for the part that "
         "only the audit shows, transport.method: path, or domain.leaf_edge_m of half the voxels of "
-        "a grid"
+        "a grid",
+        "transport.directions": f"more transport.directions{OR_NONE}",
     }
 
     def key(self, scene: Scene) -> str:

@@ -38,7 +38,7 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
 
     def solve(_: Problem, resolution: Resolution, allocation: Allocation) -> Result:
         error_K = left.pop(0)
-        nothing: Any = SimpleNamespace(short=())
+        nothing: Any = SimpleNamespace(short=(), scatters=False)
         worse = error_K > kept_K and not left
         cause = Cause("cells", error_K, "known")
         parts: dict[str, Any] = dict.fromkeys(

@@ -40,9 +40,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-@cache
-def traced(folder: Path, **transport: Any) -> tuple[Any, dict[str, Cause]]:
-    """T_app of the ball between cold walls, NaN where there is none, and the causes by name."""
+def scene_run(folder: Path, **transport: Any) -> Any:
+    """A run of the ball between cold walls."""
     scene = {
         "name": "ball",
         "spray": {"model": "grid", "file": str(folder / "ball.npz")},
@@ -59,6 +58,13 @@ def traced(folder: Path, **transport: Any) -> tuple[Any, dict[str, Cause]]:
     }
     run = cldit.simulate(cldit.parse_scene(scene))
     assert run.errors is not None
+    return run
+
+
+@cache
+def traced(folder: Path, **transport: Any) -> tuple[Any, dict[str, Cause]]:
+    """T_app of the ball, NaN where there is none, and the causes by name."""
+    run = scene_run(folder, **transport)
     seen = np.where(run.maps.has_temperature, run.maps.apparent_temperature_K, np.nan)
     return seen, {one.name: one for one in run.errors.causes}
 
@@ -139,3 +145,17 @@ def test_shares_go_by_the_list_of_sources(monkeypatch: pytest.MonkeyPatch) -> No
     listed = [one.name for one in SOURCES]
     assert len(asked) > 1
     assert all(names == sorted(names, key=listed.index) for names in asked)
+
+
+def test_the_phase_function_is_in_the_spread_of_the_model(folder: Path) -> None:
+    """Against isotropic scattering; unknown where droplets are coefficients without diameters."""
+    phase = {"henyey_greenstein": 0.8}
+    even, _ = traced(folder)
+    run = scene_run(folder, phase=phase)
+    seen = np.where(run.maps.has_temperature, run.maps.apparent_temperature_K, np.nan)
+    true_K = float(np.sqrt(np.nanmean((seen - even) ** 2)))
+    found = {one.name: one for one in run.errors.model}["phase function"]
+    assert found.error_K == pytest.approx(true_K, rel=0.25) and true_K > 1.0
+    assert "g 0.8 against isotropic" in found.how
+    (unknown,) = (one for one in scene_run(folder).errors.model if one.name == "phase function")
+    assert unknown.error_K is None and "without diameters" in unknown.how
