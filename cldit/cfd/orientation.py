@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.cfd.case import CfdCase, triple
+from cldit.cfd.case import CfdCase, Cloud, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
@@ -53,15 +54,16 @@ class Frame:
 def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:
     """Nozzle and axis from the scene's `spec`, else the injectors of `case`, else its parcels."""
     remarks: list[str] = []
-    axis = np.array(spec.axis) if spec.axis is not None else _axis(case, remarks)
+    share = spec.parcels_left_out
+    axis = np.array(spec.axis) if spec.axis is not None else _axis(case, share, remarks)
     axis = axis / np.linalg.norm(axis)
     error_m = 0.0
     if spec.nozzle_m is not None:
         nozzle = np.array(spec.nozzle_m)
         _check_place(case, nozzle)
     else:
-        nozzle, error_m = _nozzle(case, axis, remarks)
-    return Frame(nozzle, axis, tuple(remarks), error_m)
+        nozzle, error_m = _nozzle(case, axis, share, remarks)
+    return Frame(nozzle, axis, tuple(dict.fromkeys(remarks)), error_m)
 
 
 def _unknown(
@@ -73,7 +75,28 @@ def _unknown(
     return SprayError(f"{case.source}: {what} cannot be inferred ({why}); set {keys}")
 
 
-def _axis(case: CfdCase, remarks: list[str]) -> Floats:
+def _finite(
+    cloud: Cloud, names: Sequence[str], share: float, remarks: list[str]
+) -> NDArray[np.bool_]:
+    """True for parcels with finite values; of a field, one or `share` of all may be undefined."""
+    known = np.ones(len(cloud.position_m.values), dtype=bool)
+    for column in (cloud.position_m, *(cloud.fields[name] for name in names)):
+        good = np.isfinite(column.values).reshape(len(known), -1).all(axis=1)
+        known &= good
+        if good.all():
+            continue
+        bad = np.flatnonzero(~good)
+        place = triple(cloud.position_m.values[bad[0]])
+        what = f"{column.label}: {len(bad)} of {len(known)} parcels have no finite value"
+        what = f"{what}, such as parcel {bad[0]} at {place} m"
+        if len(bad) > max(1.0, share * len(known)):
+            limit = f"one, or {100 * share:g} % (spray.parcels_left_out)"
+            raise SprayError(f"{what}; allowed: {limit}; or set spray.nozzle_m and spray.axis")
+        remarks.append(f"{what}: ignored for nozzle and axis.")
+    return known
+
+
+def _axis(case: CfdCase, share: float, remarks: list[str]) -> Floats:
     if case.injectors:
         units = [each.direction / np.linalg.norm(each.direction) for each in case.injectors]
         mean = np.mean(units, axis=0)
@@ -87,10 +110,9 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
     velocity = cloud.fields.get("U")
     if velocity is None or velocity.values.ndim != 2:
         raise _unknown(case, f"cloud {cloud.name!r} has no velocity U")
-    mass = np.prod([cloud.fields[name].values for name in ("nParticle", "rho")], axis=0)
-    momentum = (mass * cloud.fields["d"].values ** 3)[:, None] * velocity.values
-    if not np.all(np.isfinite(momentum)):
-        raise SprayError(f"{velocity.label}: is not finite everywhere")
+    known = _finite(cloud, ("U", "nParticle", "rho", "d"), share, remarks)
+    count, density, size = (cloud.fields[name].values[known] for name in ("nParticle", "rho", "d"))
+    momentum = (count * density * size**3)[:, None] * velocity.values[known]
     mean = momentum.sum(axis=0)
     if not np.linalg.norm(mean) > 0.2 * np.linalg.norm(momentum, axis=1).sum():
         raise _unknown(case, f"the parcels of {velocity.label} have no common direction")
@@ -104,7 +126,7 @@ def _axis(case: CfdCase, remarks: list[str]) -> Floats:
     return axis
 
 
-def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, float]:
+def _nozzle(case: CfdCase, axis: Floats, share: float, remarks: list[str]) -> tuple[Floats, float]:
     if case.injectors:
         positions = np.array([each.position_m for each in case.injectors])
         nozzle = positions.mean(axis=0)
@@ -117,11 +139,10 @@ def _nozzle(case: CfdCase, axis: Floats, remarks: list[str]) -> tuple[Floats, fl
     if "U" not in cloud.fields or "age" not in cloud.fields:
         missing = "U" if "U" not in cloud.fields else "age"
         raise _unknown(case, f"cloud {cloud.name!r} has no {missing} to trace parcels back with")
-    known = (cloud.position_m, cloud.fields["U"], cloud.fields["age"])
-    place, velocity, age = (np.asarray(each.values, np.float64) for each in known)
+    known = _finite(cloud, ("U", "age"), share, remarks)
+    columns = (cloud.position_m, cloud.fields["U"], cloud.fields["age"])
+    place, velocity, age = (np.asarray(each.values[known], np.float64) for each in columns)
     nozzle, error_m = extrapolated(place, velocity, age, axis)
-    if not np.all(np.isfinite(nozzle)):
-        raise SprayError(f"{cloud.position_m.label}: the nozzle inferred from it is not finite")
     length_m = float(np.ptp(place @ axis))
     limit_m = _SHARE * length_m
     if age.min() > _ENDED * age.max():
@@ -150,7 +171,8 @@ def extrapolated(
     A parcel that is traced back along its present velocity ends too far downstream, as drag slowed
     it. Along the axis, a parabola in age through the youngest parcels gives the value at age zero;
     across it their median is taken, as drag has no preferred side. The error is two standard
-    errors of the fit, and the parabola's difference from a straight line.
+    errors of the fit, and the parabola's difference from a straight line; after the end of
+    injection also half of the distance that is extrapolated.
     """
     young = np.argsort(age_s, kind="stable")[:_YOUNG]
     born = position_m[young] - velocity_m_s[young] * age_s[young, None]
@@ -169,7 +191,10 @@ def extrapolated(
     across = born[: _YOUNG // 2] - np.outer(along[: _YOUNG // 2], axis)
     side = np.median(across, axis=0)
     error_side = float(np.linalg.norm(across.std(axis=0)) / np.sqrt(len(across)))
-    error = np.hypot(2 * errors[1] + abs(zero[1] - zero[0]), 2 * error_side)
+    model = abs(zero[1] - zero[0])
+    if age_s.min() > _ENDED * age_s.max():  # paths near the nozzle are unknown
+        model = max(model, 0.5 * abs(zero[1] - float(np.median(along))))
+    error = np.hypot(2 * errors[1] + model, 2 * error_side)
     return side + zero[1] * axis, float(error)
 
 

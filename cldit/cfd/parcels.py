@@ -42,7 +42,7 @@ def check_parcels(
     """Omits parcels with impossible values or outside the mesh's bounding box, lower_m to upper_m.
 
     Liquid below coldest_K, the freezing point, is impossible. More than `share` of their number,
-    or of the mass, is an error.
+    or of the mass, is an error. Up to half may be dummies, of diameter or number zero.
     """
     count = len(cloud.position_m.values)
     wrong: list[tuple[Mask, str]] = []
@@ -70,7 +70,8 @@ def check_parcels(
     kept = np.ones(count, dtype=bool)
     for mask, _ in wrong:
         kept &= ~mask
-    lost = int(np.sum(~kept))
+    dummy = (cloud.fields["d"].values == 0.0) | (cloud.fields["nParticle"].values == 0.0)
+    lost = int(np.sum(~kept & ~dummy if 2 * dummy.sum() <= count else ~kept))
     if lost > share * count or _mass_share(cloud, away, wrong) > share:
         what = f"{lost} of {count} parcels are impossible or outside"
         limit = f"up to {100 * share:g} % may be omitted: spray.parcels_left_out"

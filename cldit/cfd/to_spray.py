@@ -189,8 +189,9 @@ def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
         inside = (values >= low) & (values <= high)
         if not inside.all():
             bad = int(np.argmin(inside))
-            value = f"{values[bad]:g} (entry {bad})"
-            raise SprayError(f"{column.label}: {value} is outside {low:g}..{high:g}; {hint}")
+            count = f"{int(np.sum(~inside))} of {values.size} values"
+            value = f"{values[bad]:g} (entry {bad}) is outside {low:g}..{high:g} ({count})"
+            raise SprayError(f"{column.label}: {value}; {hint}")
     return values
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.scene.spray import GridSpray
 from cldit.spray.result import Cells, Floats, Prescribed, Spray
+from cldit.spray.spray_file import UNREADABLE, check_members
 
 _COEFFICIENTS = (
     "vapour_absorption_per_m",
@@ -110,8 +109,10 @@ def _load(path: Path) -> dict[str, Floats]:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise SprayError(f"{path}: a single array; expected an .npz of named arrays")
+            assert archive.zip is not None
+            check_members(archive.zip)
             raw = {name: np.asarray(archive[name]) for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except UNREADABLE as error:
         raise SprayError(f"{path}: cannot be read as .npz ({error})") from error
     for name, values in raw.items():
         if values.dtype.kind not in "fiub":

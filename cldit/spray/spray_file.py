@@ -31,7 +31,7 @@ LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
 _EFFORT = 1  # of zlib: level 6 takes five times as long, for a tenth of the size
 _AT_ONCE = 1 << 22  # bytes between two reports of progress
-_UNREADABLE = (
+UNREADABLE = (
     OSError,
     ValueError,
     EOFError,
@@ -141,7 +141,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> Floats:
     return np.asarray(values)
 
 
-def _check_members(archive: zipfile.ZipFile) -> None:
+def check_members(archive: zipfile.ZipFile) -> None:
     """Refuses an archive with a name twice, or with more content than memory is free."""
     names = archive.namelist()
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -159,11 +159,11 @@ def read_spray(path: Path) -> Spray:
     """
     try:
         with open_regular(path) as stream, zipfile.ZipFile(stream) as archive:
-            _check_members(archive)
+            check_members(archive)
             arrays = {
                 name.removesuffix(".npy"): _member(archive, name) for name in archive.namelist()
             }
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise SprayError(f"{path}: cannot be read as cldit's file: {error}") from error
     try:
         about = json.loads(str(arrays["about"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
 from cldit.cfd.mesh_parts import with_point_fields
 from cldit.cfd.size import Size, check_room
-from cldit.cfd.times import choose_time
+from cldit.cfd.times import TIME_TOLERANCE, choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
@@ -33,8 +34,11 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     items = {item.name: item for item in case.items if item.kind == "scalar per node"}
     items |= {item.name: item for item in case.items if item.kind == "scalar per element"}
     cells = gas_names(names.cells, items, fuel_field)
-    at = choose_time(str(case.path), times(case), spec.time_s) if times(case) else None
     fields = sorted(columns_of(cells) & set(items))
+    at = None
+    if times(case):
+        known = _common_times(case, [items[name] for name in fields], spec.cloud)
+        at = choose_time(str(case.path), known, spec.time_s)
     model = _file(case, _model(case), at)
     check_room(model, _size(model, [_file(case, items[name], at) for name in fields]))
     watch("reading the mesh", 0, 1)
@@ -94,6 +98,35 @@ def times(case: CaseFile) -> list[float]:
     """Times at which any file of the case is written."""
     found = {time for item in case.items for time, _ in case.files(item) if time is not None}
     return sorted(found)
+
+
+def _common_times(case: CaseFile, gas: Sequence[Item], cloud: str | None) -> list[float]:
+    """Times at which the fields of the gas are written, and the parcels unless `none` is asked for.
+
+    Time sets may differ; the mesh is valid until the next one.
+    """
+    drops = {} if cloud == NO_CLOUD else clouds(case)
+    parcels = [item for place, own in drops.values() for item in (place, *own.values())]
+    sets = {item.name: [t for t, _ in case.files(item) if t is not None] for item in gas}
+    sets |= {f"parcels' {i.name}": [t for t, _ in case.files(i) if t is not None] for i in parcels}
+    written = {name: found for name, found in sets.items() if found}
+    if not written:
+        return times(case)
+
+    def has(found: list[float], time: float) -> bool:
+        return any(abs(each - time) <= TIME_TOLERANCE * max(abs(time), 1e-9) for each in found)
+
+    first = next(iter(written.values()))
+    common = [time for time in first if all(has(found, time) for found in written.values())]
+    if not common:
+        shown = "; ".join(
+            f"{name} at {', '.join(f'{t:g}' for t in found[:5])}" for name, found in written.items()
+        )
+        raise SprayError(
+            f"{case.path}: TIME: no time at which all fields are written: {shown}; export them at "
+            f"the same times, or spray.cloud: {NO_CLOUD} for gas alone"
+        )
+    return sorted(common)
 
 
 def _model(case: CaseFile) -> Item:

@@ -19,9 +19,9 @@ from cldit.cfd.openfoam.collated import GAP
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.spray.result import Floats
 
-_LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(\d++)(?:\s*+([({]))?+", re.DOTALL)
+_LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(?:(\d++)(?:\s*+([({]))?+|(\())", re.DOTALL)
 _UNIFORM = re.compile(rb"\buniform\s+([^;]+);")
-_NONUNIFORM = re.compile(rb"\bnonuniform\s*(?=List|\d)")
+_NONUNIFORM = re.compile(rb"\bnonuniform\s*(?=List|\d|\(|/)")
 _DIGITS = 18  # of a count: more do not fit into an integer of eight bytes
 _MOST_UNIFORM = 1_000_000  # entries of a uniform list whose length nothing else gives
 _AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
@@ -29,10 +29,15 @@ _BRACKETS = bytes.maketrans(b"()", b"  ")
 
 
 def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
-    """Count, opening bracket, and the offset after it, of the list that begins at `at`."""
+    """Count, opening bracket, and the offset after it, of the list that begins at `at`.
+
+    The count is -1 for a list in ascii that does not state it.
+    """
     match = _LIST.match(file.body, at)
+    if match is not None and match.group(3) and not file.binary:
+        return -1, b"(", match.end()
     # binary files have an empty list as its count alone
-    if match is None or not (match.group(2) or int(match.group(1)[:20]) == 0):
+    if match is None or not (match.group(2) or int((match.group(1) or b"1")[:20]) == 0):
         raise file.fail("no list where one is expected; the file is truncated or of another kind")
     if len(match.group(1)) > _DIGITS:
         raise file.fail(f"a list of {match.group(1)[:20].decode()}... entries")
@@ -116,6 +121,8 @@ def _list(
     if kind == "i":
         parts = (whole(file, part) for part in parts)
     found = np.concatenate([np.empty(0, np.int32 if kind == "i" else np.float64), *parts])
+    if count < 0:
+        count = found.size // width
     if end < begin or found.size != count * width:
         raise file.fail(f"truncated or damaged: {found.size} numbers, expected {count * width}")
     return found.reshape(count, width), end + 1
@@ -158,7 +165,7 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         corners, _ = _list(file, "i", 1, end)
         return whole(file, corners.reshape(-1)), whole(file, start.reshape(-1))
     count, _, begin = _open(file, 0)
-    if count > len(file.body):
+    if not 0 <= count <= len(file.body):
         raise file.fail(f"truncated or damaged: {count} faces in {len(file.body)} bytes")
     parts = (whole(file, part) for part in _parse(file, begin, file.body.rfind(b")")))
     numbers = np.concatenate([np.empty(0, np.int32), *parts])
@@ -211,8 +218,8 @@ def particles(file: FoamFile) -> Floats:
     count, bracket, begin = _open(file, 0)
     if count == 0:
         return np.empty((0, 4))
-    if bracket != b"(":
-        raise file.fail("a cloud cannot be a uniform list")
+    if bracket != b"(" or count < 0:
+        raise file.fail("a cloud cannot be a uniform list, or one without its length")
     if file.binary:
         return _binary_particles(file, count, begin)
     end = file.body.rfind(b")")

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from cldit.cfd.formats import read_case
+from cldit.cfd.openfoam.file import read_foam
+from cldit.cfd.openfoam.lists import scalars, vectors
 from cldit.cfd.orientation import find_frame
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
@@ -177,3 +179,52 @@ def test_an_axis_of_few_parcels_is_asked_for(tmp_path: Path, foam: Foam) -> None
     wide = np.random.default_rng(5).normal((0.0, -50.0, 0.0), 50.0, (17, 3))
     case = foam.write(tmp_path, block, gas=gas, cloud=cloud | {"U": wide})
     refused(case, r"the axis of the injection cannot be inferred .*degrees only", axis=None)
+
+
+def test_single_undefined_velocities_and_dummies(tmp_path: Path, foam: Foam) -> None:
+    """One undefined velocity or dummy of 61 is more than 1 %, and costs no mass."""
+    case = late(foam, tmp_path / "case", youngest_s=0.0)
+    whole = read_cfd(CfdSpray(file=case))
+    form, folder = foam.form(), case / CLOUD
+    velocity = vectors(read_foam(folder / "U"))
+    size = scalars(read_foam(folder / "d"))
+    velocity[7, 1] = np.nan
+    form.write(folder / "U", "vectorField", form.numbers(velocity))
+    found = read_cfd(CfdSpray(file=case, parcels_left_out=0.0))
+    assert found.notes["liquid_mass_kg"] == whole.notes["liquid_mass_kg"]
+    assert any(
+        "/U: 1 of 400 parcels have no finite value, such as parcel 7 at" in remark
+        for remark in found.remarks
+    )
+    velocity[:200] = np.nan
+    form.write(folder / "U", "vectorField", form.numbers(velocity))
+    refused(case, r"/U: 200 of 400 parcels have no finite value", axis=None, nozzle_m=None)
+    read_cfd(CfdSpray(file=case, nozzle_m=(0, 0, 0), axis="+y"))
+    velocity[:200] = velocity[200:]
+    form.write(folder / "U", "vectorField", form.numbers(velocity))
+    dummies = np.where(np.arange(400) < 30, 0.0, size)
+    form.write(folder / "d", "scalarField", form.numbers(dummies))
+    found = read_cfd(CfdSpray(file=case, nozzle_m=(0, 0, 0), axis="+y"))
+    assert found.notes["parcels"] == 370
+    assert any("Omitted 30 of 400 parcels" in remark for remark in found.remarks)
+    form.write(folder / "d", "scalarField", form.numbers(np.where(np.arange(400) < 300, 0.0, size)))
+    refused(case, r"300 of 400 parcels are impossible", nozzle_m=(0, 0, 0), axis="+y")
+
+
+@pytest.mark.parametrize("head", [b"", b"List<scalar> ", b"/* no count */ "])
+def test_lists_without_their_length(tmp_path: Path, foam: Foam, head: bytes) -> None:
+    """OpenFOAM reads a list in ascii without its length, too."""
+    block, gas, cloud = foam.sample()
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    whole = read_cfd(CfdSpray(file=case, **PLACE)).notes
+    for name in ("d", "U"):
+        file = case / CLOUD / name
+        file.write_bytes(file.read_bytes().replace(b"\n17\n(", b"\n" + head + b"("))
+    field = case / "0.001/T"
+    text = field.read_bytes()
+    count = f"nonuniform List<scalar>\n{block.cells}\n(".encode()
+    assert count in text
+    field.write_bytes(text.replace(count, b"nonuniform " + head + b"("))
+    assert read_cfd(CfdSpray(file=case, **PLACE)).notes == whole
+    field.write_bytes(field.read_bytes().replace(b"(\n", b"(\n600\n", 1))
+    refused(case, f"{block.cells + 1} values, but the mesh has {block.cells} cells")

@@ -93,7 +93,7 @@ CHANGES: list[tuple[str, bytes, bytes, str]] = [
     ("0.001/C7H16", FIRST, b"\n(\n-0.1\n", "C7H16: -0.1 "),
     ("0.001/rho", FIRST, b"\n(\ninf\n", r"0.001/rho: inf \(entry 0\) is outside 0..2000"),
     (f"{CLOUD}/d", FIRST, b"\n(\n9\n", "sprayCloud/d: 9 .* diameter of a droplet in metres"),
-    (f"{CLOUD}/d", FIRST, b"\n(\n0\n", "sprayCloud/d: 0 "),
+    (f"{CLOUD}/d", FIRST, b"\n(\n-1\n", "sprayCloud/d: -1 "),
     (f"{CLOUD}/d", FIRST, b"\n(\n-nan\n", "sprayCloud/d: nan "),
     (f"{CLOUD}/nParticle", FIRST, b"\n(\n-1\n", "sprayCloud/nParticle: -1 "),
     (f"{CLOUD}/T", FIRST, b"\n(\n1e5\n", r"sprayCloud/T: 100000 \(entry 0\) .*in K"),

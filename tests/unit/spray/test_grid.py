@@ -155,3 +155,12 @@ def test_cells_and_their_grid_must_agree() -> None:
     cells = Cells.regular(origin_m=np.zeros(3), spacing_m=np.ones(3), shape=(2, 2, 2))
     with pytest.raises(SprayError, match="8 places for 7 cells"):
         Cells(cells.lower_m[:-1], cells.upper_m[:-1], cells.grid)
+
+
+def test_more_content_than_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A packed file of zeros is a thousand times smaller than its content."""
+    file = tmp_path / "grid.npz"
+    np.savez_compressed(file, vapour_absorption_per_m=np.zeros((200, 200, 200)))
+    monkeypatch.setattr("cldit.spray.spray_file.free_bytes", lambda: 10_000_000)
+    with pytest.raises(SprayError, match=r"grid\.npz: .*unpacks to 0\.064 GB; 0\.01 GB of memory"):
+        read_grid(GridSpray(file=file))

@@ -67,6 +67,22 @@ def test_negative_times_and_several_sets(
     assert notes(path, time_s=-345.5)["vapour_mass_kg"] < expected["vapour_mass_kg"]
 
 
+def test_parcels_are_written_at_other_times(
+    tmp_path: Path, foam: Foam, writers: Writers, notes: Any
+) -> None:
+    """The last time of all files is not one at which the gas is written."""
+    path = writers.ensight(tmp_path, foam.sample(), binary=True)
+    expected = notes(path)
+    text = path.read_text().replace("measured: 1 ", "measured: 2 ").replace("node: 1 ", "node: 2 ")
+    more = "number of steps: 3\nfilename numbers: 0 5 5\ntime values: 0.0005 0.0010000001 0.002\n"
+    path.write_text(f"{text}time set: 2\n{more}")
+    assert notes(path) == notes(path, time_s="nearest 0.002") == expected
+    path.write_text(f"{text}time set: 2\n{more}".replace("0.0005 0.0010000001", "0.0006 0.0011"))
+    with pytest.raises(SprayError, match=r"no time at .*: C7H16 at 0\.0005, 0\.001; .*parcels'"):
+        notes(path)
+    assert notes(path, cloud="none")["vapour_mass_kg"] == expected["vapour_mass_kg"]
+
+
 def test_a_time_that_stands_twice(tmp_path: Path, foam: Foam, writers: Writers, notes: Any) -> None:
     path = writers.ensight(tmp_path, foam.sample(), binary=True)
     path.write_text(path.read_text().replace("time values: 0.0005", "time values: 0.001"))
