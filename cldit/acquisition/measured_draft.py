@@ -61,7 +61,7 @@ def write_measured(folder: Path, out: Path) -> list[str]:
     lines = [*_lines(folder.resolve(), out.resolve().parent, found, others)]
     write_text(out, "\n".join(lines) + "\n")
     missing = [line.strip(" #-") for line in lines if "# not found" in line]
-    names = dict.fromkeys(line.partition(":")[0] for line in missing)
+    names = dict.fromkeys(line.partition("  # not")[0].partition(":")[0] for line in missing)
     return [str(out), *(f"  not found: {name}" for name in names)]
 
 
@@ -221,6 +221,10 @@ def _backgrounds(images: Sequence[Recording], files: Files) -> Iterator[str]:
         for one, other in (("reference", "injection"), ("injection", "reference")):
             if roles[one] and not roles[other] and roles[""]:
                 roles[other], notes[other] = roles.pop(""), "; the names do not say so, check"
+        rest = roles.get("", [])
+        if rest and not (roles["reference"] or roles["injection"]):
+            yield from _either(rest, files)
+            continue
         yield from _kind("references", roles["reference"], files, notes.get("reference", ""))
         delays = sorted({each.reported.delay_s or 0.0 for each in roles["injection"]})
         for number, delay_s in enumerate(delays or [0.0]):
@@ -231,8 +235,19 @@ def _backgrounds(images: Sequence[Recording], files: Files) -> Iterator[str]:
             several += ", for a file of its own" if number else ""
             for line in _kind("injections", some, files, notes.get("injection", "") + several):
                 yield line.replace("    inj", "    # inj") if number else line
-        if roles.get(""):
-            yield f"    # not found: whether these have spray: {files(roles[''])}; part: FILE[0:20]"
+        if rest:
+            yield f"    # {files(rest)}  # not found: whether these have spray"
+
+
+def _either(some: Sequence[Recording], files: Files) -> Iterator[str]:
+    """Lines for images of either kind: two parts of a film, or the same names twice."""
+    names, count = files(some), sum(each.count for each in some)
+    first, second = names, names
+    if len(some) == 1 and count > 1:
+        bare = names.strip("'")
+        first, second = (_word(f"{bare}[{part}]") for part in (f":{count // 2}", f"{count // 2}:"))
+    yield f"    # references: {first}  # not found: which of these {count} images have no spray"
+    yield f"    # injections: {second}  # not found: which of them have"
 
 
 def _kind(key: str, some: Sequence[Recording], files: Files, note: str) -> Iterator[str]:

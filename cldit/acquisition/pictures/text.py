@@ -50,7 +50,9 @@ class TextImages(ArrayStack):
             degrees = low > _COLD_C and high < _HOT_C and bool(np.any(images % 1.0))
             maybe = f"; decimals of {low:g} to {high:g} could be degrees Celsius" if degrees else ""
             notes.append(f"no unit, read as counts{maybe}")
-        super().__init__(images, source.axes, unit=unit[1] if unit else "")
+        whole = bool(np.all(images % 1.0 == 0.0) and images.min() >= 0.0 and images.max() < 65536.0)
+        counts = images.astype(np.uint16) if whole else images
+        super().__init__(counts, source.axes, unit=unit[1] if unit else "")
         self.notes = tuple(notes)
 
 

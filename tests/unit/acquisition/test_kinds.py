@@ -333,6 +333,14 @@ def test_tables_that_are_no_counts_or_cut_off_are_refused(
         open_stack(Source(tmp_path / "a.csv"))
 
 
+def test_whole_numbers_of_a_table_are_integers(tmp_path: Path) -> None:
+    """Rounding to counts is a noise of integers alone."""
+    np.savetxt(tmp_path / "a.csv", IMAGES[0], delimiter=";", fmt="%d")
+    assert read_all(Source(tmp_path / "a.csv")).dtype == np.uint16
+    np.savetxt(tmp_path / "a.csv", IMAGES[0] / 4, delimiter=";")
+    assert read_all(Source(tmp_path / "a.csv")).dtype == np.float64
+
+
 def test_decimals_that_could_be_degrees_are_reported(tmp_path: Path) -> None:
     """Optris' programs export degrees Celsius without a word of it."""
     lines = [";".join(f"{20 + value / 1e3:.1f}" for value in row) for row in IMAGES[0]]

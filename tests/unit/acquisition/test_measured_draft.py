@@ -134,8 +134,8 @@ def test_units_that_names_omit_delays_and_unknown_kinds_are_comments(tmp_path: P
         "  - # temperature_K: 350  # not found: its unit; K, or temperature_C\n",
         "    injections: bb350_inj_0.5ms.npy  # 3 of 16 x 12 float32; delay 0.5 ms\n",
         "    # injections: bb350_inj_1ms.npy  # 3 of .*; delay 1 ms, for a file of its own\n",
-        "    # references: NAMES  # not found\n    # injections: NAMES  # not found\n"
-        "    # not found: whether these have spray: bb400_a.npy; part: ",
+        r"    # references: 'bb400_a.npy\[:1\]'  # not found: which of these 3 images have no",
+        r"    # injections: 'bb400_a.npy\[1:\]'  # not found: which of them have\n",
         "  # saturation_counts: 0  # not found",
         "# other.npy: 40 x 30 uint16, another size",
     ):
