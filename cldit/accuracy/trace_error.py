@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.image_pair import Floats
 from cldit.accuracy.node_traces import NodeTraces
+from cldit.accuracy.sampled_map import sampled_square
 from cldit.dit.maps import Maps
 from cldit.optics.response import scene_filter
 from cldit.radiance.apparent_temperature import temperature_errors_K
@@ -17,6 +18,8 @@ from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.scene.transport import Transport
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.ray_choice import contrast_K
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,8 @@ class TraceError:
     audit_K: from pixels that were traced by `path` as well, plus one standard error: contains all
     approximations. cells_K: stated error of the cells, part of which is in the audit. unknown: why
     the error is known in part only, or not at all; empty where it is known. map_K: (H, W) half the
-    halves' difference in each pixel; None if unknown.
+    halves' difference in each pixel, or what the audit shows in pixels like it, if that is larger;
+    None if unknown.
     """
 
     halves_K: float | None
@@ -64,7 +68,8 @@ class TraceError:
             return cls(halves_K, unknown="; ".join(result.unaudited), map_K=map_K)
         one, other = (errors_K(error, audit.sample.pixels) for error in audit.errors)
         square, doubt = audit.sample.mean_square(one, other, count=count)
-        return cls(halves_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K)
+        audit_K = float(np.sqrt(max(square, 0.0) + doubt))
+        return cls(halves_K, audit_K, map_K=_audited_map(maps, audit.sample, one * other, map_K))
 
     def beyond(self, cells_K: float | None) -> TraceError:
         """The error without the part of the audit that the cells explain.
@@ -133,3 +138,12 @@ class TraceError:
             f"stated error {error_K:.2g} K RMS, more than transport.accuracy_K: "
             f"{asked.accuracy_K:g} asks for: {why}",
         )
+
+
+def _audited_map(maps: Maps, sample: PixelSample, square: Floats, halves_K: Floats) -> Floats:
+    """Map (H, W) of the error by its `square` (N,) in a sample of pixels, and by the halves."""
+    counted = maps.has_temperature
+    apparent_K = np.where(counted, maps.apparent_temperature_K.astype(float), np.nan)
+    features = maps.emissivity.astype(float), contrast_K(apparent_K)
+    alike = np.nan_to_num(sampled_square(sample, square, features, counted))
+    return np.maximum(np.sqrt(alike), halves_K)

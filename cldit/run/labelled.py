@@ -64,7 +64,7 @@ def labelled(
             unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
             variables[f"weight_{name}"] = (image, unit, f"weight of {name}")
     for name, image in (error_maps or {}).items():
-        cause = "all causes together" if name == TOTAL else name
+        cause = "all sources together" if name == TOTAL else name
         key = "simulation_error_K" if name == TOTAL else f"simulation_error_{_key(name)}_K"
         variables[key] = (image, "K", f"standard error of the simulated T_app by {cause}")
     target = scene.target_m

@@ -13,6 +13,7 @@ import numpy as np
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.sampled_map import sampled_square
 from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
 from cldit.accuracy.variant_tracer import temperature_of
 from cldit.optics.visible import VISIBLE_DISC
@@ -64,8 +65,8 @@ def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
     """Error of T_app by pixel sampling, from an image (H, W) with its `subpixels`.
 
     Two halves of the sample have the image's error with independent noise; their product has its
-    square as its mean, and one standard error of that is added. The map is the contrast of pixels
-    with their neighbours, by which they were drawn, scaled to the RMS error.
+    square as its mean, and one standard error of that is added. The map is that of sampled pixels
+    that are alike, scaled to the RMS error.
     """
     name, key = PIXEL_SAMPLING.name, PIXEL_SAMPLING.key(scene)
     found = image.subpixels
@@ -88,7 +89,10 @@ def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
     first, second = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
     square, doubt = found.sample.mean_square(first, second, count=int(np.count_nonzero(seen)))
     error_K = (max(square, 0.0) + doubt) ** 0.5
-    map_K = contrast_K(np.where(seen, apparent_K, np.nan))
+    contrast = contrast_K(np.where(seen, apparent_K, np.nan))
+    expected = contrast if image.rays is None else contrast / image.rays**1.5
+    features = 1.0 - image.weights.background.astype(float), expected
+    map_K = np.sqrt(sampled_square(found.sample, first * second, features, seen))
     rms_K = float(np.sqrt(np.nanmean(map_K**2)))
     map_K *= error_K / rms_K if rms_K > 0 else 0.0
     rays = "{0}" if found.across.min() == found.across.max() else "{0} to {1}"

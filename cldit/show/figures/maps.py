@@ -190,7 +190,7 @@ def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
 
     largest = max((name for name in images if name != "total"), key=mean, default=None)
     shown = {name: images[name] for name in ("total", largest) if name is not None}
-    titles = {name: f"of it by {name}" for name in shown} | {"total": "all causes together"}
+    titles = {name: f"source: {name}" for name in shown} | {"total": "all sources together"}
     limits = (0.0, robust_limits(images["total"])[1])
     return [Panel(shown[name], titles[name], "K", limits, "viridis") for name in shown]
 
