@@ -29,6 +29,7 @@ from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Excess, Measurement, Solved
 from cldit.accuracy.sources.cells import CELLS
 from cldit.accuracy.sources.ordinates import ORDINATES, audited_K
+from cldit.accuracy.sources.pixel_sampling import MOST_RAYS, PIXEL_SAMPLING
 from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.camera.sensor import SensorModel
@@ -45,6 +46,7 @@ _WORTH = 0.8  # of the square of an error that stays too large: less gain is not
 _GAIN = 0.75  # of the error before: a trial with less gain is not made again
 _MORE = "more ordinates"
 _NO_GAIN = "a trial did not make the error smaller"
+_CLOSE = 1.2  # to the error asked of the rays: else the trace could not add more of them
 _MOST_RATIO = 4.0  # of an error to its share, in one refinement: a smaller share is not worth it
 
 
@@ -196,6 +198,9 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     if trace_error is not None:
         trace_error = trace_error.beyond(audited_K(at))
     result = replace(result, trace_error=trace_error, estimates=estimates)
+    pixels_K, asked_K = at.error_K(PIXEL_SAMPLING), result.resolution.pixels_K
+    if pixels_K is not None and asked_K is not None and pixels_K > _CLOSE * asked_K:
+        result = result.limited("pixel sampling", MOST_RAYS)
     maps = error_maps(result.errors, maps_K, result.maps.has_temperature)
     return replace(result, error_maps=maps)
 

@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3515,
+    "accuracy": 3591,
     "acquisition": 5531,
     "api": 944,
     "bench": 1030,

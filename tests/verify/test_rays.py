@@ -108,3 +108,10 @@ def test_rays_go_where_they_are_needed(run_block: Callable[..., Run]) -> None:
 def test_no_audit_no_choice(run_block: Callable[..., Run]) -> None:
     run = blocks(run_block, transport={"audit": False})
     assert "rays" not in run.info.counts
+
+
+def test_the_most_rays_are_said(run_block: Callable[..., Run]) -> None:
+    """Edges of blocks lie anywhere in 256 rows of rays: some 40 K / 256 / 12^(1/2) are left."""
+    run = blocks(run_block, 0.2, transport={"accuracy_K": 0.01}, camera={"pixels": [6, 6]})
+    assert run.errors is not None and (run.errors.total_K or 0.0) > 0.01
+    assert any("no pixel has more than 256 rays" in text for text in run.info.remarks)

@@ -20,7 +20,12 @@ from cldit.optics.visible import VISIBLE_DISC
 from cldit.prepare.medium import Prepared
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.ray_choice import contrast_K
+from cldit.transport.ray_choice import MOST_ACROSS, contrast_K
+
+MOST_RAYS = (
+    f"no pixel has more than {MOST_ACROSS**2} rays; allowed: more camera.pixels, or a larger "
+    "transport.accuracy_K"
+)
 
 
 class _PixelSampling(ErrorSource):
