@@ -9,6 +9,7 @@ import numpy as np
 from cldit.cfd.case import CfdCase
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
 from cldit.spray.result import Floats
 
 _MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
@@ -24,9 +25,10 @@ _FREEZING_K = {
 _COLDEST_K = 60.0  # of a fuel that is not in the table
 
 
-def freezing_K(fuel_field: str) -> float:
-    """Freezing point of the fuel in a field such as `MASSFRAC_C7H16`, or that of the lowest."""
-    return _FREEZING_K.get(_formula(fuel_field), _COLDEST_K)
+def freezing_K(spec: CfdSpray) -> float:
+    """Freezing point of the fuel, or that of the lowest."""
+    name = "C7H16" if spec.fuel == "n-heptane" else _formula(spec.fuel_field)
+    return _FREEZING_K.get(name, _COLDEST_K)
 
 
 def is_fuel(field: str) -> bool:

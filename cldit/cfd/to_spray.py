@@ -104,7 +104,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     gas = _gas(spec, case)
     checked = None
     if case.cloud is not None:
-        share, coldest_K = spec.parcels_left_out, freezing_K(spec.fuel_field)
+        share, coldest_K = spec.parcels_left_out, freezing_K(spec)
         checked = check_parcels(case.cloud, *case.mesh.extent_m, share=share, coldest_K=coldest_K)
         cloud = only(case.cloud, checked.kept)
         check_parcels_once(cloud)

@@ -98,7 +98,8 @@ def check_head(file: Path) -> None:
             encoded=b"base64" in found,
         )
         behind = 0
-        for place in sorted(_places(tags)):
+        places = {int(each.group(1)) for tag in tags if (each := _OFFSET.search(tag)) is not None}
+        for place in sorted(places):  # time steps may share one
             if place < behind:
                 raise _damaged(file, f"an array at {place}, inside the previous one")
             behind = place + _length(stream, form, begin + place, end, file)
@@ -171,11 +172,6 @@ def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:
 
 def _damaged(file: Path, what: str) -> SprayError:
     return SprayError(f"{file}: is damaged or truncated ({what})")
-
-
-def _places(tags: list[bytes]) -> set[int]:
-    """Offsets in the XML, each once: time steps may share one."""
-    return {int(each.group(1)) for tag in tags if (each := _OFFSET.search(tag)) is not None}
 
 
 def _length(stream: BinaryIO, form: _Form, begin: int, end: int, file: Path) -> int:

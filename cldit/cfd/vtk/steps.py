@@ -133,7 +133,7 @@ def find_step(
         others = f"{', '.join(sorted(elsewhere))} (spray.cloud: {NO_CLOUD} for gas alone)"
         what = f"no cloud file of the same step {key!r}, but other steps have"
         raise NotAtThisTime(f"{found[0].pieces[0]}: {what}: {others}")
-    return _sorted(at, found, layout, loader, drops if cloud is None else ())
+    return _sorted(at, found, layout, loader, cloud, drops)
 
 
 def _parcels_likely(entry: Entry) -> bool:
@@ -141,7 +141,12 @@ def _parcels_likely(entry: Entry) -> bool:
 
 
 def _sorted(
-    at: float | None, found: Sequence[Entry], layout: Layout, loader: Loader, drops: Sequence[str]
+    at: float | None,
+    found: Sequence[Entry],
+    layout: Layout,
+    loader: Loader,
+    cloud: str | None,
+    drops: Sequence[str],
 ) -> Step:
     """Sorts the data sets of a step into meshes, clouds and the rest."""
     meshes: dict[Entry, list[Loaded]] = {}
@@ -156,12 +161,16 @@ def _sorted(
         files += [*entry.named_by, *entry.pieces]
         high = max(dimension(piece.data) for piece in pieces)
         names = frozenset[str]().union(*(each.point_names | each.cell_names for each in pieces))
-        likely = high == 0 or (high in (1, 2) and bool(drops) and names.issuperset(drops))
-        if entry.cloud or (entry.cloud is None and likely):
-            name = entry.name if entry.cloud else without_step(entry.name)
+        name = entry.name if entry.cloud else without_step(entry.name)
+        flat = all(piece.data.IsA("vtkPolyData") for piece in pieces)
+        empty = high == -1 and flat and (not names or names.issuperset(drops))
+        likely = high in (1, 2) and names.issuperset(drops) and cloud in (None, NO_CLOUD, name)
+        if entry.cloud or (entry.cloud is None and (high == 0 or likely or empty)):
             claims.setdefault(name, []).append(entry.pieces[0])
-            clouds[name] = [parcels_of(piece, drops) for piece in pieces]
-        elif entry.cloud is False or high in (-1, 3):
+            if cloud != NO_CLOUD:
+                pieces = [parcels_of(piece, drops) for piece in pieces]
+            clouds[name] = pieces
+        elif high in (-1, 3):
             meshes[entry] = pieces
         else:
             surfaces += entry.pieces

@@ -42,6 +42,15 @@ def test_parcels_in_another_unit(
         read_cfd(CfdSpray(file=case, **PLACE))
 
 
+def test_the_liquid_of_a_fuel_without_a_formula_is_n_heptane(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    own = {name: values for name, values in gas.items() if name != "C7H16"}
+    cold = cloud | {"T": cloud["T"] - 273.15}
+    case = foam.write(tmp_path, block, gas=own | {"Y_FUEL": gas["C7H16"]}, cloud=cold)
+    with pytest.raises(SprayError, match=r"T: .* is outside 182\.6\.\.5000"):
+        read_cfd(CfdSpray(file=case, fuel_field="Y_FUEL", **PLACE))
+
+
 def test_gas_in_degrees_celsius_and_gauge_pressure(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     gas = ideal(block, gas)

@@ -11,7 +11,7 @@ import pytest
 
 from cldit.cfd.to_spray import read_cfd
 from cldit.cfd.vtk.datasets import as_numpy
-from cldit.errors import SprayError
+from cldit.errors import EmptyCloud, SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.test_vtk import SET, block_grid, cloud_data, save
 from tests.unit.cfd.test_vtk_grids import HIGH, LOW, RHO, SHAPE, field, grid_of, write
@@ -63,6 +63,16 @@ def test_parcels_on_any_cells(tmp_path: Path, foam: Foam, form: str) -> None:
         return
     mass = np.sum(cloud["nParticle"] * cloud["rho"] * np.pi / 6 * cloud["d"] ** 3)
     assert read_cfd(spec).notes["liquid_mass_kg"] == pytest.approx(mass, rel=1e-5)
+
+
+def test_a_cloud_without_parcels_is_a_cloud(tmp_path: Path, foam: Foam) -> None:
+    """Before the injection ParaView writes poly data without points."""
+    block, gas, cloud = foam.sample()
+    save(tmp_path / "gas.vtu", block_grid(block, gas))
+    save(tmp_path / "spray.vtp", cloud_data({name: values[:0] for name, values in cloud.items()}))
+    with pytest.raises(EmptyCloud, match=r"spray\.vtp: points: cloud 'spray' has no parcel"):
+        read_cfd(CfdSpray(file=tmp_path, **SET))
+    assert "parcels" not in read_cfd(CfdSpray(file=tmp_path, cloud="none", **SET)).notes
 
 
 def test_a_folder_without_gas_names_its_files(tmp_path: Path, foam: Foam) -> None:
