@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import IO
 
 from cldit.acquisition.journal import Journal
-from cldit.acquisition.storage import GUARD, JOURNAL, exclusive
+from cldit.acquisition.storage import GUARD, JOURNAL, RUNNING
 from cldit.errors import ClditError
+from cldit.io.exclusive import exclusive
 from cldit.io.files import append_text
 from cldit.io.plain_data import dump_yaml, parse_yaml
 from cldit.io.terminal import warn
@@ -126,7 +127,8 @@ def watch(stream: IO[bytes], folder: Path) -> int:
         append_text(folder / GUARD, "\n".join(log) + "\n")
     if problems:
         alarm(problems)
-    with suppress(ClditError), exclusive(folder):  # in use: that process sees the rig itself
+    # A folder in use: that process sees the rig itself.
+    with suppress(ClditError), exclusive(folder, RUNNING):
         _note(folder, safety, SystemClock().wall_time())
     return int(bool(problems))
 

@@ -14,7 +14,8 @@ from cldit.acquisition.plan import Plan
 from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.sequence import Record, SavedShot, Sequence
-from cldit.acquisition.storage import exclusive
+from cldit.acquisition.storage import RUNNING
+from cldit.io.exclusive import exclusive
 from cldit.rig.clock import StopCheck
 from cldit.rig.errors import RigError
 from cldit.rig.load import Rig
@@ -76,7 +77,11 @@ def iterate(
         DiskFull: names the space needed.
         RigError: of the rig; Aborted on the second Ctrl-C.
     """
-    with exclusive(folder), Guard(rig, folder) as guard, Interrupts(should_stop) as interrupts:
+    with (
+        exclusive(folder, RUNNING),
+        Guard(rig, folder) as guard,
+        Interrupts(should_stop) as interrupts,
+    ):
         try:
             record = yield from Sequence(rig, plan, folder, interrupts, progress).run()
         except Exception as error:

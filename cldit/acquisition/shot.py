@@ -15,7 +15,7 @@ from cldit.acquisition.journal import Journal
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready
 from cldit.acquisition.quality import References, frame_problem, saturated_percent
-from cldit.acquisition.storage import checksum
+from cldit.io.images import checksum
 from cldit.rig.checks import read_temperature
 from cldit.rig.errors import Aborted, FireUncertain, MissingFrames, RigError
 from cldit.rig.load import Rig

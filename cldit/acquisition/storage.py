@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 import numpy as np
-from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from cldit.acquisition.disk import existing, write_checked
 from cldit.acquisition.journal import Entry, check_entry, read_whole_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
+from cldit.io.exclusive import LOCK, exclusive
 from cldit.io.files import make_folder, written
 from cldit.io.images import put_image, read_image
 
@@ -29,9 +26,7 @@ PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
     "shots",
     "guard.log",
 )
-
-
-_LOCK = ".lock"
+RUNNING = "acquisition"  # what locks the folder
 
 
 class DamagedPicture(RunFolderError):
@@ -68,38 +63,14 @@ def shot_path(folder: Path, shot_id: str) -> Path:
     return folder / SHOTS / f"{shot_id}.tif"
 
 
-def checksum(image: NDArray[Any]) -> str:
-    """SHA-256 of the pixels of `image` (..., h, w), row by row, little endian."""
-    return hashlib.sha256(np.ascontiguousarray(image, dtype="<u2").data).hexdigest()
-
-
-@contextmanager
-def exclusive(folder: Path) -> Iterator[None]:
-    """Locks the folder against other acquisitions. Raises RunFolderError if it is locked, or cannot
-    be made.
-    """
-    make_folder(folder)
-    lock = FileLock(folder / _LOCK)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        raise RunFolderError(
-            f"{folder}: another acquisition is running here; wait for it or choose another folder"
-        ) from None
-    try:
-        yield
-    finally:
-        lock.release()
-
-
 def check_folder(folder: Path) -> None:
     """Raises as `exclusive` would, and leaves nothing behind: for callers that only ask."""
     if folder.exists():
         make_folder(folder)  # which says so where it is a file
     with written(folder), TemporaryDirectory(dir=existing(folder)):
         pass
-    if (folder / _LOCK).exists():
-        with exclusive(folder):
+    if (folder / LOCK).exists():
+        with exclusive(folder, RUNNING):
             pass
 
 
@@ -134,7 +105,9 @@ def load_shot(
     try:
         image, meta = read_image(path)
     except RunFolderError as error:
-        raise DamagedPicture(str(error)) from error
+        raise DamagedPicture(
+            f"{error}; restore the file, or remove it and acquire again: the shot is retaken"
+        ) from error
     if image.dtype != np.uint16 or image.ndim not in (2, 3):
         raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw image")
     if not {"shot", "plan_hash", "sha256"} <= set(meta):
@@ -142,11 +115,6 @@ def load_shot(
     if meta["shot"] != shot_id or meta["plan_hash"] != plan_hash:
         raise RunFolderError(
             f"{path}: is no shot {shot_id} of this plan; move it out of the folder"
-        )
-    if meta["sha256"] != checksum(image):
-        raise DamagedPicture(
-            f"{path}: the pixels are not those that were recorded; restore the file, or remove it "
-            "and acquire again: the shot is retaken"
         )
     return image, meta
 

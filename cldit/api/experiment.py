@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from cldit.acquisition.plan import plan_from_scene
@@ -14,6 +14,7 @@ from cldit.api.folder_evaluation import DelayEvaluation, delay_problems, evaluat
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, SprayError, Stopped
 from cldit.gpu.device import Device
+from cldit.io.exclusive import exclusive
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.rig.load import open_rig
@@ -60,13 +61,25 @@ def run_experiment(
         )
     at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
     _refuse_missing(scene)
+    with exclusive(folder, "run"):
+        return _run(scene, folder, at_delays, device, progress or (lambda text: None), watch)
+
+
+def _run(
+    scene: Scene,
+    folder: Path,
+    at_delays: Mapping[float, Scene],
+    device: Device | None,
+    say: Say,
+    watch: Watch | None,
+) -> Run:
+    """Simulates, records and evaluates into a locked folder; raises as `run_experiment`."""
 
     def reading(what: str, done: int, total: int) -> None:
         if watch is not None:
             watch(Progress(what, done, total, None))
 
-    say = progress or (lambda text: None)
-    run = simulate(scene, folder, device=device, progress=progress, watch=reading)
+    run = simulate(scene, folder, device=device, progress=say, watch=reading)
     traced: list[Path] = []
     shown_s = spray_time_s(scene)
     for delay_s, later in at_delays.items():
@@ -75,7 +88,7 @@ def run_experiment(
             continue
         say(f"the spray at {delay_text(delay_s)}")
         traced.append(folder / delay_folder(delay_s))
-        simulate(alone(later), traced[-1], device=device, progress=progress, watch=reading)
+        simulate(alone(later), traced[-1], device=device, progress=say, watch=reading)
     start = time.perf_counter()
     plan = plan_from_scene(scene, integration_time_s=run.info.integration_time_s)
     rig_file = folder / "rig.yaml"

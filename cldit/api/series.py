@@ -9,7 +9,8 @@ from cldit.acquisition.progress import Progress
 from cldit.api.experiment import Watch, run_experiment
 from cldit.errors import RunFolderError, SprayError
 from cldit.gpu.device import Device, open_device
-from cldit.io.files import make_folder, write_text
+from cldit.io.exclusive import exclusive, is_empty
+from cldit.io.files import write_text
 from cldit.io.plain_data import read_mapping
 from cldit.run import Run, Say, simulate
 from cldit.run.folder import stored_run
@@ -79,29 +80,29 @@ def run_series(
     plan = SeriesPlan.of(scene, times, watch=reading)
     for remark in plan.remarks:
         say(remark)
-    make_folder(folder)
-    write_text(folder / SERIES_FILE, dump_scene(scene))
-    opened = device or open_device()
+    with exclusive(folder, "series"):
+        write_text(folder / SERIES_FILE, dump_scene(scene))
+        opened = device or open_device()
 
-    def run(one: Scene, place: Path) -> Run:
-        if trace_only:
-            return simulate(one, place, device=opened, progress=progress, watch=reading)
-        kept = _finished(one, place)
-        if kept is not None:
-            say(f"{place}: finished before, kept")
-            return kept
-        return run_experiment(one, place, device=opened, progress=progress, watch=watch)
+        def run(one: Scene, place: Path) -> Run:
+            if trace_only:
+                return simulate(one, place, device=opened, progress=progress, watch=reading)
+            kept = _finished(one, place)
+            if kept is not None:
+                say(f"{place}: finished before, kept")
+                return kept
+            return run_experiment(one, place, device=opened, progress=progress, watch=watch)
 
-    done = run_times(plan, folder, run, say)
-    if not any(each.state == "done" for each in done):
-        raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
-    say("figures and film")
-    return Series(plan, folder, done, tuple(write_series(plan, scene, done, folder)))
+        done = run_times(plan, folder, run, say)
+        if not any(each.state == "done" for each in done):
+            raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
+        say("figures and film")
+        return Series(plan, folder, done, tuple(write_series(plan, scene, done, folder)))
 
 
 def _check_folder(folder: Path, scene: Scene) -> None:
     """Raises RunFolderError if a folder contains something else than a series of this scene."""
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+    if is_empty(folder):
         return
     if not (folder / SERIES_FILE).is_file():
         raise RunFolderError(f"{folder}: is not empty and contains no series; give another folder")

@@ -10,6 +10,7 @@ import codecs
 import errno
 import io
 import os
+import platform
 import re
 import stat
 import threading
@@ -22,6 +23,8 @@ from cldit.errors import DiskFull, FileError
 MOST_TEXT_BYTES = 64_000_000  # of a text file
 
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_HOST = re.sub(r"[^A-Za-z0-9]", "", platform.node()) or "here"
+_SWEPT: set[Path] = set()
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -97,7 +100,9 @@ def whole(path: Path, *, sync: bool = True, needed_bytes: int = 0) -> Iterator[P
         needed_bytes: room that the error of a full disk asks for.
     """
     with written(path, needed_bytes=needed_bytes):
-        part = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
+        _sweep(path.parent)
+        own = f"{_HOST}-{os.getpid()}-{threading.get_ident()}"
+        part = path.with_name(f"{path.name}.{own}.part")
         try:
             yield part
             if sync:
@@ -109,6 +114,28 @@ def whole(path: Path, *, sync: bool = True, needed_bytes: int = 0) -> Iterator[P
                 part.unlink(missing_ok=True)
         if sync:
             fsync_folder(path.parent)
+
+
+def _sweep(folder: Path) -> None:
+    """Removes what processes of this machine left that were killed; once in each folder."""
+    if folder in _SWEPT or os.name == "nt":
+        return
+    _SWEPT.add(folder)
+    for part in folder.glob(f"*.{_HOST}-*.part"):
+        match = re.search(r"-(\d+)-\d+\.part$", part.name)
+        if match is not None and not _lives(int(match[1])):
+            with suppress(OSError):  # another process sweeps, too
+                part.unlink()
+
+
+def _lives(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # of another user
+        return True
+    return True
 
 
 def write_bytes(path: Path, data: bytes | memoryview, *, sync: bool = True) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import IO, Any
@@ -13,6 +14,12 @@ from numpy.typing import NDArray
 from cldit.errors import RunFolderError
 from cldit.io.data_streams import DataStream
 from cldit.io.files import open_regular, whole
+
+
+def checksum(image: NDArray[Any]) -> str:
+    """SHA-256 of the pixels of `image` (..., H, W), row by row, little endian."""
+    little = np.ascontiguousarray(image, image.dtype.newbyteorder("<"))
+    return hashlib.sha256(little.data).hexdigest()
 
 
 def put_image(
@@ -39,6 +46,7 @@ def put_image(
     if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim not in (2, 3):
         raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no image")
     info = {"name": name, "unit": unit, **(meta or {})}
+    info.setdefault("sha256", checksum(image))
     resolution = None
     metadata: dict[str, Any] = {"axes": "YX", "Labels": [f"{name} [{unit}]"]}
     if image.ndim == 3:
@@ -69,7 +77,8 @@ def write_image(
 def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
     """Image and metadata that `write_image` wrote; other TIFFs have empty metadata.
 
-    Raises RunFolderError if the file is missing, damaged, or not an image.
+    Raises RunFolderError if the file is missing, damaged, not an image, or if its pixels are not
+    those that were written.
     """
     try:
         with open_regular(path) as stream, tifffile.TiffFile(stream) as tiff:
@@ -81,4 +90,7 @@ def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
         info = json.loads(imagej.get("Info", "{}"))
     except json.JSONDecodeError:
         info = {}
-    return image, info if isinstance(info, dict) else {}
+    info = info if isinstance(info, dict) else {}
+    if "sha256" in info and info["sha256"] != checksum(image):
+        raise RunFolderError(f"{path}: is damaged: the pixels are not those that were recorded")
+    return image, info

@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, RunFolderError, SceneError
+from cldit.io.exclusive import is_empty
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.images import read_image, write_image
 from cldit.io.plain_data import read_json, read_mapping
@@ -51,7 +52,7 @@ def store_run(run: Run, folder: Path) -> Path:
     Raises:
         RunFolderError: the folder is not empty.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if not is_empty(folder):
         raise RunFolderError(f"{folder}: is not empty; allowed: an empty folder, or a new one")
     make_folder(folder)
     if run.measured is not None and run.folder is not None:
@@ -67,7 +68,7 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     Raises:
         RunFolderError: the folder holds something else.
     """
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+    if is_empty(folder):
         return None
     known = folder / "scene.yaml"
     if not known.is_file():

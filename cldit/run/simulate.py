@@ -15,6 +15,7 @@ from cldit.accuracy.problem import Problem
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
+from cldit.io.exclusive import exclusive
 from cldit.io.progress import Watch, silent
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.prepare.stages import Say, Stages
@@ -52,19 +53,34 @@ def simulate(
         watch: takes the progress of reading a CFD case.
 
     Raises:
+        RunFolderError: the folder has another scene, or another process writes to it.
         ClditError: a subclass, with the problem and a remedy.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        stored = stored_run(folder, scene)
-        if stored is not None:
-            if progress is not None:
-                progress(f"{folder} holds this scene already: read, not traced again")
-            return stored
-    device = device or open_device()
     stages = Stages(progress, watch)
-    problem = Problem(scene, device, stages, cache or default_cache(), spray)
+    cache = cache or default_cache()
+
+    def traced(folder: Path | None) -> Run:
+        opened = device or open_device()
+        return _traced(Problem(scene, opened, stages, cache, spray), folder)
+
+    if out is None:
+        return traced(None)
+    folder = Path(out)
+    run = stored_run(folder, scene)  # without the lock: the folder may be read-only
+    if run is None:
+        with exclusive(folder, "run", nested=True):
+            run = stored_run(folder, scene)
+            if run is None:
+                return traced(folder)
+    if progress is not None:
+        progress(f"{folder} holds this scene already: read, not traced again")
+    return run
+
+
+def _traced(problem: Problem, folder: Path | None) -> Run:
+    """Traces, evaluates, and writes the run into `folder`, if there is one."""
+    scene = problem.scene
     result = converge(problem, scene.transport.accuracy_K)
     from_paper = _against_paper(problem, result)
     run = Run(

@@ -8,6 +8,7 @@ resume a sweep.
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import StudyError
 from cldit.io.content import digest
+from cldit.io.exclusive import LOCK, is_empty
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.plain_data import read_json
 from cldit.run import Run
@@ -110,15 +112,33 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
             raise StudyError(
                 f"{path}: has the sweep of another grid or scene; give another folder with --out"
             )
+        _make_store(path, base, grid)
         return folder
-    if path.exists() and any(path.iterdir()):
-        raise StudyError(f"{path}: is not empty and has no sweep; give another folder with --out")
-    make_folder(path / "points")
-    template = _template(base, grid)
-    with written(path / _STORE):
-        template.to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
-    write_text(known, json.dumps(about, indent=1))
+    check_folder(path)
+    make_folder(path)
+    write_text(known, json.dumps(about, indent=1))  # first: it says what the folder is
+    _make_store(path, base, grid)
     return folder
+
+
+def check_folder(path: Path) -> None:
+    """Raises StudyError if a folder has other contents than a sweep, or the beginning of one."""
+    names = {each.name for each in path.iterdir()} if path.is_dir() else set()
+    begun = names <= {LOCK, "points", _STORE} and not any((path / "points").glob("*"))
+    if not is_empty(path) and not begun and "study.json" not in names:
+        raise StudyError(f"{path}: is not empty and has no sweep; give another folder with --out")
+
+
+def _make_store(path: Path, base: Scene, grid: Grid) -> None:
+    """Makes the empty store, unless it is there; its list of contents is written last."""
+    make_folder(path / "points")
+    if (path / _STORE / ".zmetadata").is_file():
+        return
+    with written(path / _STORE):
+        if (path / _STORE).exists():
+            shutil.rmtree(path / _STORE)
+        template = _template(base, grid)
+        template.to_zarr(path / _STORE, compute=False, zarr_format=2, consolidated=True)
 
 
 def _template(base: Scene, grid: Grid) -> xarray.Dataset:

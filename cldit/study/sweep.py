@@ -20,13 +20,14 @@ from typing import Any
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
 from cldit.io.content import digest
+from cldit.io.exclusive import exclusive
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
 from cldit.scene import Scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Spray
-from cldit.study.dataset import Result, extra, open_folder
+from cldit.study.dataset import Result, check_folder, extra, open_folder
 from cldit.study.grid import Grid, Point
 
 _DEATHS = 10  # workers that may die at one task before it is abandoned
@@ -82,38 +83,41 @@ def run_sweep(
         SceneError: a scene of the grid is not allowed.
         StudyError: images of different size, a folder with something else, no such scheduler, or
             the extra `studies` is not installed.
+        RunFolderError: another process writes to the folder.
     """
     points = list(grid.points(base))
     _check_images(points)
-    folder = open_folder(Path(out), points[0].scene, grid)
-    done = folder.done()
-    groups: dict[str, list[Point]] = defaultdict(list)
-    for point in points:
-        if point.number not in done:
-            groups[trace_key(point.scene)].append(point)
-    failed: list[tuple[int, str]] = []
-    start, come = time.perf_counter(), 0
-    if groups:
-        with _client(scheduler, min(workers or len(groups), len(groups)), workers) as client:
-            for finished in _results(client, list(groups.values()), cache):
-                for point, result, worker, seconds in finished:
-                    if isinstance(result, str):
-                        failed.append((point.number, result))
-                    else:
-                        folder.write(point, result, worker=worker, seconds=seconds)
-                    come += 1
-                left = len(points) - len(done) - come
-                rate = (time.perf_counter() - start) / come
-                if watch is not None:
-                    watch(Progress(len(done) + come, len(points), left * rate))
-    return SweepRecord(
-        folder=folder.path,
-        scenes=len(points),
-        found=len(done),
-        traces=len(groups),
-        seconds=time.perf_counter() - start,
-        failed=tuple(sorted(failed)),
-    )
+    check_folder(Path(out))
+    with exclusive(Path(out), "sweep"):
+        folder = open_folder(Path(out), points[0].scene, grid)
+        done = folder.done()
+        groups: dict[str, list[Point]] = defaultdict(list)
+        for point in points:
+            if point.number not in done:
+                groups[trace_key(point.scene)].append(point)
+        failed: list[tuple[int, str]] = []
+        start, come = time.perf_counter(), 0
+        if groups:
+            with _client(scheduler, min(workers or len(groups), len(groups)), workers) as client:
+                for finished in _results(client, list(groups.values()), cache):
+                    for point, result, worker, seconds in finished:
+                        if isinstance(result, str):
+                            failed.append((point.number, result))
+                        else:
+                            folder.write(point, result, worker=worker, seconds=seconds)
+                        come += 1
+                    left = len(points) - len(done) - come
+                    rate = (time.perf_counter() - start) / come
+                    if watch is not None:
+                        watch(Progress(len(done) + come, len(points), left * rate))
+        return SweepRecord(
+            folder=folder.path,
+            scenes=len(points),
+            found=len(done),
+            traces=len(groups),
+            seconds=time.perf_counter() - start,
+            failed=tuple(sorted(failed)),
+        )
 
 
 def _check_images(points: Sequence[Point]) -> None:

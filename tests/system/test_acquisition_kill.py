@@ -27,7 +27,7 @@ import yaml
 
 from cldit.acquisition import Plan, open_acquisition
 from cldit.acquisition.journal import read_journal
-from cldit.acquisition.storage import exclusive
+from cldit.io.exclusive import exclusive
 
 CHILD = "tests.system.acquisition_child"
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")
@@ -286,7 +286,7 @@ def test_full_disk(bench: Bench) -> None:
 
 
 def test_two_processes_on_one_folder(bench: Bench) -> None:
-    with exclusive(bench.folder):
+    with exclusive(bench.folder, "acquisition"):
         code, _, err = bench.run()
     assert code == 3 and "another acquisition is running here" in err
     assert bench.run()[0] == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ import cldit
 from cldit.errors import SceneError, StudyError
 from cldit.run import RunCache, reevaluated
 from cldit.scene import Scene, parse_scene
+from cldit.study.dataset import open_folder
 from cldit.study.grid import Grid
 from cldit.study.sweep import Progress, run_sweep
 from tests.extras import needs
@@ -131,3 +133,24 @@ def test_refused(scene: Scene, tmp_path: Path) -> None:
         run_sweep(scene, Grid.parse("walls.temperature_K=300"), tmp_path / "c")
     with pytest.raises(StudyError, match="has no sweep"):
         cldit.open_study(tmp_path / "c")
+
+
+@pytest.mark.parametrize("left", ["points", "study.json", "half a store"])
+def test_a_sweep_killed_in_its_first_seconds_goes_on(
+    scene: Scene, tmp_path: Path, left: str
+) -> None:
+    """What a kill leaves at each moment is completed; the folder then has an empty store."""
+    pytest.importorskip("dask.array", reason="the extra studies is not installed")
+    out, grid = tmp_path / "a", Grid.parse("walls.temperature_K=300,320")
+    if left == "points":  # as version 0.2.0 began
+        (out / "points").mkdir(parents=True)
+    else:
+        open_folder(out, scene, grid)
+        if left == "study.json":
+            shutil.rmtree(out / "study.zarr")
+            shutil.rmtree(out / "points")
+        else:
+            (out / "study.zarr" / ".zmetadata").unlink()
+    assert open_folder(out, scene, grid).done() == set()
+    study = cldit.open_study(out)
+    assert study.sizes["walls.temperature_K"] == 2 and bool(np.isnan(study.emissivity).all())

@@ -11,8 +11,8 @@ import pytest
 
 from cldit.acquisition import Plan, acquire, dry_run
 from cldit.acquisition.plan import TriggerSection
-from cldit.acquisition.storage import exclusive
 from cldit.errors import ClditError, DiskFull
+from cldit.io.exclusive import exclusive
 from cldit.rig.errors import OutOfLimits
 from cldit.rig.load import Rig
 from tests.wrapped import pulses, wrapped
@@ -129,7 +129,7 @@ def test_folders(
 
 
 def test_a_folder_in_use(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    with exclusive(tmp_path / "a"):
+    with exclusive(tmp_path / "a", "acquisition"):
         dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
     assert dry == wet and "another acquisition is running here" in dry[0]
 

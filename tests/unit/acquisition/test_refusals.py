@@ -12,8 +12,9 @@ import pytest
 
 from cldit.acquisition import Plan, Progress, acquire, iterate, open_acquisition
 from cldit.acquisition.journal import Journal
-from cldit.acquisition.storage import exclusive, save_shot
+from cldit.acquisition.storage import save_shot
 from cldit.errors import ClditError, DiskFull, RunFolderError
+from cldit.io.exclusive import exclusive
 from cldit.rig.errors import (
     ConfigRejected,
     DeviceTimeout,
@@ -74,7 +75,7 @@ def test_foreign_plan_and_rig_are_refused(
 
 
 def test_two_runs_in_one_folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    with exclusive(tmp_path / "a"):
+    with exclusive(tmp_path / "a", "acquisition"):
         with pytest.raises(RunFolderError, match="another acquisition is running"):
             acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
     assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a").complete

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cldit
 from cldit.errors import RunFolderError
+from cldit.io.exclusive import exclusive
 from cldit.io.images import write_image
 from cldit.run.folder import open_run, stored_run
 
@@ -88,3 +91,25 @@ def test_maps_that_a_full_disk_cut_short_are_made_anew(
     assert (again := stored_run(folder, run.scene)) is not None and again.measured is None
     with pytest.raises(RunFolderError, match=r"reason\.tif: cannot be read"):
         open_run(folder)
+
+
+def test_two_runs_into_one_folder(tmp_path: Path) -> None:
+    """While one writes, the second is refused before it traces anything."""
+    out = tmp_path / "run"
+    held, end = threading.Event(), threading.Event()
+
+    def first() -> None:
+        with exclusive(out, "run"):
+            held.set()
+            end.wait(60.0)
+
+    thread = threading.Thread(target=first)
+    thread.start()
+    try:
+        assert held.wait(60.0)
+        for second in (cldit.simulate, cldit.run_experiment):
+            with pytest.raises(RunFolderError, match="another run is running here"):
+                second("gdi", out)
+    finally:
+        end.set()
+        thread.join()
