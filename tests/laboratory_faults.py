@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 
-from tests.laboratory import BACKGROUNDS_K, Laboratory, laboratory
+from cldit.optics.planck import temperature_of_radiance
+from tests.laboratory import BACKGROUNDS_K, CAMERA, FILTER_UM, Laboratory, laboratory
 from tests.verify.evaluation_bias import Shot
 
 Floats = NDArray[np.float64]
@@ -147,6 +148,39 @@ def frozen(made: Laboratory) -> Laboratory:
     return edit(made, change)
 
 
+def white_is_low(made: Laboratory) -> Laboratory:
+    """Dark pixels stored as large numbers."""
+    return images(made, lambda _, image: 16383.0 - image)
+
+
+def wrapped(made: Laboratory) -> Laboratory:
+    """Counts up to 48 000 stored as integers of 16 bits with a sign."""
+    return edit(
+        made, lambda shot: replace(shot, image=(shot.image.astype(int) * 8).astype(np.int16))
+    )
+
+
+def own_ranges(made: Laboratory) -> Laboratory:
+    """Each image scaled to 0..255."""
+
+    def change(shot: Shot) -> Shot:
+        low, high = float(shot.image.min()), float(shot.image.max())
+        return replace(shot, image=np.rint((shot.image - low) / (high - low) * 255.0))
+
+    return edit(made, change)
+
+
+def temperatures(made: Laboratory, *, zero_K: float = 0.0, factor: float = 1.0) -> Laboratory:
+    """Images of temperatures, as programs of cameras export them."""
+
+    def change(shot: Shot) -> Shot:
+        light = np.maximum(shot.image.astype(float) - 300.0, 1.0) / CAMERA.counts_per_radiance
+        kelvin = temperature_of_radiance(light / 0.85, filter_um=FILTER_UM)
+        return replace(shot, image=((kelvin - zero_K) * factor).astype(np.float32))
+
+    return edit(made, change)
+
+
 def _clean(seed: int, **more: Any) -> Laboratory:
     return laboratory(seed, shape=SHAPE, references=10, shots=10, scatter=0.03 * (seed % 2), **more)
 
@@ -186,6 +220,13 @@ FAULTS: dict[str, Callable[[int], Laboratory]] = {
     "one reference and one injection swapped": lambda s: one_swapped(_clean(s)),
     "a reference of zeros": lambda s: zero_reference(_clean(s)),
     "superframing": lambda s: superframed(_clean(s), 0.5),
+    "dark pixels are large numbers": lambda s: white_is_low(_clean(s)),
+    "counts wrap at 16 bits": lambda s: wrapped(_clean(s)),
+    "images scaled to their own range": lambda s: own_ranges(_clean(s)),
+    "temperatures in K": lambda s: temperatures(_clean(s)),
+    "temperatures in degrees Celsius times 10": lambda s: temperatures(
+        _clean(s), zero_K=273.15, factor=10.0
+    ),
     "frozen camera with a counter": lambda s: frozen(_clean(s)),
     "offset between kinds, 20 counts": lambda s: _clean(s, offset_of_injections=20.0),
     "black body between kinds, 0.5 K": lambda s: _clean(s, blackbody_of_injections_K=0.5),

@@ -54,7 +54,7 @@ def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
         for (setpoint, of), group in sums.items():
             if of != kind or len(group.ids) < _LEAST_SHOTS:
                 continue
-            size = np.sqrt(max(float(np.mean(medians[setpoint, kind])), 1.0))
+            size = _noise(sums[setpoint, "reference"])
             if kind == "injection":
                 size = max(deltas[setpoint], _FAINT * max(deltas.values()), size)
             for name, small in zip(group.ids, group.thumbnails, strict=True):
@@ -63,6 +63,13 @@ def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
         if usual > 0.0:
             found |= {name: value / usual for name, value in distance.items()}
     return found
+
+
+def _noise(references: Sums) -> float:
+    """Noise of a pixel: by the variance of references, else that of counts."""
+    seen = float(np.median(references.variance(slice(None))))
+    level = float(np.mean(np.abs(references.mean(slice(None)))))
+    return float(np.sqrt(seen if seen > 0.0 else max(level, 1e-30)))
 
 
 def _rms(values: NDArray[np.floating]) -> float:
@@ -117,7 +124,7 @@ def check_not_mirrored(
         slope, start = np.polyfit(source[others] / source.max(), delta[others], 1)
         expected = start + slope * source[number] / source.max()
         given, swapped = _rms(delta[number] - expected), _rms(delta[number] + expected)
-        noise = np.sqrt(np.mean(stacks["reference"][number]))  # far above that of blocks
+        noise = _noise(sums[setpoints[number], "reference"])  # far above that of blocks
         if _rms(expected) > noise and swapped < best * given:
             best, where = swapped / given, number
     if best < _MIRRORED:

@@ -20,6 +20,7 @@ from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
 from cldit.dit.solve import Signals, solve
+from cldit.dit.witness.brightness import brightness
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
 from cldit.dit.witness.trend import DriftTerm
@@ -151,17 +152,25 @@ def evaluate_shots(
     for group in sums.values():
         group.saturation_counts = saturation
     bad = _defective(sums, acquisition.bad_pixels)
+    filter_um = from_plain(acquisition.calibration["filter_um"])
+    chosen = Curve(filter_um=filter_um)
+    levels = brightness(sums, setpoints, bad=bad, source=chosen.radiance(setpoints))
+    witnesses += [] if levels is None else [levels]
+    refuse([one for one in witnesses if one.name == "levels"], accept)
     ignored += _leave_saturated(sums, bad)
     setpoints = sorted({setpoint for setpoint, _ in sums})
     outliers, weights = judge(sums)
     if not robust:  # what spoils a reference is no property of the spray
-        bare = {name for (_, kind), one in sums.items() if kind == "reference" for name in one.ids}
-        weights = {one.id: 0.0 for one in outliers if one.id in bare}
+        odd = {one.id for one in outliers}
+        few = [
+            odd & set(one.ids)
+            for (_, kind), one in sums.items()
+            if kind == "reference" and len(odd & set(one.ids)) < len(one.ids) / 2
+        ]
+        weights = dict.fromkeys(set().union(*few), 0.0)
     _reweigh(acquisition, sums, weights)
     sees = _seeing(sums, setpoints, bad)
     fitted = None
-    filter_um = from_plain(acquisition.calibration["filter_um"])
-    chosen = Curve(filter_um=filter_um)
     if curve == "fitted":
         counts = [np.mean(sums[k, "reference"].mean(slice(None))[sees]) for k in setpoints]
         temperatures_K = [sums[k, "reference"].temperature_K for k in setpoints]

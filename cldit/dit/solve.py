@@ -30,14 +30,15 @@ DETECTION = 3.0  # least emissivity in standard errors ...
 LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
 
 KINDS = ("reference", "injection")
-Cause = Literal["black body", "offset", "gain"]
+Cause = Literal["black body", "offset", "gain", "curvature"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drift:
     """An error that references and injections of a background share.
 
-    cause: black body, camera's offset or camera's gain, with the factors slope, 1 and signal.
+    cause: black body, camera's offset, gain or curvature, with the factors slope, 1, signal and
+        signal^2.
     variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
     modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
         variance 1 for all backgrounds and causes. apart: (M, K) by how much larger it is in the
@@ -61,6 +62,8 @@ class Drift:
             return g, s
         if self.cause == "gain":
             return signals
+        if self.cause == "curvature":
+            return signals[0] ** 2, signals[1] ** 2
         return np.ones(signals[0].shape[1]), np.ones(signals[0].shape[1])
 
 

@@ -28,7 +28,7 @@ BUDGETS: dict[str, int] = {
     "cfd": 8374,
     "cldit": 142,
     "cli": 2687,
-    "dit": 5700,
+    "dit": 5841,
     "drivers": 5648,
     "gpu": 1048,
     "io": 1777,

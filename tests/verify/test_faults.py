@@ -27,6 +27,12 @@ NAMED = {
     "one reference and one injection swapped": "shot b01_ref_02 is an outlier.*; ignored",
     "a reference of zeros": "shot b02_ref_04: every pixel is 0; ignored",
     "superframing": "integration times taken in turns",
+    "dark pixels are large numbers": r"fall where the background is hotter: .* \(MinIsWhite\)",
+    "counts wrap at 16 bits": "counts wrap around at 16 bits",
+    "images scaled to their own range": "end at 255: is each scaled to its own range",
+    "temperatures in K": "look like temperatures in K; export raw counts",
+    "temperatures in degrees Celsius times 10": "temperatures in degrees Celsius times 10;",
+    "detector bent by 3 %": "or the camera were not linear: these fit alike",
     "frozen camera with a counter": "6 of 80 images repeat another one",
 }
 

@@ -6,12 +6,13 @@ An error z_k at background k changes references and injections of a pixel by
 
 A steady drift has a course over the backgrounds with a few unknowns (`cldit.dit.witness.trend`). If
 references without that course deviate from their line, the residuals of both kinds about their
-lines are fitted by each of the three causes over all blocks; the smallest remainder identifies the
-cause. If the spray does not distinguish them, the offset is assumed, which cancels in Delta I.
+lines are fitted by each of these causes, and by a camera that is not linear (signal^2, one number
+for all backgrounds), over all blocks. All with nearly the smallest remainder widen the errors.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,7 @@ Floats = NDArray[np.float64]
 _BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
 _TOLD = 1e-4  # of the best determined direction: less is undetermined
 _SAME = 1e-12  # variance of parts of Delta I if all shots are equal
+_ALIKE = 1.3  # ratio of remainders up to which causes are not told apart
 _LONE = 0.1  # share of the explained squares that one background alone may leave
 
 
@@ -62,14 +64,17 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
         if through:
             evidence, trends = whole, going_on
     cause: Cause = _largest(evidence, trends)
-    says = _SAYS[cause] if beyond else ""
+    says = _said([cause]) if beyond else ""
+    alike: dict[Cause, Floats] = {}
     variance = none
     if beyond:
         rest = without(evidence, trends, fitted=True)
         left = references(rest, stated_K=stated_K)[1]
         if left is not None and _beyond(rest, left):
-            cause, variance = _cause(rest)
-            says = _SAYS[cause]
+            alike = _causes(rest)
+            cause = next(iter(alike))
+            variance = alike[cause]
+            says = _said(alike)
     each, jitter = _wander(evidence, cause, trends)
     plain = Drift(
         cause=cause, variance=none, modes=none[None, :], course=none, each=none, jitter=none
@@ -78,6 +83,14 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
     for of, one in trends.items():
         known = drifts.get(of, replace(plain, cause=of))
         drifts[of] = replace(known, modes=one.modes, course=one.course, apart=one.apart)
+    most = max(len(one.modes) for one in drifts.values())
+    for of, variance in list(alike.items())[1:]:
+        known = drifts.get(of, replace(plain, cause=of))
+        drifts[of] = replace(known, variance=variance)
+    if "curvature" in alike:  # one number of its own for all backgrounds
+        own = np.zeros((most + 1, len(none)))
+        own[most] = np.sqrt(alike["curvature"])
+        drifts["curvature"] = replace(drifts["curvature"], variance=none, modes=own)
     return Found(drifts=tuple(drifts.values()), cause=says, through=through)
 
 
@@ -94,11 +107,18 @@ def _largest(evidence: Evidence, trends: Trends) -> Cause:
     return max(size, key=lambda cause: size[cause], default="offset")
 
 
-_SAYS = {
-    "black body": "as if the black body were at another temperature",
-    "offset": "as if the camera's offset changed, which cancels in injection minus reference",
-    "gain": "as if the camera's gain changed",
+_SAYS: dict[Cause, str] = {
+    "black body": "the black body were at another temperature",
+    "offset": "the camera's offset changed, which cancels in injection minus reference",
+    "gain": "the camera's gain changed",
+    "curvature": "the camera were not linear",
 }
+
+
+def _said(causes: Iterable[Cause]) -> str:
+    """Causes that fit alike, in words."""
+    each = [_SAYS[cause] for cause in causes]
+    return f"as if {' or '.join(each)}" + (": these fit alike" if len(each) > 1 else "")
 
 
 def _factors(evidence: Evidence) -> dict[Cause, dict[str, Floats]]:
@@ -106,10 +126,12 @@ def _factors(evidence: Evidence) -> dict[Cause, dict[str, Floats]]:
     one = np.ones((len(evidence.setpoints), evidence.blocks))
     rise = evidence.rise[:, None] * one
     through = {"reference": one, "injection": slopes(evidence) * one}
+    line = {kind: _on_line(evidence, kind) for kind in KINDS}
     return {
         "offset": {kind: one for kind in KINDS},
         "black body": {kind: through[kind] * rise for kind in KINDS},
-        "gain": {kind: _on_line(evidence, kind) for kind in KINDS},
+        "gain": line,
+        "curvature": {kind: signal**2 for kind, signal in line.items()},
     }
 
 
@@ -120,21 +142,31 @@ def _on_line(evidence: Evidence, kind: str) -> Floats:
     return np.asarray(design @ np.linalg.pinv(design) @ evidence.mean(kind))
 
 
-def _cause(evidence: Evidence) -> tuple[Cause, Floats]:
-    """The cause, and its variance (K,): radiance^2, of the gain relative."""
-    found = {cause: _fitted(evidence, factors) for cause, factors in _factors(evidence).items()}
+def _causes(evidence: Evidence) -> dict[Cause, Floats]:
+    """The causes that fit alike, the likeliest first, and their variances (K,): radiance^2, of
+    gain and curvature relative."""
+    found = {
+        cause: _fitted(evidence, factors, one=cause == "curvature")
+        for cause, factors in _factors(evidence).items()
+    }
     # A lone deviation suggests another temperature, several another offset. Scatter of the spray is
     # correlated between blocks, so a small difference is no proof.
     lone = np.count_nonzero(found["black body"][1]) == 1
     likely: Cause = "black body" if lone else "offset"
     best = min(found, key=lambda cause: found[cause][0])
     best = likely if found[likely][0] < _BETTER * found[best][0] else best
-    variance = found[best][1]
-    return best, variance * evidence.rise**2 if best == "black body" else variance
+    alike = [best] + [cause for cause in found if cause != best]
+    least = min(left for left, _ in found.values())
+    return {
+        cause: found[cause][1] * (evidence.rise**2 if cause == "black body" else 1.0)
+        for cause in alike
+        if cause == best or found[cause][0] < _ALIKE * least
+    }
 
 
-def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floats]:
+def _fitted(evidence: Evidence, factors: dict[str, Floats], *, one: bool) -> tuple[float, Floats]:
     """Remaining chi2 with common errors of these `factors` (K, B) by kind, and variance (K,).
+    With `one` the error is one number for all backgrounds.
 
     In addition each background may have another amount of spray: an unknown part of Delta I, with
     the variance between shots as its prior.
@@ -155,11 +187,11 @@ def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floa
         off = np.einsum("bkl,lb->bk", weight, signal)
         total += float(np.einsum("kb,bk->", signal, off))
         columns = [factors[kind] / size, more if kind == "injection" else np.zeros_like(more)]
-        for i, one in enumerate(columns):
-            right[i * count : (i + 1) * count] += np.einsum("kb,bk->k", one, off)
+        for i, column in enumerate(columns):
+            right[i * count : (i + 1) * count] += np.einsum("kb,bk->k", column, off)
             for j, other in enumerate(columns):
                 normal[i * count : (i + 1) * count, j * count : (j + 1) * count] += np.einsum(
-                    "kb,bkl,lb->kl", one, weight, other
+                    "kb,bkl,lb->kl", column, weight, other
                 )
     prior = evidence.number("injection") / max(together, _SAME)
     normal[count:, count:] += np.diag(prior)
@@ -168,6 +200,10 @@ def _fitted(evidence: Evidence, factors: dict[str, Floats]) -> tuple[float, Floa
     back = np.linalg.solve(normal[y, y], np.column_stack([normal[y, z], right[y]]))
     kept = normal[z, z] - normal[z, y] @ back[:, :count]
     side = right[z] - normal[z, y] @ back[:, count]
+    if one:
+        single_z = float(side.sum() / kept.sum())
+        left = total - float(right[y] @ back[:, count]) - single_z * float(side.sum())
+        return left, np.full(count, (single_z * unit / size) ** 2)
     # Lines absorb some directions of the errors: the smallest solution is taken.
     amount = np.linalg.pinv(kept, rcond=_TOLD, hermitian=True) @ side
     told = int(np.linalg.matrix_rank(kept, tol=_TOLD * np.max(np.diag(kept)), hermitian=True))

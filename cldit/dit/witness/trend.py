@@ -31,6 +31,7 @@ _NAMES = {
     "black body": "black body",
     "offset": "offset of the camera",
     "gain": "gain of the camera",
+    "curvature": "non-linearity of the camera",
 }
 
 

@@ -365,7 +365,7 @@ def _one_reference(data: dict[str, Any], folder: Path) -> str:
 def _upside_down(data: dict[str, Any], folder: Path) -> str:
     for background, kelvin in zip(data["backgrounds"], reversed(BACKGROUNDS), strict=True):
         background["temperature_K"] = kelvin
-    return "hotter backgrounds do not look brighter|no pixel sees the background"
+    return "they fall where the background is hotter"
 
 
 @pytest.mark.parametrize(
