@@ -185,6 +185,18 @@ def _clean(seed: int, **more: Any) -> Laboratory:
     return laboratory(seed, shape=SHAPE, references=10, shots=10, scatter=0.03 * (seed % 2), **more)
 
 
+def kinked(made: Laboratory) -> Laboratory:
+    """A detector whose response is steeper by 3 % above 3000 counts."""
+    return images(made, lambda _, image: image + 0.03 * np.maximum(image - 3000.0, 0.0))
+
+
+def tilted(seed: int) -> Laboratory:
+    """A black body that is warmer at another edge at each set point."""
+    rng = np.random.default_rng(2000 + seed)
+    slope = np.linspace(-1.0, 1.0, SHAPE[1])[None, :] * np.ones(SHAPE)
+    return _clean(seed, off_K={k: rng.standard_normal() * slope for k in BACKGROUNDS_K})
+
+
 FAULTS: dict[str, Callable[[int], Laboratory]] = {
     "clean": _clean,
     "offsets renewed between kinds, 15 counts": lambda s: renewed_offsets(
@@ -217,6 +229,8 @@ FAULTS: dict[str, Callable[[int], Laboratory]] = {
     "one set point 1 K off": lambda s: _clean(s, off_K={BACKGROUNDS_K[s % 4]: 1.0}),
     "plate +-1 K": plate,
     "detector bent by 3 %": lambda s: bent(_clean(s), 0.03),
+    "detector kinked by 3 %": lambda s: kinked(_clean(s)),
+    "plate tilts otherwise at each set point": tilted,
     "one reference and one injection swapped": lambda s: one_swapped(_clean(s)),
     "a reference of zeros": lambda s: zero_reference(_clean(s)),
     "superframing": lambda s: superframed(_clean(s), 0.5),

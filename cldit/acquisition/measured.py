@@ -135,6 +135,8 @@ class MeasuredFile(Section):
     """Order of the axes in stacks of images; by default frames, rows, columns (MATLAB: last)."""
     bad_pixels: str | None = None
     """Image that is not 0 where a pixel is defective."""
+    incomplete: bool = False
+    """Read what is there of films that ended early or list images in other files."""
     accept: tuple[Acceptable, ...] = ()
     """Checks (witnesses) that do not end the evaluation, whatever they find."""
 
@@ -280,6 +282,7 @@ def open_measured(path: str | Path) -> Measured:
             where = f"{kind}s at {setpoint_K:g} K"
             found: list[MeasuredShot] = []
             for source in find_sources(folder, patterns, where, given.axes):
+                source = replace(source, incomplete=given.incomplete)
                 if source in owners:
                     raise EvaluationError(
                         f"{source.text}: named as {owners[source]} and as {where}; remove one"

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
+from cldit.dit.agreement import agreeing
 from cldit.dit.budget import Budget, budget
 from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
-from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots
+from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots, ignore_saturated
 from cldit.dit.solve import Signals, solve
 from cldit.dit.witness.brightness import brightness
 from cldit.dit.witness.examine import Examined, examine, examine_images
@@ -39,7 +40,6 @@ CurveSource = Literal["planck", "fitted"]
 
 _SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
 IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
-_ALL = 0.95  # share of saturated pixels at which a background is ignored
 _MUCH = 0.01  # share of saturated pixels that is reported
 
 
@@ -157,7 +157,7 @@ def evaluate_shots(
     levels = brightness(sums, setpoints, bad=bad, source=chosen.radiance(setpoints))
     witnesses += [] if levels is None else [levels]
     refuse([one for one in witnesses if one.name == "levels"], accept)
-    ignored += _leave_saturated(sums, bad)
+    ignored += ignore_saturated(sums, bad)
     setpoints = sorted({setpoint for setpoint, _ in sums})
     outliers, weights = judge(sums)
     if not robust:  # what spoils a reference is no property of the spray
@@ -216,6 +216,12 @@ def evaluate_shots(
         transmission=whole.front.transmission,
         examined=examined,
     )
+    if any(one.stands_out for one in witnesses):  # contradictions that the causes do not explain
+        backgrounds = sum(
+            ~(sums[k, "reference"].full | sums[k, "injection"].full) for k in setpoints
+        )
+        maps, wider = agreeing(maps, np.asarray(backgrounds))
+        ignored += [wider] if wider else []
     if bad.any():
         maps = _without(maps, bad)
     _check_not_swapped(maps)
@@ -246,30 +252,6 @@ def _saturation(calibration: Mapping[str, Any]) -> float:
         raise EvaluationError(
             f"calibration.saturation_counts: missing or no number ({error})"
         ) from error
-
-
-def _leave_saturated(
-    sums: dict[tuple[float, str], Sums], bad: NDArray[np.bool_] | None
-) -> list[str]:
-    """Removes backgrounds at which nearly all pixels are saturated, and returns their remarks."""
-    lines: list[str] = []
-    for setpoint in sorted({setpoint for setpoint, _ in sums}):
-        for kind in ("reference", "injection"):
-            full = sums[setpoint, kind].full
-            share = float(np.mean(full if bad is None else full[~bad]))
-            if share > _ALL:
-                lines.append(
-                    f"background {setpoint:g} K: {100 * share:.0f} % of the pixels of its {kind}s "
-                    "are saturated; it is ignored"
-                )
-                for of in ("reference", "injection"):
-                    del sums[setpoint, of]
-                break
-    if len({setpoint for setpoint, _ in sums}) < 2:
-        raise EvaluationError(
-            "\n".join(lines) + "\nthe evaluation needs two backgrounds: shorten the exposure"
-        )
-    return lines
 
 
 def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, float]) -> None:

@@ -17,6 +17,7 @@ from cldit.radiance.boundary import Surroundings
 Floats = NDArray[np.float64]
 
 _LEAST_PIXELS = 16  # fewer may be equal by chance
+_ALL = 0.95  # share of saturated pixels at which a background is ignored
 
 
 class Shot(Protocol):
@@ -310,3 +311,27 @@ def _with_flat(
             sums[key] = Sums.empty(image.shape, saturation_counts)
         sums[key].add(image, shot, place=place)
     return ignored
+
+
+def ignore_saturated(
+    sums: dict[tuple[float, str], Sums], bad: NDArray[np.bool_] | None
+) -> list[str]:
+    """Removes backgrounds at which nearly all pixels are saturated, and returns their remarks."""
+    lines: list[str] = []
+    for setpoint in sorted({setpoint for setpoint, _ in sums}):
+        for kind in ("reference", "injection"):
+            full = sums[setpoint, kind].full
+            share = float(np.mean(full if bad is None else full[~bad]))
+            if share > _ALL:
+                lines.append(
+                    f"background {setpoint:g} K: {100 * share:.0f} % of the pixels of its {kind}s "
+                    "are saturated; it is ignored"
+                )
+                for of in ("reference", "injection"):
+                    del sums[setpoint, of]
+                break
+    if len({setpoint for setpoint, _ in sums}) < 2:
+        raise EvaluationError(
+            "\n".join(lines) + "\nthe evaluation needs two backgrounds: shorten the exposure"
+        )
+    return lines

@@ -26,7 +26,7 @@ class Hcc:
 
     def __init__(self, source: Source) -> None:
         fasthcc = needed("fasthcc", source.path, extra="hcc", what="Telops films")
-        self._path = source.path
+        self._path, self._incomplete = source.path, source.incomplete
         check_regular(source.path)
         with self._damaged():
             self._film = fasthcc.HCCReader(source.path)
@@ -44,7 +44,8 @@ class Hcc:
     def _damaged(self) -> Iterator[None]:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # of a file that is cut short
+                # of a file that is cut short
+                warnings.simplefilter("ignore" if self._incomplete else "error")
                 yield
         except (OSError, ValueError, KeyError, Warning) as error:
             raise EvaluationError(
@@ -58,7 +59,7 @@ class Hcc:
                 "(0) or NUC (1)"
             )
         gaps = np.flatnonzero(np.diff(ids) != 1)
-        if len(gaps):
+        if len(gaps) and not self._incomplete:
             raise EvaluationError(
                 f"{self._path}: frame {ids[gaps[0]] + 1} is missing, {len(gaps)} gaps in all; "
                 "record again"

@@ -24,6 +24,8 @@ _NAMES: dict[Axis, str] = {  # of dimensions in files that name them
     "rows": "y row rows z height line lines",
     "columns": "x column columns col cols width",
 }
+CUT_OFF = "it is cut off; `incomplete: true` in measured.yaml reads what is there"
+
 _PART = re.compile(r"^(?P<name>.*)\[(?P<first>\d*):(?P<last>\d*)(?::(?P<step>[1-9]\d*))?\]$")
 
 
@@ -32,7 +34,8 @@ class Source:
     """A file, and where in it.
 
     dataset: within HDF5 and the like. first, last, step: which images. axes: order of the stack's
-    axes; None for the usual one of the kind of file.
+    axes; None for the usual one of the kind of file. incomplete: True reads what is there of a file
+    that ended early, or that lists images in other files.
     """
 
     path: Path
@@ -41,6 +44,7 @@ class Source:
     last: int | None = None
     step: int = 1
     axes: tuple[Axis, ...] | None = None
+    incomplete: bool = False
 
     @property
     def part(self) -> slice:

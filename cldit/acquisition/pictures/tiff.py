@@ -16,7 +16,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import SECONDS_OF_UNIT, Source, Told, moment_s
+from cldit.acquisition.pictures.source import CUT_OFF, SECONDS_OF_UNIT, Source, Told, moment_s
 from cldit.errors import EvaluationError
 from cldit.io.files import open_regular
 from cldit.io.plain_data import parse_json
@@ -30,6 +30,7 @@ class Tiff:
 
     def __init__(self, source: Source) -> None:
         self._path = source.path
+        self._incomplete = source.incomplete
         self._stream = open_regular(source.path)
         self._stack: NDArray[Any] | None = None
         try:
@@ -38,10 +39,16 @@ class Tiff:
                 self._pages = self._images()
                 first = self._file.series[0]
                 self._size = os.fstat(self._stream.fileno()).st_size
-                if len(self._pages) == 1 and first.ndim > 2 and first.axes.endswith("YX"):
-                    self._check_end(first.dataoffset, first.nbytes)
-                    self._stack = self._of_one_page(first)
-                self._check_whole()
+                told = (self._file.imagej_metadata or {}).get("images", 1)
+                in_page = first.ndim > 2 and first.axes.endswith("YX")
+                if len(self._pages) == 1 and (in_page or (self._incomplete and told > 1)):
+                    if not self._incomplete:
+                        self._check_end(first.dataoffset, first.nbytes)
+                    self._stack = self._of_one_page(first, told)
+                elif self._incomplete:
+                    self._pages = [n for n in self._pages if self._end(n) <= self._size]
+                if not self._incomplete:
+                    self._check_whole()
             self._turn = self._tag(0, _ORIENTATION, 1)
             self.unit = self._told_unit()
             self.notes = self._notes()
@@ -65,23 +72,27 @@ class Tiff:
             return range(count)
         return [number for number in range(count) if not small(number)]
 
-    def _of_one_page(self, series: Any) -> NDArray[Any]:
+    def _of_one_page(self, series: Any, told: int) -> NDArray[Any]:
         rows, columns = series.shape[-2:]
         if series.dataoffset is None:  # compressed
             return np.asarray(series.asarray()).reshape(-1, rows, columns)
+        count = max(series.size // (rows * columns), told if self._incomplete else 0)
+        if self._incomplete:
+            whole = rows * columns * series.dtype.itemsize
+            count = min(count, (self._size - series.dataoffset) // whole)
         flat: NDArray[Any] = np.memmap(
             self._path,
             self._file.byteorder + series.dtype.char,
             "r",
             series.dataoffset,
-            (series.size // (rows * columns), rows, columns),
+            (count, rows, columns),
         )
         return flat
 
     def _check_end(self, offset: int | None, count: int) -> None:
         if offset is not None and offset + count > self._size:
             raise ValueError(
-                f"its images end at byte {offset + count}, the file at {self._size}; cut off"
+                f"its images end at byte {offset + count}, the file at {self._size}; {CUT_OFF}"
             )
 
     def _check_whole(self) -> None:
@@ -92,13 +103,19 @@ class Tiff:
         file = self._file
         told = (file.imagej_metadata or {}).get("images", 1)
         if len(self) < told:
-            raise ValueError(f"ImageJ says {told} images, {len(self)} are there; it is cut off")
+            raise ValueError(f"ImageJ says {told} images, {len(self)} are there; {CUT_OFF}")
         if self._follows(file.pages[-1].offset):
-            raise ValueError(f"another page follows the last of {len(file.pages)}; it is cut off")
+            raise ValueError(f"another page follows the last of {len(file.pages)}; {CUT_OFF}")
         if file.is_ome:
             missing = sum(page is None for series in file.series for page in series.pages)
             if missing:
-                raise ValueError(f"OME lists {missing} images that are not there")
+                raise ValueError(f"OME lists {missing} images that are not there; {CUT_OFF}")
+
+    def _end(self, number: int) -> int:
+        """Byte at which the pixels of a page end."""
+        page: Any = self._file.pages[number]
+        ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
+        return max(ends, default=0)
 
     def _follows(self, offset: int) -> int:
         """Offset of the page after the directory at `offset`; 0 for none."""
@@ -153,9 +170,8 @@ class Tiff:
         if self._stack is not None:
             return turned(np.asarray(self._stack[number]), self._turn)
         page: Any = self._file.pages[self._pages[number]]
-        ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
-        if max(ends, default=0) > self._size:  # missing strips would be read as zeros
-            raise ValueError("its pixels end before the page does; the file is cut off")
+        if self._end(self._pages[number]) > self._size:  # missing strips would be read as zeros
+            raise ValueError(f"its pixels end before the page does; {CUT_OFF}")
         try:
             picture = np.asarray(page.asarray())
         except (ImportError, ValueError) as error:

@@ -13,6 +13,7 @@ from cldit.dit.witness.finding import Witness
 Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
+_SEES = 0.5  # share of the strongest change at which a pixel sees the background
 _FALLS = 0.02  # of the span of levels: more than noise and drift
 _ENDS = 0.03  # of the range of an integer: close to either end
 _PIXELS = 0.005  # share of pixels that fall by half of that range
@@ -36,6 +37,8 @@ def brightness(
     kelvin = np.array([group.temperature_K for group in groups])
     if not used.any() or np.any(np.diff(kelvin) <= 0.0) or np.any(np.diff(source) <= 0.0):
         return None
+    change = np.abs(groups[-1].mean(slice(None)) - groups[0].mean(slice(None)))
+    used &= change >= _SEES * np.percentile(change[used], 95)
     means = np.array([group.mean(slice(None))[used] for group in groups])
     levels = np.median(means, axis=1)
     says = (

@@ -30,7 +30,8 @@ Floats = NDArray[np.float64]
 _BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
 _TOLD = 1e-4  # of the best determined direction: less is undetermined
 _SAME = 1e-12  # variance of parts of Delta I if all shots are equal
-_ALIKE = 1.3  # ratio of remainders up to which causes are not told apart
+_ALIKE = 1.3  # ratio of remainders up to which causes are not distinguished
+_BENT = 2.0  # the same for the curvature, since no camera bends by signal^2 exactly
 _LONE = 0.1  # share of the explained squares that one background alone may leave
 
 
@@ -160,7 +161,7 @@ def _causes(evidence: Evidence) -> dict[Cause, Floats]:
     return {
         cause: found[cause][1] * (evidence.rise**2 if cause == "black body" else 1.0)
         for cause in alike
-        if cause == best or found[cause][0] < _ALIKE * least
+        if cause == best or found[cause][0] < (_BENT if cause == "curvature" else _ALIKE) * least
     }
 
 

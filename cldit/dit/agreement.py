@@ -1,0 +1,62 @@
+"""Errors that agree with the residuals, where a check contradicts the measurement equation.
+
+If the causes that were found do not explain a contradiction, the reduced chi-square of the pixels
+remains above 1. Their covariance is then multiplied by its mean in the neighbourhood (Birge 1932).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+from scipy.special import chdtrc
+
+from cldit.dit.maps import Maps, Reason
+from cldit.dit.solve import DETECTION
+
+_SIDE = 7  # pixels of a neighbourhood
+_MORE = 1.5  # mean of chi-square over 49 pixels: 4 degrees each give 1 +- 0.1 by chance
+_IMPROBABLE = (1e-3, 0.01)  # probability of a pixel, and share of such pixels, ten times chance
+
+
+def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
+    """Maps whose errors agree with the residuals, and a remark; unchanged if they do already.
+
+    backgrounds: (H, W) number of backgrounds with a signal in each pixel.
+    """
+    known = np.isfinite(maps.fit_probability)
+    if not known.any() or np.mean(maps.fit_probability[known] < _IMPROBABLE[0]) < _IMPROBABLE[1]:
+        return maps, ""
+    total = uniform_filter(np.where(known, maps.reduced_chi2, 0.0).astype(float), _SIDE)
+    mean = total / np.maximum(uniform_filter(known.astype(float), _SIDE), 1.0 / _SIDE**2)
+    factor = np.where(known & (mean > _MORE), mean, 1.0)
+    if not np.any(factor > 1.0):
+        return maps, ""
+    wider = np.sqrt(factor).astype(np.float32)
+    degrees = np.maximum(2 * backgrounds - 4, 1)
+    reduced = np.asarray(maps.reduced_chi2 / factor, np.float32)
+    error = maps.emissivity_standard_error * wider
+    faint = (maps.reason == Reason.OK) & ~(maps.emissivity > DETECTION * error)
+
+    def seen(image: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.where(faint, np.float32(np.nan), image)
+
+    chance = np.where(known, chdtrc(degrees, reduced * degrees), np.nan).astype(np.float32)
+    found = replace(
+        maps,
+        emissivity_standard_error=error,
+        apparent_temperature_K=seen(maps.apparent_temperature_K),
+        apparent_temperature_standard_error_K=seen(
+            maps.apparent_temperature_standard_error_K * wider
+        ),
+        reason=np.where(faint, np.uint8(Reason.EMISSIVITY_TOO_LOW), maps.reason),
+        reduced_chi2=reduced,
+        fit_probability=chance,
+    )
+    share = float(np.mean(factor[known] > 1.0))
+    return found, (
+        f"no cause explains the residuals in {100.0 * share:.0f} % of the pixels: their errors are "
+        f"widened by {float(np.median(wider[factor > 1.0])):.2g} (median) until they agree"
+    )
