@@ -19,6 +19,7 @@ from cldit.accuracy.allocation import IN_VAIN, Allocation, free_sources, shares_
 from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.evaluation import evaluated, sensor_of
+from cldit.accuracy.expected_cost import expected
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
 from cldit.accuracy.phase_spread import phase_spread
@@ -149,6 +150,17 @@ def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> R
     frame = medium.trees[0].frame
     quadrature = prepared.properties.chosen.quadrature
     settings = problem.settings(resolution, prepared)
+    stages.remark(
+        expected(
+            scene,
+            device,
+            frame,
+            prepared.sources,
+            settings,
+            coarse=[] if tracer is None else tracer.costs,
+            allocation=allocation,
+        )
+    )
     every = trace_each(medium.trees, scene, device, settings, report=stages.say)
     traces = summed(every, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.accuracy.coarse_cost import CoarseCost
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.accuracy.image_pair import Floats, ImageDifference, ImagePair
 from cldit.errors import MediumError, TransportError
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, Sources, build_octrees
-from cldit.medium.resolution import on_grid
+from cldit.medium.resolution import on_grid, swept_cells
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
 from cldit.radiance.apparent_temperature import NodeTemperature
@@ -42,7 +43,7 @@ class VariantTracer:
     drawn: the pixels that are traced; None: all. temperature: T_app of these pixels. levels: images
     of the medium itself by number of halvings. earlier: images of the same spray on other lattices
     and their cells, by the cells' edge in m. variants: other images by name and halvings. key: all
-    that the images depend on, except the lattice.
+    that the images depend on, except the lattice. costs: of the coarse traces.
     """
 
     scene: Scene
@@ -55,6 +56,7 @@ class VariantTracer:
     earlier: Mapping[float, ImagePair] = field(default_factory=dict)
     variants: dict[tuple[str, int], ImagePair] = field(default_factory=dict)
     key: Any = None
+    costs: list[CoarseCost] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -191,7 +193,13 @@ class VariantTracer:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
         tree = _tree(self.scene, self.prepared, sources, frame, split)
         pixels = None if self.drawn is None else self.drawn.sample.pixels
-        found = trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays)
+        found, cost = CoarseCost.measured(
+            self.device,
+            swept_cells(frame, sources),
+            settings,
+            lambda: trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays),
+        )
+        self.costs.append(cost)
         return ImagePair.of(found)
 
     def picked(self, result: Trace) -> ImagePair:

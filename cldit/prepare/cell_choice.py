@@ -34,13 +34,22 @@ def cells_that_fit(device: Device, *, wavelengths: int, phase: bool, sweeps: boo
     Trees of all `wavelengths` are in memory together. `phase`: droplets have a phase function.
     `sweeps`: the method has gradients in cells, its largest buffers.
     """
-    free = free_bytes()
-    room = _SHARE * min(device.info.memory_bytes, *(() if free is None else (free,)))
-    bytes_each = (_PHASE_BYTES if phase else _CELL_BYTES) + _WAVELENGTH_BYTES * (wavelengths - 1)
-    fits = min(MOST_CELLS, room / bytes_each)
+    room = _SHARE * memory_bytes(device)
+    fits = min(MOST_CELLS, room / cell_bytes(wavelengths=wavelengths, phase=phase))
     if sweeps:
         fits = min(fits, device.info.largest_buffer_bytes / _BUFFER_BYTES)
     return int(fits)
+
+
+def memory_bytes(device: Device) -> float:
+    """Memory that is free on host and device."""
+    free = free_bytes()
+    return float(min(device.info.memory_bytes, *(() if free is None else (free,))))
+
+
+def cell_bytes(*, wavelengths: int, phase: bool) -> int:
+    """Bytes of a stored cell at the peak of a run."""
+    return (_PHASE_BYTES if phase else _CELL_BYTES) + _WAVELENGTH_BYTES * (wavelengths - 1)
 
 
 def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> float:

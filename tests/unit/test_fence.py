@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3591,
+    "accuracy": 3720,
     "acquisition": 5547,
     "api": 958,
     "bench": 1030,
@@ -35,7 +35,7 @@ BUDGETS: dict[str, int] = {
     "kernels": 2951,
     "medium": 1651,
     "optics": 3634,
-    "prepare": 971,
+    "prepare": 980,
     "radiance": 592,
     "rig": 1763,
     "run": 1763,

@@ -1,0 +1,91 @@
+"""An image that takes long, or much memory, is announced with the source that needs it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cldit.accuracy import expected_cost
+from cldit.accuracy.allocation import Allocation
+from cldit.accuracy.coarse_cost import CoarseCost
+from cldit.accuracy.expected_cost import expected
+from cldit.medium.frame import Frame
+from cldit.medium.octree import PointSource, Sources
+from cldit.scene import Scene, load_scene
+from cldit.transport.trace import TraceSettings, settings_for
+
+GB = 1e9
+
+
+def box() -> Sources:
+    """Droplets in two corners of a cube of 0.1 m."""
+    one = np.ones(2)
+    place = np.array([[-0.0499] * 3, [0.0499] * 3])
+    return PointSource(place, one, one, one, None, (one,)), []
+
+
+def remark(
+    *,
+    depth: int = 6,
+    coarse: CoarseCost | None,
+    ordinates: int = 24,
+    keys: Mapping[str, Any] | None = None,
+) -> tuple[str, ...]:
+    gdi: Scene = load_scene("gdi").with_(**{"camera.pixels": [100, 100], **(keys or {})})
+    settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
+    frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
+    device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
+    return expected(
+        gdi, device, frame, box(), [settings],
+        coarse=[] if coarse is None else [coarse], allocation=Allocation.of(gdi, 1.0),
+    )  # fmt: skip
+
+
+COARSE = CoarseCost(cells=32**3, ordinates=24, pixels=10_000, sweeps_s=1.0, rays_s=1.0)
+
+
+def test_sweeps_grow_with_cells_and_ordinates_rays_with_pixels() -> None:
+    assert COARSE.scaled_s(32**3, 24, 10_000, 1) == 2.0
+    assert COARSE.scaled_s(64**3, 48, 10_000, 1) == pytest.approx(16 + 2)
+    assert COARSE.scaled_s(32**3, 48, 40_000, 2) == pytest.approx(2 + 8)
+    assert replace(COARSE, cells=0).scaled_s(0, 24, 10_000, 1) == 0.0
+
+
+def test_an_image_of_a_minute_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(expected_cost, "memory_bytes", lambda _: 64 * GB)
+    assert remark(coarse=COARSE) == remark(depth=7, coarse=None) == ()  # 8 + 2 core-s; unknown
+    (text,) = remark(depth=7, coarse=COARSE)  # 64 + 4
+    assert text.startswith("expected for the image: 68 core-s and 0.017 GB")
+    assert "2.1e+06 cells of 0.78 mm, 24 ordinates, 1 wavelength; most of it by cells" in text
+    assert text.endswith(f"for {Allocation.of(load_scene('gdi'), 1.0)['cells']:.2g} K")
+    (text,) = remark(coarse=COARSE, ordinates=24 * 20, keys={"transport.directions": 160})
+    assert text.endswith("most of it by trace, set by transport.directions")
+    (text,) = remark(depth=7, coarse=COARSE, keys={"domain.leaf_edge_m": 1e-3})
+    assert text.endswith("most of it by cells, set by domain.leaf_edge_m")
+
+
+def test_half_of_the_memory_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where nothing was traced before, and no time is known."""
+    monkeypatch.setattr(expected_cost, "memory_bytes", lambda _: 0.03 * GB)
+    assert remark(coarse=None) == ()
+    (text,) = remark(depth=7, coarse=None)
+    assert text.startswith("expected for the image: 0.017 GB, by ")
+
+
+def test_a_trace_is_measured() -> None:
+    """A tenth of the time was spent on rays, or all where nothing was swept."""
+    image = SimpleNamespace(background=np.zeros((3, 4)))
+    device: Any = SimpleNamespace(is_cpu=False)
+    settings: Any = SimpleNamespace(final_directions=24)
+    for seconds, share in (({"scattering": 0.9, "image": 0.1}, 0.9), ({}, 0.0)):
+        made: Any = SimpleNamespace(seconds=seconds, weights=image)
+        made.self = made
+        found, cost = CoarseCost.measured(device, 8, settings, partial(getattr, made, "self"))
+        assert found is made and (cost.cells, cost.ordinates, cost.pixels) == (8, 24, 12)
+        assert cost.sweeps_s == pytest.approx(share * (cost.sweeps_s + cost.rays_s))
