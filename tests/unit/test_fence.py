@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "scene": 1684,
     "show": 6951,
     "spray": 6198,
-    "study": 3742,
+    "study": 3760,
     "testing": 1421,
     "transport": 7291,
 }
