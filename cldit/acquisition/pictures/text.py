@@ -23,7 +23,7 @@ _UNIT = re.compile(
 _SIZE = re.compile(r"\b(width|height|columns|cols|rows)\s*[=:;,\t]\s*(\d+)\b", re.IGNORECASE)
 _WIDE = ("width", "columns", "cols")
 _COLD_C, _HOT_C = -80.0, 800.0  # of what infrared cameras export as temperatures
-_UNEVEN = 0.02  # of positions, from one to the next: they are rounded
+_DECIMALS = 6  # at most, of positions
 
 
 class TextImages(ArrayStack):
@@ -34,10 +34,8 @@ class TextImages(ArrayStack):
         images = _images(table.rows)
         notes = [f"header rows omitted: {len(table.header)}"] if table.header else []
         across, down = _evenly(images[0]), _evenly(images[0].T)
-        if across:
-            notes.append("first row omitted: it has the columns' positions")
-        if down:
-            notes.append("first column omitted: it has the rows' positions")
+        notes += ["first row omitted: it has the columns' positions"] * across
+        notes += ["first column omitted: it has the rows' positions"] * down
         images = images[:, int(across) :, int(down) :]
         header = "\n".join(table.header)
         for name, number in _SIZE.findall(re.sub(r"(?i)image(?=width|height)", "", header)):
@@ -76,8 +74,10 @@ def _evenly(image: NDArray[np.float64]) -> bool:
 
     def even(row: NDArray[np.float64]) -> bool:
         steps = np.diff(row)
-        return bool(steps[0] and np.ptp(steps) <= _UNEVEN * abs(steps[0]))
+        if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+            return False
+        units = 10.0 ** -np.arange(_DECIMALS + 1.0)
+        whole = [unit for unit in units if np.allclose(np.rint(row / unit) * unit, row, atol=1e-9)]
+        return bool(np.ptp(steps) <= 2.001 * (whole or [units[-1]])[0])  # both ends are rounded
 
-    if min(image.shape) < 4:
-        return False
-    return even(image[0, 1:]) and not any(even(row[1:]) for row in image[1:])
+    return min(image.shape) > 3 and even(image[0, 1:]) and not any(map(even, image[1:, 1:]))

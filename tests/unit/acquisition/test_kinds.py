@@ -297,6 +297,8 @@ TABLES: list[tuple[str, str, str, Any, str]] = [
      "header rows omitted: 1; first column omitted: it has the rows' positions"),
     ("columns.csv", "\n".join(["0.0,0.1,0.2,0.3,0.4,0.5,0.6", *_lines(",", ".")]), "utf-8",
      IMAGES[:1], "first row omitted: it has the columns' positions"),
+    ("mm.txt", "\n".join(["-0.10 -0.07 -0.03 0.00 0.03 0.07 0.10", *_lines(" ", ".")]), "utf-8",
+     IMAGES[:1], "first row omitted: it has the columns' positions"),
     ("size.txt", "7 5\n" + "\n".join(_lines(" ", ".")), "ascii", IMAGES[:1],
      "header rows omitted: 1"),
 ]  # fmt: skip
