@@ -242,7 +242,7 @@ __kernel void thick_intervals(
 /* Mean of `samples` paths for each chosen ray, with the points from `from_point` on. The first dimension
    of a point is the share of all that thick cells scatter on the line, up to the path's start. */
 __kernel void gather(
-    __global real *means,         /* out: [part][list] */
+    __global real *means,         /* out: [part][list], and the number of segments */
     __global const int *chosen,   /* in: of the rays */
     const int count, const uint samples, const uint from_point, const uint2 key, const uint half_,
     __global const uint *points,  /* in: low-discrepancy, one a path */
@@ -314,6 +314,7 @@ __kernel void gather(
     const real path_weight = all / samples;
 #endif
     const int interval_last = interval_count - 1;
+    real segments = R(0);
     Segments f = no_segments();
     Path paths[SIMD_WIDTH];
     int idle[SIMD_WIDTH];
@@ -337,6 +338,7 @@ __kernel void gather(
             idle[lane] = !start_path(
                 sum, &f, lane, &paths[lane], started++, cell, from + along * sight - corner,
                 path_weight, &common, &region, by_half_sine, table);
+            segments += R(1);
         }
         if (!any_of(f.active)) {
             if (started >= samples) break;
@@ -349,6 +351,7 @@ __kernel void gather(
             LANE_I(f.active, lane) = 0;
             end_segment(sum, &pending, &f, lane, &e, paths[lane].number, &region);
             idle[lane] = !continue_path(sum, &f, lane, &paths[lane], &common, &region, table);
+            segments += idle[lane] ? R(0) : R(1);
         }
         UNROLL for (int c = 0; c < PARTS; ++c) {
             total[c] += sum[c];
@@ -357,6 +360,7 @@ __kernel void gather(
     }
     flush_scores(&pending);
     for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + sum[c] + pending.sum[c];
+    means[PARTS * count + item] = segments;
 #ifdef COUNTED
     means[WITHIN * count + item] = pending.crossed;
 #endif

@@ -83,6 +83,7 @@ class Tuning:
     first_samples: int = _number(16, "per pixel in the first round, a power of two", ERROR)
     growth: int = _number(8, "largest factor of samples from round to round", ERROR)
     paths: float = _number(1e8, "largest number in an image: core-minutes", ERROR)
+    path_segments: float = _number(1e8, "largest number in an image: core-minutes", STABILITY)
     noise_tile: int = _number(12, "pixels along a tile whose noise is estimated", ERROR)
     noise_share: float = _number(0.5, "of accuracy_K, allowed for the noise of paths", ERROR)
     noise_bright: float = _number(

@@ -23,7 +23,7 @@ CELL = EDGE / 16
 SCENE: dict[str, Any] = {
     "size_m": (6 * CELL, 4 * CELL, 6 * CELL),
     "domain": {"edge_m": EDGE, "leaf_edge_m": 1.01 * CELL},
-    "camera": {"pixels": [12, 12], "field_m": [8 * CELL, 8 * CELL]},
+    "camera": {"pixels": [12, 12], "field_m": [8 * CELL, 8 * CELL], "rays_per_pixel": 1},
     "background": {"radius_m": 0.03, "temperatures_K": [400.0, 500.0]},
 }
 BLOCK = {
@@ -256,3 +256,18 @@ def test_coefficients_beyond_single_precision(
     )
     assert run.weights.background.max() < 1e-6
     assert run.weights.wall.mean() == pytest.approx(half_space_reflection(0.5), abs=0.003)
+
+
+def test_paths_are_bounded_in_total(
+    run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Light in cells of depth 1000 that absorb nothing scatters some thousand times in a path.
+
+    The remark names the bound, and the image, whose walls are all that is seen, stays right.
+    """
+    few = Tuning(path_segments=2e5)
+    monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: few)
+    block = {"droplet_scattering_per_m": 2e5, "droplet_absorption_per_m": 2e-2}
+    run = run_block({**block, "droplet_temperature_K": 300.0}, **SCENE)
+    assert any("2e+05 scatterings" in remark for remark in run.info.remarks)
+    assert run.info.closure is not None and abs(run.info.closure.largest) < 5e-4

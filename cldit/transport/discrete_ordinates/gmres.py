@@ -160,11 +160,11 @@ def defect_correction(
     error, most = _worst(residual), sweeper.tuning.solver_peak
     now, peak = error, most
     while now > 0.0 and (left is residual or error > tolerance or peak > most):
-        # A few cells may be far above the mean: they are solved as well.
+        # A few opaque cells may be far above the mean: they are solved as well.
         before, cycle = now, _krylov(sweeper, left, rays, tolerance * min(1.0, most / peak))
         correction, left = correction + cycle.correction, cycle.left
         iterations += cycle.iterations
-        now, peak = _worst(left), float(np.abs(left).max())
+        now, peak = _worst(left), float(np.max(np.abs(left) * sweeper.opacity))
         error = (now + rounding) * cycle.inverse_norm
         if report is not None:
             report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")

@@ -46,7 +46,7 @@ class Sweeper:
     the scattering cells into the box, and collects D = sum w (I - S) q from it.
 
     box, count, components: swept box, number N of scattering cells, number C of components.
-    albedo: (N,) of the scattering cells.
+    albedo, opacity: (N,) of the scattering cells; absorbed share along an edge.
     thermal: (C, N) their thermal source.
     one_minus_lambda: (N,) 1 - Lambda*, the preconditioner (Kunasz and Auer, JQSRT 39, 1988).
     linear_cells: (K,) numbers of the scattering cells that have a gradient.
@@ -127,6 +127,7 @@ class Sweeper:
         self._edge = 1 if self._vector == 1 else self._tile_edge()
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
+        self.opacity = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None

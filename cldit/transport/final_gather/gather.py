@@ -245,6 +245,7 @@ class Gather:
                 }
             )
         self.samples, self.seconds = 0, 0.0
+        self._segments, self._diffusive = 0.0, thick.diffusive
         self.short = ""
 
     def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
@@ -264,8 +265,9 @@ class Gather:
     ) -> Floats:
         """Traces paths until their noise in T_app is `noise_share` of accuracy_K, or to a limit.
 
-        The limits are `max_samples` per pixel and `paths` in total. Rounds sample the tiles where
-        they reduce the variance most.
+        The limits are `max_samples` per pixel, and `paths` and `path_segments` in total. Rounds
+        sample the tiles where they reduce the variance most. Light that diffuses takes paths of
+        unknown length, so that the first round has one in each half.
 
         Args:
             pixels: (N,) flat numbers.
@@ -287,7 +289,8 @@ class Gather:
         tiles = self._tiles(pixels)
         near = np.argsort(tiles, kind="stable")  # paths of a tile cross the same cells
         before = self._image.view.on_background(pixels)
-        size = max(tuning.first_samples // across**2, 1)
+        size = 1 if self._diffusive else max(tuning.first_samples // across**2, 1)
+        self._segments = 0.0
         while size > 1 and 2 * size * across**2 * count > tuning.paths / 4:
             size //= 2
         wanted_of = np.full(count, size)
@@ -324,13 +327,18 @@ class Gather:
             had_of = np.bincount(tiles, samples) // size_of
             ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
             limit = np.minimum(tuning.growth * samples, most // (2 * across**2))
+            longest = self._segments / samples.sum()  # mean number in a path of either half
+            allowed_samples = tuning.path_segments / max(longest, 1.0)
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
+            while wanted_of.sum() > allowed_samples and not np.array_equal(wanted_of, samples):
+                wanted_of = np.maximum(wanted_of // 2, samples)
             paths_in_all = 2.0 * across**2 * wanted_of.sum()
             if np.array_equal(wanted_of, samples) or paths_in_all > tuning.paths:
                 noise_K = float(np.sqrt(energy.sum() / visible))
                 self.short = (
-                    f"paths in thick cells: stopped at {most} samples per pixel, or "
-                    f"{tuning.paths:.0e} in total, with a noise of {noise_K:.2g} K RMS; "
+                    f"paths in thick cells: stopped at {most} samples per pixel, or in total "
+                    f"{tuning.paths:.0e} or {tuning.path_segments:.0e} scatterings, with a noise "
+                    f"of {noise_K:.2g} K RMS; "
                     f"transport.accuracy_K: {wanted:g} needs {tuning.noise_share * wanted:.2g} K; "
                     "increase transport.max_samples or transport.accuracy_K"
                 )
@@ -412,14 +420,16 @@ class Gather:
         key = np.array([self._settings.seed, 0], np.uint32)
         outs = []
         for each, (_, mine) in zip(paths, shares(self.device, len(rays)), strict=True):
-            out = zeros(each.device, "means", self._components * len(mine), self._real)
+            out = zeros(each.device, "means", (self._components + 1) * len(mine), self._real)
             if mine:
                 each.launch(rays[mine.start : mine.stop], some, key, half, out)
             outs.append((each.device, out, len(mine)))
         found = [
-            download(device, out, np.empty((self._components, count), self._real))
+            download(device, out, np.empty((self._components + 1, count), self._real))
             for device, out, count in outs
             if count
         ]
-        whole = np.concatenate(found, axis=1).reshape(self._components, len(chosen), -1)
+        whole = np.concatenate(found, axis=1)
+        self._segments += float(whole[-1].sum(dtype=np.float64))
+        whole = whole[:-1].reshape(self._components, len(chosen), -1)
         return np.asarray(whole.mean(axis=2, dtype=np.float64))
