@@ -10,7 +10,7 @@ from cldit.cfd.ensight.case import list_ensight, read_ensight
 from cldit.cfd.hdf.cgns import list_cgns, read_cgns
 from cldit.cfd.hdf.converge import list_converge, read_converge
 from cldit.cfd.hdf.fluent import is_fluent, list_fluent, read_fluent
-from cldit.cfd.mapping.file import ColumnMap, read_column_map
+from cldit.cfd.mapping.file import ColumnMap, Scalar, read_column_map
 from cldit.cfd.openfoam.case import list_openfoam, read_openfoam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
@@ -75,14 +75,24 @@ def find_format(spec: CfdSpray) -> str:
     return found.pop() if found else "vtk"
 
 
-def read_case(spec: CfdSpray, watch: Watch = silent) -> CfdCase:
-    """Reads one time of a case, in its own coordinates."""
+def read_case(spec: CfdSpray, watch: Watch = silent, *, fuel_column: str | None = None) -> CfdCase:
+    """Reads one time of a case, in its own coordinates.
+
+    fuel_column: read as the fuel, in place of `spec.fuel_field` or what a mapping file gives.
+    """
     kind = find_format(spec)
     if spec.mapping is not None and kind == "tables":
         raise SprayError(f"{spec.mapping}: spray.mapping: spray.file has the names of tables")
     if spec.region is not None and kind != "openfoam":
         raise SprayError(f"{spec.file}: spray.region is for openfoam; this is {kind}")
-    names = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
+    path = spec.file if kind == "tables" else spec.mapping
+    names = ColumnMap() if path is None else read_column_map(path)
+    if fuel_column is not None:
+        fuel = (names.cells.fuel or Scalar(column=fuel_column)).model_copy(
+            update={"column": fuel_column}
+        )
+        cells = names.cells.model_copy(update={"fuel": fuel})
+        names = names.model_copy(update={"cells": cells})
     read, _ = _FORMATS[kind]
     if kind != "tables" and names.parcels is not None and names.parcels.file is not None:
         gas = spec.model_copy(update={"cloud": NO_CLOUD})

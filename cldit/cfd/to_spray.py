@@ -131,7 +131,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     if some is None and not notes.get("liquid_mass_kg"):
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
-    _check_one_fuel(spec, gas, others)
+    _check_one_fuel(spec, case, gas, others)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
@@ -157,13 +157,14 @@ def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
     return sorted(name for name in others if not name.endswith(f"_{fuel_field}"))
 
 
-def _check_one_fuel(spec: CfdSpray, gas: _Gas, others: Sequence[str]) -> None:
+def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, others: Sequence[str]) -> None:
     """Refuses a case in which another fuel has more than a small share."""
-    for name in others if spec.mapping is None and find_format(spec) != "tables" else ():
-        if not is_fuel(name):
-            continue
-        other = read_case(spec.model_copy(update={"fuel_field": name, "cloud": NO_CLOUD}))
-        most = float(np.nanmax(other.gas[name].values)) if name in other.gas else 0.0
+    alone = spec.model_copy(update={"cloud": NO_CLOUD})
+    for name in filter(is_fuel, others):
+        found = read_case(alone, fuel_column=name).gas[spec.fuel_field]
+        if found.label == case.gas[spec.fuel_field].label:
+            continue  # a mapping file gives it
+        most = float(np.nanmax(found.values))
         if most > _SECOND * float(gas.mass_fraction.max()):
             raise SprayError(
                 f"{spec.file}: two fuels: {spec.fuel_field}, up to {gas.mass_fraction.max():.3g}, "

@@ -153,13 +153,15 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
     if wanted.mass is not None and "d" in fields and "rho" in fields:
         mass = source.scalar(wanted.mass, "parcels.mass")
         droplet = fields["rho"].values * np.pi / 6 * fields["d"].values ** 3
-        if not np.all(droplet > 0.0):
-            bad = int(np.argmin(droplet > 0.0))
+        dummy = fields["d"].values == 0.0
+        if not np.all((droplet > 0.0) | dummy):
+            bad = int(np.argmin((droplet > 0.0) | dummy))
             raise SprayError(
                 f"{fields['d'].label}: {fields['d'].values[bad]:g} (entry {bad}) with density "
                 f"{fields['rho'].values[bad]:g} makes no droplet to divide the parcel's mass by"
             )
-        fields["nParticle"] = Column(f"{mass.label} (mass over a droplet's)", mass.values / droplet)
+        number = np.where(dummy, 0.0, mass.values / np.where(dummy, 1.0, droplet))
+        fields["nParticle"] = Column(f"{mass.label} (mass over a droplet's)", number)
     return fields
 
 

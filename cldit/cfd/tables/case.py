@@ -35,8 +35,7 @@ def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 
     A cell is a box about its centre: of edges `size`, or a cube of its `volume`.
     """
-    path = spec.file
-    mapping = read_column_map(path)
+    path, mapping = spec.file, names
     if mapping.cells.file is None:
         raise SprayError(f"{path}: cells.file is missing; it names the table of the gas")
     file = path.parent / mapping.cells.file

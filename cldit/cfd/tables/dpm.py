@@ -64,10 +64,11 @@ def dpm_columns(file: Path) -> dict[str, Column]:
     }
     if DENSITY in names:
         diameter = found["diameter"].values
-        if not np.all(diameter > 0):
-            bad = int(np.argmin(diameter > 0))
+        if not np.all(diameter >= 0):
+            bad = int(np.argmin(diameter >= 0))
             label = found["diameter"].label
             raise SprayError(f"{label}: {diameter[bad]:g} (entry {bad}) is not a size")
-        density = found["mass"].values / (np.pi / 6 * diameter**3)
+        volume = np.where(diameter > 0, np.pi / 6 * diameter**3, np.nan)  # none of a dummy
+        density = found["mass"].values / volume
         found[DENSITY] = Column(f"{file}: columns mass and diameter", density)
     return found

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+import yaml
 
 from cldit.cfd.importing import imported
 from cldit.cfd.to_spray import read_cfd
@@ -16,6 +17,7 @@ from cldit.optics.wavelengths import wavelengths
 from cldit.prepare.fitted_scene import fitted_scene
 from cldit.scene import load_scene, parse_scene
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.formats.conftest import write_tables
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
@@ -89,3 +91,29 @@ def test_two_fuels(tmp_path: Path, foam: Foam, share: float) -> None:
             read_cfd(spec)
     else:
         assert "Other fuels, not read: C2H4, IC8H18." in read_cfd(spec).remarks
+
+
+def test_two_fuels_of_a_table(tmp_path: Path, foam: Foam) -> None:
+    """The mapping file names one of the columns of fuels."""
+    path = write_tables(tmp_path, foam.sample())
+    mapping = yaml.safe_load(path.read_text())
+    table = tmp_path / mapping["cells"]["file"]
+    first, head, *rows = table.read_text().splitlines()
+    text = [first, f"{head},NC12H26", *(f"{row},5.0" for row in rows), ""]
+    table.write_text("\n".join(text))
+    with pytest.raises(SprayError, match=r"two fuels: C7H16, up to .* and NC12H26, up to 0.05"):
+        read_cfd(CfdSpray(file=path, **PLACE))
+
+
+def test_a_dummy_among_parcels_with_masses(tmp_path: Path, foam: Foam) -> None:
+    """Its mass cannot be divided by that of a droplet of no size."""
+    path = write_tables(tmp_path, foam.sample())
+    whole = read_cfd(CfdSpray(file=path, **PLACE)).notes["parcels"]
+    mapping = yaml.safe_load(path.read_text())
+    given = mapping["parcels"]
+    table = tmp_path / given["file"]
+    rows = [row.split() for row in table.read_text().splitlines()]
+    at = next(n for n, row in enumerate(rows) if given["radius"]["column"] in row)
+    rows[at + 3][rows[at].index(given["radius"]["column"])] = "0"
+    table.write_text("\n".join([*(" ".join(row) for row in rows), ""]))
+    assert read_cfd(CfdSpray(file=path, **PLACE)).notes["parcels"] == whole - 1

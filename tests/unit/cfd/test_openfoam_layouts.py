@@ -146,11 +146,11 @@ def test_impossible_parcels_are_counted(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     many = {name: np.concatenate([values] * 12) for name, values in cloud.items()}
     many["position"] += 1e-9 * np.arange(204)[:, None]  # each place once
-    many["d"][3], many["T"][5] = 0.0, np.nan
+    many["d"][3], many["T"][5] = -1e-6, np.nan
     many["position"][7] = (1.0, 1.0, 1.0)
     many["nParticle"][7] *= 1e-3  # light: 1/204 of the parcels, but little of the liquid
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=many)
-    with pytest.raises(SprayError, match=r"Cloud/d: 0 \(entry 3\) .*3 of 204 parcels.* 1 % may"):
+    with pytest.raises(SprayError, match=r"d: -1e-06 \(entry 3\) .*3 of 204 parcels.* 1 % may"):
         notes(case)
     spray = read_cfd(CfdSpray(file=case, parcels_left_out=0.02, **SET))
     assert spray.notes["parcels"] == 201
