@@ -185,6 +185,17 @@ def _clean(seed: int, **more: Any) -> Laboratory:
     return laboratory(seed, shape=SHAPE, references=10, shots=10, scatter=0.03 * (seed % 2), **more)
 
 
+def in_units(made: Laboratory, size: float) -> Laboratory:
+    """Images in a unit of so many counts, in float."""
+    edit(made, lambda shot: replace(shot, image=shot.image / size))
+    given = made.recorded.calibration
+    made.recorded.calibration = {
+        "filter_um": given["filter_um"],
+        "saturation_counts": given["saturation_counts"] / size,
+    }
+    return made
+
+
 def kinked(made: Laboratory) -> Laboratory:
     """A detector whose response is steeper by 3 % above 3000 counts."""
     return images(made, lambda _, image: image + 0.03 * np.maximum(image - 3000.0, 0.0))
@@ -231,6 +242,8 @@ FAULTS: dict[str, Callable[[int], Laboratory]] = {
     "detector bent by 3 %": lambda s: bent(_clean(s), 0.03),
     "detector kinked by 3 %": lambda s: kinked(_clean(s)),
     "plate tilts otherwise at each set point": tilted,
+    "float in thousands of counts": lambda s: in_units(_clean(s), 1e3),
+    "float in millions of counts": lambda s: in_units(_clean(s), 1e6),
     "one reference and one injection swapped": lambda s: one_swapped(_clean(s)),
     "a reference of zeros": lambda s: zero_reference(_clean(s)),
     "superframing": lambda s: superframed(_clean(s), 0.5),

@@ -62,13 +62,13 @@ class MeasuredSensor(Section):
     variance.
     """
 
-    saturation_counts: Annotated[float, Within(1.0, 1e9)]
+    saturation_counts: Annotated[float, Within(1e-12, 1e12)]
     """Level at and above which a pixel is not used."""
     offset_counts: Annotated[float, Within(-1e6, 1e6)] | None = None
     """Counts in the dark; by default from the references."""
     counts_per_radiance: Annotated[float, Within(1e-40, 1e10)] | None = None
     """Gain, counts per photon s-1 m-2 sr-1; by default from the references."""
-    electrons_per_count: Annotated[float, Within(1e-6, 1e9)] | None = None
+    electrons_per_count: Annotated[float, Within(1e-9, 1e21)] | None = None
     """For the photon noise; by default from the references' variance."""
     read_noise_electrons: Annotated[float, Within(0.0, 1e9)] | None = None
     """Noise of the camera; by default from the references' variance."""

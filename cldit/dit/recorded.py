@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
@@ -116,6 +117,19 @@ class Evaluation:
         }
 
 
+@contextmanager
+def _solvable() -> Iterator[None]:
+    """Turns a failure of linear algebra, on images of which no check knows, into an error."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise EvaluationError(
+            f"the lines of the pixels have no solution ({error}); are the images of a camera that "
+            "sees the background, unsaturated at two temperatures?"
+        ) from error
+
+
+@_solvable()
 def evaluate_shots(
     acquisition: Acquisition,
     *,

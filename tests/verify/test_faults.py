@@ -14,7 +14,8 @@ import pytest
 from cldit.dit.recorded import evaluate_shots
 from cldit.errors import EvaluationError
 from tests.bench.faults import fault_row
-from tests.laboratory_faults import FAULTS
+from tests.laboratory import laboratory
+from tests.laboratory_faults import FAULTS, SHAPE, in_units
 
 NAMED = {
     "offsets renewed between kinds, 15 counts": "offsets by 2[01] counts",
@@ -47,6 +48,14 @@ def _said(name: str, seed: int) -> str:
 @pytest.mark.parametrize("name", NAMED)
 def test_a_fault_is_named(name: str) -> None:
     assert re.search(NAMED[name], _said(name, 1))
+
+
+def test_a_unit_of_the_images_changes_nothing() -> None:
+    """Rounding to counts is an error of integers only; thresholds have no unit."""
+    made = [in_units(laboratory(1, shape=SHAPE), size) for size in (1.0, 1e6)]
+    one, other = (evaluate_shots(each.recorded).maps for each in made)
+    for name in ("emissivity_standard_error", "apparent_temperature_standard_error_K"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=0.01)
 
 
 @pytest.mark.slow

@@ -89,7 +89,7 @@ def _wrapped(means: Floats, largest: Floats) -> str:
             falls = np.any(np.diff(means, axis=0) < -span / 2.0, axis=0)
             if at_ends and np.mean(falls) > _PIXELS:
                 return (
-                    f"counts wrap around at {bits} bits, {100.0 * np.mean(falls):.2g} % of the "
+                    f"counts wrap around at {bits} bits, {100.0 * np.mean(falls):.0f} % of the "
                     f"pixels ({low:g}..{most:g}); export integers without a sign, or of more bits"
                 )
     return ""

@@ -270,25 +270,23 @@ def between_kinds(
     slopes2, slopes_doubt = lines[1].beyond(1.0, 0.0)
     spray2 = max(slopes2 + 2.0 * slopes_doubt, 0.0)
     gain = lines[1].gain
+    found, says, sure = Renewed(), [], 0.0
     if offset2 > _WIDE * doubt and offset2 > spray2 * (_SPREAD * warmest) ** 2:
-        found = Renewed(offset_counts=float(np.sqrt(offset2)))
+        found = replace(found, offset_counts=float(np.sqrt(offset2)))
         kelvin = found.offset_counts / float(np.median(rise_counts))
-        says, sure = (
-            f"offsets by {found.offset_counts:.2g} counts ({kelvin:.2g} K)",
-            offset2 / doubt,
-        )
-    elif slopes2 > _WIDE * slopes_doubt and slopes2 > (2.0 * thin * gain) ** 2:
-        found = Renewed(gain=float(np.sqrt(slopes2)) / gain)
-        says, sure = f"gains by {100.0 * found.gain:.2g} %", slopes2 / slopes_doubt
-    else:
-        return Renewed()
+        says.append(f"offsets by {found.offset_counts:.2g} counts ({kelvin:.2g} K)")
+        sure = offset2 / doubt
+    if slopes2 > _WIDE * slopes_doubt and slopes2 > (2.0 * thin * gain) ** 2:
+        found = replace(found, gain=float(np.sqrt(slopes2)) / gain)
+        says.append(f"gains by {100.0 * found.gain:.2g} %")
+        sure = max(sure, slopes2 / slopes_doubt)
     if sure < _SURE:
         return found
     witness = Witness(
         name="pixels",
         compared="pixels of injections against those of references, with the least spray",
-        says=f"{says} from pixel to pixel: was the camera's correction (NUC) renewed between the "
-        "kinds? Errors are widened",
+        says=f"{' and '.join(says)} from pixel to pixel: was the camera's correction (NUC) "
+        "renewed between the kinds? Errors are widened",
         stands_out=True,
     )
     return replace(found, witness=witness)
