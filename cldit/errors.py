@@ -75,3 +75,8 @@ class DropletError(OpticsError):
 
 class StudyError(ClditError, ValueError):
     """A study or a grid of scenes cannot be computed, or its folder belongs to another."""
+
+
+def reason(error: BaseException) -> str:
+    """Text of an error, or its kind if it has none, as MemoryError."""
+    return str(error) or type(error).__name__

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.pictures.kinds import ALLOWED, EXPORT, by_ending, kind_of
 from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack, Told
-from cldit.errors import EvaluationError, FileError
+from cldit.errors import EvaluationError, FileError, reason
 
 GROUP = "cldit.readers"
 
@@ -59,7 +59,7 @@ def open_stack(source: Source) -> Stack:
     except FileError as error:
         raise EvaluationError(str(error)) from error
     except Exception as error:  # damaged headers lead the readers into errors of all kinds
-        raise EvaluationError(f"{source.path}: cannot be read ({error})") from error
+        raise EvaluationError(f"{source.path}: cannot be read ({reason(error)})") from error
     try:
         _check(stack, source)
         return stack if source == source.whole else _Part(stack, source)
@@ -169,7 +169,7 @@ class FrameReader:
         except EvaluationError:
             raise
         except Exception as error:
-            raise EvaluationError(f"{source.text}: image {number}: {error}") from error
+            raise EvaluationError(f"{source.text}: image {number}: {reason(error)}") from error
 
     def close(self) -> None:
         """Closes the file; the next image opens it again."""

@@ -17,6 +17,7 @@ from cldit.io.plain_data import parse_json
 Entry = dict[str, Any]
 
 _NUMBER = (int, float)
+_FIRST_YEAR, _LAST_YEAR = 1970, 2100  # 1970 of a computer whose clock was never set
 _TYPES: dict[str, type | tuple[type, ...]] = {  # of what an entry may hold
     "shot": str,
     "attempt": int,
@@ -90,10 +91,12 @@ def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
     if not isinstance(entry, dict) or entry.get("seq") != number:
         return f"does not carry the sequence number {number}", {}
     try:
-        datetime.fromisoformat(entry["time"])
+        time = datetime.fromisoformat(entry["time"])
         entry["event"].lower()
     except (KeyError, TypeError, ValueError, AttributeError):
         return "has no time or no event", {}
+    if time.tzinfo is None or not _FIRST_YEAR <= time.year <= _LAST_YEAR:
+        return f"has the time {entry['time']}, without a zone or of another century", {}
     for name, kind in _TYPES.items():
         known = entry.get(name)
         wrong = isinstance(known, bool) and kind is not bool  # True is an int to Python

@@ -20,8 +20,8 @@ if TYPE_CHECKING:  # used by every command, of which few acquire
 
 P = ParamSpec("P")
 R = TypeVar("R")
-OUT = Console(highlight=False, soft_wrap=True)
-ERR = Console(stderr=True, highlight=False, soft_wrap=True)
+OUT = Console(highlight=False, soft_wrap=True, emoji=False)  # `:x:` in a name stays
+ERR = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def plain_errors(command: Callable[P, R]) -> Callable[P, R]:

@@ -11,7 +11,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cldit.errors import RunFolderError
+from cldit.errors import RunFolderError, reason
 from cldit.io.data_streams import DataStream
 from cldit.io.files import open_regular, whole
 
@@ -85,7 +85,7 @@ def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
             image = np.asarray(tiff.asarray())
             imagej = tiff.imagej_metadata or {}
     except Exception as error:  # a damaged header causes many kinds of errors in tifffile
-        raise RunFolderError(f"{path}: cannot be read as TIFF ({error})") from error
+        raise RunFolderError(f"{path}: cannot be read as TIFF ({reason(error)})") from error
     try:
         info = json.loads(imagej.get("Info", "{}"))
     except json.JSONDecodeError:

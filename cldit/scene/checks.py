@@ -29,10 +29,10 @@ class Section(BaseModel):
 
 
 def _number(value: float) -> str:
-    return f"{value:g}" if isinstance(value, float) else _short(str(value))
+    return f"{value:g}" if isinstance(value, float) else shortened(str(value))
 
 
-def _short(text: str) -> str:
+def shortened(text: str) -> str:
     """A value for a message, cut to 200 characters."""
     return text if len(text) <= 200 else f"{text[:197]}..."
 
@@ -135,6 +135,7 @@ def _sections(annotation: Any) -> list[type[BaseModel]]:
     return found
 
 
+_MOST_LINES = 50  # of a message: the suggestions for thousands of keys would take minutes
 _KINDS = {
     "int": "is not a whole number",
     "float": "is not a number",
@@ -149,7 +150,7 @@ _KINDS = {
 def _words(error: ErrorDetails, sections: Sequence[type[BaseModel]]) -> str:
     """The text of a pydantic error in terms of YAML."""
     kind, context = error["type"], error.get("ctx", {})
-    shown = _short(repr(error["input"]))
+    shown = _shown(error["input"])
     if kind == "literal_error":
         return f"{shown} is unknown; allowed: {context['expected']}"
     if kind in ("too_short", "too_long"):
@@ -169,6 +170,14 @@ def _words(error: ErrorDetails, sections: Sequence[type[BaseModel]]) -> str:
         )
     word = _KINDS.get(kind.partition("_")[0])
     return f"{shown}: {error['msg']}" if word is None else f"{shown} {word}"
+
+
+def _shown(value: Any) -> str:
+    """A value as Python writes it, shortened."""
+    try:
+        return shortened(repr(value))
+    except ValueError:  # Python does not write a whole number of more than 4300 digits
+        return "a number of more than 4300 digits"
 
 
 def _nearest(path: str, keys: Sequence[str], model: type[BaseModel]) -> str:
@@ -199,7 +208,7 @@ def key_paths(model: type[BaseModel]) -> list[str]:
 def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
     """One line for each of the `errors` that `model` found: path, value and what is allowed."""
     lines: list[str] = []
-    for error in errors:
+    for error in errors[:_MOST_LINES]:
         path, sections = _walk(model, error)
         if error["type"] == "extra_forbidden":
             keys = list(dict.fromkeys(key for s in sections for key in s.model_fields))
@@ -218,5 +227,6 @@ def describe(model: type[BaseModel], errors: Sequence[ErrorDetails]) -> str:
             text = error["msg"].removeprefix("Value error, ")
         else:
             text = _words(error, sections)
-        lines.append(f"{path}: {text}" if path else text)
-    return "\n".join(dict.fromkeys(lines))
+        lines.append(f"{shortened(path)}: {text}" if path else text)
+    left = len(errors) - _MOST_LINES
+    return "\n".join([*dict.fromkeys(lines), *([f"and {left} errors more"] if left > 0 else [])])

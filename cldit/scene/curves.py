@@ -25,8 +25,11 @@ def check_curve(pairs: Any, *, what: str) -> Curve:
         SceneError: not pairs of numbers, a wrong unit, fewer than two pairs, or no value above 0.
     """
     try:
+        pairs = list(pairs)
+        if any(isinstance(number, bool) for pair in pairs for number in pair):
+            raise TypeError("true or false")
         curve = [(float(wavelength), float(value)) for wavelength, value in pairs]
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise SceneError(
             f"{what}: expected pairs of wavelength (um) and value (0..1), found {error}"
         ) from error

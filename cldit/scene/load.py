@@ -10,6 +10,7 @@ from typing import Any
 from cldit.errors import SceneError
 from cldit.io.plain_data import dump_yaml, parse_yaml, read_mapping
 from cldit.scene.change import merged
+from cldit.scene.checks import shortened
 from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
@@ -43,12 +44,12 @@ def load_scene(name_or_path: str | Path) -> Scene:
 def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
     """Reads a scene; `above` are the files whose `base` led here."""
     path = Path(name_or_path)
-    if path.suffix in (".yaml", ".yml") or path.is_file():
+    if path.suffix in (".yaml", ".yml") or _is_file(path):
         data = read_mapping(path)
         if "base" in data:
             data = _on_base(data, path, above)
         return parse_scene(data, source=str(path), folder=path.parent)
-    name = str(name_or_path)
+    name = shortened(str(name_or_path))
     known = shipped_scenes()
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)
@@ -58,6 +59,14 @@ def _loaded(name_or_path: str | Path, above: tuple[Path, ...]) -> Scene:
         )
     text = resources.files(_LIBRARY).joinpath(f"{name}.yaml").read_text(encoding="utf-8")
     return parse_scene(parse_yaml(text, source=name), source=name)
+
+
+def _is_file(path: Path) -> bool:
+    """True for a file; a text that is too long for a name is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[str, Any]:
@@ -72,7 +81,7 @@ def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[
         chain = " -> ".join(str(one) for one in (*above, here))
         raise SceneError(f"{path}: base: leads back to itself ({chain})")
     beside = path.parent / base
-    named = beside if beside.is_file() else base
+    named = beside if _is_file(beside) else base
     below = _loaded(named, (*above, here)).model_dump(mode="json", exclude_unset=True)
     over = {key: value for key, value in data.items() if key != "base"}
     return merged({**below, "name": path.stem}, over)

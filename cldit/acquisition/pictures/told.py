@@ -19,7 +19,7 @@ import numpy as np
 
 from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
-from cldit.errors import EvaluationError
+from cldit.errors import EvaluationError, reason
 from cldit.io.text_tables import read_table_text, split_cells
 
 ZERO_CELSIUS_K = 273.15
@@ -61,7 +61,7 @@ def read_numbers(
     except (OSError, ValueError) as error:
         if isinstance(error, EvaluationError):
             raise
-        raise EvaluationError(f"{source.text}: cannot be read ({error})") from error
+        raise EvaluationError(f"{source.text}: cannot be read ({reason(error)})") from error
 
 
 def _column(
