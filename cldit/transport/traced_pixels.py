@@ -16,6 +16,7 @@ from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
 Across = NDArray[np.int64]
 _SAMPLES = 7  # that measure the error
 _CLOSE = 1.1  # of the allowed error
+_GAIN = 0.8  # of an error by more rays: else it is noise of paths, which rays do not reduce
 
 
 @dataclass(frozen=True)
@@ -77,8 +78,11 @@ def traced_pixels(
 def _chosen(choice: RayChoice, settings: TraceSettings) -> Subpixels | None:
     """Adds rays until a sample of pixels measures `settings.rays_K` or less."""
     assert settings.rays_K is not None
+    before_K = np.inf
     for number in range(_SAMPLES):
         subpixels, error_K = measured_subpixels(choice, settings, number)
-        if error_K <= _CLOSE * settings.rays_K or not choice.reach(settings.rays_K):
+        enough = error_K <= _CLOSE * settings.rays_K or error_K > _GAIN * before_K
+        if enough or not choice.reach(settings.rays_K):
             break
+        before_K = error_K
     return subpixels

@@ -44,7 +44,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6198,
     "study": 3760,
     "testing": 1421,
-    "transport": 7303,
+    "transport": 7307,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
