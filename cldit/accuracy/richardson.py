@@ -27,13 +27,14 @@ class RichardsonEstimate:
 
     order: of convergence. difference: the error, with its map. sizes: of the three images' cells
     over that of the finest. bound_K: outside the asymptotic range, the larger error by first order
-    from either difference; else None.
+    from either difference; else None. shown: true if the order is observed between the limits.
     """
 
     order: float
     difference: ImageDifference
     sizes: tuple[float, float, float] = (1.0, 2.0, 4.0)
     bound_K: float | None = None
+    shown: bool = False
 
     @classmethod
     def of(
@@ -49,7 +50,7 @@ class RichardsonEstimate:
         With an error of C h^p, `before` (`twice` h against `once` h) is C h^p (twice^p - once^p),
         and `last` (`once` h against h) is C h^p (once^p - 1).
         """
-        order, bound_K = _ORDERS[0], None
+        order, bound_K, shown = _ORDERS[0], None, False
         if before.error_K and last.error_K:
             ratio = before.error_K / last.error_K
 
@@ -60,11 +61,11 @@ class RichardsonEstimate:
             if above(high) < -1e-6 * ratio:
                 bound_K = max(last.error_K / (once - 1.0), before.error_K / (twice - once))
             elif above(high) <= 0.0:
-                order = high
+                order, shown = high, True
             elif above(low) < 0.0:
-                order = float(brentq(above, low, high, xtol=1e-6))
+                order, shown = float(brentq(above, low, high, xtol=1e-6)), True
         found = last.times(1.0 / (once**order - 1.0))
-        return cls(order, found, (1.0, once, twice), bound_K)
+        return cls(order, found, (1.0, once, twice), bound_K, shown)
 
 
 def error_at(tracer: VariantTracer, depth: int) -> RichardsonEstimate | None:

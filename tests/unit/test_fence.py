@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3720,
+    "accuracy": 3726,
     "acquisition": 5550,
     "api": 958,
     "bench": 1030,

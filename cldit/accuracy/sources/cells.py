@@ -22,6 +22,7 @@ class _Cells(ErrorSource):
 
     name = "cells"
     shared_by = "cells"
+    also = ("order of the cells",)
     cost_power = 3.0  # the number of cells grows as h^-3, the error falls at least as h
     remedy: ClassVar = {
         "": "a smaller domain.leaf_edge_m",
@@ -61,7 +62,11 @@ class _Cells(ErrorSource):
         sizes = ", ".join(f"{cell_mm * up:.3g}" for up in found.sizes)
         what = "cone and cells" if at.prepared.on_lattice else "cells"
         how = f"{what} of {sizes} mm, extrapolated by order {found.order:.2g}"
-        return [Estimate.of(self.name, found.difference, how, fixed, order=found.order)]
+        out = [Estimate.of(self.name, found.difference, how, fixed, order=found.order)]
+        if fixed and not found.shown:
+            why = f"cells of {sizes} mm show no order of convergence between 1 and 2"
+            out.append(Estimate.unknown(self.also[0], why, fixed))
+        return out
 
     def _by_finer(self, at: Measurement, fixed: str) -> Estimate:
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""

@@ -71,7 +71,9 @@ def test_orders_are_bounded() -> None:
     lucky = RichardsonEstimate.of(ImageDifference(8.0, one), ImageDifference(0.1, one))
     assert lucky.order == 1.0 and lucky.difference.error_K == 0.1 and lucky.bound_K == 8.0 / (4 - 2)
     assert RichardsonEstimate.of(ImageDifference(8.0, one), ImageDifference(2.0, one)).order == 2.0
-    assert RichardsonEstimate.of(ImageDifference(1.0, one), ImageDifference(2.0, one)).order == 1.0
+    slow = RichardsonEstimate.of(ImageDifference(1.0, one), ImageDifference(2.0, one))
+    assert slow.order == 1.0 and not slow.shown and not lucky.shown
+    assert RichardsonEstimate.of(ImageDifference(6.0, one), ImageDifference(2.0, one)).shown
     none = RichardsonEstimate.of(ImageDifference(1.0, one), ImageDifference(0.0, one))
     assert none.difference.error_K == 0.0
 
