@@ -78,6 +78,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
         self._heater = Told("heater")
         self._said = ""
+        self._set_first = False
 
     def _open(self, timeout_s: float) -> None:
         from pyvisa.constants import Parity
@@ -114,18 +115,26 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         }
 
     def _still(self) -> str:
-        """Switches the heater off first, if possible; then sets the safe set point. What it says to
-        either is checked after both."""
+        """Switches the heater off, if possible, and sets the safe set point; what it says to either
+        is checked after both. Each attempt begins with the other one, so that a command without the
+        expected answer does not keep the other from being sent."""
         off, safe_K = self._settings.heater_off, self._settings.safe_setpoint_K
-        checks = [] if off is None else [self._told(off)]
         self._setpoint.written(f"{safe_K:.1f} K")
-        checks.append(self._told(self._settings.set, safe_K - self._offset_K))
-        for check in checks:
-            check()
+        commands: list[tuple[Command, float]] = [(self._settings.set, safe_K - self._offset_K)]
         if off is not None:
-            self._heater.confirmed("off")
+            self._heater.written("off")
+            commands.insert(int(self._set_first), (off, 0.0))
+        self._set_first = not self._set_first
+        for check in [self._told(command, value) for command, value in commands]:
+            check()
+        self._set_first, heater = False, ""
+        if off is not None:
+            answers = off.answer is not None
+            heater = "heater off, " if answers else "heater told to switch off (not confirmed), "
+            if answers:
+                self._heater.confirmed("off")
         got_K = self._confirmed(safe_K, self._kelvin(self._settings.setpoint))
-        return ("heater off, " if off is not None else "") + f"set point {got_K:.1f} K"
+        return f"{heater}set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
         got_K = self._write(temperature_K)

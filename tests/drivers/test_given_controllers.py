@@ -12,7 +12,8 @@ from cldit.errors import SceneError
 from cldit.io.plain_data import parse_yaml
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
-from cldit.rig.errors import ConfigRejected, NotConnected
+from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe
+from cldit.testing.bed import beds_of, opened
 from cldit.testing.replies import Replies
 
 for _module in ("pyvisa_py", "pymodbus"):
@@ -199,3 +200,24 @@ def test_the_rig_files_of_the_docs() -> None:
                 load_driver(choice["driver"])(choice["settings"], CONTEXT)
                 seen.append(choice["driver"])
     assert {"modbus_blackbody", "line_blackbody", "dg645", "pulse_generator"} <= set(seen)
+
+
+def test_a_heater_switch_without_an_answer_does_not_keep_the_set_point(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The rig file expects an answer that never comes: the set point is lowered all the same."""
+    with opened(beds_of("line_blackbody")["talks-serial"], answer_s=0.2) as bed:
+        bed.device.connect()
+        bed.device.set_setpoint(440.0)
+        told, off = bed.device._told, bed.device._settings.heater_off
+
+        def silent(command: Any, value: float = 0.0) -> Any:
+            with bed.device._asking():
+                if command is off:
+                    raise DeviceTimeout("no answer")
+            return told(command, value)
+
+        monkeypatch.setattr(bed.device, "_told", silent)
+        with pytest.raises(NotSafe, match=r"set point .*295\.0 K"):
+            bed.device.make_safe()
+        assert bed.left_on() == ""
