@@ -130,7 +130,7 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         self._set_first, heater = False, ""
         if off is not None:
             answers = off.answer is not None
-            heater = "heater off, " if answers else "heater told to switch off (not confirmed), "
+            heater = "heater off, " if answers else "switched the heater off (not confirmed), "
             if answers:
                 self._heater.confirmed("off")
         got_K = self._confirmed(safe_K, self._kelvin(self._settings.setpoint))
