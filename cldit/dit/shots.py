@@ -109,7 +109,8 @@ class Sums:
         counts = self._weigh(image, 1.0, place)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
         inner = np.ascontiguousarray(_inner(image))
-        self.digests.append(blake2b(inner.data, digest_size=16).digest())
+        flat = b"flat " if np.ptp(inner) == 0 else b""  # saturated: equal, but no repeat
+        self.digests.append(flat + blake2b(inner.data, digest_size=16).digest())
         if image.dtype.kind == "f" and self.rounded:
             self.rounded = bool(np.all(image == np.rint(image)))
         self.temperatures_K.append(shot.background_K)
