@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "run": 1763,
     "scene": 1706,
     "show": 6951,
-    "spray": 6198,
+    "spray": 6074,
     "study": 3760,
     "testing": 1421,
     "transport": 7307,
