@@ -90,7 +90,7 @@ class Mixture:
         with np.errstate(divide="ignore"):
             wanted = np.log(fuel_kg_m3)
         axis, tables = self._by_content
-        gas, liquid, ratio = bilinear(self.kinetic, axis, tables, kinetic, wanted)
+        gas, liquid, ratio = _bilinear(self.kinetic, axis, tables, kinetic, wanted)
         fuel_to_gas = np.exp(ratio)
         return gas, liquid, self.evaporated(fuel_to_gas, kinetic), fuel_to_gas
 
@@ -106,15 +106,8 @@ class Mixture:
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         ratio, known = self._logarithms
-        (content,) = bilinear(self.kinetic, ratio, [known], kinetic, wanted)
+        (content,) = _bilinear(self.kinetic, ratio, [known], kinetic, wanted)
         return np.asarray(np.exp(content))
-
-    def gas_at(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
-        """Temperature [K] of the gas at the ratio `fuel_to_gas`, any shape."""
-        with np.errstate(divide="ignore"):
-            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
-        (gas,) = bilinear(self.kinetic, self._logarithms[0], [self.gas_K], kinetic, wanted)
-        return gas
 
     @cached_property
     def _logarithms(self) -> tuple[Floats, Floats]:
@@ -134,7 +127,7 @@ class Mixture:
         ]
 
 
-def bilinear(
+def _bilinear(
     rows: Floats, columns: Floats, tables: list[Floats], row: ArrayLike, column: ArrayLike
 ) -> list[Floats]:
     """Values of tables (rows, columns) between their entries, clamped at the ends."""

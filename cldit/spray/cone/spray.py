@@ -10,8 +10,12 @@
    is that of this fuel, mixed in that ratio and cooled by its evaporation: somewhat less than the
    given cone in hot gas, and equal to it without evaporation.
 3. The evaporated share is the smaller of two: that of equilibrium, which heat and saturation of the
-   entrained gas allow, and that of kinetics (`kinetics.py`): droplets of every size class, with
-   their slip, in the gas and vapour of their own plume.
+   entrained gas allow, and that of kinetics, which the d^2 law of every size class allows in the
+   travel time, with the rate of droplets at rest in the undisturbed gas (`wet_bulb.py`). Slip
+   increases evaporation, cooler gas with vapour reduces it; the rate includes neither. In an
+   integration along a hot plume (0.6 MPa, 570 K) with both they cancel on and near the axis from
+   20 mm on (within 0.1 of the fuel); at the edge, and within 15 mm of the nozzle, slip prevails,
+   and the model evaporates up to 0.2 of the fuel too little.
 4. The fuel of all plumes is added in the cells of a grid. Fuel content and evaporated share give
    the state (`mixing.py`): the gas has the temperature that conserves enthalpy, the liquid that of
    the wet bulb in this gas; in equilibrium both are equal.
@@ -32,7 +36,6 @@ from cldit.spray.cone.fluid_properties import (
     heptane_density_kg_m3,
 )
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
-from cldit.spray.cone.kinetics import ROUNDING, Rule, age_s, at_once, plume_kinetics
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.extent import Box
@@ -42,6 +45,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SOFTNESS = 0.1  # half the width of tip and tail, over the travel time
+ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
 NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated
@@ -141,7 +145,6 @@ def _grid(
     )
     total = sum(plume.mass_fraction for plume in spec.plumes)
     indices, masses, filled, shares = [], [], [], []
-    kinetics: dict[Jet, Rule] = {}  # equal plumes share one
     for plume in spec.plumes:
         share = plume.mass_fraction / total
         jet = Jet(
@@ -151,9 +154,7 @@ def _grid(
             fuel_kg_m3=source.density_kg_m3,
             gas_kg_m3=gas_kg_m3,
         )
-        if jet not in kinetics:
-            kinetics[jet] = _kinetics(spec, jet, source)
-        index, content, part, kinetic = _plume(spec, plume, jet, source, kinetics[jet])
+        index, content, part, kinetic = _plume(spec, plume, jet, source)
         indices.append(index)
         masses.append(content * (share * injected / content.sum()))
         filled.append(masses[-1] * part)
@@ -194,20 +195,8 @@ def _thinnest(amount: Floats, most: float) -> Ints:
     return np.asarray(order[np.cumsum(amount[order]) <= most])
 
 
-def _reach_m(spec: ConeSpray, jet: Jet) -> float:
-    """Distance of the farthest fuel from the start of the jet."""
-    return jet.tip_m(spec.time_s * (1 + SOFTNESS + ROUNDING * MEAN_SQUARE))
-
-
-def _kinetics(spec: ConeSpray, jet: Jet, source: NozzleFlow) -> Rule:
-    if source.bulb is None:
-        return at_once
-    oldest = float(age_s(jet.travel_s(_reach_m(spec, jet)), np.ones(())))
-    return plume_kinetics(spec, jet, source.mixture, oldest_s=oldest)
-
-
 def _plume(
-    spec: ConeSpray, plume: Plume, jet: Jet, source: NozzleFlow, kinetics: Rule
+    spec: ConeSpray, plume: Plume, jet: Jet, source: NozzleFlow
 ) -> tuple[Ints, Floats, Floats, Floats]:
     """Cells (N, 3) of one plume, and three values (N,) of each.
 
@@ -219,9 +208,9 @@ def _plume(
     inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
     side = np.sin(inclination)
     axis = np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
-    reach = _reach_m(spec, jet)
+    reach = jet.tip_m(spec.time_s * (1 + SOFTNESS + ROUNDING * MEAN_SQUARE))
     along = np.linspace(0.0, reach, 600)[1:]
-    edge = _edge_m(jet, source, kinetics, along)
+    edge = _edge_m(jet, source, along)
     wide = np.hypot(edge, RESOLVED * h)
     across = wide[-1] * np.sqrt(1 - axis**2)
     start = source.barrel_m(jet.rate_kg_s)
@@ -256,7 +245,7 @@ def _plume(
         ratio = jet.axis_ratio(s) * profile(np.sqrt(xi2))
         part = (np.interp(s, along, edge) / width) ** 2
         travel = jet.travel_s(s)
-        kinetic = kinetics(age_s(travel, xi2), xi2)
+        kinetic = source.kinetic(_age_s(travel, xi2))
         content = source.mixture.content(ratio, kinetic) * part * _present(spec, travel, xi2)
         filled = content > 0
         found = np.unravel_index(at[filled], box)
@@ -273,18 +262,16 @@ def _plume(
     return np.concatenate(indices, axis=1).T, content, part, kinetic
 
 
-def _edge_m(
-    jet: Jet,
-    source: NozzleFlow,
-    kinetics: Rule,
-    along_m: Floats,
-) -> Floats:
+def _age_s(travel_s: Floats, xi2: Floats) -> Floats:
+    """Time since the fuel left the hole: the edge of the plume lags behind its axis."""
+    return travel_s / (1 - ROUNDING * (xi2 - MEAN_SQUARE))
+
+
+def _edge_m(jet: Jet, source: NozzleFlow, along_m: Floats) -> Floats:
     """Radius of the plume at distances (N,), by the fuel per length, rate / speed."""
     xi = (np.arange(64) + 0.5) / 64
     ratio = jet.axis_ratio(along_m)[:, None] * profile(xi)
-    kinetic = kinetics(
-        *np.broadcast_arrays(age_s(jet.travel_s(along_m)[:, None], xi * xi), xi * xi)
-    )
+    kinetic = source.kinetic(_age_s(jet.travel_s(along_m)[:, None], xi * xi))
     content = source.mixture.content(ratio, kinetic)
     mean = np.sum(content * 2 * xi / 64, axis=1)
     line = jet.rate_kg_s / jet.mean_speed_m_s(along_m)
