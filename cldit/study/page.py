@@ -52,14 +52,12 @@ class Verdict:
         """`agrees`, `disagrees` or `cannot be told`."""
         if not math.isfinite(self.value) or math.isnan(self.error):
             return OPEN
-        inside = (
-            -math.inf if self.low is None else self.low,
-            (math.inf if self.high is None else self.high),
-        )
-        least, most = (self.value + sign * _SURE * self.error for sign in (-1, 1))
-        if inside[0] <= least and most <= inside[1]:
+        low = -math.inf if self.low is None else self.low
+        high = math.inf if self.high is None else self.high
+        doubt = _SURE * self.error
+        if low <= self.value - doubt and self.value + doubt <= high:
             return AGREES
-        return DISAGREES if most < inside[0] or least > inside[1] else OPEN
+        return DISAGREES if self.value + doubt < low or self.value - doubt > high else OPEN
 
     @property
     def found(self) -> str:

@@ -139,7 +139,7 @@ def test_refused(scene: Scene, tmp_path: Path) -> None:
 def test_a_sweep_killed_in_its_first_seconds_goes_on(
     scene: Scene, tmp_path: Path, left: str
 ) -> None:
-    """What a kill leaves at each moment is completed; the folder then has an empty store."""
+    """A sweep killed at any moment is completed; the folder then has an empty store."""
     pytest.importorskip("dask.array", reason="the extra studies is not installed")
     out, grid = tmp_path / "a", Grid.parse("walls.temperature_K=300,320")
     if left == "points":  # as version 0.2.0 began

@@ -84,14 +84,12 @@ def _means(
     means: dict[str, Value] = dict(every[0])
     errors: dict[str, float] = {}
     for name, first in every[0].items():
-        numbers = [float(each[name]) for each in every if not isinstance(each[name], str)]
         if isinstance(first, str) or isinstance(coarse[name], str):
             continue
-        count = len(numbers)
+        numbers = [float(each[name]) for each in every]
         chance = 0.0
-        if count > 1:
-            chance = float(np.std(numbers, ddof=1)) / math.sqrt(count)
-            chance *= float(stats.t.ppf(_SIGMA, count - 1))
+        if len(numbers) > 1:
+            chance = float(stats.sem(numbers) * stats.t.ppf(_SIGMA, len(numbers) - 1))
         means[name] = float(np.mean(numbers))
         errors[name] = math.hypot(chance, float(coarse[name]) - float(first))
     return means, errors
