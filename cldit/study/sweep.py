@@ -149,7 +149,7 @@ def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iter
             spray = sprays[key]
         futures[client.submit(_group, group, spray, cache, pure=False)] = group
     sprays.clear()  # each exists while a task waits for it
-    for future in extra("distributed").as_completed(list(futures)):
+    for future in extra("distributed").as_completed(list(futures), loop=client.loop):
         group = futures.pop(future)
         error = future.exception()
         if error is None:
@@ -212,7 +212,7 @@ def _client(scheduler: str | None, groups: int, workers: int | None) -> Iterator
     with dask.config.set(settings):
         if scheduler is not None:
             try:
-                client = distributed.Client(scheduler, timeout="10s")
+                client = distributed.Client(scheduler, timeout="10s", set_as_default=False)
             except (OSError, ValueError, TimeoutError) as error:
                 raise StudyError(
                     f"--scheduler {scheduler}: no dask scheduler answers there ({error}); start "
@@ -239,6 +239,6 @@ def _client(scheduler: str | None, groups: int, workers: int | None) -> Iterator
                 dashboard_address=None,
                 env={name: str(threads) for name in limits},
             ) as cluster,
-            distributed.Client(cluster) as client,
+            distributed.Client(cluster, set_as_default=False) as client,
         ):
             yield client
