@@ -23,7 +23,6 @@ _COMMANDS = {
     "acquire": "cldit.cli.acquire:acquire_command",
     "evaluate": "cldit.cli.evaluate:evaluate",
     "export": "cldit.cli.export:export_command",
-    "scattering": "cldit.cli.scattering:scattering_command",
     "show": "cldit.cli.show:show",
     "view": "cldit.cli.show:view_command",
     "gallery": "cldit.cli.show:gallery_command",

@@ -8,7 +8,7 @@ from typing import Any
 ABLATION = "python -m tests.bench ablation"
 ERROR = "cldit bench --only error"
 MEMORY = "python -m tests.bench memory"
-SOLVER = "docs/benchmarks/solver.md"
+SOLVER = "docs/benchmarks/decided.md"
 STABILITY = "python -m tests.bench stability"
 
 

@@ -27,6 +27,7 @@ MEASUREMENTS = (
     "rim_pixels",
     "roofline",
     "same_cells",
+    "scattered_light",
     "slabs",
     "sprays",
     "stability",

@@ -239,8 +239,6 @@ MUTATIONS = (
         "unit/show"),
     row("cldit/show/view/packing.py", "kept = (word + half)", "kept = word", "unit/show/view"),
     row("cldit/study/page.py", "if agreed == len(verdicts):", "if agreed:", "unit/study"),
-    row("cldit/study/scattering/findings.py", "if _rms(row) < _rms(plain)]\n    worse",
-        "if _rms(row) > _rms(plain)]\n    worse", "unit/study"),
     row("cldit/bench/budget.py", "self.stated_K / self.true_K", "self.true_K / self.stated_K",
         "unit/bench"),
     row("cldit/cli/options.py", ".removesuffix(self.name)", "", "unit/cli"),

@@ -32,7 +32,6 @@ pytestmark = pytest.mark.long
 # Run with small scenes: each takes from some minutes to an hour with gdi as it is.
 SMALL = (
     r"cldit bench",
-    r"cldit scattering",
     r"cldit study \w+ --grid",
 )
 _NEEDS_GDI = ("README.md", "docs/dit.md", "docs/rig.md", "docs/scattering.md", "docs/view.md")

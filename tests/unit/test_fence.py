@@ -23,12 +23,12 @@ BUDGETS: dict[str, int] = {
     "accuracy": 3726,
     "acquisition": 5550,
     "api": 958,
-    "bench": 1030,
+    "bench": 1028,
     "camera": 571,
     "cfd": 8387,
     "cldit": 147,
-    "cli": 2687,
-    "dit": 5914,
+    "cli": 2626,
+    "dit": 5685,
     "drivers": 5657,
     "gpu": 1048,
     "io": 1777,
@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "scene": 1706,
     "show": 6951,
     "spray": 6074,
-    "study": 3760,
+    "study": 2608,
     "testing": 1421,
     "transport": 7307,
 }
@@ -74,9 +74,7 @@ ARROWS: dict[str, str] = {
     "scene": "cldit io",
     "show": "accuracy acquisition api camera cldit dit gpu io optics radiance rig run scene spray",
     "spray": "cldit io scene",
-    "study": (
-        "camera cldit dit gpu io medium optics prepare radiance run scene show spray transport"
-    ),
+    "study": "camera cldit gpu io optics prepare radiance run scene show spray",
     "testing": "cldit io rig",
     "transport": "cldit gpu medium optics radiance scene",
 }

@@ -42,10 +42,10 @@ from cldit.scene import load_scene, parse_scene
 from cldit.scene.schema import Scene
 from cldit.scene.spray import EmptySpray
 from cldit.scene.vessel import Patch
-from cldit.study.scattering.models import RIGHT, wrong_models
-from cldit.study.scattering.page import scattering_page
-from cldit.study.scattering.run import scattering_study
-from cldit.study.scattering.truth import solid_angles, with_plates
+from tests.bench.scattering.models import RIGHT, wrong_models
+from tests.bench.scattering.page import scattering_page
+from tests.bench.scattering.run import scattering_study
+from tests.bench.scattering.truth import solid_angles, with_plates
 
 FILTER = (3.3, 3.5)
 CURVE = Curve(filter_um=FILTER)

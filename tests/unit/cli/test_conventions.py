@@ -176,7 +176,7 @@ def test_no_color() -> None:
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("cldit sc", {"scenes", "scattering"}),
+        ("cldit sc", {"scenes"}),
         ("cldit run gdi-", {"gdi-cold", "gdi-flow"}),
         ("cldit diff --re", {"--resample"}),
         ("cldit bench --only b", {"budget"}),

@@ -13,7 +13,7 @@ import pytest
 
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Image, Maps
-from cldit.dit.two_filters import Band, absorbed, one_filter, own_share, two_filters
+from tests.bench.scattering.two_filters import Band, absorbed, one_filter, own_share, two_filters
 
 INDEX = ((3.4, 1.338, 0.0341, (3.3, 3.5)), (3.55, 1.405, 0.0136, (3.5, 3.6)))
 WALLS_K, DROPLETS_K = 450.0, 380.0

@@ -11,11 +11,11 @@ import numpy as np
 
 from cldit.scene import load_scene
 from cldit.study.page import write_page
-from cldit.study.scattering.estimators import Knows
-from cldit.study.scattering.findings import findings
-from cldit.study.scattering.page import scattering_page
-from cldit.study.scattering.run import Error, Row, Study
-from cldit.study.scattering.truth import through_second_filter
+from tests.bench.scattering.estimators import Knows
+from tests.bench.scattering.findings import findings
+from tests.bench.scattering.page import scattering_page
+from tests.bench.scattering.run import Error, Row, Study
+from tests.bench.scattering.truth import through_second_filter
 
 _CLASSES = {"thin": 0.25, "thick": 0.75, "seldom": 0.001}
 

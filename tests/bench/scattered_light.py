@@ -1,4 +1,4 @@
-"""`cldit scattering`: what an evaluation gains that knows about scattering, on simulated truth."""
+"""Error of T_app by light of the walls, and what evaluations gain that know of scattering."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.scene import load_scene, parse_scene
 from cldit.study.page import write_page
-from cldit.study.scattering.page import scattering_page
-from cldit.study.scattering.run import scattering_study
+from tests.bench.scattering.page import scattering_page
+from tests.bench.scattering.run import scattering_study
 
 
-@click.command("scattering")
+@click.command()
 @click.argument("scene", default="gdi")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder; default: scattering.")
 @click.option("--markdown", is_flag=True, help="Only Markdown and figures, as for docs.")
@@ -33,7 +33,7 @@ from cldit.study.scattering.run import scattering_study
 @click.option("--phase", type=click.Choice(["isotropic", "mie"]), help="How droplets scatter.")
 @device_option
 @plain_errors
-def scattering_command(
+def main(
     scene: str,
     out: Path | None,
     markdown: bool,
@@ -51,7 +51,7 @@ def scattering_command(
     chosen = parse_scene(data)
     start = time.perf_counter()
     found = scattering_study(chosen, open_device(device), cache=default_cache(), progress=say)
-    command = f"cldit scattering {scene} --pixels {pixels} --leaf {leaf_m:g}"
+    command = f"python -m tests.bench scattered_light {scene} --pixels {pixels} --leaf {leaf_m:g}"
     command += f" --phase {phase}" if phase else ""
     page = scattering_page(found, command=command, seconds=time.perf_counter() - start)
     path = write_page(page, out or Path("scattering"), markdown_only=markdown)

@@ -12,8 +12,8 @@ from cldit.show.figures.panels import Frame, Panel, panels_png
 from cldit.show.page import Figure
 from cldit.study.page import Row as Cells
 from cldit.study.page import StudyPage
-from cldit.study.scattering.findings import findings
-from cldit.study.scattering.run import LEAST_EMISSIVITY, Error, Row, Study
+from tests.bench.scattering.findings import findings
+from tests.bench.scattering.run import LEAST_EMISSIVITY, Error, Row, Study
 
 Floats = NDArray[np.float64]
 

@@ -23,11 +23,11 @@ from cldit.dit.scattering import (
     medium_of_enclosures,
     medium_temperature,
 )
-from cldit.dit.two_filters import Band, one_filter, two_filters
 from cldit.optics.response import scene_filter
 from cldit.scene import Scene
-from cldit.study.scattering.models import LARGER, RIGHT
-from cldit.study.scattering.truth import PLATES, SECOND_FILTER_UM, Traced, solid_angles
+from tests.bench.scattering.models import LARGER, RIGHT
+from tests.bench.scattering.truth import PLATES, SECOND_FILTER_UM, Traced, solid_angles
+from tests.bench.scattering.two_filters import Band, one_filter, two_filters
 
 Floats = NDArray[np.float64]
 Seen = Mapping[str, Maps]

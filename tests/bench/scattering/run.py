@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.gpu.device import Device
 from cldit.scene import Scene
-from cldit.study.scattering.estimators import Estimator, Knows, Said, estimators, seen
-from cldit.study.scattering.models import LARGER, RIGHT, wrong_models
-from cldit.study.scattering.truth import (
+from tests.bench.scattering.estimators import Estimator, Knows, Said, estimators, seen
+from tests.bench.scattering.models import LARGER, RIGHT, wrong_models
+from tests.bench.scattering.truth import (
     Traced,
     through_second_filter,
     traced,

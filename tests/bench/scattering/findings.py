@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from cldit.study.scattering.estimators import Knows
-from cldit.study.scattering.run import Error, Row, Study
+from tests.bench.scattering.estimators import Knows
+from tests.bench.scattering.run import Error, Row, Study
 
 _SEEN = 0.005  # of the pixels: smaller classes are omitted
 HOLDS = 0.9  # of the pixels: two standard errors of noise contain 0.95
