@@ -176,7 +176,7 @@ __kernel void thick_intervals(
     __global real *intervals,    /* out */
     __global const int *first,   /* in: of each ray's intervals */
     const int fill,
-    __global const real *list,   /* in: [across, down] of rays, in pixels */
+    __global const real4 *list,  /* in: of rays, see ray_at */
     const int count,
     __global const real *albedo, /* in: of stored cells that are thick, else 0 */
     __global const int *directory, __global const int *span, __global const real *depth,
@@ -187,8 +187,9 @@ __kernel void thick_intervals(
 {
     const int item = get_global_id(0);
     if (item >= count) return;
+    const real4 at_lens = list[item];
     const Ray ray = ray_at(
-        list[2 * item], list[2 * item + 1], columns, rows, middle, pitch_x, pitch_z, distance);
+        at_lens.x, at_lens.y, at_lens.z, at_lens.w, columns, rows, middle, pitch_x, pitch_z, distance);
     const Grid grid = {coarse, bricks, low, high};
     Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     real transmitted = R(1), loss = R(0);
@@ -246,7 +247,7 @@ __kernel void gather(
     __global const int *chosen,   /* in: of the rays */
     const int count, const uint samples, const uint from_point, const uint2 key, const uint half_,
     __global const uint *points,  /* in: low-discrepancy, one a path */
-    __global const real *list,    /* in: [across, down] of rays, in pixels */
+    __global const real4 *list,   /* in: of rays, see ray_at */
     __global const uint *numbers, /* in: of rays, for random numbers */
     __global const int *first,    /* in: of each ray's intervals, and the end */
     __global const real *intervals,
@@ -270,8 +271,9 @@ __kernel void gather(
     const int item = get_global_id(0);
     if (item >= count) return;
     const int number = chosen[item];
+    const real4 at_lens = list[number];
     const Ray ray = ray_at(
-        list[2 * number], list[2 * number + 1], columns, rows, middle, pitch_x, pitch_z, distance);
+        at_lens.x, at_lens.y, at_lens.z, at_lens.w, columns, rows, middle, pitch_x, pitch_z, distance);
     const ThickRegion region = {places, at, beside, region_depth, cells, light, directions, number_of,
                        start, nearest, direction_count, box_low, box_shape,
                        BOUNDARY

@@ -196,10 +196,10 @@ __kernel void image(__global real *planes, ARGUMENTS)
     for (int c = 0; c < PLANES; ++c) planes[c * rows * columns + pixel] = sum[c];
 }
 
-/* The mean of rays through each listed pixel, at the same places [right, down] of each, 0 to 1.
-   planes, out: [plane][list]. */
+/* The mean of rays through each listed pixel, by the same rays of each: places [right, down] in it, 0 to
+   1 in focus, and points of the aperture, as in ray.h. planes, out: [plane][list]. */
 __kernel void refine(
-    __global real *planes, __global const int *list, const int count, __global const real *places,
+    __global real *planes, __global const int *list, const int count, __global const real4 *places,
     const int rays, ARGUMENTS)
 {
     const int item = get_global_id(0);
@@ -211,9 +211,9 @@ __kernel void refine(
     real sum[PLANES];
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
     for (int one = 0; one < rays; ++one) {
-        const real across = column + places[2 * one];
-        const real down = row + places[2 * one + 1];
-        const Ray ray = ray_at(across, down, columns, rows, middle, pitch_x, pitch_z, distance);
+        const real4 at = places[one];
+        const Ray ray = ray_at(
+            column + at.x, row + at.y, at.z, at.w, columns, rows, middle, pitch_x, pitch_z, distance);
         formal_solution(sum, &ray, &medium);
     }
     for (int c = 0; c < PLANES; ++c) planes[c * count + item] = sum[c] / rays;

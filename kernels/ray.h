@@ -14,11 +14,13 @@ typedef struct {
     real start;        /* the camera's place on the line: p + start d */
 } Ray;
 
-/* across, down: place in the image in pixels, from its upper left corner. In cells: middle, the target
-   point; pitch, pixel width and height in the target plane; distance, from camera to target. */
+/* across, down: place in the image in pixels, from its upper left corner, where the ray crosses the
+   target plane. In cells: lens_x, lens_z, the point of the aperture that the ray passes, right of its
+   middle and above; middle, the target point; pitch, pixel width and height in the target plane;
+   distance, from camera to target. */
 INLINE Ray ray_at(
-    real across, real down, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
-    real distance)
+    real across, real down, real lens_x, real lens_z, int columns, int rows, real4 middle, real pitch_x,
+    real pitch_z, real distance)
 {
     Ray ray;
     const real right = (across - R(0.5) * columns) * pitch_x;
@@ -27,10 +29,11 @@ INLINE Ray ray_at(
     ray.py = middle.y;
     ray.pz = middle.z + up;
 #ifdef CAMERA_PINHOLE
-    const real length_ = root(right * right + distance * distance + up * up);
-    ray.dx = right / length_;
+    const real x = right - lens_x, z = up - lens_z;
+    const real length_ = root(x * x + distance * distance + z * z);
+    ray.dx = x / length_;
     ray.dy = distance / length_;
-    ray.dz = up / length_;
+    ray.dz = z / length_;
     ray.start = -length_;
 #else
     ray.dx = R(0);
@@ -41,13 +44,13 @@ INLINE Ray ray_at(
     return ray;
 }
 
-/* The line through the middle of a pixel; row 0 is on top. */
+/* The line through the middles of a pixel and of the aperture; row 0 is on top. */
 INLINE Ray pixel_ray(
     int column, int row, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
     real distance)
 {
     return ray_at(
-        column + R(0.5), row + R(0.5), columns, rows, middle, pitch_x, pitch_z, distance);
+        column + R(0.5), row + R(0.5), R(0), R(0), columns, rows, middle, pitch_x, pitch_z, distance);
 }
 
 #endif

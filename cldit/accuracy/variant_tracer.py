@@ -224,7 +224,7 @@ def temperature_of(scene: Scene, prepared: Prepared) -> NodeTemperature:
     names = tuple(patch.name for patch in scene.patches)
     nothing = build_octrees(prepared.cube.at(0), [(None, [])], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
-    return NodeTemperature.of(scene, prepared.node, view.sees_background)
+    return NodeTemperature.of(scene, prepared.node, view.sees_background_alone)
 
 
 def _tree(

@@ -64,6 +64,28 @@ class Weights:
         """Weights with `change` applied to each image."""
         return Weights.of({name: change(image) for name, image in self.images.items()})
 
+    @classmethod
+    def mean(cls, parts: Sequence[Weights], shares: Sequence[float] | None = None) -> Weights:
+        """Mean of weights, whose radiance is the mean radiance for any boundary.
+
+        Args:
+            parts: weights (H, W) of the same pixels and patches.
+            shares: weight of each part in the mean; None: equal.
+
+        Returns:
+            (H, W).
+
+        Raises:
+            ValueError: another number of shares than of parts.
+        """
+        images = [part.images for part in parts]
+
+        def mean(name: str) -> Image:
+            stacked = [one[name] for one in images]
+            return np.average(stacked, axis=0, weights=shares).astype(np.float32)
+
+        return cls.of({name: mean(name) for name in images[0]})
+
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes one float32 TIFF per weight into `folder`, for pixels of `pixel_m`."""
         make_folder(folder)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import field_validator
+from pydantic import field_validator, model_validator
 
 from cldit.scene.checks import Section, Within
 from cldit.scene.values import Length, Pixels, Point, QuantumEfficiency, Temperature
@@ -41,6 +41,17 @@ class Sensor(Section):
     """Number of defective pixels, stuck at 0 or at full scale."""
 
 
+class Lens(Section):
+    """Lens of finite aperture: what is out of focus is blurred."""
+
+    f_number: Annotated[float, Within(0.5, 1e6)] | None = None
+    """f-number of the lens. Default: that of the sensor's section, which this one replaces."""
+    focal_length_m: Annotated[float, Within(1e-4, 10.0)] | None = None
+    """Focal length. Default: the one that images the field of view onto the sensor."""
+    focus_m: Length | None = None
+    """Distance from the camera to the plane in focus. Default: the target's."""
+
+
 class Camera(Section):
     """Camera on the -y side of the target, looking along +y; image right is +x, image up is +z."""
 
@@ -61,6 +72,8 @@ class Camera(Section):
     """Temperature of the camera's surroundings, which a front window reflects into the camera."""
     sensor: Sensor = Sensor()
     """Sensor and lens."""
+    lens: Lens | None = None
+    """Aperture of the lens. Default: none, a pinhole, before which everything is in focus."""
 
     @field_validator("pixels", mode="before", json_schema_input_type=Pixels | tuple[Pixels, Pixels])
     @classmethod
@@ -71,6 +84,42 @@ class Camera(Section):
     @classmethod
     def _auto(cls, value: object) -> object:
         return "auto" if value == "adaptive" else value  # its name in version 0.1
+
+    @model_validator(mode="after")
+    def _with_lens(self) -> Camera:
+        if self.lens is None:
+            return self
+        if self.model != "pinhole":
+            raise ValueError(f"lens: given with model {self.model}; allowed: model pinhole")
+        if self.rays_per_pixel == 1:
+            raise ValueError("rays_per_pixel: 1 with a lens; allowed: auto, 4, 16 or 64")
+        return self
+
+    @property
+    def pixel_m(self) -> float:
+        """Edge of a pixel of the sensor on the target; pixels are square."""
+        return min(
+            size / count for size, count in zip(self.field_m, self.sensor.pixels, strict=True)
+        )
+
+    @property
+    def f_number(self) -> float:
+        """f-number of the lens, or of the sensor's section."""
+        return (self.lens and self.lens.f_number) or self.sensor.f_number
+
+    @property
+    def focus_m(self) -> float:
+        """Distance from the camera to the plane in focus."""
+        return (self.lens and self.lens.focus_m) or self.distance_m
+
+    @property
+    def aperture_m(self) -> float:
+        """Diameter of the lens' aperture; 0 for a pinhole."""
+        if self.lens is None:
+            return 0.0
+        sensor_m = self.distance_m * self.sensor.pitch_m / self.pixel_m  # behind the lens
+        focal_m = self.lens.focal_length_m or 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
+        return focal_m / self.f_number
 
     @property
     def rays_across(self) -> int | None:

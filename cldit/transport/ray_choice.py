@@ -51,7 +51,8 @@ class PixelTemperature:
     @classmethod
     def of(cls, view: View, temperature: TraceTemperature) -> PixelTemperature:
         """Finds the pixels at the rim of the background."""
-        return cls(view, temperature, ~minimum_filter(view.sees_background, 3).reshape(-1))
+        rim = ~minimum_filter(view.sees_background, 3 + 2 * view.edge_pixels)
+        return cls(view, temperature, rim.reshape(-1))
 
     def __call__(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
         """T_app (N,) of `pixels` (N,) with `weights` (C, N) by `across`^2 rays; NaN: none."""
@@ -188,7 +189,9 @@ class RayChoice:
 
     def _widen(self) -> None:
         """Traces four rays in the pixels beside those with a T_app, whose mean may have one."""
-        near = maximum_filter(self._seen.reshape(self._shape), 3).reshape(-1)
+        box, view = self.rays.solution.cells.box(), self.rays.solution.view
+        blur = view.blur_pixels(box.low[1], box.low[1] + box.shape[1])
+        near = maximum_filter(self._seen.reshape(self._shape), 3 + 2 * blur).reshape(-1)
         beside = np.flatnonzero(near & ~self._seen & (self.across == 1))
         if len(beside):
             self.grow(beside, np.full(len(beside), 2))

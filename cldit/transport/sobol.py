@@ -52,8 +52,29 @@ def points(first: int, count: int) -> NDArray[np.uint32]:
 
 
 def net(count: int) -> NDArray[np.float64]:
-    """A (0, 2)-net (count, 2) of a power of two, in the middles of its rows and columns.
+    """A net (count, 4) of a power of two, in the middles of its rows and columns.
 
-    Every part of the unit square of area 1 / count that is halved from it has one point.
+    The first two dimensions are a (0, 2)-net: every part of the unit square of area 1 / count that
+    is halved from it has one point.
     """
-    return np.asarray(points(0, count)[:, :2] / 2.0**32 + 0.5 / count)
+    return np.asarray(points(0, count)[:, [0, 1, 3, 4]] / 2.0**32 + 0.5 / count)
+
+
+def on_disc(square: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (N, 2) of the unit square, mapped onto the unit disc with equal areas.
+
+    Concentric map of Shirley and Chiu, J. Graph. Tools 2, 1997. Mean and variance of four or more
+    points are made those of the disc: blur then moves no image, and has the right width.
+    """
+    centred = 2.0 * square - 1.0
+    steep = np.abs(centred[:, 1]) > np.abs(centred[:, 0])
+    centred[steep] = centred[steep, ::-1]
+    radius, other = centred.T
+    angle = np.pi / 4 * np.divide(other, radius, out=np.zeros(len(radius)), where=radius != 0)
+    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    disc[steep] = disc[steep, ::-1]
+    disc -= disc.mean(axis=0)
+    if len(disc) < 4:
+        return disc
+    variance, axes = np.linalg.eigh(disc.T @ disc / len(disc))
+    return np.asarray(disc @ (axes * (0.5 / np.sqrt(variance))) @ axes.T)

@@ -154,6 +154,11 @@ def trace(
             f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with method {settings.method}, "
             "whose samples go through the middle of a pixel; allowed: 1 or auto, or method source"
         )
+    if scene.camera.lens is not None and settings.method != "source":
+        raise TransportError(
+            f"camera.lens: given with method {settings.method}, whose samples go through the "
+            "middle of the lens; allowed: method source, or no lens"
+        )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching

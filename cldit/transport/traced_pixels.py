@@ -14,6 +14,7 @@ from cldit.transport.result import Subpixels, TraceSettings
 from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
 
 Across = NDArray[np.int64]
+_LENS = 4  # rays across a pixel behind a lens, where neither scene nor error choose them
 _SAMPLES = 7  # that measure the error
 _CLOSE = 1.1  # of the allowed error
 _GAIN = 0.8  # of an error by more rays: else it is noise of paths, which rays do not reduce
@@ -52,6 +53,8 @@ def traced_pixels(
         across = np.full(len(pixels), few)
         return TracedPixels(rays.through(pixels, across)[:, :, None, :], None, across[None])
     images = rays.middle()
+    if scene.camera.lens is not None and scene.camera.rays_across is None:
+        few = _LENS
     across = np.full(rows * columns, few) if given is None else given.reshape(-1)
     several = np.flatnonzero(across > 1)
     middle = images.copy() if settings.rays_K is not None or len(several) else None

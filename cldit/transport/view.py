@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from cldit.errors import TransportError
 from cldit.gpu.buffers import upload
@@ -18,7 +19,7 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.transport.boundary import boundary_seen, patch_rows
 from cldit.transport.cells import OpticalCells
-from cldit.transport.sobol import net
+from cldit.transport.sobol import net, on_disc
 
 Floats = NDArray[np.float64]
 _TILE = 8
@@ -37,7 +38,8 @@ class View:
     pixels: columns, rows.
     defines: compile-time defines of the kernels. regular: several rays of a pixel are on a regular
     grid; else they are a net, which has no two of them in a row or column (edges of cells are
-    parallel to those).
+    parallel to those). aperture: radius of the lens; 0: a pinhole. focus: from the camera to the
+    plane in focus.
     """
 
     disc: Floats
@@ -48,6 +50,8 @@ class View:
     pixels: tuple[int, int]
     defines: dict[str, int]
     regular: bool = True
+    aperture: float = 0.0
+    focus: float = np.inf
 
     @classmethod
     def of(cls, scene: Scene, cells: OpticalCells) -> View:
@@ -68,16 +72,26 @@ class View:
                 f"CAMERA_{camera.model.upper()}": 1,
                 **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
             },
-            regular=camera.rays_across is not None,
+            regular=camera.rays_across is not None and camera.lens is None,
+            aperture=camera.aperture_m / frame.cell_m / 2,
+            focus=camera.focus_m / frame.cell_m,
         )
 
     def places(self, across: int) -> Floats:
-        """Places (across^2, 2), right and down, of a pixel's rays, 0 to 1."""
-        if not self.regular:
-            return net(across**2)
-        place = (np.arange(across) + 0.5) / across
-        down, right = np.meshgrid(place, place, indexing="ij")
-        return np.stack([right.ravel(), down.ravel()], axis=1)
+        """Rays (across^2, 4) of a pixel: right and down of its corner, in pixels, where they cross
+        the target plane; and the points of the aperture that they pass, right and up, in cells.
+
+        Rays of all points of the aperture through one place in the plane in focus form one point.
+        """
+        if self.regular:
+            place = (np.arange(across) + 0.5) / across
+            down, right = np.meshgrid(place, place, indexing="ij")
+            in_pixel = np.stack([right.ravel(), down.ravel()], axis=1)
+            return np.hstack([in_pixel, np.zeros((across**2, 2))])
+        points = net(across**2)
+        lens = self.aperture * on_disc(points[:, 2:])
+        apart = (1.0 - self.distance / self.focus) * lens / np.array(self.pitch)
+        return np.hstack([points[:, :2] + apart * (1.0, -1.0), lens])
 
     def tiles(
         self, program: Program, kernel: str, rows: int | None = None
@@ -97,6 +111,22 @@ class View:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
         return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
+
+    @cached_property
+    def sees_background_alone(self) -> NDArray[np.bool_]:
+        """Mask (H, W) of pixels all of whose rays end on the background, without the medium."""
+        return np.asarray(minimum_filter(self.sees_background, 1 + 2 * self.edge_pixels))
+
+    @property
+    def edge_pixels(self) -> int:
+        """Pixels by which the lens blurs the edges of the boundary, at most."""
+        return self.blur_pixels(self.disc[1], *self.patches[:, 1, 1])
+
+    def blur_pixels(self, *y: float) -> int:
+        """Pixels, rounded up, by which the lens blurs an edge in any of the planes `y`."""
+        away = self.distance + np.asarray(y) - self.middle[1]
+        radius = self.aperture * np.abs(self.distance / away - self.distance / self.focus)
+        return int(np.ceil(radius.max() / min(self.pitch)))
 
     def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Mask (N,) of pixels in front of the background, by flat number (N,)."""
@@ -122,7 +152,8 @@ class View:
         away = np.array([0.0, self.distance, 0.0])
         out = np.zeros((2 + len(self.patches), len(pixels)))
         at_once = max(_AT_ONCE // across**2, 1)
-        right, down = self.places(across).T
+        right, down, *lens_at = self.places(across).T
+        lens = np.stack([lens_at[0], 0.0 * right, lens_at[1]], axis=1)
         for first in range(0, len(pixels), at_once):
             some = slice(first, first + at_once)
             row, column = np.divmod(pixels[some], columns)
@@ -131,7 +162,9 @@ class View:
             lines[..., 0] = (column[:, None] + right - 0.5 * columns) * self.pitch[0]
             lines[..., 2] = (0.5 * rows - (row[:, None] + down)) * self.pitch[1]
             plane = lines.reshape(-1, 3)
-            toward = plane + away if "CAMERA_PINHOLE" in self.defines else 0.0 * plane + away
+            toward = np.zeros_like(plane) + away
+            if "CAMERA_PINHOLE" in self.defines:
+                toward += (lines - lens).reshape(-1, 3)
             toward /= np.linalg.norm(toward, axis=1, keepdims=True)
             start = -self.distance / toward[:, 1:2]
             seen = boundary_seen(

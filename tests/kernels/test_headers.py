@@ -192,6 +192,31 @@ def test_pinhole_rays(apply: Any) -> None:
         np.testing.assert_allclose(camera, place, atol=8 * ULP * distance)
 
 
+def test_rays_through_points_of_the_lens(apply: Any) -> None:
+    """Rays cross the target plane at the same place, and the lens' plane at the point given."""
+    rng = np.random.default_rng(3)
+    across, down = rng.uniform(-1.0, 8.0, (2, 60)).astype(np.float32)
+    lens_x, lens_z = rng.uniform(-5.0, 5.0, (2, 60)).astype(np.float32)
+    camera = "8, 6, (float4)(1.0f, 2.0f, 3.0f, 0.0f), 2.0f, 4.0f, 100.0f"
+    fields = {
+        name: apply(
+            "ray.h",
+            f"ray_at(a, b, c, d, {camera}).{name}",
+            [across, down, lens_x, lens_z],
+            defines="#define CAMERA_PINHOLE 1",
+        ).astype(float)
+        for name in ("px", "py", "pz", "dx", "dy", "dz", "start")
+    }
+    place = np.array([1.0 + (across - 4.0) * 2.0, np.full(60, 2.0), 3.0 + (3.0 - down) * 4.0])
+    lens = np.array([1.0 + lens_x, np.full(60, -98.0), 3.0 + lens_z])
+    along = (place - lens) / np.linalg.norm(place - lens, axis=0)
+    for number, axis in enumerate("xyz"):
+        np.testing.assert_allclose(fields[f"p{axis}"], place[number], atol=1e-5)
+        np.testing.assert_allclose(fields[f"d{axis}"], along[number], atol=4 * ULP)
+        at_lens = fields[f"p{axis}"] + fields["start"] * fields[f"d{axis}"]
+        np.testing.assert_allclose(at_lens, lens[number], atol=16 * ULP * 100.0)
+
+
 def test_orthographic_rays(apply: Any) -> None:
     call = "pixel_ray((int)a, 0, 4, 1, (float4)(0.0f), 1.0f, 1.0f, 50.0f)"
     column = np.arange(4, dtype=np.float32)

@@ -362,8 +362,8 @@ class Gather:
     def paths(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
         """Paths from the thick cells on across^2 rays through each pixel (N,), for each device."""
         row, column = np.divmod(pixels, self._image.view.pixels[0])
-        right, down = self._image.view.places(across).T
-        rays = np.stack([column[:, None] + right, row[:, None] + down], axis=2).reshape(-1, 2)
+        middle = np.stack([column, row, 0.0 * row, 0.0 * row], axis=1)
+        rays = (middle[:, None] + self._image.view.places(across)).reshape(-1, 4)
         numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
         out = []
         for part, program, traversal, fixed in zip(
