@@ -27,7 +27,7 @@ from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps, Reason
 from cldit.io.files import make_folder
-from cldit.io.images import write_image
+from cldit.io.images import read_image, write_image
 from cldit.optics.response import edges_um
 from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import Pane, band_pane
@@ -37,6 +37,8 @@ from cldit.scene.vessel import Window
 Floats = NDArray[np.float64]
 
 PARTS = "budget"  # folder of the parts, in that of the maps
+COMMON = "common error"  # of all pixels
+_MOST, _SEEN = 4, 0.01  # common errors, and their chi-square in all pixels together, at least
 _SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which a and b are fitted
 
 
@@ -51,10 +53,14 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """Systematic contributions and the statistical error; (H, W), NaN where there is no value."""
+    """Systematic contributions and the statistical error; (H, W), NaN where there is no value.
+
+    common: parts of the statistical error that are one random number for all pixels each.
+    """
 
     parts: tuple[Part, ...]
     maps: Maps
+    common: tuple[Part, ...] = ()
 
     @property
     def kelvin(self) -> Floats:
@@ -124,7 +130,7 @@ class Budget:
             pixel_m: size of a pixel.
         """
         images = dict(self.images)
-        for part in self.parts:
+        for part in (*self.parts, *self.common):
             images[part_file(part.name, "K")] = (part.kelvin, "K")
             images[part_file(part.name, "emissivity")] = (part.emissivity, "1")
         make_folder(folder / PARTS)
@@ -144,6 +150,41 @@ def part_file(name: str, of: str) -> str:
     return f"{PARTS}/{words.replace('__', '_')}_{of}"
 
 
+def load_parts(folder: Path) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Systematic and common parts that `Budget.save` wrote; empty for maps of older versions."""
+    found = [
+        Part(
+            name=meta.get("name", path.stem),
+            kelvin=kelvin.astype(float),
+            emissivity=read_image(path.with_name(f"{path.stem[:-2]}_emissivity.tif"))[0],
+        )
+        for path in sorted((folder / PARTS).glob("*_K.tif"))
+        for kelvin, meta in (read_image(path),)
+    ]
+    common = tuple(one for one in found if one.name.startswith(COMMON))
+    return tuple(one for one in found if one not in common), common
+
+
+def common_parts(maps: Maps, kelvin: Floats, emissivity: Floats) -> tuple[Part, ...]:
+    """Errors of all pixels in common, (M, H, W) of T_app and emissivity, as a few of the same sum.
+
+    They are rotated to principal components of the changes in units of the standard error. A
+    component that is small compared with the noise of all pixels together cannot be seen in the
+    maps, and is omitted.
+    """
+    seen = np.nan_to_num(kelvin / maps.apparent_temperature_standard_error_K)
+    size, turn = np.linalg.eigh(np.einsum("ahw,bhw->ab", seen, seen))
+    kept = [k for k in reversed(range(len(size))) if size[k] > _SEEN][:_MOST]
+    return tuple(
+        Part(
+            name=f"{COMMON} {number}",
+            kelvin=np.einsum("a,ahw->hw", turn[:, k], kelvin),
+            emissivity=np.einsum("a,ahw->hw", turn[:, k], emissivity),
+        )
+        for number, k in enumerate(kept, start=1)
+    )
+
+
 def _median(image: Floats) -> float | None:
     known = np.abs(image[np.isfinite(image)])
     return float(np.median(known)) if known.size else None
@@ -156,8 +197,9 @@ def budget(
     curve: Curve,
     backgrounds_K: Sequence[float],
     calibration: Calibration,
+    common: tuple[Part, ...] = (),
 ) -> Budget:
-    """Error budget of the `maps` of an evaluation.
+    """Error budget of the `maps` of an evaluation, with `common` errors of their pixels.
 
     It takes the uncertainty of the setup `around`, the `curve` that was used, K black-body
     temperatures, and the `calibration` of the camera, whose noise weights the backgrounds.
@@ -241,7 +283,7 @@ def budget(
                 emissivity=through * (1.0 - a_inj / a),
             )
         )
-    return Budget(parts=tuple(parts), maps=maps)
+    return Budget(parts=tuple(parts), maps=maps, common=common)
 
 
 def _boundary(

@@ -136,7 +136,7 @@ def evaluate_radiance(
             signals(traces, rows, shots),
             usable=np.ones((len(source), *reference.background[rows].shape), dtype=bool),
             curve=Curve(filter_um=filter_um),
-        )
+        ).maps
 
     with ThreadPoolExecutor(_TOGETHER) as pool:
         return stack(list(pool.map(solved, blocks(shape, len(source)))))

@@ -37,7 +37,7 @@ prior's part (1 / S)^2 and the noise's part r / S^2 add up to 1 / S.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,12 +75,15 @@ class Pair:
     """Both lines of every pixel (N,); NaN where there are not two different backgrounds.
 
     values: (N, 4) g, c_ref, s, c_inj. covariance: (N, 4, 4). chi2: (N,) of the 2 K means about
-    the lines, with 2 K - 4 degrees of freedom.
+    the lines, with 2 K - 4 degrees of freedom. shared: (M, N, 4) changes of the values by one
+    standard deviation of each of M independent errors that all pixels have in common; their
+    squares are part of the covariance.
     """
 
     values: Floats
     covariance: Floats
     chi2: Floats
+    shared: Floats | None = None
 
     def at(self, source: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         """(K, N) signals of either line at the radiances `source`, (K,) each."""
@@ -100,6 +103,7 @@ def fit_pair(
     usable: NDArray[np.bool_],
     common: Sequence[CommonError] = (),
     steady: Sequence[SteadyError] = (),
+    with_shared: bool = False,
 ) -> Pair:
     """Generalised least squares over the backgrounds; see the module.
 
@@ -110,6 +114,7 @@ def fit_pair(
         usable: (K, N) False excludes a background.
         common: errors that both kinds share, independent at each background.
         steady: errors that are one number for all backgrounds; ignored without noise.
+        with_shared: compute `Pair.shared`, of common errors of all pixels and of steady ones.
     """
     unit = float(np.max(np.abs(source)))
     x_ref, x_inj = (one[:, None] / unit for one in source)
@@ -162,27 +167,35 @@ def fit_pair(
     if together:
         squares += 2.0 * p_both * off_ref * off_inj
     chi2 = squares.sum(axis=0)
-    if noisy and steady:
-        columns = [
-            (
-                np.where(usable, one.reference, 0.0) / unit,
-                np.where(usable, one.injection, 0.0) / unit,
-            )
-            for one in steady
-        ]
+    def weighed(ref: Floats, inj: Floats) -> tuple[Floats, Floats]:
+        if together:
+            return p_ref * ref + p_both * inj, p_inj * inj + p_both * ref
+        return p_ref * ref, p_inj * inj
 
-        def weighed(ref: Floats, inj: Floats) -> tuple[Floats, Floats]:
-            if together:
-                return p_ref * ref + p_both * inj, p_inj * inj + p_both * ref
-            return p_ref * ref, p_inj * inj
-
+    columns = [
+        (np.where(usable, one.reference, 0.0) / unit, np.where(usable, one.injection, 0.0) / unit)
+        for one in (steady if noisy else ())
+    ]
+    weighed_columns = [weighed(*one) for one in columns]
+    lines = (x_ref, x_inj)
+    alone, shared = covariance, []
+    if columns:
         values, covariance, chi2 = _with_steady(
             columns,
-            [weighed(*one) for one in columns],
-            lines=(x_ref, x_inj),
+            weighed_columns,
+            lines=lines,
             off=(off_ref, off_inj),
             found=(values, covariance, chi2),
         )
+    for ref, inj in (*_deviations(common, unit), *columns) if with_shared and noisy else ():
+        change = np.einsum("ijn,jn->in", alone, _in_design(lines, weighed(ref, inj)))
+        if columns:
+            off = ref - change[0] * x_ref - change[1], inj - change[2] * x_inj - change[3]
+            found = (change, alone, chi2)
+            change, _, _ = _with_steady(
+                columns, weighed_columns, lines=lines, off=off, found=found
+            )
+        shared.append(change)
     units = np.array([1.0, unit, 1.0, unit])[:, None]
     if not noisy:
         covariance = np.where(known, np.zeros((4, 4, 1)), np.nan)
@@ -191,7 +204,22 @@ def fit_pair(
         values=(values * units).T,
         covariance=(covariance * units[:, None] * units).transpose(2, 0, 1),
         chi2=np.where(known, chi2, np.nan),
+        shared=np.stack([(one * units).T for one in shared]) if shared else None,
     )
+
+
+def _deviations(common: Sequence[CommonError], unit: float) -> Iterator[tuple[Floats, Floats]]:
+    """One standard deviation (K, N) in both kinds of each error that is common to all pixels."""
+    for one in common:
+        for k in np.flatnonzero(one.variance) if one.variance.ndim == 1 else ():
+            at = (np.arange(len(one.variance)) == k)[:, None] * np.sqrt(one.variance[k]) / unit
+            yield at * one.reference, at * one.injection
+
+
+def _in_design(lines: tuple[Floats, Floats], weighed: tuple[Floats, Floats]) -> Floats:
+    """X' V^-1 y (4, N) of the weighted means V^-1 y (K, N) of both kinds."""
+    ref, inj = weighed
+    return np.stack([(lines[0] * ref).sum(0), ref.sum(0), (lines[1] * inj).sum(0), inj.sum(0)])
 
 
 def _with_steady(
@@ -208,10 +236,7 @@ def _with_steady(
     the background. off: (K, N) residuals of the estimate without.
     """
     values, covariance, chi2 = found
-    in_design = [  # X' V^-1 u
-        np.stack([(lines[0] * r).sum(0), r.sum(0), (lines[1] * i).sum(0), i.sum(0)])
-        for r, i in weighed
-    ]
+    in_design = [_in_design(lines, one) for one in weighed]
     taken = np.array([np.einsum("ijn,jn->in", covariance, one) for one in in_design])
     q = np.array([(r * off[0] + i * off[1]).sum(axis=0) for r, i in weighed])
     size = np.empty((len(columns), *q.shape))
@@ -278,20 +303,31 @@ def emissivity(lines: Pair) -> tuple[Floats, Floats]:
     """(N,) epsilon = 1 - s / g, and its variance."""
     g, _, s, _ = lines.values.T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return 1.0 - s / g, lines.variance(emissivity_gradient(lines))
+
+
+def emissivity_gradient(lines: Pair) -> Floats:
+    """(N, 4) derivatives of the emissivity by the values of the lines."""
+    g, _, s, _ = lines.values.T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         zero = np.zeros_like(g)
-        gradient = np.stack([s / g**2, zero, -1.0 / g, zero], axis=1)
-        return 1.0 - s / g, lines.variance(gradient)
+        return np.stack([s / g**2, zero, -1.0 / g, zero], axis=1)
 
 
 def apparent_radiance(lines: Pair) -> tuple[Floats, Floats]:
     """(N,) I(T_app) = (c_inj - c_ref) / (g - s), and its variance."""
     g, c_ref, s, c_inj = lines.values.T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return (c_inj - c_ref) / (g - s), lines.variance(radiance_gradient(lines))
+
+
+def radiance_gradient(lines: Pair) -> Floats:
+    """(N, 4) derivatives of the apparent radiance by the values of the lines."""
+    g, c_ref, s, c_inj = lines.values.T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         depth = g - s
-        radiance = (c_inj - c_ref) / depth
-        one = np.ones_like(g)
-        gradient = np.stack([-radiance, -one, radiance, one], axis=1) / depth[:, None]
-        return radiance, lines.variance(gradient)
+        radiance, one = (c_inj - c_ref) / depth, np.ones_like(g)
+        return np.stack([-radiance, -one, radiance, one], axis=1) / depth[:, None]
 
 
 def shot_scatter(

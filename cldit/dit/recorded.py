@@ -15,13 +15,13 @@ from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.agreement import agreeing
-from cldit.dit.budget import Budget, budget
+from cldit.dit.budget import Budget, Part, budget, common_parts
 from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots, ignore_saturated
-from cldit.dit.solve import Signals, solve
+from cldit.dit.solve import Signals, Solution, solve
 from cldit.dit.witness.brightness import brightness
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
@@ -221,7 +221,7 @@ def evaluate_shots(
     witnesses += examined.witnesses
     check_not_mirrored(sums, sources)
     refuse([one for one in witnesses if one.name != "kinds"], accept)
-    maps = _solved(
+    maps, common = _solved(
         sums,
         setpoints,
         sources,
@@ -255,6 +255,7 @@ def evaluate_shots(
             curve=chosen,
             backgrounds_K=[sums[k, "reference"].temperature_K for k in setpoints],
             calibration=calibration,
+            common=common,
         ),
     )
 
@@ -353,8 +354,11 @@ def _solved(
     curve: Curve,
     transmission: float,
     examined: Examined,
-) -> Maps:
-    """Solves for the maps; offsets of camera and front window are in the lines' intercepts."""
+) -> tuple[Maps, tuple[Part, ...]]:
+    """Solves for the maps, and for their common errors.
+
+    Offsets of camera and front window are in the lines' intercepts.
+    """
     scale = calibration.counts_per_radiance * transmission
     steady = any(drift.modes.any() for drift in examined.drifts) and all(
         group.spare(steady=True) > 1.0 for group in sums.values()
@@ -378,7 +382,7 @@ def _solved(
         )
 
     full = {k: sums[k, "reference"].full | sums[k, "injection"].full for k in setpoints}
-    parts: list[Maps] = []
+    parts: list[Solution] = []
     for rows in blocks(full[setpoints[0]].shape, len(setpoints)):
         part = solve(
             signals("reference", rows),
@@ -388,9 +392,14 @@ def _solved(
             drifts=examined.drifts,
             systematic=examined.systematic.rows(rows),
         )
-        part.reason[part.reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
+        reason = part.maps.reason
+        reason[reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
         parts.append(part)
-    return stack(parts)
+    maps = stack([one.maps for one in parts])
+    kelvin = np.concatenate([one.shared_K for one in parts], axis=1)
+    return maps, common_parts(
+        maps, kelvin, np.concatenate([one.shared_emissivity for one in parts], axis=1)
+    )
 
 
 def _without(maps: Maps, bad: NDArray[np.bool_]) -> Maps:

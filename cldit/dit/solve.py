@@ -17,7 +17,9 @@ from cldit.dit.fit import (
     SteadyError,
     apparent_radiance,
     emissivity,
+    emissivity_gradient,
     fit_pair,
+    radiance_gradient,
     shot_scatter,
 )
 from cldit.dit.maps import Maps, Reason
@@ -102,7 +104,13 @@ class Systematic:
             apart = np.zeros_like(lines.values)
             apart[:, 2], apart[:, 3] = slope, start
             covariance = covariance + apart[:, :, None] * apart[:, None, :]
-        return Pair(lines.values, covariance, lines.chi2)
+        slope, start = self.kelvin * self.slope * s, self.offset + self.kelvin * self.start * s
+        shared = lines.shared
+        if self.offset or self.kelvin:  # of all pixels
+            apart = np.zeros((1, *lines.values.shape))
+            apart[0, :, 2], apart[0, :, 3] = slope, start
+            shared = apart if shared is None else np.concatenate([shared, apart])
+        return Pair(lines.values, covariance, lines.chi2, shared)
 
 
 @dataclass(frozen=True)
@@ -125,6 +133,17 @@ class Signals:
     spare: Floats | None = None
 
 
+@dataclass(frozen=True)
+class Solution:
+    """Maps (...), and changes (M, ...) of T_app [K] and emissivity by one standard deviation of
+    each of M errors that all pixels have in common; the standard errors of the maps contain them.
+    """
+
+    maps: Maps
+    shared_K: Floats
+    shared_emissivity: Floats
+
+
 def solve(
     reference: Signals,
     injection: Signals,
@@ -133,8 +152,8 @@ def solve(
     curve: Curve,
     drifts: Sequence[Drift] = (),
     systematic: Systematic | None = None,
-) -> Maps:
-    """Maps of the pixels (...).
+) -> Solution:
+    """Maps of the pixels (...), and the errors that they have in common.
 
     Standard errors include the camera's noise and, for injections, additional scatter between shots
     (`shot_scatter`, with two shots or more per background). References scatter by the camera's
@@ -172,7 +191,7 @@ def solve(
         if drift.cause == "gain":
             bright = bright + drift.course[:, None]
 
-    def again(lines: Pair) -> Pair:
+    def again(lines: Pair, *, last: bool = False) -> Pair:
         """The fit with all errors at the signals of `lines`.
 
         A gain with the relative drift z multiplies the lines by 1 + a z, with a near 1. The means
@@ -230,8 +249,10 @@ def solve(
                 )
                 for parts in _modes(drifts, factors)
             ],
+            with_shared=last,
         )
 
+    again_times = _AGAIN if np.any(bright != 1.0) else 0
     lines = again(
         fit_pair(
             source,
@@ -241,13 +262,26 @@ def solve(
                 injection.camera(mean[1]) / exposures[1] + more[1],
             ),
             usable=usable,
-        )
+        ),
+        last=again_times == 0,
     )
-    for _ in range(_AGAIN if np.any(bright != 1.0) else 0):
-        lines = again(lines)
+    for number in range(again_times):
+        lines = again(lines, last=number == again_times - 1)
     if systematic is not None:
         lines = systematic.widened(lines)
-    return _maps(lines, backgrounds=usable.sum(axis=0), curve=curve, shape=shape)
+    maps = _maps(lines, backgrounds=usable.sum(axis=0), curve=curve, shape=shape)
+    if lines.shared is None:
+        nothing = np.zeros((0, *shape))
+        return Solution(maps, nothing, nothing)
+    radiance = apparent_radiance(lines)[0]
+    with np.errstate(invalid="ignore"):
+        slope = curve.temperature_slope(np.where(maps.reason.ravel() == 0, radiance, np.nan))
+    of_radiance, of_emissivity = (
+        np.einsum("mni,ni->mn", lines.shared, gradient)
+        for gradient in (radiance_gradient(lines), emissivity_gradient(lines))
+    )
+    whole = (-1, *shape)
+    return Solution(maps, (of_radiance * slope).reshape(whole), of_emissivity.reshape(whole))
 
 
 def _modes(
