@@ -10,8 +10,10 @@ if TYPE_CHECKING:
     from cldit.api.evaluated import evaluate as evaluate
     from cldit.api.experiment import run_experiment as run_experiment
     from cldit.api.progress_bars import progress_bar as progress_bar
+    from cldit.api.repeat import repeat as repeat
     from cldit.api.scripting import open_rig as open_rig
     from cldit.api.series import run_series as run_series
+    from cldit.comparison import compare as compare
     from cldit.gpu.device import list_devices as list_devices
     from cldit.gpu.device import open_device as open_device
     from cldit.run import Run as Run
@@ -22,8 +24,6 @@ if TYPE_CHECKING:
     from cldit.scene import load_scene as load_scene
     from cldit.scene import parse_scene as parse_scene
     from cldit.scene import shipped_scenes as shipped_scenes
-    from cldit.show.comparison import compare as compare
-    from cldit.show.comparison.repeat import repeat as repeat
     from cldit.show.figures.plot import plot as plot
     from cldit.study.dataset import open_study as open_study
 
@@ -31,8 +31,8 @@ __version__ = version("cldit")
 
 # Loaded when asked for: a script that opens a rig needs neither OpenCL nor matplotlib.
 _HOMES = {
-    "cldit.show.comparison": ("compare",),
-    "cldit.show.comparison.repeat": ("repeat",),
+    "cldit.comparison": ("compare",),
+    "cldit.api.repeat": ("repeat",),
     "cldit.api.evaluated": ("evaluate",),
     "cldit.api.experiment": ("run_experiment",),
     "cldit.gpu.device": ("list_devices", "open_device"),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.acquisition.measured import is_measured
-from cldit.show.comparison.shown import Shown, open_shown
+from cldit.comparison.shown import Shown, open_shown
 
 Layer = tuple[Any, dict[str, Any], str]
 Reader = Callable[[str | list[str]], list[Layer]]

@@ -10,6 +10,7 @@ from cldit.cli.program import Program, epilog
 _COMMANDS = {
     "run": "cldit.cli.run:run",
     "repeat": "cldit.cli.diff:repeat_command",
+    "compare": "cldit.cli.diff:compare_command",
     "diff": "cldit.cli.diff:diff",
     "scenes": "cldit.cli.scenes:scenes",
     "devices": "cldit.cli.devices:devices",

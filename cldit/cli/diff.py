@@ -1,4 +1,4 @@
-"""`cldit diff` and `cldit repeat`: difference of results, and of a run computed again."""
+"""`cldit compare`, `cldit diff` and `cldit repeat`: differences of results, in kelvin."""
 
 from __future__ import annotations
 
@@ -6,13 +6,36 @@ from pathlib import Path
 
 import click
 
+from cldit.api.repeat import repeat
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
 from cldit.cli.options import device_option, within_option
 from cldit.cli.program import Exit
+from cldit.comparison.compare import compare
+from cldit.comparison.difference import Difference, MapDifference, RegionDifference, difference
 from cldit.gpu.device import open_device
-from cldit.show.comparison.difference import Difference, MapDifference, compare
-from cldit.show.comparison.repeat import repeat
+
+_LARGE = 2.0  # standard errors of an error of all pixels, to be named
+
+
+@click.command("compare")
+@click.argument("one", type=click.Path(path_type=Path))
+@click.argument("others", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
+@within_option
+@json_option
+@plain_errors
+def compare_command(
+    one: Path, others: tuple[Path, ...], acquired: bool, within_K: float | None
+) -> Outcome:
+    """Compare ONE with OTHERS, with the errors of both: measured data, evaluations, runs.
+
+    The exit status is 3 if the errors do not explain the difference.
+    """
+    found = compare(one, *others, acquired=acquired, within_K=within_K)
+    for each in found.differences:
+        print_difference(each)
+    return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
 
 
 @click.command()
@@ -24,11 +47,12 @@ from cldit.show.comparison.repeat import repeat
 @json_option
 @plain_errors
 def diff(one: Path, other: Path, acquired: bool, resample: bool, within_K: float | None) -> Outcome:
-    """Compare ONE and OTHER, in kelvin: runs, acquisitions, or measured data.
+    """Subtract ONE from OTHER, in kelvin: runs, acquisitions, or measured data.
 
-    The exit status is 3 if the difference exceeds what the stated errors explain.
+    This is the plain form of `cldit compare`: nothing is drawn. The exit status is 3 if the errors
+    do not explain the difference.
     """
-    found = compare(one, other, acquired=acquired, resample=resample, within_K=within_K)
+    found = difference(one, other, acquired=acquired, resample=resample, within_K=within_K)
     print_difference(found)
     return Outcome(found.to_dict(), Exit.DONE if found.within else Exit.DIFFERS)
 
@@ -53,14 +77,29 @@ def print_difference(found: Difference) -> None:
         OUT.print(f"  shared errors, not counted: {', '.join(found.shared)}")
     if found.tested:
         OUT.print(f"  omitted by one alone, not counted as its error: {', '.join(found.tested)}")
-    if found.beyond is not None:
-        OUT.print(
-            f"  {100 * found.beyond:.3g} % of the pixels differ by more than twice the errors "
-            f"stated there; reduced chi-square {found.chi2:.2g}"
-        )
+    if found.p_value is not None:
+        regions = folded_table("T_app", "RMS", "mean", "chi-square", "p", "pixels")
+        for name, region in found.regions.items():
+            regions.add_row(name, *_region_cells(region))
+        OUT.print(regions)
+    large = [f"{one.name} {one.size:+.1f}" for one in found.modes if abs(one.size) > _LARGE]
+    if large:
+        OUT.print(escaped(f"  errors of all pixels, in standard errors: {', '.join(large)}"))
     for key in found.keys:
         OUT.print(escaped(f"  {key.text}"), style="dim")
     OUT.print(f"  {found.verdict}", style="bold")
+
+
+def _region_cells(one: RegionDifference) -> list[str]:
+    if one.p_value is None or one.chi2_reduced is None:
+        return ["-", "-", "-", "cannot be told", str(one.pixels)]
+    return [
+        f"{one.rms_K:.3g} K",
+        f"{one.mean_K:+.2g} ± {one.mean_error_K:.2g} K",
+        f"{one.chi2_reduced:.2f}",
+        f"{one.p_value:.2g}",
+        str(one.pixels),
+    ]
 
 
 def _cells(one: MapDifference) -> list[str]:

@@ -37,7 +37,7 @@ _TEXT = {
     Exit.DONE: "done",
     Exit.FAILED: "refused or failed; the standard error gives the reason",
     Exit.USAGE: "invalid command line",
-    Exit.DIFFERS: "diff, repeat: the difference exceeds the stated errors",
+    Exit.DIFFERS: "compare, diff, repeat: the errors do not explain the difference",
     Exit.STOPPED: "stopped by Ctrl-C",
 }
 

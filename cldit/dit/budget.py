@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels
-_MOST, _SEEN = 4, 0.01  # common errors, and their chi-square in all pixels together, at least
+_MOST, _SEEN = 6, 1.0  # common errors, and their chi-square in all pixels together, at least
 _SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which a and b are fitted
 
 

@@ -167,6 +167,7 @@ def fit_pair(
     if together:
         squares += 2.0 * p_both * off_ref * off_inj
     chi2 = squares.sum(axis=0)
+
     def weighed(ref: Floats, inj: Floats) -> tuple[Floats, Floats]:
         if together:
             return p_ref * ref + p_both * inj, p_inj * inj + p_both * ref
@@ -192,9 +193,7 @@ def fit_pair(
         if columns:
             off = ref - change[0] * x_ref - change[1], inj - change[2] * x_inj - change[3]
             found = (change, alone, chi2)
-            change, _, _ = _with_steady(
-                columns, weighed_columns, lines=lines, off=off, found=found
-            )
+            change, _, _ = _with_steady(columns, weighed_columns, lines=lines, off=off, found=found)
         shared.append(change)
     units = np.array([1.0, unit, 1.0, unit])[:, None]
     if not noisy:
@@ -327,7 +326,8 @@ def radiance_gradient(lines: Pair) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         depth = g - s
         radiance, one = (c_inj - c_ref) / depth, np.ones_like(g)
-        return np.stack([-radiance, -one, radiance, one], axis=1) / depth[:, None]
+        gradient = np.stack([-radiance, -one, radiance, one], axis=1) / depth[:, None]
+        return np.asarray(gradient)
 
 
 def shot_scatter(

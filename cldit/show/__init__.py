@@ -1,1 +1,1 @@
-"""Figures, reports, pages in the browser, and comparisons of runs."""
+"""Figures, reports, and pages in the browser."""

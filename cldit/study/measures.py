@@ -7,57 +7,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.comparison.regions import Spray2D
 from cldit.run import Run
 from cldit.spray.result import Spray
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_ROOT_M = (1e-3, 8e-3)  # below the tip, where the plumes overlap and are hardly heated
 _SCATTERED = 0.02  # smallest weight of the walls with droplets
 _ABSORBED = 0.02  # smallest share of a phase in the light of a pixel
 _SOME = 20  # pixels of a mean, at least
 
 
-def positions_m(run: Run) -> tuple[Floats, Floats]:
-    """Coordinates x and z (H, W) of the pixels in the plane of the target."""
-    height, width = run.maps.emissivity.shape
+def spray_of(run: Run) -> Spray2D:
+    """Pixels of the run's maps with their positions and regions."""
     x, _, z = run.scene.target_m
-    pixel_x, pixel_z = run.pixel_m
-    across = x + (np.arange(width) - (width - 1) / 2) * pixel_x
-    up = z - (np.arange(height) - (height - 1) / 2) * pixel_z
-    x_m, z_m = np.meshgrid(across, up)
-    return x_m, z_m
+    return Spray2D.of(run.maps, pixel_m=run.pixel_m, centre_m=(x, z))
 
 
 def visible(run: Run) -> Mask:
     """Pixels with an apparent temperature and an emissivity above 0.05."""
-    known = np.isfinite(run.maps.apparent_temperature_K)
-    return np.asarray(known & (run.maps.emissivity > VISIBLE_EMISSIVITY))
+    return spray_of(run).visible
 
 
 def root(run: Run) -> Mask:
     """Visible spray 1 to 8 mm below the injector tip."""
-    _, z = positions_m(run)
-    return np.asarray(visible(run) & (z < -_ROOT_M[0]) & (z > -_ROOT_M[1]))
+    return spray_of(run).root
 
 
-def reach_m(run: Run) -> float:
-    """Distance from the injector that contains 97 % of the visible spray, by emissivity."""
-    x, z = positions_m(run)
-    seen = visible(run)
-    if not seen.any():
-        return float("nan")
-    far, weight = np.hypot(x, z)[seen], run.maps.emissivity[seen].astype(float)
-    order = np.argsort(far)
-    return float(far[order][np.searchsorted(np.cumsum(weight[order]) / weight.sum(), 0.97)])
-
-
-def tips(run: Run, share: float = 0.85) -> Mask:
-    """Visible spray (H, W) beyond `share` of its reach, which single droplets do not determine."""
-    x, z = positions_m(run)
-    return np.asarray(visible(run) & (np.hypot(x, z) > share * reach_m(run)))
+def tips(run: Run) -> Mask:
+    """Visible spray (H, W) beyond 85 % of its reach."""
+    return spray_of(run).tips()
 
 
 @dataclass(frozen=True)

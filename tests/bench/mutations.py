@@ -235,7 +235,7 @@ MUTATIONS = (
     row("cldit/show/figures/colours.py", "np.searchsorted(share, at)",
         "np.searchsorted(share, 1 - at)",
         "unit/show"),
-    row("cldit/show/comparison/difference.py", "centre_m[1] - (int(row)", "centre_m[1] + (int(row)",
+    row("cldit/comparison/difference.py", "centre_m[1] - (int(row)", "centre_m[1] + (int(row)",
         "unit/show"),
     row("cldit/show/view/packing.py", "kept = (word + half)", "kept = word", "unit/show/view"),
     row("cldit/study/page.py", "if agreed == len(verdicts):", "if agreed:", "unit/study"),

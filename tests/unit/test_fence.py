@@ -22,13 +22,14 @@ LARGEST_FOLDER = 26  # source files
 BUDGETS: dict[str, int] = {
     "accuracy": 3726,
     "acquisition": 5550,
-    "api": 958,
+    "api": 1124,
     "bench": 1028,
     "camera": 571,
     "cfd": 8387,
     "cldit": 147,
-    "cli": 2626,
-    "dit": 5685,
+    "cli": 2666,
+    "comparison": 1122,
+    "dit": 5806,
     "drivers": 5657,
     "gpu": 1048,
     "io": 1777,
@@ -40,24 +41,25 @@ BUDGETS: dict[str, int] = {
     "rig": 1763,
     "run": 1763,
     "scene": 1755,
-    "show": 6951,
+    "show": 6155,
     "spray": 6074,
-    "study": 2608,
+    "study": 2589,
     "testing": 1421,
     "transport": 7372,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
     "acquisition": "camera cldit io optics radiance rig scene",
-    "api": "acquisition camera cfd cldit cli dit gpu io rig run scene show",
+    "api": "acquisition camera cfd cldit cli comparison dit gpu io rig run scene show",
     "bench": "accuracy cldit gpu io medium optics prepare radiance run scene show transport",
     "camera": "cldit optics scene",
     "cfd": "cldit io scene spray",
-    "cldit": "api cli gpu run scene show study",
+    "cldit": "api cli comparison gpu run scene show study",
     "cli": (
-        "accuracy acquisition api bench cfd cldit dit gpu io optics prepare rig run scene show "
-        "spray study testing"
+        "accuracy acquisition api bench cfd cldit comparison dit gpu io optics prepare rig run "
+        "scene show spray study testing"
     ),
+    "comparison": "accuracy acquisition camera cldit dit optics radiance run scene",
     "dit": "acquisition camera cldit io optics radiance scene",
     "drivers": "camera cldit io optics radiance rig run scene testing",
     "gpu": "cldit io",
@@ -72,9 +74,9 @@ ARROWS: dict[str, str] = {
         "accuracy camera cfd cldit dit gpu io medium optics prepare radiance scene spray transport"
     ),
     "scene": "cldit io",
-    "show": "accuracy acquisition api camera cldit dit gpu io optics radiance rig run scene spray",
+    "show": "accuracy acquisition camera cldit dit gpu io optics radiance rig run scene spray",
     "spray": "cldit io scene",
-    "study": "camera cldit gpu io optics prepare radiance run scene show spray",
+    "study": "camera cldit comparison gpu io optics prepare radiance run scene show spray",
     "testing": "cldit io rig",
     "transport": "cldit gpu medium optics radiance scene",
 }

@@ -24,9 +24,8 @@ from cldit.study.measures import (
     droplets_K,
     mean_emissivity,
     mean_K,
-    positions_m,
-    reach_m,
     root,
+    spray_of,
     tips,
     visible,
 )
@@ -43,7 +42,8 @@ _FAR_M = 0.08
 
 def _along_axis(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Depth / m and T_app / K in steps of 4 mm on the jet's axis."""
-    x, z = positions_m(run)
+    spray = spray_of(run)
+    x, z = spray.x_m, spray.z_m
     on_axis = visible(run) & (np.abs(x) < _AXIS_M)
     depth = np.arange(0.0, 0.12, 4e-3)
     found = [mean_K(run, on_axis & (z < -top) & (z >= -top - 4e-3)) for top in depth]
@@ -70,7 +70,7 @@ def methane(lab: Lab) -> Found:
             }
         )
     last = rows[-1]
-    emissivity = run.maps.emissivity[positions_m(run)[1] < -_FAR_M]
+    emissivity = run.maps.emissivity[spray_of(run).z_m < -_FAR_M]
     largest = max(float(row["largest emissivity"]) for row in rows)
     crop = Crop(-40.0, 40.0, -95.0, 6.0)
     return Found(
@@ -144,7 +144,7 @@ def _condition_row(case: str, run: Run, walls_K: float) -> Row:
     return {
         "case": case,
         "walls / K": walls_K,
-        "reach / mm": reach_m(run) * 1e3,
+        "reach / mm": spray_of(run).reach_m * 1e3,
         "T_app below the nozzle / K": mean_K(run, root(run)),
         "T_app at the tips / K": mean_K(run, tips(run)),
         "largest emissivity": float(np.nanmax(run.maps.emissivity)),
@@ -189,9 +189,10 @@ def conditions(lab: Lab) -> Found:
             "noise_ratio": noise[0] / noise[1],
             "nearer_K": away[0] - away[1],
             "contrast_change_K": contrast[0] - contrast[1],
-            "reach_ratio": reach_m(at[0.9]) / reach_m(at[0.15]),
+            "reach_ratio": spray_of(at[0.9]).reach_m / spray_of(at[0.15]).reach_m,
             "largest_step": max(
-                reach_m(at[after]) / reach_m(at[before]) for before, after in pairwise(at)
+                spray_of(at[after]).reach_m / spray_of(at[before]).reach_m
+                for before, after in pairwise(at)
             ),
             "halo_change_K": mean_K(at[0.6], halo) - 570.0,
             "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
@@ -210,7 +211,7 @@ _ORDERS = (0, 1, 2, 3, 5)
 
 def _beyond(run: Run) -> Mask:
     """The visible spray 8 mm and more below the injector's tip."""
-    _, z = positions_m(run)
+    z = spray_of(run).z_m
     return np.asarray(visible(run) & (z < -8e-3))
 
 

@@ -21,8 +21,8 @@ from cldit.study.measures import (
     Phases,
     droplets_K,
     mean_K,
-    positions_m,
     root,
+    spray_of,
     tips,
     visible,
 )
@@ -312,7 +312,7 @@ def fuel_temperature(lab: Lab) -> Found:
         for wall_K in _OTHER_WALLS_K
     }
     others["background all round"] = [all_round(run) for run in (warm, cold)]
-    _, z = positions_m(warm)
+    z = spray_of(warm).z_m
     rows: list[dict[str, float | str]] = []
     for top in np.arange(1e-3, 25e-3, 4e-3):
         layer = (z < -top) & (z >= -top - 4e-3)

@@ -35,7 +35,7 @@ def test_an_evaluation_is_drawn_compared_and_stored(tmp_path: Path) -> None:
     assert all(len(one["sha256"]) == 64 for one in stored["origin"]["inputs"])
     assert json.loads(data.attrs["evaluation"])["origin"]["inputs"] == []
 
-    found = cldit.compare(folder, folder)
+    found = cldit.compare(folder, folder).differences[0]
     assert found.same and found.stated_K[0] is not None
 
     xarray = pytest.importorskip("xarray")

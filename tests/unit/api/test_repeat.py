@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from cldit.api.repeat import inputs_that_changed, repeat
 from cldit.cli import main
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
@@ -17,7 +18,6 @@ from cldit.io.images import read_image, write_image
 from cldit.io.origin import FileRead, Origin
 from cldit.run import Run, open_run, simulate
 from cldit.scene import Scene
-from cldit.show.comparison.repeat import inputs_that_changed, repeat
 
 
 @pytest.fixture(scope="module")

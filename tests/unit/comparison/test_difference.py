@@ -12,16 +12,17 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import OMISSION, Cause, Errors
+from cldit.comparison import Shown, compare, difference, open_shown
+from cldit.comparison.difference import key_differences
+from cldit.comparison.shared import unshared
+from cldit.dit.budget import Part
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.radiance.weights import Weights
 from cldit.run import Run, open_run
 from cldit.scene import load_scene
-from cldit.show.comparison import Shown, compare, open_shown
-from cldit.show.comparison.difference import key_differences
-from cldit.show.comparison.shared import unshared
 
-WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"
+WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 PIXEL_M = (1e-3, 2e-3)
 
 
@@ -43,7 +44,7 @@ def test_rms_mean_worst_and_its_place() -> None:
     after = before + 1.0
     after[1, 5] += 3.0
     before[0, 0] = after[3, 3] = np.nan
-    found = compare(shown(before), shown(after)).t_app
+    found = difference(shown(before), shown(after)).t_app
     change = np.array([1.0] * 21 + [4.0])
     assert found.pixels == 22
     assert found.rms == pytest.approx(np.sqrt(np.mean(change**2)), rel=1e-6)
@@ -55,41 +56,68 @@ def test_rms_mean_worst_and_its_place() -> None:
 def test_pixels_of_one_alone_are_counted() -> None:
     before, after = np.full((2, 3), 400.0), np.full((2, 3), 400.0)
     before[0, 0] = after[1, 1] = after[1, 2] = np.nan
-    found = compare(shown(before), shown(after))
+    found = difference(shown(before), shown(after))
     assert found.only == (2, 1)
     assert not found.same
+
+
+def noise(seed: int) -> NDArray[np.float64]:
+    return np.random.default_rng(seed).standard_normal((40, 40))
 
 
 @pytest.mark.parametrize(
     ("errors", "within_K", "within", "words"),
     [
-        ((1.0, 1.0), None, False, "beyond the 1.4 K RMS explained by both errors"),
-        ((1.0, 2.0), None, True, "within the 2.2 K RMS explained by both errors"),
+        ((0.6, 0.8), None, True, "explained by the errors: p = 0."),
+        ((0.6, 0.6), None, False, "not explained by the errors: p = "),
         ((None, 2.0), None, False, "no error is stated"),
         ((None, None), 2.5, True, "within the 2.5 K RMS allowed"),
-        ((9.0, 9.0), 1.0, False, "beyond the 1 K RMS"),
+        ((9.0, 9.0), 0.5, False, "beyond the 0.5 K RMS"),
     ],
 )
 def test_stated_errors_explain_or_do_not(
     errors: tuple[float | None, float | None], within_K: float | None, within: bool, words: str
 ) -> None:
-    one = shown(np.full((2, 2), 400.0), error_K=errors[0])
-    other = shown(np.full((2, 2), 402.0), error_K=errors[1])
-    found = compare(one, other, within_K=within_K)
+    """Noise of 1 K: of 1600 pixels, errors of 0.85 K explain it with a probability of 1e-30."""
+    one = shown(400.0 + 0.0 * noise(1), error_K=errors[0])
+    other = shown(400.0 + noise(1), error_K=errors[1])
+    found = difference(one, other, within_K=within_K)
     assert found.within is within and words in found.verdict
-    assert found.to_dict()["within"] is within
+    data = found.to_dict()
+    assert data["within"] is within and set(data["regions"]["all"]) >= {"rms_K", "p_value"}
 
 
-def test_errors_of_pixels_say_where() -> None:
-    error_K = np.full((2, 2), 0.1)
-    error_K[0] = 5.0
-    one = shown(np.full((2, 2), 400.0), error_K=3.5, error_map_K=error_K)
-    found = compare(one, shown(np.full((2, 2), 402.0), error_K=0.1))
-    assert found.beyond == 0.5  # the lower row differs by 14 standard errors
-    assert found.t_app.rms == 2.0 and found.allowed_K == pytest.approx(3.5, abs=0.01)
-    assert not found.within and "beyond the errors of the pixels" in found.verdict
-    assert compare(one, shown(np.full((2, 2), 400.1), error_K=0.1)).within
-    assert compare(one, shown(np.full((2, 2), 402.0), error_K=0.1), within_K=3.0).within
+def test_regions_name_where_a_difference_is() -> None:
+    """Pixels of 1 mm around a tip in the 3rd row: 8 mm below it, and beyond 85 % of the reach."""
+    warm = 400.0 + noise(2)
+    given: dict[str, Any] = {"pixel_m": (1e-3, 1e-3), "centre_m": (0.0, -17e-3)}
+    one, same = shown(400.0 + 0 * warm, error_K=1.0, **given), shown(warm, error_K=0.0, **given)
+    assert difference(one, same).within
+    warmer = warm.copy()
+    warmer[4:11] += 1.0  # 1 to 8 mm below the tip
+    found = difference(one, shown(warmer, error_K=0.0, **given))
+    assert found.where == ("root",) and not found.within
+    root = found.regions["root"]
+    assert root.pixels == 7 * 40 and root.mean_K == pytest.approx(1.0, abs=0.2)
+    assert root.mean_error_K == pytest.approx(280**-0.5, rel=0.1)
+    inside = [one.pixels for name, one in found.regions.items() if name != "all"]
+    assert sum(inside) == found.regions["all"].pixels == 1600
+
+
+def test_an_error_of_all_pixels_explains_what_they_share() -> None:
+    """2 K everywhere, by a black body that is 2 K off: stated as 1 K, or as none."""
+    image = 400.0 + noise(3)
+    one = shown(400.0 + 0 * image, error_K=1.0)
+    part = Part(name="black body", kelvin=1.0 + 0 * image, emissivity=0 * image)
+    other = shown(image + 2.0, error_K=0.0)
+    assert not difference(one, other).within
+    found = difference(one, replace(other, systematic=(part,)))
+    assert found.within and found.modes[0].size == pytest.approx(2.0, abs=0.1)
+    assert found.regions["all"].mean_error_K == pytest.approx(1.0, abs=0.01)
+    both = difference(replace(one, systematic=(part,)), replace(other, systematic=(part,)))
+    assert not both.within  # the same black body: it cancels
+    far = difference(one, replace(shown(image + 5.0, error_K=0.0), systematic=(part,)))
+    assert not far.within  # five times as far off as stated
 
 
 def test_no_pixel_in_both() -> None:
@@ -97,24 +125,34 @@ def test_no_pixel_in_both() -> None:
     nothing = np.full((2, 2), np.nan)
     one, other = shown(nothing, error_K=None), shown(np.full((2, 2), 400.0), error_K=1.0)
     for pair in ((one, other), (other, one)):
-        found = compare(*pair)
-        assert (found.t_app.pixels, found.chi2, found.beyond, found.within) == (
-            0,
-            None,
-            None,
-            False,
-        )
+        found = difference(*pair)
+        assert (found.t_app.pixels, found.p_value, found.within) == (0, None, False)
         assert found.verdict == "no pixel has a T_app in both"
-    assert compare(one, shown(nothing)).verdict == "the same in every pixel"
+        with pytest.raises(EvaluationError, match="no pixel has a T_app: transparent"):
+            compare(*pair)
+    assert difference(one, shown(nothing)).verdict == "the same in every pixel"
+
+
+def test_what_has_no_meaning_is_refused() -> None:
+    warm = np.full((4, 4), 400.0)
+    one = shown(warm, error_K=1.0, filter_um=(3.3, 3.5))
+    with pytest.raises(EvaluationError, match=r"3.3 to 3.5 um, b has 3 to 5 um"):
+        compare(one, shown(warm, name="b", filter_um=(3.0, 5.0)))
+    with pytest.raises(EvaluationError, match="one result alone"):
+        compare(one)
+    halves = warm.copy(), warm.copy()
+    halves[0][:2] = halves[1][2:] = np.nan
+    with pytest.raises(EvaluationError, match="no pixel is visible in both"):
+        compare(shown(halves[0], error_K=1.0), shown(halves[1], error_K=1.0))
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RunFolderError, match=str(tmp_path)):
-        compare(tmp_path, WRITTEN)
+        difference(tmp_path, WRITTEN)
 
 
 def test_a_run_is_its_own_like() -> None:
-    found = compare(WRITTEN, open_run(WRITTEN))
+    found = difference(WRITTEN, open_run(WRITTEN))
     assert found.same and found.within and found.keys == ()
     assert found.verdict == "the same in every pixel"
 
@@ -127,10 +165,10 @@ def test_other_pixels_are_refused() -> None:
         shown(np.full((2, 2), 400.0), centre_m=(1e-3, 0.0)),
     ):
         with pytest.raises(EvaluationError, match=r"2 x 2 pixels over .* allowed: the same"):
-            compare(one, other)
+            difference(one, other)
     coarse = shown(np.full((1, 1), 400.0), pixel_m=(2e-3, 4e-3))
     with pytest.raises(EvaluationError, match="both were recorded: only a trace can"):
-        compare(one, coarse, resample=True)
+        difference(one, coarse, resample=True)
 
 
 def finer(run: Run) -> Run:
@@ -158,7 +196,7 @@ def test_a_finer_trace_is_averaged(swap: bool) -> None:
     """Each pixel's mean is the coarse pixel, so nothing differs but rounding of float32."""
     run = open_run(WRITTEN)
     pair = [finer(run), run][:: -1 if swap else 1]
-    found = compare(*pair, resample=True)
+    found = difference(*pair, resample=True)
     assert "finer averaged onto 12 x 10 pixels" in found.averaged
     assert found.only == (0, 0) and found.t_app.rms is not None and found.t_app.rms < 0.01
     assert {key.key for key in found.keys} == {"name", "camera.pixels"}
@@ -169,20 +207,20 @@ def test_a_run_beside_its_own_measurement(tmp_path: Path) -> None:
     folder = Path(shutil.copytree(WRITTEN, tmp_path / "run"))
     run, recorded = open_shown(folder), open_shown(folder / "acquisition")
     assert run.run is not None and recorded.run is None
-    found = compare(folder, folder, acquired=True)
+    found = difference(folder, folder, acquired=True)
     assert found.same
     with pytest.raises(EvaluationError, match=r"12 x 10 pixels .* has 16 x 12 pixels"):
-        compare(folder, folder / "acquisition")
-    found = compare(folder, folder / "acquisition", resample=True)
+        difference(folder, folder / "acquisition")
+    found = difference(folder, folder / "acquisition", resample=True)
     assert found.averaged.startswith(f"{folder} averaged onto 16 x 12 pixels over 160 x 120 mm")
-    assert found.within and found.beyond == 0.0 and found.t_app.pixels > 10
+    assert found.within and found.t_app.pixels > 10
     # Both contain the errors of the trace: the noise of the recording is all that is counted.
     assert found.unshared_K == (0.0, recorded.error_K)
     shutil.rmtree(folder / "acquisition" / "maps")
     with pytest.raises(RunFolderError, match="not evaluated yet"):
         open_shown(folder / "acquisition")
     with pytest.raises(RunFolderError, match="has no acquisition"):
-        compare(folder, folder, acquired=True)
+        difference(folder, folder, acquired=True)
 
 
 def test_keys_that_differ() -> None:
@@ -210,16 +248,16 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     run = replace(run, folder=None, info=replace(run.info, errors=Errors(causes)), error_maps={})
     first = run.scene.transport.model_copy(update={"order": 1})
     other = replace(run, scene=run.scene.model_copy(update={"transport": first}))
-    found = compare(run, other)
+    found = difference(run, other)
     assert found.shared == ("cells", "gas grid", "pixel sampling")
     assert found.unshared_K == (0.5, 0.5) and not found.at_least
     assert found.stated_K == pytest.approx((13.25**0.5, 13.25**0.5))
     camera = run.scene.camera.model_copy(update={"rays_per_pixel": 4})
     finer = replace(run, scene=run.scene.model_copy(update={"camera": camera}))
-    assert compare(run, finer).unshared_K == pytest.approx((4.25**0.5, 4.25**0.5))
+    assert difference(run, finer).unshared_K == pytest.approx((4.25**0.5, 4.25**0.5))
     spray = run.scene.spray.model_copy(update={"time_s": 0.9e-3})
     apart = replace(run, scene=run.scene.model_copy(update={"spray": spray}))
-    found = compare(run, apart)
+    found = difference(run, apart)
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
 
 
@@ -239,10 +277,10 @@ def test_what_one_alone_omits_is_tested_and_no_error() -> None:
         whole = with_causes(run, trace, order=None)
         first, second = (with_causes(run, trace, omitted, order=n) for n in (1, 2))
         for pair in ((first, whole), (whole, first), (first, second)):
-            found = compare(*pair)
+            found = difference(*pair)
             assert found.unshared_K == (0.5, 0.5) and not found.at_least
             assert (found.tested, found.shared) == ((name,), ())
-        found = compare(first, with_causes(run, trace, omitted, order=1))
+        found = difference(first, with_causes(run, trace, omitted, order=1))
         assert (found.tested, found.shared) == ((), (name, "trace"))
 
 

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from cldit.api.experiment import run_experiment
+from cldit.comparison.difference import Difference, difference
+from cldit.comparison.shown import open_shown
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
 from cldit.io.origin import FileRead
 from cldit.run import Run, Say, open_run, simulate
 from cldit.scene import dump_scene
-from cldit.show.comparison.difference import Difference, compare
-from cldit.show.comparison.shown import open_shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,7 +130,7 @@ def repeat(
 
 def _compared(run: Run, again: Run, *, acquired: bool, within_K: float | None) -> Difference:
     first, second = (open_shown(each, acquired=acquired) for each in (run, again))
-    return compare(
+    return difference(
         replace(first, name=str(run.folder)),
         replace(second, name="the repetition"),
         within_K=within_K,

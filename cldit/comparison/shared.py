@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cldit.accuracy.errors import OMISSION, PARTS, Cause
+from cldit.comparison.shown import Image, Shown
 from cldit.run import Run
 from cldit.scene import Scene
-from cldit.show.comparison.shown import Image, Shown
 
 _LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.camera.view import overlap_matrix
+from cldit.comparison.shown import Shown
 from cldit.errors import EvaluationError
 from cldit.radiance.weights import Weights
-from cldit.show.comparison.shown import Shown
 
 _SAME = 0.01  # of a pixel, over the whole image
 

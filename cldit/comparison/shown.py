@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from cldit.accuracy.error_maps import TOTAL
 from cldit.acquisition.measured import Measured, open_recorded
 from cldit.camera.view import SensorView
+from cldit.dit.budget import Part, load_parts
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
+from cldit.optics.response import edges_um, from_plain
 from cldit.run import Run, open_run
 from cldit.scene import Scene
 
@@ -26,8 +28,11 @@ class Shown:
     maps: (H, W). pixel_m: width and height of a pixel on the object. centre_m: (x, z) of the
     image's centre. error_K: stated standard error of T_app, RMS over its pixels; None if not
     stated. at_least: True if a cause of it is unknown. error_map_K: (H, W), in each pixel; None: as
-    error_K. run: the run of a trace; None for a recording. traced: the run whose errors the maps
-    contain, that which was recorded included; None if unknown.
+    error_K. common: parts of it that are one random number for all pixels. systematic: errors that
+    it does not contain, of one stated spread each. run: the run of a trace; None for a recording.
+    traced: the run whose errors the maps contain, that which was recorded included; None if
+    unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of
+    the filter; None: as the scene, or unknown.
     """
 
     name: str
@@ -37,9 +42,24 @@ class Shown:
     error_K: float | None = None
     at_least: bool = False
     error_map_K: Image | None = None
+    common: tuple[Part, ...] = ()
+    systematic: tuple[Part, ...] = ()
+    noisy: bool = False
+    filter_um: tuple[float, float] | None = None
     scene: Scene | None = None
     run: Run | None = None
     traced: Run | None = None
+
+    @property
+    def independent_K2(self) -> Image | None:
+        """Variance (H, W) of errors that pixels do not share; None if no error is stated."""
+        if self.error_K is None and self.error_map_K is None:
+            return None
+        whole = np.full(self.maps.emissivity.shape, self.error_K or 0.0)
+        square: Image = (whole if self.error_map_K is None else self.error_map_K) ** 2
+        for part in self.common:
+            square = square - np.nan_to_num(part.kelvin) ** 2
+        return np.maximum(square, 0.0)
 
     @property
     def grid(self) -> str:
@@ -53,7 +73,10 @@ class Shown:
         )
 
 
-def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown:
+Openable = str | Path | Run | Shown
+
+
+def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     """Maps of a run, of its recording if `acquired`, or of evaluated shots or measured data.
 
     of: a run, a folder, or measured.yaml. Raises RunFolderError if there are no such maps.
@@ -78,7 +101,10 @@ def open_shown(of: str | Path | Run | Shown, *, acquired: bool = False) -> Shown
     of_run = not isinstance(opened, Measured) and (place.parent / "scene.yaml").is_file()
     traced = open_run(place.parent) if of_run else None
     maps = Maps.load(folder)
-    return _recorded(str(place), maps, opened.pixel_m, opened.centre_m, traced=traced)
+    parts = load_parts(folder)
+    found = _recorded(str(place), maps, opened.pixel_m, opened.centre_m, parts=parts, traced=traced)
+    filter_um = from_plain(opened.calibration["filter_um"])
+    return replace(found, filter_um=edges_um(filter_um))
 
 
 def _traced(run: Run, name: str) -> Shown:
@@ -104,7 +130,9 @@ def _recorded_by(run: Run, name: str) -> Shown:
         raise RunFolderError(f"{name}: has no acquisition; compare its trace")
     x, _, z = run.scene.target_m
     pixel_m = SensorView.from_scene(run.scene).pixel_m
-    return _recorded(name, run.measured, pixel_m, (x, z), scene=run.scene, traced=run)
+    folder = None if run.folder is None else run.folder / "acquisition" / "maps"
+    parts = ((), ()) if folder is None else load_parts(folder)
+    return _recorded(name, run.measured, pixel_m, (x, z), parts=parts, scene=run.scene, traced=run)
 
 
 def _recorded(
@@ -113,9 +141,14 @@ def _recorded(
     pixel_m: tuple[float, float],
     centre_m: tuple[float, float],
     *,
+    parts: tuple[tuple[Part, ...], tuple[Part, ...]],
     scene: Scene | None = None,
     traced: Run | None = None,
 ) -> Shown:
+    """Maps of a recording with its systematic and common `parts`.
+
+    The setup of a simulated rig is as stated: its recording has no systematic errors.
+    """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
     known = np.isfinite(error_K) & np.isfinite(maps.apparent_temperature_K)
     return Shown(
@@ -125,6 +158,9 @@ def _recorded(
         centre_m=centre_m,
         error_K=float(np.sqrt(np.mean(error_K[known] ** 2))) if known.any() else None,
         error_map_K=error_K,
+        common=parts[1],
+        systematic=() if traced is not None else parts[0],
+        noisy=True,
         scene=scene,
         traced=traced,
     )

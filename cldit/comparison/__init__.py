@@ -1,0 +1,21 @@
+"""Comparison of results: measured, simulated and ensembles, with the errors that they do not share.
+
+`shown.py` opens a result as maps with their position and errors. `shared.py` removes the errors
+that two of them have in common, `pixels.py` brings both onto the same pixels. `difference.py`
+subtracts them, by region (`regions.py`), and tests the difference (`chi_square.py`). `compare.py`
+does so for several, and refuses what has no meaning.
+"""
+
+from cldit.comparison.compare import Comparison, compare
+from cldit.comparison.difference import Difference, MapDifference, difference
+from cldit.comparison.shown import Shown, open_shown
+
+__all__ = [
+    "Comparison",
+    "Difference",
+    "MapDifference",
+    "Shown",
+    "compare",
+    "difference",
+    "open_shown",
+]

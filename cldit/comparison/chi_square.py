@@ -1,0 +1,131 @@
+"""Chi-square of a difference with independent errors of the pixels and errors that they share.
+
+The difference r of N pixels has the covariance D + U U', where D is diagonal (variances of errors
+that differ from pixel to pixel) and each column of U is the change of r by one standard deviation
+of an error that all pixels share, a mode. With z = D^-1/2 r and B = D^-1/2 U (Woodbury)
+
+    chi2 = z'z - g' (1 + G)^-1 g        g = B'z, G = B'B
+    a = (1 + G)^-1 g                    the modes that fit best, in their standard deviations
+
+which is the generalised least squares sum, with the modes as nuisance parameters of variance 1.
+Two statistics are independent of each other: the sum of squares of z beside the span of B, with
+N - m degrees of freedom, and that along it, g' (G + G^2)^-1 g with m, which is large if the modes
+would have to be larger than stated. The probability combines both (Sidak 1967).
+
+Errors of neighbours are correlated, which leaves the mean of chi2 unchanged and increases its
+variance to 2 sum rho_ij^2. The effective number of pixels is therefore N^2 / sum rho_ij^2
+(Satterthwaite 1946). The correlation rho(d) at a distance d is 1 - v(d), with the semivariance
+v(d) = <(z_i - z_j)^2> / 2 and the sill 1 that errors of the stated size have: a smooth difference
+does not change v at short distances, and is not mistaken for a correlation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.special import chdtrc
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
+_SURE = 3.0  # standard errors by which a correlation differs from 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChiSquare:
+    """Result of the test over some pixels.
+
+    pixels: their number; effective: that of independent pixels with the same scatter of chi2;
+    correlated: factor of the variance of a mean by the correlation of neighbours.
+    reduced: chi2 per pixel. p_value: probability of a larger difference by the errors alone.
+    sizes: (M,) of the modes that fit best, in standard deviations. residuals: (H, W) standardised,
+    less these modes; NaN elsewhere.
+    """
+
+    pixels: int
+    effective: float
+    correlated: float
+    reduced: float
+    p_value: float
+    sizes: Floats
+    residuals: Floats
+
+
+def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> ChiSquare | None:
+    """Chi-square of a `change` (H, W) in the pixels `where`; None without any.
+
+    error: (H, W) independent standard errors above 0. modes: (M, H, W). Pixels in which any of
+    these is not finite are omitted.
+    """
+    where = where & np.isfinite(change) & np.isfinite(error) & np.isfinite(modes).all(axis=0)
+    count = int(np.count_nonzero(where))
+    if count == 0:
+        return None
+    z = change[where] / error[where]
+    b = modes[:, where] / error[where]
+    gram, along = b @ b.T, b @ z
+    sizes = np.asarray(np.linalg.solve(np.eye(len(b)) + gram, along), float)
+    total = float(z @ z)
+    residuals = np.full(change.shape, np.nan)
+    residuals[where] = z - sizes @ b
+    squares, products = correlation(residuals)
+    effective = count / squares
+    values, vectors = np.linalg.eigh(gram)
+    own = (vectors.T @ along) ** 2
+    seen = values > 1e-9 * max(1.0, float(values.max(initial=0.0)))
+    values, own = values[seen], own[seen]
+    beside = max(total - float(np.sum(own / values)), 0.0)
+    left = count - len(values)
+    chances = []
+    if left > 0:
+        share = effective / count
+        chances.append(float(chdtrc(left * share, beside * share)))
+    if len(values):
+        chances.append(float(chdtrc(len(values), np.sum(own / (values * products + values**2)))))
+    least = min(chances)
+    return ChiSquare(
+        pixels=count,
+        effective=effective,
+        correlated=products,
+        reduced=(total - float(along @ sizes)) / count,
+        p_value=least if len(chances) < 2 else 1.0 - (1.0 - least) ** 2,
+        sizes=sizes,
+        residuals=residuals,
+    )
+
+
+def correlation(z: Floats) -> tuple[float, float]:
+    """Sums over the distances of rho^2 and of rho, 1 without correlation; see the module.
+
+    z: (H, W) standardised residuals, NaN where there is none.
+    """
+    known = np.isfinite(z)
+    rows, columns = (np.ptp(np.flatnonzero(known.any(axis=axis))) + 1 for axis in (1, 0))
+    far = max(1, round(_FARTHEST * max(rows, columns)))
+    shape = [next_fast_len(n + far, real=True) for n in z.shape]
+    mask, value = known.astype(float), np.where(known, z, 0.0)
+    of_mask, of_value, of_square = (rfft2(one, shape) for one in (mask, value, value**2))
+
+    def sums(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> Floats:
+        """Sums over pairs of pixels, by their distance; rows, then columns, up to `far`."""
+        whole = irfft2(np.conj(one) * other, shape)
+        near = np.concatenate([whole[-far:], whole[: far + 1]])
+        return np.concatenate([near[:, -far:], near[:, : far + 1]], axis=1)
+
+    pairs = np.rint(sums(of_mask, of_mask))
+    square, product = sums(of_square, of_mask), sums(of_value, of_value)
+    both = square + square[::-1, ::-1]
+    half = 0.5 * both - product
+    sill = min(1.0, float(np.mean(z[known] ** 2)))
+    if not sill > 0.0:
+        return float(known.sum()), float(known.sum())  # equal: as good as one pixel
+    rho = 1.0 - half / (np.maximum(pairs, 1.0) * sill)
+    sure = rho > _SURE * np.sqrt(3.0 / np.maximum(pairs, 1.0))
+    rho = np.where(sure & (pairs > 0), np.minimum(rho, 1.0), 0.0)
+    rho[far, far] = 1.0
+    weight = pairs / pairs[far, far]
+    return float(np.sum(weight * rho**2)), float(np.sum(weight * rho))

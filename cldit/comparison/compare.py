@@ -1,0 +1,87 @@
+"""`cldit.compare`: one result against others, refused where a comparison would have no meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cldit.comparison.difference import Difference, difference
+from cldit.comparison.shown import Openable, Shown, open_shown
+from cldit.dit.maps import Reason
+from cldit.errors import EvaluationError
+from cldit.optics.response import edges_um, scene_filter
+
+_SAME_FILTER_UM = 0.02  # at either edge: twice the usual uncertainty of a filter
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One result against others: differences in the order in which they were given."""
+
+    differences: tuple[Difference, ...]
+
+    @property
+    def differs(self) -> bool:
+        """True if the errors do not explain one of the differences."""
+        return not all(one.within for one in self.differences)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: that of the difference, or of a list of several."""
+        if len(self.differences) == 1:
+            return self.differences[0].to_dict()
+        return {"comparisons": [one.to_dict() for one in self.differences]}
+
+
+def compare(
+    one: Openable, *others: Openable, acquired: bool = False, within_K: float | None = None
+) -> Comparison:
+    """Compares a result, measured or simulated, with others in the same view.
+
+    Args:
+        one: a run, or the folder of a run, of an evaluated acquisition or of measured data.
+        others: likewise.
+        acquired: of runs, compare the recordings of their rigs, not the traces.
+        within_K: RMS allowed in T_app; None: explained by the errors of both.
+
+    Raises:
+        RunFolderError: there are no maps.
+        EvaluationError: nothing to compare: no other result, no T_app, other filters, or no pixel
+            of the spray that both see.
+    """
+    if not others:
+        raise EvaluationError("one result alone; allowed: two or more")
+    first = open_shown(one, acquired=acquired)
+    shown = [open_shown(each, acquired=acquired) for each in others]
+    _check([first, *shown])
+    found = [difference(first, each, resample=True, within_K=within_K) for each in shown]
+    for each in found:
+        if not each.regions["all"].pixels and not each.same:
+            raise EvaluationError(
+                f"{each.one} and {each.other}: no pixel is visible in both; is it the same view?"
+            )
+    return Comparison(tuple(found))
+
+
+def _check(shown: Sequence[Shown]) -> None:
+    for one in shown:
+        if not np.isfinite(one.maps.apparent_temperature_K).any():
+            counts = one.maps.count()
+            why = max(counts, key=lambda reason: counts[reason], default=Reason.OK)
+            raise EvaluationError(f"{one.name}: no pixel has a T_app: {why.text}")
+    filters = [(one.name, _filter_um(one)) for one in shown]
+    known = [(name, edges) for name, edges in filters if edges is not None]
+    for name, edges in known[1:]:
+        if not np.allclose(edges, known[0][1], rtol=0.0, atol=_SAME_FILTER_UM):
+            texts = [f"{low:g} to {high:g} um" for low, high in (known[0][1], edges)]
+            raise EvaluationError(
+                f"{known[0][0]} has the filter {texts[0]}, {name} has {texts[1]}; allowed: the same"
+            )
+
+
+def _filter_um(shown: Shown) -> tuple[float, float] | None:
+    if shown.filter_um is not None:
+        return shown.filter_um
+    return None if shown.scene is None else edges_um(scene_filter(shown.scene))

@@ -1,0 +1,391 @@
+"""Difference of two results in T_app, emissivity and optical depth, and its test by region."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.comparison.chi_square import ChiSquare, chi_square
+from cldit.comparison.pixels import together
+from cldit.comparison.regions import Spray2D, positions_m
+from cldit.comparison.shared import unshared
+from cldit.comparison.shown import Openable, Shown, open_shown
+from cldit.dit.budget import Part
+from cldit.scene import Scene
+
+Image = NDArray[np.float64]
+
+LEVEL = 0.01  # probability below which two results differ
+_ROUNDED_K = 2e-3  # single precision on different devices
+_CLEAR = 5.0  # standard errors of the emissivity, in pixels that count
+_MOST_MODES = 10
+_LEAST_PIXELS = 4  # of a region
+
+
+@dataclass(frozen=True)
+class KeyDifference:
+    """A key of the scene and its two values; None if a scene does not have the key."""
+
+    key: str
+    one: Any
+    other: Any
+
+    @property
+    def text(self) -> str:
+        """`walls.temperature_K: 450 and 500`."""
+        return f"{self.key}: {_value(self.one)} and {_value(self.other)}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapDifference:
+    """Map of `other` minus map of `one`, over the pixels in which both have a value.
+
+    worst: the value of largest magnitude; worst_mm: its position (x, z). All are None without such
+    a pixel.
+    """
+
+    name: str
+    unit: str
+    pixels: int
+    mean: float | None = None
+    rms: float | None = None
+    worst: float | None = None
+    worst_mm: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionDifference:
+    """Difference of T_app in a region of the spray, and its test by the errors.
+
+    All numbers are None if they cannot be told: in fewer than 4 pixels, or without stated errors.
+
+    effective_pixels: number of independent pixels with the same scatter of chi-square.
+    mean_error_K: standard error of the mean. chi2_reduced: chi-square per pixel, 1 if the errors
+    explain the difference. p_value: probability of a larger difference by the errors alone.
+    """
+
+    pixels: int
+    effective_pixels: float | None = None
+    rms_K: float | None = None
+    mean_K: float | None = None
+    mean_error_K: float | None = None
+    chi2_reduced: float | None = None
+    p_value: float | None = None
+
+    @property
+    def differs(self) -> bool:
+        """True if the errors do not explain the difference."""
+        return self.p_value is not None and self.p_value < LEVEL
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An error that all pixels share: change (H, W) of the difference by one standard deviation.
+
+    size: the value that fits the difference best, in standard deviations.
+    """
+
+    name: str
+    kelvin: Image = field(repr=False)
+    size: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Difference:
+    """Difference between two results, other minus one.
+
+    stated_K: standard error of T_app that each states, None if none. given_K: allowed by the caller
+    instead. at_least: True if a cause of a stated error is unknown. only: number of pixels with a
+    T_app only in the first, and only in the second. unshared_K: the errors that they do not share;
+    shared: names of sources whose errors they share; tested: of those by keys that omit physics in
+    one alone, which no error explains. regions: `all` pixels that are visible in both, and the
+    parts of the spray. modes: errors that all pixels share. averaged: description of an average
+    onto the other's pixels. keys: that differ between the scenes. change_K, residuals: (H, W), the
+    latter in standard errors, less the modes that fit best.
+    """
+
+    one: str
+    other: str
+    maps: tuple[MapDifference, ...]
+    only: tuple[int, int]
+    stated_K: tuple[float | None, float | None]
+    unshared_K: tuple[float | None, float | None]
+    shared: tuple[str, ...]
+    tested: tuple[str, ...]
+    at_least: bool
+    given_K: float | None
+    regions: Mapping[str, RegionDifference]
+    modes: tuple[Mode, ...]
+    averaged: str
+    keys: tuple[KeyDifference, ...]
+    seen: tuple[Shown, Shown] = field(repr=False)
+    change_K: Image = field(repr=False)
+    residuals: Image = field(repr=False)
+
+    @property
+    def t_app(self) -> MapDifference:
+        """Difference of T_app."""
+        return self.maps[0]
+
+    @property
+    def same(self) -> bool:
+        """True if every value is the same, and missing in the same pixels."""
+        return self.only == (0, 0) and all(not one.worst for one in self.maps)
+
+    @property
+    def p_value(self) -> float | None:
+        """Probability of a larger difference in all pixels by the errors; None: cannot be told."""
+        return self.regions["all"].p_value
+
+    @property
+    def where(self) -> tuple[str, ...]:
+        """Parts of the spray in which the errors do not explain the difference."""
+        return tuple(
+            name for name, region in self.regions.items() if name != "all" and region.differs
+        )
+
+    @property
+    def within(self) -> bool:
+        """True if the errors explain the difference in T_app, or if all values are the same."""
+        if self.same:
+            return True
+        if self.given_K is not None:
+            return self.t_app.rms is not None and self.t_app.rms <= self.given_K
+        return self.p_value is not None and not self.regions["all"].differs
+
+    @property
+    def verdict(self) -> str:
+        """Conclusion on one line."""
+        if self.same:
+            return "the same in every pixel"
+        if self.t_app.rms is None:
+            return "no pixel has a T_app in both"
+        if self.given_K is not None:
+            return f"{'within' if self.within else 'beyond'} the {self.given_K:.2g} K RMS allowed"
+        p_value = self.p_value
+        if p_value is None:
+            if None in self.unshared_K:
+                return "differs, but no error is stated to compare with; --within gives a limit"
+            return "cannot be told: too few pixels are visible in both"
+        errors = "errors that are not shared" if self.shared else "errors"
+        known = ", as far as they are known" if self.at_least else ""
+        if self.within:
+            return f"explained by the {errors}{known}: p = {p_value:.2g}"
+        parts = f", in {', '.join(self.where)}" if self.where else ""
+        return f"not explained by the {errors}{known}: p = {p_value:.2g}{parts}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        images = {"seen", "change_K", "residuals", "modes", "regions"}
+        data = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in images}
+        data["maps"] = [asdict(one) for one in self.maps]
+        data["keys"] = [asdict(one) for one in self.keys]
+        data["regions"] = {name: asdict(one) for name, one in self.regions.items()}
+        data["modes"] = {one.name: one.size for one in self.modes}
+        more = {"same": self.same, "within": self.within, "where": self.where}
+        return {**data, **more, "verdict": self.verdict}
+
+
+def difference(
+    one: Openable,
+    other: Openable,
+    *,
+    acquired: bool = False,
+    resample: bool = False,
+    within_K: float | None = None,
+) -> Difference:
+    """Difference of two results: runs, or folders of runs, of acquisitions or measured data.
+
+    `acquired` takes recordings of runs, not their traces. `resample` averages a trace onto the
+    pixels of the other one. `within_K` is the RMS allowed in T_app in place of the errors. Raises
+    RunFolderError without maps, EvaluationError if the pixels differ.
+    """
+    first, second = (open_shown(each, acquired=acquired) for each in (one, other))
+    stated_K = first.error_K, second.error_K
+    parts = unshared(first, second)
+    first, second, averaged = together(parts.one, parts.other, resample=resample)
+    t_one, t_other = (
+        each.maps.apparent_temperature_K.astype(np.float64) for each in (first, second)
+    )
+    has = np.isfinite(t_one), np.isfinite(t_other)
+    change_K = t_other - t_one
+    regions, modes, residuals = _tested(change_K, first, second)
+    return Difference(
+        one=first.name,
+        other=second.name,
+        maps=(
+            _of("apparent_temperature_K", "K", t_one, t_other, second),
+            _of("emissivity", "1", first.maps.emissivity, second.maps.emissivity, second),
+            _of("optical_depth", "1", first.maps.optical_depth, second.maps.optical_depth, second),
+        ),
+        only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
+        stated_K=stated_K,
+        unshared_K=(first.error_K, second.error_K),
+        shared=parts.shared,
+        tested=parts.tested,
+        at_least=first.at_least or second.at_least,
+        given_K=within_K,
+        regions=regions,
+        modes=modes,
+        averaged=averaged,
+        keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
+        seen=(first, second),
+        change_K=change_K,
+        residuals=residuals,
+    )
+
+
+def _of(
+    name: str, unit: str, one: NDArray[np.floating], other: NDArray[np.floating], at: Shown
+) -> MapDifference:
+    change = np.asarray(other, np.float64) - one
+    known = np.isfinite(change)
+    if not known.any():
+        return MapDifference(name=name, unit=unit, pixels=0)
+    worst = np.unravel_index(np.nanargmax(np.abs(change)), change.shape)
+    x_m, z_m = positions_m(change.shape, pixel_m=at.pixel_m, centre_m=at.centre_m)
+    return MapDifference(
+        name=name,
+        unit=unit,
+        pixels=int(known.sum()),
+        mean=float(np.mean(change[known])),
+        rms=float(np.sqrt(np.mean(change[known] ** 2))),
+        worst=float(change[worst]),
+        worst_mm=(float(1e3 * x_m[worst]), float(1e3 * z_m[worst])),
+    )
+
+
+def _tested(
+    change_K: Image, one: Shown, other: Shown
+) -> tuple[dict[str, RegionDifference], tuple[Mode, ...], Image]:
+    """Regions, modes with their best sizes, and standardised residuals."""
+    spray = seen_in_both(one, other)
+    regions = spray.regions
+    modes = _modes(one, other)
+    squares = [each.independent_K2 for each in (one, other)]
+    nothing = np.full(change_K.shape, np.nan)
+    if squares[0] is None or squares[1] is None:
+        return {name: _untested(change_K, where) for name, where in regions.items()}, (), nothing
+    variance = squares[0] + squares[1] + _ROUNDED_K**2
+    known = spray.visible & np.isfinite(variance)
+    weights = [float(np.sum(mode.kelvin[known] ** 2 / variance[known])) for mode in modes]
+    kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
+    for number, mode in enumerate(modes):
+        if number not in kept:  # as if it were independent
+            variance = variance + mode.kelvin**2
+    modes = tuple(modes[number] for number in kept)
+    kelvin = np.array([mode.kelvin for mode in modes]).reshape(-1, *change_K.shape)
+    test = partial(chi_square, change_K, np.sqrt(variance), kelvin)
+    found = {name: test(where) for name, where in regions.items()}
+    whole = found["all"]
+    if whole is not None:
+        sizes = whole.sizes.tolist()
+        modes = tuple(Mode(m.name, m.kelvin, size) for m, size in zip(modes, sizes, strict=True))
+    return (
+        {
+            name: _region(change_K, np.sqrt(variance), modes, regions[name], result)
+            for name, result in found.items()
+        },
+        modes,
+        nothing if whole is None else whole.residuals,
+    )
+
+
+def _region(
+    change_K: Image,
+    error_K: Image,
+    modes: tuple[Mode, ...],
+    where: NDArray[np.bool_],
+    found: ChiSquare | None,
+) -> RegionDifference:
+    if found is None or found.pixels < _LEAST_PIXELS:
+        return RegionDifference(pixels=0 if found is None else found.pixels)
+    known = np.isfinite(found.residuals)
+    square = float(np.sum(error_K[known] ** 2)) * found.correlated / found.pixels**2
+    square += sum(float(np.mean(mode.kelvin[known])) ** 2 for mode in modes)
+    return RegionDifference(
+        pixels=found.pixels,
+        effective_pixels=found.effective,
+        rms_K=float(np.sqrt(np.mean(change_K[known] ** 2))),
+        mean_K=float(np.mean(change_K[known])),
+        mean_error_K=square**0.5,
+        chi2_reduced=found.reduced,
+        p_value=found.p_value,
+    )
+
+
+def _untested(change_K: Image, where: NDArray[np.bool_]) -> RegionDifference:
+    values = change_K[where & np.isfinite(change_K)]
+    if len(values) < _LEAST_PIXELS:
+        return RegionDifference(pixels=len(values))
+    return RegionDifference(
+        pixels=len(values),
+        rms_K=float(np.sqrt(np.mean(values**2))),
+        mean_K=float(np.mean(values)),
+    )
+
+
+def seen_in_both(one: Shown, other: Shown) -> Spray2D:
+    """Spray that is visible in both, by the emissivity of the one without noise, or by the mean.
+
+    An emissivity that is noisy would select pixels by their noise, which that of T_app follows. It
+    must exceed 5 standard errors, for T_app is divided by it.
+    """
+    quiet = [each for each in (one, other) if not each.noisy] or [one, other]
+    emissivity = np.mean([each.maps.emissivity for each in quiet], axis=0, dtype=float)
+    known = np.isfinite(emissivity)
+    for each in (one, other):
+        known &= np.isfinite(each.maps.apparent_temperature_K)
+        if each.noisy:
+            known &= emissivity > _CLEAR * each.maps.emissivity_standard_error
+    x_m, z_m = positions_m(emissivity.shape, pixel_m=one.pixel_m, centre_m=one.centre_m)
+    return Spray2D(emissivity=emissivity, x_m=x_m, z_m=z_m, known=known)
+
+
+def _modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
+    """Errors that all pixels share; a systematic error of the same name is the same in both."""
+    found = [Mode(f"{part.name} of {one.name}", -part.kelvin) for part in one.common]
+    found += [Mode(f"{part.name} of {other.name}", part.kelvin) for part in other.common]
+    first, second = ({part.name: part for part in each.systematic} for each in (one, other))
+
+    def kelvin(parts: Mapping[str, Part], name: str) -> Image | float:
+        return parts[name].kelvin if name in parts else 0.0
+
+    for name in dict.fromkeys((*first, *second)):
+        change = np.asarray(kelvin(second, name)) - kelvin(first, name)
+        found.append(Mode(name, np.nan_to_num(change)))
+    return tuple(found)
+
+
+def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:
+    """Keys whose values differ between two scenes, in the order of the scene file."""
+    first, second = (dict(_leaves(each.model_dump(mode="json"))) for each in (one, other))
+    return tuple(
+        KeyDifference(key, first.get(key), second.get(key))
+        for key in dict.fromkeys((*first, *second))
+        if first.get(key) != second.get(key)
+    )
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Values by their paths; a list of numbers or texts is a value."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _leaves(part, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(part, Mapping) for part in value):
+        for number, part in enumerate(value):
+            yield from _leaves(part, f"{path}[{number}]")
+    else:
+        yield path, value
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

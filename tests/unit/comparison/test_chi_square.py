@@ -1,0 +1,69 @@
+"""Chi-square with shared modes and correlated neighbours, against drawn errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.stats import kstest
+
+from cldit.comparison.chi_square import chi_square
+
+SHAPE = (48, 60)
+EVERYWHERE = np.ones(SHAPE, bool)
+NONE = np.zeros((0, *SHAPE))
+
+
+def smooth(rng: np.random.Generator, sigma: float) -> NDArray[np.float64]:
+    """Noise of variance 1, correlated over `sigma` pixels."""
+    if sigma == 0.0:
+        return rng.standard_normal(SHAPE)
+    wide = gaussian_filter(rng.standard_normal((96, 120)), sigma, mode="wrap")
+    return np.asarray(wide[:48, :60] * 2.0 * np.sqrt(np.pi) * sigma)
+
+
+def test_woodbury_is_the_dense_sum() -> None:
+    rng = np.random.default_rng(1)
+    error, modes = rng.uniform(0.5, 2.0, SHAPE), rng.standard_normal((3, *SHAPE))
+    change = rng.standard_normal(SHAPE)
+    where = rng.random(SHAPE) < 0.1
+    found = chi_square(change, error, modes, where)
+    assert found is not None
+    u = modes[:, where]
+    covariance = np.diag(error[where] ** 2) + u.T @ u
+    dense = change[where] @ np.linalg.solve(covariance, change[where])
+    assert found.reduced == pytest.approx(dense / where.sum(), rel=1e-9)
+    assert found.sizes == pytest.approx(u @ np.linalg.solve(covariance, change[where]), rel=1e-6)
+
+
+@pytest.mark.parametrize("sigma", [0.0, 1.0, 2.0])
+def test_p_is_uniform(sigma: float) -> None:
+    """Errors as stated, independent or correlated, with two modes: Kolmogorov and Smirnov."""
+    rng = np.random.default_rng(2)
+    error = 0.5 + np.hypot(*np.indices(SHAPE)) / 30.0
+    modes = np.stack([1.0 + 0.0 * error, 2.0 * np.sin(np.arange(60) / 10.0) + 0.0 * error])
+    chances, reduced = [], []
+    for _ in range(150):
+        change = error * smooth(rng, sigma) + np.einsum("m,mhw", rng.standard_normal(2), modes)
+        found = chi_square(change, error, modes, EVERYWHERE)
+        assert found is not None
+        chances.append(found.p_value)
+        reduced.append(found.reduced)
+    assert np.mean(reduced) == pytest.approx(1.0, abs=4.0 * np.std(reduced) / 150**0.5)
+    assert 1 <= np.sum(np.array(chances) < 0.05) <= 17  # 7.5 +- 2.7 expected
+    assert kstest(chances, "uniform").pvalue > 1e-3
+
+
+def test_a_smooth_difference_is_no_correlation() -> None:
+    """0.3 standard errors in every pixel: 16 standard errors of the mean of 2880."""
+    change = 0.3 + smooth(np.random.default_rng(3), 0.0)
+    found = chi_square(change, np.ones(SHAPE), NONE, EVERYWHERE)
+    assert found is not None
+    assert found.effective > 0.9 * found.pixels
+    assert found.p_value < 0.02
+
+
+def test_no_pixel_is_none() -> None:
+    nan = np.full(SHAPE, np.nan)
+    assert chi_square(nan, np.ones(SHAPE), NONE, EVERYWHERE) is None
