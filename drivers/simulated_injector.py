@@ -46,6 +46,7 @@ class SimulatedInjector(Linked):
         self._starts_s: list[float] = []
         self._done_s = context.clock.now_s()
         self._pulses = 0
+        self._injections = 0
         self._fired = 0
 
     def _open(self, timeout_s: float) -> None:
@@ -107,7 +108,16 @@ class SimulatedInjector(Linked):
         for pulse_s in self._starts_s:
             self._pulses += 1
             after_s = burst.camera_delay_s - burst.injector_delay_s
-            self._bench.pulse(Pulse(pulse_s + burst.camera_delay_s, in_air, self._pulses, after_s))
+            self._bench.pulse(
+                Pulse(
+                    time_s=pulse_s + burst.camera_delay_s,
+                    injected=in_air,
+                    number=self._pulses,
+                    after_injection_s=after_s,
+                    injection=self._injections,
+                )
+            )
+            self._injections += in_air
         ends = (
             burst.camera_delay_s + burst.widths_s[0],
             burst.injector_delay_s + burst.widths_s[1],

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
@@ -22,17 +23,21 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
+from cldit.run.ensemble import member_folder
 from cldit.run.folder import node_folders
 from cldit.scene import Scene, load_scene
 from cldit.scene.checks import Section, Within
 from cldit.scene.delays import SAME_s, delay_text, spray_time_s
+from cldit.scene.scatter import members_of
 from cldit.scene.vessel import Windows
+
+_KEPT_MEMBERS = 64  # of 5 MB each on a sensor of 640 x 512
 
 ABOUT = DriverAbout("bench", "the scene of the simulated instruments", "simulated")
 
 
 class SceneSettings(Section):
-    run: Path  # folder with scene.yaml, weights/ and weights_reference/
+    run: Path  # folder with scene.yaml, weights/ and weights_reference/, and members/ of several
     runs: tuple[Path, ...] = ()  # of the same scene at other times of the spray
     shot_scatter: Annotated[float, Within(0.0, 5.0)] | None = None  # None: the scene's
     windows: Windows | None = None  # in front of the camera; None: the scene's
@@ -43,13 +48,15 @@ class SceneSettings(Section):
 class Pulse:
     """One edge on the camera's trigger line; `injected` is True if fuel was in the air then.
 
-    after_injection_s: time since the injector's pulse of this shot.
+    after_injection_s: time since the injector's pulse of this shot. injection: number of
+    injections before it.
     """
 
     time_s: float
     injected: bool
     number: int
     after_injection_s: float = 0.0
+    injection: int = 0
 
 
 class Listener(Protocol):
@@ -72,6 +79,11 @@ class SimulatedScene:
         self._loaded: tuple[_Loaded, ...] = ()
         self._cameras: list[Listener] = []
         self._temperature: Callable[[float], float] | None = None
+        self._first_member = int(self.random(context.clock.now_s(), 6).integers(2**31))
+        self._member = lru_cache(maxsize=_KEPT_MEMBERS)(self._read_member)
+
+    def _read_member(self, place: int, number: int) -> _Loaded:
+        return _Loaded.read(member_folder(self._runs[place], number), self._settings)
 
     def open(self) -> None:
         """Reads the runs, when the first device connects.
@@ -99,12 +111,20 @@ class SimulatedScene:
         self.open()
         return self._loaded
 
-    def _at(self, after_injection_s: float) -> _Loaded:
-        """The run of the spray nearest in time."""
-        if len(self._opened) == 1:
-            return self._opened[0]
-        off_s = [abs(time_s - after_injection_s) for time_s in self.spray_times_s]
-        return self._opened[off_s.index(min(off_s))]
+    def _at(self, pulse: Pulse) -> _Loaded:
+        """The run of the spray nearest in time; of several injections, the one of this pulse.
+
+        Each session begins with another member, as it depends on the time of opening.
+        """
+        place = 0
+        if len(self._opened) > 1:
+            off_s = [abs(time_s - pulse.after_injection_s) for time_s in self.spray_times_s]
+            place = off_s.index(min(off_s))
+        found = self._opened[place]
+        members = members_of(found.scene)
+        if members == 1 or not pulse.injected:
+            return found
+        return self._member(place, 1 + (self._first_member + pulse.injection) % members)
 
     def attach_blackbody(self, temperature_K: Callable[[float], float]) -> None:
         """Connects the black body, whose temperature is read at each exposure."""
@@ -132,7 +152,7 @@ class SimulatedScene:
 
     def radiance(self, pulse: Pulse) -> NDArray[np.float64]:
         """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
-        here = self._at(pulse.after_injection_s)
+        here = self._at(pulse)
         background_K = here.scene.rig.background_start_K
         if self._temperature is not None:
             background_K = self._temperature(pulse.time_s)
@@ -190,14 +210,14 @@ class _Loaded:
         s = (1 - r^g) / (1 - r): the background's is then w_ref r^g, and because all weights have
         one factor, a cavity at one temperature stays flat. g is the same in all nodes.
         """
-        rig = self.scene.rig
-        if rig.shot_scatter == 0.0:
+        scatter = self.scene.spray.scatter
+        if scatter.optical_depth == 0.0:
             return self.spray
         g = _scatter(
             rng,
             self.transmission[0].shape,
-            sigma=rig.shot_scatter,
-            length_m=rig.shot_scatter_length_m,
+            sigma=scatter.optical_depth,
+            length_m=scatter.length_m,
             pixel_m=self.pixel_m,
         )
         return [
@@ -240,9 +260,10 @@ _OF_A_TIME = {"name": True, "spray": True, "plan": True}
 
 def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
     """The traced scene with the rig file's injector and windows, which do not affect a trace."""
-    rig = scene.rig
+    spray = scene.spray
     if settings.shot_scatter is not None:
-        rig = rig.model_copy(update={"shot_scatter": settings.shot_scatter})
+        scatter = spray.scatter.model_copy(update={"optical_depth": settings.shot_scatter})
+        spray = spray.model_copy(update={"scatter": scatter})
     windows = scene.windows if settings.windows is None else settings.windows
     hotter = tuple(
         window.model_copy(
@@ -250,7 +271,7 @@ def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
         )
         for window in windows
     )
-    return scene.model_copy(update={"rig": rig, "windows": hotter})
+    return scene.model_copy(update={"spray": spray, "windows": hotter})
 
 
 def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:

@@ -62,7 +62,10 @@ def tiny_scene() -> Scene:
     return parse_scene(
         {
             "name": "tiny",
-            "spray": {"model": "none"},
+            "spray": {
+                "model": "none",
+                "scatter": {"optical_depth": 0.05, "length_m": 0.02},
+            },
             "camera": {
                 "pixels": [32, 24],
                 "field_m": [0.16, 0.12],
@@ -70,7 +73,6 @@ def tiny_scene() -> Scene:
             },
             "background": {"temperatures_K": [440.0, 480.0], "radius_m": 0.05},
             "walls": {"temperature_K": 420.0},
-            "rig": {"shot_scatter": 0.05, "shot_scatter_length_m": 0.02},
             "plan": {"shots": 3, "references": 2},
         }
     )

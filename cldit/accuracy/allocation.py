@@ -179,6 +179,12 @@ class Allocation:
             "fixed": None if self.fixed is None else dict(self.fixed),
         }
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Allocation:
+        """Reads the result of `to_dict`; raises KeyError where it is damaged."""
+        wanted_K = data["wanted_K"]
+        return cls(wanted_K, wanted_K, data["shares_K"], data["foretold_K"], data["fixed"])
+
 
 SPRAY = tuple(one.name for one in SOURCES if one.of_spray)
 

@@ -142,14 +142,21 @@ def _trace_K(result: Result) -> float:
     return (result.trace_error and result.trace_error.error_K) or 0.0
 
 
-def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> Result:
-    """Traces the image, evaluates it, and estimates its error by source."""
+def solve(
+    problem: Problem, resolution: Resolution, allocation: Allocation, *, unstated: str = ""
+) -> Result:
+    """Traces the image, evaluates it, and estimates its error by source.
+
+    With a reason why it is `unstated`, the error is not estimated.
+    """
     scene, device, stages = problem.scene, problem.device, problem.stages
     resolution, prepared, medium = problem.medium(resolution)
-    tracer = problem.tracer(resolution)[1] if scene.transport.audit else None
+    audit = scene.transport.audit and not unstated
+    tracer = problem.tracer(resolution)[1] if audit else None
     frame = medium.trees[0].frame
     quadrature = prepared.properties.chosen.quadrature
     settings = problem.settings(resolution, prepared)
+    settings = [replace(one, audit=audit) for one in settings]
     stages.remark(
         expected(
             scene,
@@ -173,7 +180,7 @@ def solve(problem: Problem, resolution: Resolution, allocation: Allocation) -> R
     trace_error = TraceError.of(scene, traces, maps)
     result = Result(resolution, allocation, medium, traces, reference, maps, sensor, trace_error)
     if tracer is None:
-        return result
+        return replace(result, unstated=unstated)
     with stages.stage("errors"):
         return _estimated(problem, tracer, result)
 

@@ -95,8 +95,8 @@ class Resolution:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Resolution:
         """Reads the `plan` of a run.json; raises KeyError where it is damaged."""
-        read = {name: data[key] for key, name in _STORED.items() if name != "more_ordinates"}
-        return cls(**read, more_ordinates=data.get("more_ordinates", 1.0))
+        read = {name: data[key] for key, name in _STORED.items() if name not in _LATER}
+        return cls(**read, **{key: data[key] for key in _LATER if key in data})
 
 
 _STORED = {
@@ -104,7 +104,9 @@ _STORED = {
     "lattice_of_m": "cube_m",
     **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
     "more_ordinates": "more_ordinates",
+    "pixels_K": "pixels_K",
 }  # attributes by their keys
+_LATER = ("more_ordinates", "pixels_K")  # not in runs of 0.1.0
 
 
 def cells_are_free(scene: Scene) -> bool:

@@ -76,6 +76,12 @@ _QUICK_K = 4.0
     metavar="all|A,B,..|::N",
     help="A series: all times of the case, some (0.5ms,1ms), or every Nth; a folder for each.",
 )
+@click.option(
+    "--ensemble",
+    "members",
+    type=click.IntRange(1, 1000),
+    help="Number of injections, which differ by spray.scatter; the image is their mean.",
+)
 @click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @json_option
@@ -94,6 +100,7 @@ def run(
     pixels: str | None,
     field_mm: str | None,
     times: str | None,
+    members: int | None,
     quick: bool,
     trace_only: bool,
     **options: Any,
@@ -113,6 +120,8 @@ def run(
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
     chosen = chosen.with_(**camera_changes(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
+    if members is not None:
+        chosen = chosen.with_(**{"spray.scatter.members": members})
     folder = out or Path("runs") / chosen.name
     opened = open_device(device)
     OUT.print(f"{chosen.name}: {chosen.description}")
@@ -148,8 +157,10 @@ def _data(result: Run) -> dict[str, Any]:
         for name, one in maps.items()
         if one is not None
     }
+    found = result.ensemble
+    ensemble = found and {"members": found.members, **found.figures(result)}
     return {"name": result.scene.name, "folder": result.folder, "pixels": pixels,
-            **result.info.to_dict()}  # fmt: skip
+            "ensemble": ensemble, **result.info.to_dict()}  # fmt: skip
 
 
 def camera_changes(
@@ -220,6 +231,8 @@ def _print_run(result: Run) -> None:
     if result.errors is not None:
         _print_causes(result.errors)
     print_maps(result.maps if result.measured is None else result.measured)
+    if result.ensemble is not None:
+        _print_ensemble(result)
     if result.errors is not None:
         OUT.print(f"error of T_app, RMS: {result.errors.text}", style="bold")
     elif result.info.accuracy_K is not None:
@@ -228,6 +241,22 @@ def _print_run(result: Run) -> None:
         names = ("pictures/maps.png", "report.html") if result.measured is not None else ("maps",)
         print_files(*(result.folder / name for name in names))
         print_next("cldit", "view", result.folder)
+
+
+def _print_ensemble(result: Run) -> None:
+    """Prints how much injections differ, RMS over the pixels with a T_app."""
+    assert result.ensemble is not None
+    OUT.print(f"{result.ensemble.members} injections, T_app, RMS:")
+    for name, kelvin in result.ensemble.figures(result).items():
+        OUT.print(f"  {_FIGURES[name]}: {kelvin:.2g} K")
+
+
+_FIGURES = {
+    "deviation_K": "standard deviation of one injection",
+    "standard_error_K": "standard error of the mean light",
+    "mean_less_mean_light_K": "mean of T_app less T_app of the mean light",
+    "mean_light_less_nominal_K": "mean light less the nominal injection",
+}
 
 
 def _print_causes(errors: Errors) -> None:

@@ -82,7 +82,7 @@ class Subject:
             curve=Curve(filter_um=quadrature.filter_um),
             sensor=SensorModel.from_scene(scene),
             # The simulated rig's lognormal field has a smooth and a common part, sigma each.
-            scatter=math.sqrt(2.0) * scene.rig.shot_scatter,
+            scatter=math.sqrt(2.0) * scene.spray.scatter.optical_depth,
         )
 
     def signals(self, background_K: float) -> tuple[Floats, Floats]:

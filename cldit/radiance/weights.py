@@ -10,7 +10,7 @@ emissivity * B(T_bg) + (1 - emissivity) * B(T_wall), and L_name a patch, likewis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -106,6 +106,25 @@ class Weights:
             RunFolderError: a file is missing or damaged.
         """
         return cls.of({name: read_image(folder / f"{name}.tif")[0] for name in (*_WHOLE, *patches)})
+
+
+def mean(each: Iterable[Weights]) -> Weights:
+    """Mean of weights (H, W), taken one by one, of several times, injections or viewpoints.
+
+    Transfer is linear, so these are the weights of the mean light.
+
+    Raises:
+        ValueError: there are none.
+    """
+    sums: dict[str, NDArray[np.float64]] = {}
+    count = 0
+    for weights in each:
+        count += 1
+        for name, image in weights.images.items():
+            sums[name] = sums.get(name, 0.0) + image.astype(np.float64)
+    if not count:
+        raise ValueError("weights: none; allowed: one or more")
+    return Weights.of({name: (total / count).astype(np.float32) for name, total in sums.items()})
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:

@@ -21,6 +21,7 @@ from cldit.run.folder import open_run
 from cldit.run.result import Run
 from cldit.run.simulate import reevaluated, simulate
 from cldit.scene import Scene
+from cldit.scene.scatter import members_of
 from cldit.spray.result import Spray
 
 MOST_BYTES = 20_000_000_000  # runs not used for longest go first
@@ -83,7 +84,7 @@ class RunCache:
         """Traces into a folder that appears complete or not at all."""
         part = folder.with_suffix(".part")
         shutil.rmtree(part, ignore_errors=True)  # of one that was killed
-        given = None if spray is None else spray()
+        given = None if spray is None or members_of(scene) > 1 else spray()
         try:
             run = simulate(
                 scene, part, device=device, cache=self.cache, spray=given, progress=progress

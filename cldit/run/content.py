@@ -7,6 +7,7 @@ from typing import Any
 
 from cldit.io.content import code_digest, digest, file_content
 from cldit.scene import Scene
+from cldit.scene.scatter import members_of
 
 # Sources, and keys that only evaluation and rig use. All others count, so that a new key of the
 # scene makes a new trace until it is named here.
@@ -47,6 +48,10 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     data["camera"]["sensor"] = {
         "quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]
     }
+    scatter = data["spray"].pop("scatter")
+    if members_of(scene) > 1:
+        del scatter["optical_depth"], scatter["length_m"]
+        data["spray"]["scatter"] = scatter
     bound = scene.optics.preset == "spectral" or scene.transport.method != "source"
     if not bound:
         for patch in data["patches"]:

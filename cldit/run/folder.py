@@ -26,9 +26,11 @@ from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.prepare.stages import Stage
 from cldit.radiance.weights import Weights
+from cldit.run.ensemble import STATISTICS, Ensemble
 from cldit.run.result import Run, RunInfo
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.scene.delays import delay_folder, spray_time_s
+from cldit.scene.scatter import members_of
 from cldit.scene.spray import CfdSpray
 
 _QUADRATURE = "quadrature.json"
@@ -43,6 +45,8 @@ def save_run(run: Run, folder: Path) -> None:
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
     save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
+    if run.ensemble is not None:
+        run.ensemble.save(folder / STATISTICS, pixel_m=run.pixel_m)
     write_text(folder / "run.json", run.info.to_json())
 
 
@@ -152,6 +156,8 @@ def _traced(folder: Path) -> Run:
         _check_shapes(place, one.images, (rows, columns))
     maps = Maps.load(folder / "maps")
     _check_shapes(folder / "maps", vars(maps), (rows, columns))
+    members = members_of(scene)
+    ensemble = Ensemble.load(folder / STATISTICS, members) if members > 1 else None
     return Run(
         scene=scene,
         weights=weights,
@@ -161,6 +167,7 @@ def _traced(folder: Path) -> Run:
         maps=maps,
         info=info,
         error_maps=load_maps(folder / "errors"),
+        ensemble=ensemble,
         folder=folder,
     )
 

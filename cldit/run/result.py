@@ -30,6 +30,8 @@ from cldit.transport.energy_balance import EnergyBalance
 if TYPE_CHECKING:
     import xarray
 
+    from cldit.run.ensemble import Ensemble
+
 
 @dataclass(frozen=True)
 class RunInfo:
@@ -108,6 +110,7 @@ class Run(Presented):
         and number of shots.
     error_maps: standard error of T_app, K, (H, W) float32 by source, and `total`; NaN in pixels
         that do not count. Empty without audit.
+    ensemble: statistics of the injections that the run is the mean of; None: there is one.
     measured: DIT of the rig's acquisition, on the sensor's pixels; None before an acquisition.
     folder: where it is stored, if anywhere.
     """
@@ -120,6 +123,7 @@ class Run(Presented):
     quadrature: Quadrature
     spectral: tuple[Weights, ...]
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    ensemble: Ensemble | None = None
     measured: Maps | None = None
     folder: Path | None = None
 

@@ -7,12 +7,15 @@ run.maps.apparent_temperature_K
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from cldit.accuracy.converge import Result, converge
+from cldit.accuracy.allocation import Allocation
+from cldit.accuracy.converge import Result, converge, solve
 from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.accuracy.problem import Problem
-from cldit.errors import EvaluationError
+from cldit.accuracy.resolution import Resolution
+from cldit.errors import EvaluationError, SprayError
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.io.exclusive import exclusive
@@ -21,11 +24,13 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.prepare.stages import Say, Stages
 from cldit.radiance.effective import effective_weights
 from cldit.run.content import trace_content
+from cldit.run.ensemble import UNSTATED, ensemble_run
 from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
 from cldit.run.spectral import Difference
 from cldit.scene import Scene, load_scene
+from cldit.scene.scatter import members_of
 from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace
 
@@ -39,8 +44,11 @@ def simulate(
     spray: Spray | None = None,
     progress: Say | None = None,
     watch: Watch = silent,
+    like: Run | None = None,
 ) -> Run:
     """Traces a scene and evaluates it without noise.
+
+    With several injections (`spray.scatter.members`), the run is that of their mean light.
 
     Args:
         scene: or the name of a shipped one (`gdi`), or the path of a YAML file.
@@ -51,39 +59,55 @@ def simulate(
         spray: the scene's spray, if it was made already; None makes it.
         progress: called with a line of text as things happen.
         watch: takes the progress of reading a CFD case.
+        like: run whose resolution is taken; the error is then not estimated.
 
     Raises:
         RunFolderError: the folder has another scene, or another process writes to it.
+        SprayError: `spray` is given for several injections.
         ClditError: a subclass, with the problem and a remedy.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
-    stages = Stages(progress, watch)
     cache = cache or default_cache()
 
-    def traced(folder: Path | None) -> Run:
+    def traced(scene: Scene, folder: Path | None, like: Run | None) -> Run:
         opened = device or open_device()
-        return _traced(Problem(scene, opened, stages, cache, spray), folder)
+        problem = Problem(scene, opened, Stages(progress, watch), cache, spray)
+        return _traced(problem, folder, like)
 
-    if out is None:
-        return traced(None)
-    folder = Path(out)
-    run = stored_run(folder, scene)  # without the lock: the folder may be read-only
-    if run is None:
-        with exclusive(folder, "run", nested=True):
-            run = stored_run(folder, scene)
-            if run is None:
-                return traced(folder)
-    if progress is not None:
-        progress(f"{folder} holds this scene already: read, not traced again")
-    return run
+    def found_or_traced(scene: Scene, out: Path | None, like: Run | None) -> Run:
+        trace = traced
+        if members_of(scene) > 1:
+            if spray is not None:
+                raise SprayError("spray: is given; allowed: none for several injections")
+            trace = partial(ensemble_run, trace=found_or_traced)
+        if out is None:
+            return trace(scene, None, like)
+        run = stored_run(out, scene)  # without the lock: the folder may be read-only
+        if run is None:
+            with exclusive(out, "run", nested=True):
+                run = stored_run(out, scene)
+                if run is None:
+                    run = trace(scene, out, like)
+                    save_run(run, out)
+                    return run
+        if progress is not None:
+            progress(f"{out} holds this scene already: read, not traced again")
+        return run
+
+    return found_or_traced(scene, None if out is None else Path(out), like)
 
 
-def _traced(problem: Problem, folder: Path | None) -> Run:
-    """Traces, evaluates, and writes the run into `folder`, if there is one."""
+def _traced(problem: Problem, folder: Path | None, like: Run | None) -> Run:
+    """Traces and evaluates, with the resolution of the run `like`, if there is one."""
     scene = problem.scene
-    result = converge(problem, scene.transport.accuracy_K)
-    from_paper = _against_paper(problem, result)
-    run = Run(
+    if like is None or like.info.plan is None:
+        result = converge(problem, scene.transport.accuracy_K)
+    else:
+        plan = like.info.plan
+        resolution, allocation = Resolution.from_dict(plan), Allocation.from_dict(plan)
+        result = solve(problem, resolution, allocation, unstated=UNSTATED)
+    from_paper = _against_paper(problem, result) if like is None else None
+    return Run(
         scene=scene,
         weights=result.traces.weights,
         reference=result.reference,
@@ -94,9 +118,6 @@ def _traced(problem: Problem, folder: Path | None) -> Run:
         error_maps=result.error_maps,
         folder=folder,
     )
-    if folder is not None:
-        save_run(run, folder)
-    return run
 
 
 def _against_paper(problem: Problem, result: Result) -> Difference | None:
@@ -146,5 +167,6 @@ def reevaluated(run: Run, scene: Scene) -> Run:
         info=replace(run.info, integration_time_s=sensor.integration_time_s),
         quadrature=quadrature,
         measured=None,
+        ensemble=None,
         folder=None,
     )

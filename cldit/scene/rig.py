@@ -15,12 +15,8 @@ class Rig(Section):
     """Time constant with which the black body approaches its set point."""
     background_start_K: Temperature = 295.0
     """Temperature of the black body when the sequence begins."""
-    shot_scatter: Annotated[float, Within(0.0, 1.0)] = 0.03
-    """Relative standard deviation of the spray's optical depth from shot to shot."""
-    shot_scatter_length_m: Annotated[float, Within(1e-5, 1.0)] = 4e-3
-    """Correlation length of that scatter."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Random seed of noise and scatter."""
+    """Random seed of noise and of `spray.scatter.optical_depth`."""
 
 
 class PlanSize(Section):

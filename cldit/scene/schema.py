@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from cldit.errors import SceneError
 from cldit.scene.camera import Camera
@@ -51,6 +51,17 @@ class Scene(Section):
     """The simulated instruments."""
     plan: PlanSize = PlanSize()
     """Number of recordings."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_0_1(cls, data: Any) -> Any:
+        """Moves the scatter between shots from its place in version 0.1."""
+        rig = data.get("rig") if isinstance(data, dict) else None
+        old = {"shot_scatter": "optical_depth", "shot_scatter_length_m": "length_m"}
+        if not isinstance(rig, dict) or not rig.keys() & old.keys():
+            return data
+        moved = {f"spray.scatter.{old[key]}": rig[key] for key in old if key in rig}
+        return changed({**data, "rig": {k: v for k, v in rig.items() if k not in old}}, moved)
 
     @classmethod
     def checked(

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, field_validator
 
 from cldit.scene.checks import Section, Within
+from cldit.scene.scatter import OpticalScatter, Scatter
 from cldit.scene.sizes import Droplets, NukiyamaTanasawa
 from cldit.scene.values import Angle, CaseTime, Direction, Fraction, Length, Point
 
@@ -86,6 +87,8 @@ class ConeSpray(Section):
     """No effect; accepted from scenes of older versions: the model uses no random numbers."""
     plumes: Plumes = EIGHT_PLUMES
     """Plumes, one per hole, 1 to 64."""
+    scatter: Scatter = Scatter()
+    """Differences between injections."""
 
     @property
     def classes(self) -> int:
@@ -176,6 +179,8 @@ class LagrangianSpray(Section):
     """Random seed of sizes, directions and eddies."""
     plumes: Plumes = EIGHT_PLUMES
     """Plumes, one per hole, 1 to 64."""
+    scatter: Scatter = Scatter()
+    """Differences between injections."""
 
 
 class GridSpray(Section):
@@ -186,6 +191,8 @@ class GridSpray(Section):
     file: Path
     """.npz file of `origin_m`, `spacing_m` and coefficients in 1/m (docs/spray.md), relative to the
     scene."""
+    scatter: OpticalScatter = Scatter()
+    """Differences between injections."""
 
 
 class Sector(Section):
@@ -250,6 +257,8 @@ class CfdSpray(Section):
     """Number of points in that ball."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Random seed of these points."""
+    scatter: OpticalScatter = Scatter()
+    """Differences between injections."""
 
     @property
     def fuel(self) -> str:
@@ -274,6 +283,8 @@ class EmptySpray(Section):
 
     model: Literal["none"] = "none"
     """Name of the model."""
+    scatter: OpticalScatter = Scatter()
+    """Differences between injections."""
 
 
 Spray = Annotated[

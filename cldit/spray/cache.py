@@ -25,7 +25,9 @@ def cached_spray(spec: Section, folder: Path | None, make: Callable[[], Spray]) 
     """
     if folder is None:
         return make()
-    key = digest(spec.model_dump(mode="json"), code_digest("spray"), version("CoolProp"))
+    key = digest(
+        spec.model_dump(mode="json", exclude={"scatter"}), code_digest("spray"), version("CoolProp")
+    )
     path = folder / "sprays" / f"{key}.npz"
     try:
         make_folder(path.parent)

@@ -143,7 +143,7 @@ def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iter
         spec = group[0].scene.spray
         spray = None
         if isinstance(spec, LagrangianSpray):
-            key = digest(spec.model_dump(mode="json"))
+            key = digest(spec.model_dump(mode="json", exclude={"scatter"}))
             if key not in sprays:
                 sprays[key] = client.submit(_spray, spec, cache, pure=False)
             spray = sprays[key]

@@ -27,7 +27,11 @@ from cldit.rig.protocols import (
     TriggerInfo,
     TriggerMode,
 )
+from cldit.rig.simulated import simulated_rig_data
+from cldit.run.ensemble import member_folder
 from cldit.scene import Scene, dump_scene
+from cldit.scene.scatter import member
+from tests.conftest import tiny_weights
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.simulated_blackbody import open_blackbody
@@ -51,9 +55,9 @@ def bench_before(run: Path, *, seed: int = 1) -> SimulatedScene:
     return open_bench({"run": str(run)}, context)
 
 
-def varied(scene: Scene, folder: Path, run: Path, **rig: float) -> Path:
-    """The tiny run under a scene with other rig keys."""
-    scene = scene.model_copy(update={"rig": scene.rig.model_copy(update=rig)})
+def varied(scene: Scene, folder: Path, run: Path, **scatter: float) -> Path:
+    """The tiny run under a scene with other scatter between injections."""
+    scene = scene.with_(**{f"spray.scatter.{key}": value for key, value in scatter.items()})
     folder.mkdir(exist_ok=True)
     for name in ("weights", "weights_reference"):
         Weights.load(run / name).save(folder / name, pixel_m=(5e-3, 5e-3))
@@ -79,7 +83,7 @@ def test_without_injection_it_is_the_empty_scene(tiny_run: Path, tiny_scene: Sce
 
 
 def test_no_scatter_is_the_trace(tiny_scene: Scene, tiny_run: Path, tmp_path: Path) -> None:
-    bench = bench_before(varied(tiny_scene, tmp_path, tiny_run, shot_scatter=0.0))
+    bench = bench_before(varied(tiny_scene, tmp_path, tiny_run, optical_depth=0.0))
     bench.attach_blackbody(lambda time_s: 480.0)
     first, second = (bench.radiance(spray(number)) for number in (1, 2))
     assert np.array_equal(first, second)
@@ -98,9 +102,7 @@ def test_scatter_of_the_optical_depth(
     4 (1 - rho^2) / sqrt(N).
     """
     sigma, shots = 0.05, 400
-    folder = varied(
-        tiny_scene, tmp_path, tiny_run, shot_scatter=sigma, shot_scatter_length_m=length_m
-    )
+    folder = varied(tiny_scene, tmp_path, tiny_run, optical_depth=sigma, length_m=length_m)
     bench = bench_before(folder)
     bench.attach_blackbody(lambda time_s: 5000.0)
     bare = bench.radiance(Pulse(0.0, False, 1))
@@ -117,8 +119,8 @@ def test_scatter_keeps_the_mean_optical_depth(
 ) -> None:
     """The factor on tau is lognormal, mean 1, variance exp(2 sigma^2) - 1: 4 sigma of 400 shots."""
     sigma, shots = 0.5, 400
-    bench = bench_before(varied(tiny_scene, tmp_path, tiny_run, shot_scatter=sigma))
-    exact = bench_before(varied(tiny_scene, tmp_path / "exact", tiny_run, shot_scatter=0.0))
+    bench = bench_before(varied(tiny_scene, tmp_path, tiny_run, optical_depth=sigma))
+    exact = bench_before(varied(tiny_scene, tmp_path / "exact", tiny_run, optical_depth=0.0))
     for each in (bench, exact):
         each.attach_blackbody(lambda time_s: 5000.0)
     bare = bench.radiance(Pulse(0.0, False, 1))[6, 8]
@@ -133,7 +135,7 @@ def test_scatter_keeps_a_cavity_flat(tiny_scene: Scene, tiny_run: Path, tmp_path
     scene = tiny_scene.model_copy(
         update={"walls": tiny_scene.walls.model_copy(update={"temperature_K": 370.0})}
     )
-    bench = bench_before(varied(scene, tmp_path, tiny_run, shot_scatter=0.5))
+    bench = bench_before(varied(scene, tmp_path, tiny_run, optical_depth=0.5))
     bench.attach_blackbody(lambda time_s: 370.0)
     flat = float(band_radiance(370.0, filter_um=scene_filter(scene)))
     for number in range(5):
@@ -142,7 +144,7 @@ def test_scatter_keeps_a_cavity_flat(tiny_scene: Scene, tiny_run: Path, tmp_path
 
 def test_opaque_and_empty_pixels(tiny_scene: Scene, tiny_run: Path, tmp_path: Path) -> None:
     """0/0: where nothing is, nothing changes; where nothing comes through, nothing changes."""
-    folder = varied(tiny_scene, tmp_path, tiny_run, shot_scatter=0.3)
+    folder = varied(tiny_scene, tmp_path, tiny_run, optical_depth=0.3)
     reference = Weights.load(folder / "weights_reference")
     zero = np.zeros_like(reference.wall)
     left = np.arange(zero.shape[1]) < zero.shape[1] // 2
@@ -154,6 +156,34 @@ def test_opaque_and_empty_pixels(tiny_scene: Scene, tiny_run: Path, tmp_path: Pa
     image, bare = bench.radiance(spray(1)), bench.radiance(Pulse(1.0, False, 1))
     assert np.array_equal(image[:, 8:], bare[:, 8:])
     assert image[:, :8] == pytest.approx(1e20, rel=1e-6)
+
+
+def test_every_injection_is_another_member(tiny_scene: Scene, tmp_path: Path) -> None:
+    """Four members of different depth: any four injections in a row show each of them once, and
+    references in between count for nothing."""
+    depths = (0.5, 1.0, 2.0, 3.0)
+    keys = {"members": 4, "mass": 0.1, "optical_depth": 0.0}
+    scene = tiny_scene.with_(spray={"model": "cone", "scatter": keys})
+    folders: dict[Path, float] = {tmp_path: 1.5}
+    folders |= {member_folder(tmp_path, n): d for n, d in enumerate(depths, 1)}
+    for number, (folder, depth) in enumerate(folders.items()):
+        folder.mkdir(parents=True, exist_ok=True)
+        one = member(scene, number) if number else scene
+        (folder / "scene.yaml").write_text(dump_scene(one))
+        for name, part in (("weights", depth), ("weights_reference", 0.0)):
+            tiny_weights(scene, depth=part).save(folder / name, pixel_m=(5e-3, 5e-3))
+    data = simulated_rig_data(scene, tmp_path)
+    data["background"]["settings"]["time_constant_s"] = 0.0
+    with open_rig(data) as rig:
+        rig.connect()
+        rig.background.set_setpoint(480.0)
+        seen = []
+        for inject in (True, True, False, True, False, True, True, True):
+            image = shoot(rig, Burst(camera_delay_s=1e-3, inject=inject))
+            seen += [float(image[5:7, 7:9].mean())] if inject else []
+    order = [int(np.argmin(np.abs(np.array(seen[:4]) - one))) for one in seen]
+    assert order[:4] == [0, 1, 2, 3] and order[4:] == [0, 1]
+    assert np.ptp(seen[:4]) > 100
 
 
 def test_same_seed_same_shots(tiny_run: Path) -> None:

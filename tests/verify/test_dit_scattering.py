@@ -252,7 +252,7 @@ def _small(name: str = "droplets-only", *, accuracy_K: float = 1.0) -> Scene:
     data["domain"]["leaf_edge_m"] = 4e-3
     data["spray"]["spacing_m"] = 2e-3
     data["plan"] = {"shots": 3, "references": 3}
-    data["rig"]["shot_scatter"] = 0.0
+    data["spray"]["scatter"]["optical_depth"] = 0.0
     data["background"]["temperatures_K"] = [413.0, 473.0, 533.0]
     return parse_scene(data)
 

@@ -172,7 +172,7 @@ def test_the_rig_sees_through_its_windows(tiny_scene: Scene, tmp_path: Any) -> N
     data["windows"] = [window.model_dump(mode="json") for window in BOTH]
     data["background"] |= {"emissivity": 0.92, "temperatures_K": [440.0, 500.0, 560.0]}
     data["background"]["surroundings_K"] = 310.0
-    data["rig"]["shot_scatter"] = 0.0
+    data["spray"]["scatter"]["optical_depth"] = 0.0
     data["plan"] = {"shots": 4, "references": 4}
     scene = parse_scene(data)
     folder = tmp_path / "run"

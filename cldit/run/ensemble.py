@@ -1,0 +1,259 @@
+"""Mean of several injections, `spray.scatter.members`, with their deviation and standard error.
+
+The nominal scene is traced first, with its error; its resolution is that of all members. Every run
+has a folder of its own in that of the mean, `nominal` and `members/0001`, .., so that a run that
+was stopped continues, and members can be traced side by side (`cldit.study.sweep`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.accuracy.error_maps import TOTAL
+from cldit.accuracy.errors import Cause, Errors
+from cldit.accuracy.evaluation import evaluated, sensor_of
+from cldit.camera.curve import Curve
+from cldit.dit.maps import Maps
+from cldit.io.files import make_folder, write_text
+from cldit.io.images import read_image, write_image
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.apparent_temperature import has_temperature
+from cldit.radiance.weights import Weights, mean
+from cldit.run.result import Run
+from cldit.scene import Scene, dump_scene
+from cldit.scene.scatter import member, members_of, nominal
+
+Image = NDArray[np.float32]
+Floats = NDArray[np.float64]
+
+NOMINAL, MEMBERS, STATISTICS = "nominal", "members", "ensemble"
+INJECTIONS = "injections"
+UNSTATED = "one of several injections, traced with the resolution of the nominal one"
+_UNITS = {
+    "apparent_temperature_nominal_K": "K",
+    "apparent_temperature_mean_K": "K",
+    "apparent_temperature_deviation_K": "K",
+    "apparent_temperature_standard_error_K": "K",
+    "emissivity_mean": "1",
+    "emissivity_deviation": "1",
+    "emissivity_standard_error": "1",
+    "injections": "1",
+}
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Statistics of the members of a run; maps (H, W) float32, NaN where there is no value.
+
+    members: their number. maps: T_app of the nominal injection; mean and standard deviation of the
+    members' T_app and emissivity, of T_app over the members that have one (`injections`); standard
+    errors of the run's own maps, those of the mean light.
+    """
+
+    members: int
+    maps: Mapping[str, Image] = field(repr=False)
+
+    def __getitem__(self, name: str) -> Image:
+        return self.maps[name]
+
+    def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
+        """Writes a TIFF for each map, for pixels of `pixel_m`."""
+        make_folder(folder)
+        for name, image in self.maps.items():
+            words = name.removesuffix("_K").replace("_", " ")
+            path, unit = folder / f"{name}.tif", _UNITS[name]
+            write_image(path, image, name=words, unit=unit, pixel_m=pixel_m)
+
+    @classmethod
+    def load(cls, folder: Path, members: int) -> Ensemble:
+        """Reads the files of `save`; raises RunFolderError if one is missing or damaged."""
+        return cls(members, {name: read_image(folder / f"{name}.tif")[0] for name in _UNITS})
+
+    def figures(self, run: Run) -> dict[str, float]:
+        """RMS over pixels where all members and `run` have a T_app: deviation of one injection,
+        standard error of the mean light, mean of T_app less T_app of the mean light, and this less
+        the nominal one's."""
+        light = run.maps.apparent_temperature_K
+        found = {
+            "deviation_K": self["apparent_temperature_deviation_K"],
+            "standard_error_K": self["apparent_temperature_standard_error_K"],
+            "mean_less_mean_light_K": self["apparent_temperature_mean_K"] - light,
+            "mean_light_less_nominal_K": light - self["apparent_temperature_nominal_K"],
+        }
+        seen = run.maps.has_temperature & (self["injections"] == self.members)
+        return {
+            name: float(np.sqrt(np.mean(image[here].astype(float) ** 2)))
+            for name, image in found.items()
+            if (here := seen & np.isfinite(image)).any()
+        }
+
+
+@dataclass
+class _Sums:
+    """Sums over members (H, W): of T_app and the emissivity, and of the spray's radiance E."""
+
+    curve: Curve
+    sums: dict[str, Floats] = field(default_factory=dict)
+
+    def add(self, maps: Maps) -> None:
+        """Adds one member."""
+        emissivity = np.nan_to_num(maps.emissivity.astype(float))
+        known_K = maps.apparent_temperature_K.astype(float)
+        here = has_temperature(maps.emissivity, known_K)
+        kelvin: Floats = np.where(here, known_K, 0.0)
+        own = np.where(np.isfinite(known_K), emissivity, 0.0)
+        own[own != 0.0] *= self.curve.radiance(known_K[own != 0.0])
+        for name, image in (
+            ("count", here.astype(float)),
+            ("K", kelvin),
+            ("K2", kelvin**2),
+            ("e", emissivity),
+            ("E", own),
+            ("ee", emissivity**2),
+            ("eE", emissivity * own),
+            ("EE", own**2),
+        ):
+            self.sums[name] = self.sums.get(name, 0.0) + image
+
+    def statistics(self, maps: Maps, of_nominal: Maps, members: int) -> Ensemble:
+        """Statistics of the members; `maps` are those of the mean light."""
+        n, sums = float(members), self.sums
+        count = sums["count"]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            mean_K = sums["K"] / np.where(count > 0, count, np.nan)
+            square = (sums["K2"] - count * mean_K**2) / np.where(count > 1, count - 1, np.nan)
+
+            def covariance(one: str, other: str, both: str) -> Floats:
+                return np.asarray((sums[both] - sums[one] * sums[other] / n) / max(n - 1, 1.0))
+
+            ee = covariance("e", "e", "ee")
+            # T_app of the mean light is that of E / e: d T = (dE - B(T) de) / (e dB/dT).
+            here = maps.has_temperature
+            light_K = maps.apparent_temperature_K[here].astype(float)
+            black, slope = self.curve.radiance(light_K), self.curve.slope(light_K)
+            own = covariance("E", "E", "EE")[here]
+            own += black**2 * ee[here] - 2.0 * black * covariance("e", "E", "eE")[here]
+            error_K = np.full(count.shape, np.nan)
+            error_K[here] = np.sqrt(np.maximum(own, 0.0) / n) / (slope * maps.emissivity[here])
+            found: dict[str, NDArray[np.floating]] = {
+                "apparent_temperature_nominal_K": of_nominal.apparent_temperature_K,
+                "apparent_temperature_mean_K": mean_K,
+                "apparent_temperature_deviation_K": np.sqrt(np.maximum(square, 0.0)),
+                "apparent_temperature_standard_error_K": error_K,
+                "emissivity_mean": sums["e"] / n,
+                "emissivity_deviation": np.sqrt(np.maximum(ee, 0.0)),
+                "emissivity_standard_error": np.sqrt(np.maximum(ee, 0.0) / n),
+                "injections": count,
+            }
+        seen = np.isfinite(maps.emissivity)
+        return Ensemble(
+            members,
+            {name: np.where(seen, one, np.nan).astype(np.float32) for name, one in found.items()},
+        )
+
+
+Trace = Callable[[Scene, Path | None, Run | None], Run]
+
+
+def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: Trace) -> Run:
+    """The run of a scene whose image is the mean of its members; only these are written.
+
+    `trace` returns the run of one scene in a folder, with the resolution of another run.
+    """
+    if folder is not None:
+        make_folder(folder)
+        write_text(folder / "scene.yaml", dump_scene(scene))  # first: it says what the folder is
+    first = trace(nominal(scene), folder and folder / NOMINAL, like)
+    members = members_of(scene)
+    sums = _Sums(Curve(filter_um=first.quadrature.filter_um))
+    sharing: list[bool] = []
+
+    def each() -> Iterator[Weights]:
+        """Weights of every member: of the whole filter, of each node, and without spray."""
+        for number in range(1, members + 1):
+            run = trace(member(scene, number), folder and member_folder(folder, number), first)
+            sums.add(run.maps)
+            sharing.append(run.quadrature == first.quadrature)
+            yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
+
+    mixed = mean(each())
+    nodes = len(first.spectral) if all(sharing) else 1
+    weights, reference, *spectral = _parted(mixed, 2 + nodes)
+    quadrature = first.quadrature
+    remarks = [f"mean of {members} injections; figures of the spray are those of the nominal one"]
+    if not all(sharing):
+        quadrature = Quadrature.grey(quadrature.filter_um, reference_K=quadrature.reference_K)
+        remarks.append(
+            "injections have different wavelengths: their mean is exact for a background of "
+            f"{quadrature.reference_K:g} K, and approximate for others"
+        )
+    seen = (tuple(spectral), reference)
+    sensor = sensor_of(scene, quadrature, seen)
+    maps = evaluated(scene, quadrature, *seen, sensor)
+    statistics = sums.statistics(maps, first.maps, members)
+    info = replace(
+        first.info,
+        errors=_errors(first.errors, statistics, maps),
+        remarks=(*first.info.remarks, *remarks),
+        integration_time_s=sensor.integration_time_s,
+    )
+    return Run(
+        scene=scene,
+        weights=weights,
+        reference=reference,
+        maps=maps,
+        info=info,
+        quadrature=quadrature,
+        spectral=tuple(spectral),
+        error_maps=_error_maps(first.error_maps, statistics, maps),
+        ensemble=statistics,
+        folder=folder,
+    )
+
+
+def member_folder(folder: Path, number: int) -> Path:
+    """Folder of one injection of an ensemble in `folder`."""
+    return folder / MEMBERS / f"{number:04d}"
+
+
+def _joined(run: Run) -> Weights:
+    """All weights of a run as one, whose images are stacked."""
+    parts = (run.weights, run.reference, *run.spectral)
+    return Weights.of(
+        {name: np.stack([one.images[name] for one in parts]) for name in run.weights.images}
+    )
+
+
+def _parted(joined: Weights, count: int) -> list[Weights]:
+    """The inverse of `_joined`."""
+    return [joined.map(lambda image, n=number: image[n]) for number in range(count)]  # type: ignore[misc]
+
+
+def _errors(errors: Errors | None, statistics: Ensemble, maps: Maps) -> Errors | None:
+    """Errors of the nominal run, and that by the number of injections."""
+    if errors is None or errors.why:
+        return errors
+    map_K = statistics["apparent_temperature_standard_error_K"]
+    here = maps.has_temperature & np.isfinite(map_K)
+    rms_K = float(np.sqrt(np.mean(map_K[here].astype(float) ** 2))) if here.any() else None
+    how = f"standard error of the mean of {statistics.members} injections"
+    cause = Cause(INJECTIONS, rms_K, how, "spray.scatter.members")
+    return replace(errors, causes=(*errors.causes, cause))
+
+
+def _error_maps(
+    of_nominal: Mapping[str, Image], statistics: Ensemble, maps: Maps
+) -> dict[str, Image]:
+    """Error maps of the nominal run with the standard error of the mean of injections."""
+    if TOTAL not in of_nominal:
+        return dict(of_nominal)
+    counted = maps.has_temperature
+    map_K = np.where(counted, statistics["apparent_temperature_standard_error_K"], np.nan)
+    out = {name: image for name, image in of_nominal.items() if name != TOTAL}
+    total = np.hypot(np.nan_to_num(of_nominal[TOTAL]), map_K).astype(np.float32)
+    return {**out, INJECTIONS: map_K.astype(np.float32), TOTAL: total}

@@ -1,0 +1,145 @@
+"""Differences between injections, and the scene of each injection."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator
+
+from cldit.errors import SceneError
+from cldit.scene.checks import Section, Within
+
+if TYPE_CHECKING:
+    from cldit.scene.schema import Scene
+
+
+class Scatter(Section):
+    """Differences between injections, as standard deviations, and the number of injections.
+
+    Sprays of other models than cone and lagrangian have `optical_depth` and `length_m` alone.
+    """
+
+    optical_depth: Annotated[float, Within(0.0, 1.0)] = 0.03
+    """Relative standard deviation of the optical depth, which the simulated rig adds to every
+    injection: fluctuations that no other key describes."""
+    length_m: Annotated[float, Within(1e-5, 1.0)] = 4e-3
+    """Correlation length of that scatter in the image."""
+    members: Annotated[int, Within(1, 1000)] = 1
+    """Number of injections that are simulated; the image is their mean. 1: the nominal one."""
+    start_s: Annotated[float, Within(0.0, 0.01)] = 0.0
+    """Standard deviation of the start of injection, s."""
+    duration_s: Annotated[float, Within(0.0, 0.1)] = 0.0
+    """Standard deviation of the injection's duration, s; the mass stays."""
+    mass: Annotated[float, Within(0.0, 0.5)] = 0.0
+    """Relative standard deviation of the injected mass."""
+    direction_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
+    """Standard deviation of each plume's direction, degrees, in either of two planes."""
+    cone_angle_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
+    """Standard deviation of each plume's cone angle, degrees."""
+    fuel_temperature_K: Annotated[float, Within(0.0, 100.0)] = 0.0
+    """Standard deviation of the fuel temperature, K."""
+    seed: Annotated[int, Within(0, 2**31 - 1)] = 1
+    """Random seed of the injections; each of a lagrangian spray has eddies of its own as well."""
+
+    @property
+    def traced(self) -> dict[str, float]:
+        """The deviations that make other sprays, without those that are 0."""
+        names = [name for name in type(self).model_fields if name not in UNTRACED]
+        return {name: value for name in names if (value := getattr(self, name)) > 0.0}
+
+
+UNTRACED = ("optical_depth", "length_m", "members", "seed")
+
+
+def _optical(scatter: Scatter) -> Scatter:
+    """Refuses deviations of sprays that are not computed."""
+    for name in ("members",) * (scatter.members > 1) + tuple(scatter.traced):
+        raise ValueError(
+            f"{name}: {getattr(scatter, name):g}, but this spray is not computed; allowed: "
+            "optical_depth and length_m, or spray.model cone or lagrangian"
+        )
+    return scatter
+
+
+OpticalScatter = Annotated[Scatter, AfterValidator(_optical)]
+
+
+def members_of(scene: Scene) -> int:
+    """Number of injections that a scene's image is the mean of."""
+    return scene.spray.scatter.members
+
+
+def nominal(scene: Scene) -> Scene:
+    """The scene without differences between injections that are traced."""
+    scatter = Scatter(**scene.spray.scatter.model_dump(include={"optical_depth", "length_m"}))
+    return scene.model_copy(update={"spray": scene.spray.model_copy(update={"scatter": scatter})})
+
+
+def member(scene: Scene, number: int) -> Scene:
+    """The scene of one injection, `number` 1, 2, ..: the same for any number of members.
+
+    Raises:
+        SceneError: the deviations lead to a value that is not allowed, or have no effect.
+    """
+    spray, scatter = scene.spray, scene.spray.scatter
+    _check_effects(scene, scatter)
+    plain = spray.model_dump(mode="json")
+    rng = np.random.default_rng([scatter.seed, number])
+    start, duration, mass, fuel = rng.standard_normal(4)
+    values: dict[str, Any] = {
+        "name": f"{scene.name[:80]}, injection {number}",
+        # A later start is an earlier time of the spray.
+        "spray.time_s": plain["time_s"] - scatter.start_s * start,
+        "spray.injection_duration_s": plain["injection_duration_s"] + scatter.duration_s * duration,
+        "spray.injected_mass_kg": plain["injected_mass_kg"] * (1.0 + scatter.mass * mass),
+        "spray.fuel_temperature_K": plain["fuel_temperature_K"] + scatter.fuel_temperature_K * fuel,
+    }
+    for hole, plume in enumerate(plain["plumes"]):
+        away, aside, wider = rng.standard_normal(3)
+        turned = _turned(plume, scatter.direction_deg * away, scatter.direction_deg * aside)
+        turned["cone_angle_deg"] = plume["cone_angle_deg"] + scatter.cone_angle_deg * wider
+        values |= {f"spray.plumes[{hole}].{key}": value for key, value in turned.items()}
+    if spray.model == "lagrangian":
+        values["spray.seed"] = int(rng.integers(2**31))
+    try:
+        return nominal(scene).with_(**values)
+    except SceneError as error:
+        raise SceneError(
+            f"spray.scatter: injection {number} of seed {scatter.seed}: "
+            f"{str(error).partition(':')[2].strip()}; allowed: smaller deviations"
+        ) from error
+
+
+def _turned(plume: dict[str, Any], away_deg: float, aside_deg: float) -> dict[str, float]:
+    """Angles of a plume that is turned in the plane of the injector's axis, and across it."""
+    if away_deg == aside_deg == 0.0:
+        return {}
+    tilt, turn = (math.radians(plume[key]) for key in ("inclination_deg", "azimuth_deg"))
+    # Unit vectors of the plume, and along rising inclination and azimuth
+    radial = np.array([math.cos(turn), math.sin(turn), 0.0])
+    down = np.array([0.0, 0.0, -1.0])
+    along = math.sin(tilt) * radial + math.cos(tilt) * down
+    away = math.cos(tilt) * radial - math.sin(tilt) * down
+    aside = np.array([-math.sin(turn), math.cos(turn), 0.0])
+    x, y, z = along + math.radians(away_deg) * away + math.radians(aside_deg) * aside
+    return {
+        "inclination_deg": math.degrees(math.atan2(math.hypot(x, y), -z)),
+        "azimuth_deg": math.degrees(math.atan2(y, x)),
+    }
+
+
+def _check_effects(scene: Scene, scatter: Scatter) -> None:
+    """Refuses a number of equal injections, and a deviation without effect."""
+    spray = scene.spray
+    if not scatter.traced and spray.model != "lagrangian":
+        raise SceneError(
+            f"spray.scatter.members: {scatter.members} injections without a difference; give "
+            "spray.scatter.start_s, mass, .. as well"
+        )
+    if scatter.duration_s > 0.0 and spray.model == "lagrangian" and spray.rate.table:
+        raise SceneError(
+            "spray.scatter.duration_s: has no effect, since spray.rate.table has the times; "
+            "allowed: 0"
+        )
