@@ -22,7 +22,7 @@ from cldit.io.origin import commit
 from cldit.io.plain_data import read_json
 from cldit.run import Run, simulate
 from cldit.scene import Scene
-from cldit.show.figures.sheet import figure_of
+from cldit.show.figures.style import figure_of, label_points, styled
 
 _HEAD = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "held by", "core-s")
 _TABS = ("blue", "orange", "green", "red", "purple", "brown", "olive")
@@ -230,7 +230,7 @@ def budget_part(
         ),
         data={"pixels": pixels, "rows": [asdict(row) for row in rows]},
         text=tuple(text),
-        figure=_figure(first),
+        figure=budget_figure(first),
         alternative="True and stated error of T_app against core seconds of the whole run",
     )
 
@@ -270,8 +270,10 @@ def _range(values: Sequence[float | None]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _figure(rows: Sequence[BudgetRow]) -> Figure:
-    figure = figure_of(7.0, 4.5)
+@styled
+def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
+    """Figure of true and stated errors against the cost of a run, by scene."""
+    figure = figure_of(5.0, 3.6)
     axes: Any = figure.subplots()
     for name in dict.fromkeys(row.scene for row in rows):
         mine = [row for row in rows if row.scene == name]
@@ -280,14 +282,12 @@ def _figure(rows: Sequence[BudgetRow]) -> Figure:
         axes.plot(seconds, [row.true_K for row in mine], "o-", color=colour, label=name)
         stated = [np.nan if row.stated_K is None else row.stated_K for row in mine]
         axes.plot(seconds, stated, "x:", color=colour)
-        for row in mine:
-            place = row.core_s, row.true_K
-            axes.annotate(f"{row.asked_K:g} K", place, (4, 4), textcoords="offset points")
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("core seconds of the whole run")
     axes.set_ylabel("error of T_app, K RMS")
-    axes.set_title("dots: true; crosses: stated; labels: asked", fontsize=9)
+    figure.suptitle("dots: true; crosses: stated; labels: asked")
     axes.legend()
-    axes.grid(True, which="both", alpha=0.3)
+    axes.grid(which="both")
+    label_points(axes, [(f"{row.asked_K:g} K", row.core_s, row.true_K) for row in rows])
     return figure

@@ -18,7 +18,7 @@ from cldit.gpu.device import Device
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.show.figures.sheet import figure_of
+from cldit.show.figures.style import WIDTH_IN, figure_of, label_points, styled
 from cldit.transport.trace import TraceSettings
 
 Floats = NDArray[np.float64]
@@ -257,7 +257,7 @@ def error_part(scene: Scene, rows: Sequence[Row], truths: dict[str, Truth]) -> P
             "noise_K": {phase: truth.noise_K for phase, truth in truths.items()},
         },
         text=tuple(text),
-        figure=_figure(scene, rows),
+        figure=error_figure(scene, rows),
         alternative="RMS error of the apparent temperature against core seconds",
     )
 
@@ -275,25 +275,31 @@ def _line(row: Row) -> list[str]:
     ]
 
 
-def _figure(scene: Scene, rows: Sequence[Row]) -> Figure:
+@styled
+def error_figure(scene: Scene, rows: Sequence[Row]) -> Figure:
+    """Figure of the errors of methods against their cost, by phase function."""
     phases = list(dict.fromkeys(row.phase for row in rows))
-    figure = figure_of(1.0 + 4.4 * len(phases), 4.6)
+    figure = figure_of(min(0.6 + 3.1 * len(phases), WIDTH_IN), 3.2)
     axes: Any = figure.subplots(1, len(phases), sharey=True, squeeze=False)[0]
     columns, height = scene.camera.pixels
-    for axis, phase in zip(axes, phases, strict=True):
+    labelled: list[list[tuple[str, float, float]]] = [[] for _ in phases]
+    for axis, phase, labels in zip(axes, phases, labelled, strict=True):
         for method, (marker, colour) in _STYLES.items():
             line = [row for row in rows if row.method == method and row.phase == phase]
             seconds = [row.picture_core_s for row in line]
             errors_K = [max(row.rms_K, 1e-3) for row in line]  # the axis is logarithmic
             axis.loglog(seconds, errors_K, f"{marker}-", color=colour, label=method)
-            for row, *at in zip(line, seconds, errors_K, strict=True):
-                label = row.label.rpartition(", ")[2]
-                axis.annotate(label, at, (4, 4), textcoords="offset points", fontsize=7)
-        axis.set_title(f"{phase} scattering" if phase == "isotropic" else phase, fontsize=10)
+            labels += [
+                (row.label.rpartition(", ")[2], second, error_K)
+                for row, second, error_K in zip(line, seconds, errors_K, strict=True)
+            ]
+        axis.set_title(f"{phase} scattering" if phase == "isotropic" else phase)
         axis.set_xlabel(f"core seconds for {columns} x {height} pixels")
-        axis.grid(True, which="both", alpha=0.25)
-        axis.legend(fontsize=7.5)
+        axis.grid(which="both")
+        axis.legend()
         axis.margins(x=0.25, y=0.1)
     axes[0].set_ylabel("RMS error of the apparent temperature / K")
-    figure.suptitle(f"{scene.name}: error against run time", fontsize=11)
+    figure.suptitle(f"{scene.name}: error against run time")
+    for axis, labels in zip(axes, labelled, strict=True):
+        label_points(axis, labels)
     return figure

@@ -16,7 +16,7 @@ from cldit.gpu.device import Device
 from cldit.io.files import make_folder, write_text
 from cldit.io.origin import commit
 from cldit.show import page
-from cldit.show.figures.sheet import png_of
+from cldit.show.figures.style import png_of
 
 
 @dataclass(frozen=True)

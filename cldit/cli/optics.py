@@ -9,19 +9,24 @@ import click
 from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
 from cldit.cli.options import SCENE
 from cldit.errors import OpticsError
-from cldit.io.files import make_folder, write_bytes, write_text
+from cldit.io.files import make_folder, write_text
 from cldit.optics.band_fit import fit_bands, fit_error
 from cldit.optics.liquid import Bands, Table, liquid
 from cldit.optics.liquid_table import read_liquid_table
 from cldit.run import default_cache
 from cldit.scene import load_scene
-from cldit.show.figures.optics_figures import optics_png
+from cldit.show.figures.optics_figures import optics_figure
+from cldit.show.figures.style import write_figure
 from cldit.show.report.optics_summary import scene_optics
 
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option("--out", type=click.Path(path_type=Path), help="Figure; default: SCENE-optics.png.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Figure (.png, .pdf or .svg); default: SCENE-optics.png.",
+)
 @plain_errors
 def optics(scene: str, out: Path | None) -> None:
     """Print and draw optical properties of SCENE: liquid, droplets, vapour, camera."""
@@ -35,7 +40,7 @@ def optics(scene: str, out: Path | None) -> None:
         OUT.print(escaped(source), style="dim")
     figure = out or Path(f"{chosen.name}-optics.png")
     make_folder(figure.parent)
-    write_bytes(figure, optics_png(found))
+    write_figure(optics_figure(found), figure)
     OUT.print(escaped(str(figure)))
 
 

@@ -25,12 +25,13 @@ from cldit.dit.design import (
 )
 from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.gpu.device import open_device
-from cldit.io.files import write_bytes, write_text
+from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene
-from cldit.show.figures.curves import design_png
+from cldit.show.figures.curves import design_figure
+from cldit.show.figures.style import write_figure
 
 _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
@@ -127,8 +128,8 @@ def plan_command(
     )
     _write(loaded, folder, best)
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
-    figure = design_png(lines, best, goal, title=f"{loaded.name}: error against time")
-    write_bytes(folder / "design.png", figure)
+    figure = design_figure(lines, best, goal, title=f"{loaded.name}: error against time")
+    write_figure(figure, folder / "design.png")
     rig, plan = folder / "rig.yaml", folder / "plan.yaml"
     print_files(plan, rig, folder / "design.png")
     print_next("cldit", "acquire", rig, plan, "--out", folder / "shots")

@@ -25,11 +25,19 @@ from cldit.show.view.folders import unfinished
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(["png", "pdf", "svg"]),
+    default="png",
+    show_default=True,
+    help="PNG of 300 dpi, or vectors.",
+)
 @click.option("--open", "opened", is_flag=True, help="Open the figure in the system's viewer.")
 @plain_errors
-def show(folder: Path, opened: bool) -> None:
-    """Draw the maps of a run or acquisition FOLDER; of a series, its film."""
-    figure = show_folder(folder)
+def show(folder: Path, kind: str, opened: bool) -> None:
+    """Draw the figures of a run or acquisition FOLDER; of a series, its film."""
+    figure = show_folder(folder, suffix=f".{kind}")
     OUT.print(escaped(str(figure)))
     if opened:
         click.launch(str(figure))

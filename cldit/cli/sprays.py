@@ -16,15 +16,16 @@ from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_err
 from cldit.cli.options import SCENE, case_options, spray_keys
 from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
-from cldit.io.files import write_bytes, write_text
+from cldit.io.files import write_text
 from cldit.io.terminal import tell
 from cldit.prepare.fitted_scene import fitted_scene
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
-from cldit.show.figures.curves import life_png
+from cldit.show.figures.curves import life_figure
 from cldit.show.figures.readable import human_figures
+from cldit.show.figures.style import write_figure
 from cldit.show.report.spray_report import write_spray
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
@@ -146,7 +147,11 @@ def import_command(
 @click.option("--held", is_flag=True, help="Keep the velocity: no drag.")
 @click.option("--duration", "duration_s", type=float, help="s; default: until it has vanished.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
-@click.option("--out", type=click.Path(path_type=Path), help="Draw the columns into this PNG.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Draw the columns into this file (.png, .pdf or .svg).",
+)
 @plain_errors
 def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
@@ -158,7 +163,7 @@ def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) ->
         title = (
             "{fuel}, {um:g} µm, in {gas} of {gas_temperature_K:g} K, {MPa:g} MPa: {model}"
         ).format(um=diameter_um, MPa=given["pressure_Pa"] / 1e6, **given)
-        write_bytes(out, life_png(life, title=title))
+        write_figure(life_figure(life, title=title), out)
     if not as_csv:
         _life_table(life)
 

@@ -15,7 +15,7 @@ from matplotlib.ticker import NullFormatter
 
 from cldit.io.files import write_bytes, write_text
 from cldit.run import default_cache
-from cldit.show.figures.sheet import figure_of, png_of
+from cldit.show.figures.style import WIDTH_IN, figure_of, png_of
 from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import fuel_table, gas_table
@@ -41,7 +41,7 @@ def convergence_picture(
     """PNG of error against step size (left) and run time (right), one row a case."""
     cases = list(dict.fromkeys(item.case for item in found))
     models = list(dict.fromkeys(item.model for item in found))
-    figure = figure_of(11.0, 3.0 * len(cases) + 1.2)
+    figure = figure_of(WIDTH_IN, 2.2 * len(cases) + 0.8)
     grid = figure.subplots(len(cases), 2, squeeze=False)
     for case, (left, right) in zip(cases, grid, strict=True):
         for item in (item for item in found if item.case == case):

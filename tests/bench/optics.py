@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from cldit.bench.case import changed
 from cldit.bench.report import Part, Table
-from cldit.io.files import make_folder, write_bytes
+from cldit.io.files import make_folder
 from cldit.optics.band import emitters
 from cldit.optics.wavelengths import wavelengths
 from cldit.prepare.phases import droplets_content, mean_phase
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
-from cldit.show.figures.curves import nodes_png
+from cldit.show.figures.curves import nodes_figure
+from cldit.show.figures.style import write_figure
 from cldit.spray.result import Spray
 from tests.bench.page import Given, write_measured
 from tests.unit.optics.table_errors import check_table, compare_solvers
@@ -81,8 +82,8 @@ def optics(given: Given) -> Part:
     if resolved.errors_K:
         title = f"{scene.name}: error against number of wavelengths"
         make_folder(given.options.out)
-        figure = nodes_png(resolved.errors_K, chosen=count, title=title)
-        write_bytes(given.options.out / "wavelengths.png", figure)
+        figure = nodes_figure(resolved.errors_K, chosen=count, title=title)
+        write_figure(figure, given.options.out / "wavelengths.png")
     return Part(
         name="optics",
         title=f"Droplet tables and wavelengths: {scene.name}",

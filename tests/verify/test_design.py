@@ -39,7 +39,8 @@ from cldit.rig.clock import SimulatedClock
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene
-from cldit.show.figures.curves import design_png
+from cldit.show.figures.curves import design_figure
+from cldit.show.figures.style import png_of
 from tests.conftest import tiny_weights
 
 SPRAY_K = 370.0  # of tiny_weights
@@ -226,7 +227,7 @@ def test_picture() -> None:
     goal = Goal(error_K=2.0)
     found = designs(subject, BLACKBODY, goal, shot_s=1.0, counts=(3,))
     line = (found[0], np.array([600.0, 6000.0]), np.array([4.0, 1.0]))
-    assert design_png([line], found[0], goal, title="$x").startswith(b"\x89PNG")
+    assert png_of(design_figure([line], found[0], goal, title="$x")).startswith(b"\x89PNG")
 
 
 @pytest.mark.slow

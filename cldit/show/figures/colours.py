@@ -1,22 +1,70 @@
-"""Colours of a DIT map: hue is apparent temperature, saturation emissivity, value 1."""
+"""Colour maps by quantity, and the limits that figures of several maps can share.
+
+All but the paper's hue rise or fall evenly in lightness, also for the colour-blind and in grey.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.colors import hsv_to_rgb
+from matplotlib.colors import ListedColormap, hsv_to_rgb
 from numpy.typing import NDArray
 
-from cldit.dit.maps import Maps, Reason
+from cldit.dit.maps import Maps
 
-COLD_HUE = 2.0 / 3.0  # blue; hot is 0, red
+TEMPERATURE = "plasma"
+EMISSIVITY = "Blues"
+ERROR = "viridis"
+COUNTS = "inferno"
+SHARE = "gray"
+MASS = "viridis_r"
+CHANGE = "RdBu_r"
+"""Of differences: white at zero."""
+
+_COLD_HUE = 2.0 / 3.0  # blue; hot is 0, red
+HUE = ListedColormap(
+    hsv_to_rgb([(_COLD_HUE * (1.0 - warm), 1.0, 1.0) for warm in np.linspace(0, 1, 256)]),
+    name="hue",
+)
+"""Of apparent temperature in the paper (Section 3), whose lightness is not monotone."""
+
 UNKNOWN = 0.83  # light grey of pixels without a value
 _COUNTS_FROM = 0.1  # least emissivity of pixels that determine the default range
+_FADED = 0.1  # share of the full emissivity below which pixels fade
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Limits of the colours of maps: apparent temperature, K, and full emissivity."""
+
+    range_K: tuple[float, float]
+    emissivity: float
+
+    @classmethod
+    def of(cls, maps: Iterable[Maps]) -> Scale:
+        """Smallest scale that includes those of all maps; range (0, 0) without any temperature."""
+        found = [(temperature_range_K(each), emissivity_scale(each)) for each in maps]
+        known = [(low, high) for (low, high), _ in found if high > low]
+        full = max((scale for _, scale in found), default=1.0)
+        if not known:
+            return cls((0.0, 0.0), full)
+        return cls((min(low for low, _ in known), max(high for _, high in known)), full)
+
+    def opacity(self, emissivity: NDArray[np.floating], *, paper: bool) -> NDArray[np.float64]:
+        """Opacity (H, W) of pixels over white: 1 from a tenth of the full emissivity.
+
+        As in the paper, opacity is the emissivity over the full one: of a pure hue that is the
+        saturation at value 1.
+        """
+        full = self.emissivity if paper else _FADED * self.emissivity
+        return np.clip(np.nan_to_num(np.asarray(emissivity, np.float64) / full), 0.0, 1.0)
 
 
 def temperature_range_K(maps: Maps) -> tuple[float, float]:
-    """Percentiles 1 and 99 of the apparent temperatures, weighted by emissivity.
+    """Percentiles 0.1 and 99.9 of the apparent temperatures, weighted by emissivity.
 
     Only pixels of emissivity above 0.1 count, or all if there are none. Rounded outwards to 5 K;
     (0, 0) without any temperature.
@@ -30,13 +78,13 @@ def temperature_range_K(maps: Maps) -> tuple[float, float]:
     weight = np.maximum(maps.emissivity[chosen].astype(np.float64), 1e-12)
     order = np.argsort(temperature)
     share = np.cumsum(weight[order]) / weight.sum()
-    low, high = (float(temperature[order][np.searchsorted(share, at)]) for at in (0.01, 0.99))
+    low, high = (float(temperature[order][np.searchsorted(share, at)]) for at in (0.001, 0.999))
     low, high = 5.0 * math.floor(low / 5.0), 5.0 * math.ceil(high / 5.0)
     return (low, high) if high > low else (low, low + 5.0)
 
 
 def emissivity_scale(maps: Maps) -> float:
-    """Emissivity of full saturation: percentile 99.5, rounded up to 1, 2, 3, 5 times 10^n, <= 1."""
+    """Full emissivity: percentile 99.5, rounded up to 1, 2, 3, 5 times 10^n, <= 1."""
     known = maps.emissivity[np.isfinite(maps.emissivity)]
     most = float(np.percentile(known, 99.5)) if known.size else 1.0
     if not 1e-3 < most < 1.0:
@@ -45,29 +93,10 @@ def emissivity_scale(maps: Maps) -> float:
     return next(step * power for step in (1, 2, 3, 5, 10) if step * power > most * (1 - 1e-6))
 
 
-def map_colours(
-    emissivity: NDArray[np.floating],
-    temperature_K: NDArray[np.floating],
-    *,
-    range_K: tuple[float, float],
-    scale: float,
-) -> NDArray[np.float64]:
-    """RGB (..., 3) of a DIT map; values beyond a scale get its end, NaN temperatures no hue.
-
-    range_K: temperatures of blue and red. scale: emissivity of full saturation.
-    """
-    low, high = range_K
-    span = high - low if high > low else 1.0
-    warm = np.clip(np.nan_to_num((np.asarray(temperature_K, np.float64) - low) / span), 0.0, 1.0)
-    saturation = np.clip(np.nan_to_num(np.asarray(emissivity, np.float64) / scale), 0.0, 1.0)
-    saturation = np.where(np.isfinite(temperature_K), saturation, 0.0)
-    colour = np.stack([COLD_HUE * (1.0 - warm), saturation, np.ones_like(warm)], axis=-1)
-    return np.asarray(hsv_to_rgb(colour))
-
-
-def pixel_colours(maps: Maps, *, range_K: tuple[float, float], scale: float) -> NDArray[np.float64]:
-    """RGB (H, W, 3) of maps as `map_colours`; pixels without a value are light grey."""
-    colour = map_colours(maps.emissivity, maps.apparent_temperature_K, range_K=range_K, scale=scale)
-    known = (maps.reason == Reason.OK) | (maps.reason == Reason.EMISSIVITY_TOO_LOW)
-    colour[~known] = UNKNOWN
-    return colour
+def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
+    """Percentiles `cut` and 100 - `cut` of the finite `values`; never an empty interval."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = (float(at) for at in np.percentile(known, [cut, 100.0 - cut]))
+    return (low, high) if high > low else (low, low + max(1.0, abs(low)) * 1e-6)

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
-from cldit.show.figures.sheet import figure_of, plain, png_of
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
 from cldit.spray.droplet.follow import Life
 
 Floats = NDArray[np.float64]
 
 
+@styled
 def budget_figure(
     kelvin: Mapping[str, float | None], *, title: str, total_K: float | None
 ) -> Figure:
     """Bars of the error of T_app by cause, in kelvin, with a line at the total; None: unknown."""
-    figure = figure_of(6.2, 1.2 + 0.32 * max(len(kelvin), 1))
+    figure = figure_of(5.0, 0.8 + 0.22 * max(sum(len(name) // 32 + 1 for name in kelvin), 1))
     axes = figure.subplots()
     names = list(kelvin)
     sizes = [kelvin[name] or 0.0 for name in names]
@@ -30,18 +33,20 @@ def budget_figure(
         error_K = kelvin[name]
         text = "unknown" if error_K is None else f"{error_K:.2g} K"
         axes.annotate(text, (sizes[at], at), xytext=(4, 0), textcoords="offset points",
-                      va="center", fontsize=8)  # fmt: skip
-    axes.set_yticks(range(len(names)), [plain(name) for name in names])
+                      va="center", fontsize=7, zorder=3,
+                      bbox={"facecolor": "white", "lw": 0, "pad": 0.5})  # fmt: skip
+    axes.set_yticks(range(len(names)), [fill(plain(name), 32) for name in names])
     axes.invert_yaxis()
-    axes.margins(x=0.18)
+    axes.set_xlim(0.0, 1.25 * max([*sizes, total_K or 0.0, 1e-9]))
     axes.set_xlabel("error of apparent temperature / K")
     if total_K is not None:
         axes.axvline(total_K, color="C3", lw=1.2, label=f"all together: {total_K:.2g} K")
-        axes.legend(fontsize=8, loc="lower right")
-    axes.set_title(plain(title), fontsize="medium")
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    figure.suptitle(plain(title))
     return figure
 
 
+@styled
 def spectrum_figure(run: Run, *, title: str) -> Figure:
     """Mean emissivity of the spray's pixels at each wavelength, above the background's light."""
     quadrature = run.quadrature
@@ -53,7 +58,7 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
     mean = hidden[:, spray].mean(axis=1) if spray.any() else np.zeros(len(hidden))
     edges = np.array(quadrature.edges_um)
     light = quadrature.light / np.diff(edges)
-    figure = figure_of(6.2, 3.4)
+    figure = figure_of(5.0, 2.8)
     axes = figure.subplots()
     axes.stairs(light / light.max(), edges, fill=True, color="0.88",
                 label=f"light of a black body at {quadrature.reference_K:g} K")  # fmt: skip
@@ -63,37 +68,40 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
     axes.set_xlabel("wavelength / µm")
     axes.set_ylabel("share")
     axes.set_ylim(0.0, 1.05)
-    axes.set_title(plain(title), fontsize="medium")
-    axes.legend(fontsize=8)
+    figure.suptitle(plain(title))
+    axes.legend()
     return figure
 
 
+@styled
 def profile_figure(profile: Profile, *, title: str) -> Figure:
     """T_app and emissivity along a line, with bands of one standard error."""
-    figure = figure_of(6.2, 4.6)
+    figure = figure_of(5.0, 3.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
     along = 1e3 * profile.distance_m
     for axes, value, error, label, colour in (
         (upper, profile.apparent_temperature_K, profile.apparent_temperature_standard_error_K,
-         "T_app / K", "C3"),
+         "apparent temperature / K", "C3"),
         (lower, profile.emissivity, profile.emissivity_standard_error, "emissivity", "C0"),
     ):  # fmt: skip
         axes.plot(along, value, color=colour)
         axes.fill_between(along, value - error, value + error, color=colour, alpha=0.25, lw=0)
         axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
+        axes.grid()
+    figure.align_ylabels()
     beside = upper.secondary_yaxis(
         "right", functions=(lambda kelvin: kelvin - 273.15, lambda degrees: degrees + 273.15)
     )
     beside.set_ylabel("°C")
     lower.set_xlabel("distance from the start / mm")
-    upper.set_title(plain(title), fontsize="medium")
+    figure.suptitle(plain(title))
     return figure
 
 
-def nodes_png(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
-    """PNG of the error of T_app with 1, 2, .. wavelengths; the chosen number is marked."""
-    figure = figure_of(5.0, 3.4)
+@styled
+def nodes_figure(errors_K: Sequence[float], *, chosen: int, title: str) -> Figure:
+    """Figure of the error of T_app with 1, 2, .. wavelengths; the chosen number is marked."""
+    figure = figure_of(4.0, 2.8)
     axes = figure.subplots()
     numbers = np.arange(1, len(errors_K) + 1)
     shown = np.maximum(np.asarray(errors_K, float), 1e-4)  # 0 has no place on a log axis
@@ -101,27 +109,29 @@ def nodes_png(errors_K: Sequence[float], *, chosen: int, title: str) -> bytes:
     axes.plot(chosen, shown[chosen - 1], "o", color="C3", markersize=9, label="traced")
     axes.set_xlabel("number of wavelengths")
     axes.set_ylabel("RMS error of apparent temperature / K")
-    axes.set_title(plain(title), fontsize="medium")
-    axes.grid(True, which="both", alpha=0.3)
+    figure.suptitle(plain(title))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(which="both")
     axes.legend()
-    return png_of(figure)
+    return figure
 
 
-def design_png(
+@styled
+def design_figure(
     lines: Sequence[tuple[Design, Floats, Floats]], best: Design, goal: Goal, *, title: str
-) -> bytes:
-    """PNG of the error of T_app against the time of a measurement; the chosen design is marked.
+) -> Figure:
+    """Figure of the error of T_app against the time of a measurement; the chosen design is marked.
 
     Args:
         lines: design, (N,) times [s], (N,) errors [K], for each number of backgrounds.
     """
-    figure = figure_of(7.4, 4.6)
+    figure = figure_of(WIDTH_IN, 4.0)
     axes = figure.subplots()
     for design, time_s, error_K in sorted(lines, key=lambda line: len(line[0].backgrounds_K)):
         low, high = min(design.backgrounds_K), max(design.backgrounds_K)
         label = f"{len(design.backgrounds_K)} backgrounds, {low:g} to {high:g} K"
-        (drawn,) = axes.loglog(time_s / 60.0, error_K, label=label, linewidth=1.4)
-        axes.plot(design.time_s / 60.0, design.error_K, "o", color=drawn.get_color(), markersize=4)
+        (drawn,) = axes.loglog(time_s / 60.0, error_K, label=label)
+        axes.plot(design.time_s / 60.0, design.error_K, "o", color=drawn.get_color())
     axes.plot(
         best.time_s / 60.0,
         best.error_K,
@@ -131,7 +141,7 @@ def design_png(
         markeredgecolor="black",
         label=f"plan.yaml: {best.shots} shots, {best.references} references each",
     )
-    axes.axhline(goal.error_K, color="grey", linewidth=0.8, linestyle="--")
+    axes.axhline(goal.error_K, color="0.35", linewidth=0.8, linestyle="--")
     axes.annotate(
         "requested",
         (1.0, goal.error_K),
@@ -139,12 +149,11 @@ def design_png(
         xytext=(-4, 3),
         textcoords="offset points",
         ha="right",
-        fontsize=8,
-        color="grey",
+        color="0.35",
     )
     axes.set_xlabel("time / min")
     axes.set_ylabel(f"standard error of T_app / K, {100 * goal.quantile:g} % quantile")
-    axes.set_title(plain(title), fontsize=10)
+    figure.suptitle(plain(title))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_formatter(lambda value, _: "")
@@ -156,15 +165,16 @@ def design_png(
     longest = max(float(time_s[-1]) for _, time_s, _ in lines) / 60.0
     shortest = min(float(time_s[0]) for _, time_s, _ in lines) / 60.0
     axes.set_xlim(0.9 * shortest, 1.1 * longest)
-    axes.grid(which="both", alpha=0.25)
-    axes.legend(fontsize=8)
-    return png_of(figure)
+    axes.grid(which="both")
+    axes.legend()
+    return figure
 
 
-def life_png(life: Life, *, title: str) -> bytes:
-    """PNG of d^2, temperature, speed and mass of a droplet against time."""
-    figure = figure_of(9.0, 6.0)
-    figure.suptitle(title)
+@styled
+def life_figure(life: Life, *, title: str) -> Figure:
+    """Figure of d^2, temperature, speed and mass of a droplet against time."""
+    figure = figure_of(WIDTH_IN, 4.6)
+    figure.suptitle(plain(title))
     last = float(life.time_s[-1])
     scale, unit = next(((s, u) for s, u in ((1.0, "s"), (1e3, "ms")) if last * s >= 1), (1e6, "µs"))
     panels = (
@@ -178,11 +188,11 @@ def life_png(life: Life, *, title: str) -> bytes:
     ):
         axes.plot(life.time_s * scale, column, color="#1b6ca8")
         axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
+        axes.grid()
         axes.ticklabel_format(axis="y", useOffset=False)
         axes.set_xlim(0, last * scale)
         if from_zero:
             axes.set_ylim(bottom=0)
     for axes in figure.axes[2:]:
         axes.set_xlabel(f"time / {unit}")
-    return png_of(figure)
+    return figure

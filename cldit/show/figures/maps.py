@@ -2,55 +2,79 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.colors import Normalize
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps, Reason
 from cldit.radiance.weights import Weights, compose
+from cldit.run import Run
 from cldit.show.figures.colours import (
-    emissivity_scale,
-    map_colours,
-    pixel_colours,
-    temperature_range_K,
-)
-from cldit.show.figures.panels import (
-    Frame,
-    Panel,
-    aspect_of,
-    axes_mm,
-    draw,
-    draw_key,
+    COUNTS,
+    EMISSIVITY,
+    ERROR,
+    HUE,
+    SHARE,
+    TEMPERATURE,
+    Scale,
     robust_limits,
 )
-from cldit.show.figures.sheet import plain, png_of, sheet
+from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
 
 
-def _explained(maps: Maps) -> str:
-    """Meaning of white and grey in these maps, with the number of pixels; empty without any."""
-    count = maps.count()
-    lines = []
-    if clear := count.get(Reason.EMISSIVITY_TOO_LOW, 0):
-        lines.append(f"white: transparent, no apparent temperature ({clear} pixels)")
-    grey = [
-        f"{reason.text} ({number})"
-        for reason, number in count.items()
-        if reason not in (Reason.OK, Reason.EMISSIVITY_TOO_LOW)
-    ]
-    if grey:
-        lines += textwrap.wrap("grey: " + "; ".join(grey), 100)
-    return "\n".join(lines)
+def frame_of(run: Run, pixel_m: tuple[float, float] | None = None) -> Frame:
+    """Axes of the traced images of a run, or of others in its field with pixels of `pixel_m`."""
+    x, _, z = run.scene.target_m
+    return Frame(pixel_m=pixel_m or run.pixel_m, centre_m=(x, z))
 
 
-def map_png(maps: Maps, frame: Frame, *, title: str, **options: Any) -> bytes:
-    """PNG of `map_figure` of `maps` (H, W) in `frame`, under a `title`, with its `options`."""
-    return png_of(map_figure(maps, frame, title=title, **options))
+def spray_window(maps: Maps, frame: Frame) -> Window:
+    """Part of the maps (H, W) with the spray, see `window_around`."""
+    return window_around(np.where(maps.reason == Reason.OK, maps.emissivity, 0.0), frame)
+
+
+def map_panel(maps: Maps, scale: Scale, *, title: str, paper: bool, **more: Any) -> Panel:
+    """Panel of T_app (H, W), paler where the emissivity is low, or in the paper's colours."""
+    low, high = scale.range_K
+    return Panel(
+        maps.apparent_temperature_K,
+        title,
+        "apparent temperature / K",
+        (low, high) if high > low else None,
+        HUE if paper else TEMPERATURE,
+        opacity=scale.opacity(maps.emissivity, paper=paper),
+        clear=maps.reason == Reason.EMISSIVITY_TOO_LOW,
+        **more,
+    )
+
+
+def map_legend(reasons: Iterable[int], scale: Scale, *, paper: bool) -> list[tuple[Any, str]]:
+    """Colours that no colour bar shows, of pixels of these `reasons`, and their meaning."""
+    found = set(reasons)
+    legend: list[tuple[Any, str]] = []
+    if Reason.OK in found:
+        full = scale.emissivity if paper else 0.1 * scale.emissivity
+        shade = colormaps["hsv" if paper else TEMPERATURE](0.4, alpha=0.4)
+        legend.append((shade, f"paler: emissivity below {full:g}"))
+    if Reason.EMISSIVITY_TOO_LOW in found:
+        legend.append(("white", "transparent: no apparent temperature"))
+    if text := ", ".join(text for reason, text in _SHORT.items() if reason in found):
+        legend.append((GREY, f"no value: {text}"))
+    return legend
+
+
+_SHORT = {
+    Reason.TOO_FEW_BACKGROUNDS: "fewer than two backgrounds",
+    Reason.SATURATED: "saturated",
+    Reason.BAD_PIXEL: "defective pixel",
+    Reason.BACKGROUND_NOT_VISIBLE: "background not visible",
+    Reason.NEGATIVE_RADIANCE: "emission below zero within noise",
+}
 
 
 def map_figure(
@@ -60,107 +84,66 @@ def map_figure(
     title: str,
     range_K: tuple[float, float] | None = None,
     scale: float | None = None,
-    note: str | None = None,
+    window: Window | None = None,
+    paper: bool = False,
     stamp: str = "",
+    reasons: Iterable[int] | None = None,
 ) -> Figure:
-    """Figure of both maps (H, W): hue is apparent temperature, saturation emissivity.
-
-    The colouring of the paper (Section 3). Pixels without a temperature are white where the spray
-    is transparent, and light grey for any other reason.
+    """Figure of both maps (H, W), cropped to the spray.
 
     Args:
-        range_K: temperatures of blue and red; None: percentiles, see `temperature_range_K`.
-        scale: emissivity of full saturation; None: see `emissivity_scale`.
-        note: small print; None: the meaning of white and grey in these maps.
-        stamp: text in the upper left corner of the image, such as its time.
+        range_K: temperatures of the colours' ends; None: percentiles, see `temperature_range_K`.
+        scale: emissivity of the full colour; None: see `emissivity_scale`.
+        window: left, right, bottom and top of the part to show, mm; None: the spray.
+        paper: colours of the paper (Section 3): hue is T_app, saturation emissivity.
+        stamp: text in the first panel, such as its time.
+        reasons: of pixels in the legend; None: of those that are shown.
     """
-    chosen_K = temperature_range_K(maps) if range_K is None else range_K
-    full = emissivity_scale(maps) if scale is None else scale
-    shape = maps.emissivity.shape
-    figure, [place] = sheet(
-        [""],
-        aspect=aspect_of(frame, shape),
-        heading=title,
-        width_in=5.4,
-        gap_in=0.3,
-        key_in=0.85,
-        note=_explained(maps) if note is None else note,
-    )
-    axes, key = place.image, place.key
-    axes.imshow(
-        pixel_colours(maps, range_K=chosen_K, scale=full),
-        extent=frame.extent_mm(shape),
-        interpolation="nearest",
-        aspect="auto",
-    )
-    axes_mm(axes, frame, shape)
-    if stamp:
-        axes.text(
-            0.03,
-            0.97,
-            plain(stamp),
-            transform=axes.transAxes,
-            ha="left",
-            va="top",
-            fontsize=13,
-            family="monospace",
-            bbox={"boxstyle": "round,pad=0.25", "facecolor": "white", "alpha": 0.85, "lw": 0.5},
-        )
-    low, high = chosen_K
-    if high > low:
-        warm, there = np.meshgrid(np.linspace(high, low, 240), np.linspace(0, full, 60))
-        key.imshow(
-            map_colours(there.T, warm.T, range_K=chosen_K, scale=full),
-            extent=(0.0, full, low, high),
-            aspect="auto",
-        )
-        key.yaxis.tick_right()
-        key.yaxis.set_label_position("right")
-        key.set_ylabel("apparent temperature / K")
-        key.set_xlabel("emissivity")
-        key.set_xticks([0.0, full], ["0", f"{full:g}"])
-    else:
-        key.set_axis_off()
-        key.text(0.5, 0.5, "no apparent\ntemperature", ha="center", va="center", fontsize=9)
-    return figure
+    own = Scale.of([maps])
+    limits = Scale(range_K or own.range_K, scale or own.emissivity)
+    window = window or spray_window(maps, frame)
+    panels = [
+        map_panel(maps, limits, title="apparent temperature", paper=paper, stamp=stamp),
+        Panel(maps.emissivity, "emissivity", "emissivity", (0.0, limits.emissivity), EMISSIVITY),
+    ]
+    if reasons is None:
+        reasons = np.unique(maps.reason[frame.slices(maps.reason.shape, window)])
+    legend = map_legend(reasons, limits, paper=paper)
+    return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 
 def weights_panels(weights: Weights) -> list[Panel]:
     """Panels of the four weights (H, W) and those of patches."""
     patches = [
-        Panel(image, f"weight of {name}", "share", colours="gray")
+        Panel(image, f"weight of {name}", "share", colours=SHARE)
         for name, image in weights.patches.items()
     ]
     return [
-        Panel(weights.background, "weight of the background", "share", (0.0, 1.0), "gray"),
-        Panel(weights.wall, "weight of the walls", "share", colours="gray"),
+        Panel(weights.background, "weight of the background", "share", (0.0, 1.0), SHARE),
+        Panel(weights.wall, "weight of the walls", "share", colours=SHARE),
         *patches,
-        Panel(weights.vapour, "emitted by vapour", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
-        Panel(weights.liquid, "emitted by droplets", "photons s$^{-1}$ m$^{-2}$ sr$^{-1}$"),
+        Panel(weights.vapour, "emitted by vapour", "photons / (s m² sr)"),
+        Panel(weights.liquid, "emitted by droplets", "photons / (s m² sr)"),
     ]
 
 
-def camera_pngs(
+def camera_figures(
     images: Mapping[float, NDArray[np.floating | np.integer]], frame: Frame, *, title: str
-) -> dict[float, bytes]:
-    """PNGs of recorded `images` (H, W) with one scale, by the temperature of the background, K."""
-    if not images:
-        return {}
+) -> dict[float, Figure]:
+    """Figures of recorded `images` (H, W) in one scale, by temperature of the background, K."""
     bounds = [robust_limits(image.astype(np.float64)) for image in images.values()]
-    low, high = min(low for low, _ in bounds), max(high for _, high in bounds)
-    first = next(iter(images.values()))
-    figure, [place] = sheet([""], aspect=aspect_of(frame, first.shape), heading=" ")
-    norm = Normalize(low, high)
-    drawn = draw(place, first.astype(np.float64), frame, norm=norm, colours="inferno")
-    below = any(np.any(image < low) for image in images.values())
-    above = any(np.any(image > high) for image in images.values())
-    draw_key(place, drawn, "counts", below=below, above=above)
-    pictures = {}
-    for background_K, image in images.items():
-        drawn.set_data(np.ma.masked_invalid(image.astype(np.float64)))
-        figure.suptitle(plain(f"{title}, background {background_K:g} K"))
-        pictures[background_K] = png_of(figure)
-    return pictures
+    limits = (
+        min((low for low, _ in bounds), default=0.0),
+        max((high for _, high in bounds), default=1.0),
+    )
+    return {
+        at: panels_figure(
+            [Panel(image, "", "signal / counts", limits, COUNTS)],
+            frame,
+            title=f"{title}, background {at:g} K",
+        )
+        for at, image in images.items()
+    }
 
 
 def errors_panels(maps: Maps) -> list[Panel]:
@@ -168,16 +151,22 @@ def errors_panels(maps: Maps) -> list[Panel]:
     error_K = maps.apparent_temperature_standard_error_K
     positive = error_K[np.isfinite(error_K) & (error_K > 0)].astype(np.float64)
     known = maps.emissivity_standard_error
-    limits = robust_limits(positive, cut=1.0) if positive.size else (0.0, 1.0)
     return [
-        Panel(known, "standard error of emissivity", "", (0.0, robust_limits(known)[1]), "viridis"),
         Panel(
             error_K,
-            "standard error of apparent temperature",
-            "K",
-            limits,
-            "viridis",
+            "standard error of T_app",
+            "standard error / K",
+            robust_limits(positive, cut=1.0) if positive.size else (0.0, 1.0),
+            ERROR,
             logarithmic=bool(positive.size),
+            clear=maps.reason == Reason.EMISSIVITY_TOO_LOW,
+        ),
+        Panel(
+            known,
+            "standard error of emissivity",
+            "standard error",
+            (0.0, robust_limits(known)[1]),
+            ERROR,
         ),
     ]
 
@@ -192,7 +181,7 @@ def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
     shown = {name: images[name] for name in ("total", largest) if name is not None}
     titles = {name: f"source: {name}" for name in shown} | {"total": "all sources together"}
     limits = (0.0, robust_limits(images["total"])[1])
-    return [Panel(shown[name], titles[name], "K", limits, "viridis") for name in shown]
+    return [Panel(shown[name], titles[name], "standard error / K", limits, ERROR) for name in shown]
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from textwrap import fill
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.optics.planck import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Response
 from cldit.scene.sizes import Monodisperse
-from cldit.show.figures.sheet import figure_of, png_of
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
 from cldit.show.report.optics_summary import FIG4, SceneOptics
 from cldit.spray.sizes import density_per_m, mean_diameter_m
 
@@ -21,23 +24,29 @@ _FILTER = "#f3e3b3"
 PAPER_UM, PAPER_N, PAPER_K = 3.4, 1.338, 0.0341  # Sections "Ray Tracing" and "Refractive Index"
 
 
-def optics_png(data: SceneOptics) -> bytes:
-    """PNG of six panels; those of droplets are omitted if the scene has none."""
+@styled
+def optics_figure(data: SceneOptics) -> Figure:
+    """Figure of six panels; those of droplets are omitted if the scene has none."""
     droplets = data.droplets is not None
     panels = [_vapour, *([_growth] if data.growth else []), _camera]
     if droplets:
         panels = [_index, _efficiencies, _phase, _sizes, *panels]
     columns = 2 if len(panels) % 2 == 0 else 3
     rows = -(-len(panels) // columns)
-    figure = figure_of(6.5 * columns, 0.4 + (3.4 if rows > 1 else 4.6) * rows)
+    figure = figure_of(WIDTH_IN, 0.3 + 3.1 * rows)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     for axes, panel in zip(grid, panels, strict=False):
         panel(axes, data)
-        axes.grid(alpha=0.25, linewidth=0.6)
-    figure.suptitle(f"Optics of {data.scene.name}".replace("$", r"\$"), fontsize=12)
-    return png_of(figure)
+        axes.grid()
+        axes.set_title(fill(axes.get_title(), 84 // columns))
+        short = max(len(text) for text in axes.get_legend_handles_labels()[1]) < 12
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.2), frameon=False, ncols=3 if short else 1
+        )
+    figure.suptitle(f"Optics of {plain(data.scene.name)}")
+    return figure
 
 
 def _shade(axes: Axes, data: SceneOptics) -> None:
@@ -69,18 +78,17 @@ def _index(axes: Axes, data: SceneOptics) -> None:
         title = f"liquid at {data.fuel_K:.0f} K ({data.liquid.status})"
     else:
         title = "liquid"
-    axes.plot(optics.wavelength_um, optics.n, "o", color=_BLUE, mec="white", ms=8)
-    other.plot(optics.wavelength_um, optics.k, "o", color=_RED, mec="white", ms=8)
+    axes.plot(optics.wavelength_um, optics.n, "o", color=_BLUE, mec="white")
+    other.plot(optics.wavelength_um, optics.k, "o", color=_RED, mec="white")
     axes.plot([], [], "o", color=_GREY, label=f"in the scene: {optics.n:g} - {optics.k:g}i")
-    axes.plot(PAPER_UM, PAPER_N, "x", color=_BLACK, ms=9, label=f"paper: {PAPER_N} - {PAPER_K}i")
-    other.plot(PAPER_UM, PAPER_K, "x", color=_BLACK, ms=9)
+    axes.plot(PAPER_UM, PAPER_N, "x", color=_BLACK, label=f"paper: {PAPER_N} - {PAPER_K}i")
+    other.plot(PAPER_UM, PAPER_K, "x", color=_BLACK)
     axes.plot([], [], color=_RED, label="k (right)")
-    axes.set(xlabel="wavelength, µm", ylabel="n", title=title)
+    axes.set(xlabel="wavelength / µm", ylabel="n", title=title)
     other.set_ylabel("k")
     other.set_ylim(0, 1.2 * other.get_ylim()[1])
     axes.yaxis.label.set_color(_BLUE)
     other.yaxis.label.set_color(_RED)
-    axes.legend(fontsize=8, loc="upper left")
 
 
 def _efficiencies(axes: Axes, data: SceneOptics) -> None:
@@ -95,17 +103,16 @@ def _efficiencies(axes: Axes, data: SceneOptics) -> None:
         values = ((q_ext, _BLACK, "ext"), (q_sca, _BLUE, "sca"), (q_ext - q_sca, _RED, "abs"))
         for value, colour, which in values:
             label = f"$Q_{{{which}}}$" if style == "-" else None
-            axes.semilogx(d * 1e6, value, style, color=colour, label=label, linewidth=1.3)
+            axes.semilogx(d * 1e6, value, style, color=colour, label=label)
         axes.plot([], [], style, color=_GREY, label=f"{name}: {table.n:.3f} - {table.k:.4f}i")
     axes.axhline(2.0, color=_GREY, linewidth=0.8, linestyle=":")
     axes.set(
-        xlabel="diameter, µm",
-        ylabel="cross section / geometric",
+        xlabel="diameter / µm",
+        ylabel="cross section over geometric",
         title=f"droplets at {data.scene.optics.wavelength_um:g} µm",
         xlim=(0.1, 100),
         ylim=(0, None),
     )
-    axes.legend(fontsize=8, loc="upper left")
 
 
 def _phase(axes: Axes, data: SceneOptics) -> None:
@@ -118,12 +125,11 @@ def _phase(axes: Axes, data: SceneOptics) -> None:
             axes.semilogy(angle, phase.density_per_sr, color=colour, label=label)
     axes.axhline(1 / (4 * np.pi), color=_GREY, linestyle="--", label="isotropic (paper)")
     axes.set(
-        xlabel="scattering angle, degrees",
-        ylabel="phase function, 1/sr",
+        xlabel="scattering angle / degrees",
+        ylabel="phase function / (1/sr)",
         title="phase function, mean over the scene's sizes",
         xlim=(0, 180),
     )
-    axes.legend(fontsize=8)
 
 
 def _sizes(axes: Axes, data: SceneOptics) -> None:
@@ -148,13 +154,12 @@ def _sizes(axes: Axes, data: SceneOptics) -> None:
             axes.plot(d * 1e6, number, color=colour, linewidth=width, label=label)
             axes.plot(d * 1e6, mass, color=colour, linewidth=width, linestyle="--")
     axes.set(
-        xlabel="diameter, µm",
-        ylabel="share per µm",
-        title="sizes at the nozzle: by number, and by mass (dashed)",
+        xlabel="diameter / µm",
+        ylabel="share / (1/µm)",
+        title="sizes at the nozzle (dashed: by mass)",
         xlim=(0, 30),
         ylim=(0, None),
     )
-    axes.legend(fontsize=7.5)
 
 
 def _named(sizes: object) -> str:
@@ -175,16 +180,15 @@ def _vapour(axes: Axes, data: SceneOptics) -> None:
         axes.plot(wavelength, value / 1e5, color=colour, label=label)
     used = optics.vapour_m2_mol / 10.0
     label = f"in the scene: {used:g}"
-    axes.plot(optics.wavelength_um, used, "o", color=_RED, mec="white", ms=8, label=label)
+    axes.plot(optics.wavelength_um, used, "o", color=_RED, mec="white", label=label)
     if any(band.species.startswith("n-heptane") for band in data.vapours):
-        axes.plot(PAPER_UM, 5.0, "x", color=_BLACK, ms=9, label="paper: 5")
+        axes.plot(PAPER_UM, 5.0, "x", color=_BLACK, label="paper: 5")
     axes.set(
-        xlabel="wavelength, µm",
-        ylabel="absorption, $10^5$ cm$^2$/mol",
+        xlabel="wavelength / µm",
+        ylabel="absorption / ($10^5$ cm²/mol)",
         title=f"vapour at {data.gas_K:.0f} K (mean over the lines)",
     )
     axes.set_ylim(0, 1.35 * axes.get_ylim()[1])
-    axes.legend(fontsize=8, loc="upper right")
 
 
 def _growth(axes: Axes, data: SceneOptics) -> None:
@@ -196,12 +200,11 @@ def _growth(axes: Axes, data: SceneOptics) -> None:
         axes.semilogx(column, curve.beer, color=_GREY, linestyle="--", label=label)
     axes.axhline(0.3, color=_RED, linewidth=1.0, linestyle=":", label="most in the paper's jet")
     axes.set(
-        xlabel="column, mol/m$^2$",
+        xlabel="column / (mol/m²)",
         ylabel="emissivity through the filter",
         title=f"curve of growth at {data.gas_K:.0f} K",
         ylim=(0, 1),
     )
-    axes.legend(fontsize=8, loc="upper left")
 
 
 def _camera(axes: Axes, data: SceneOptics) -> None:
@@ -229,8 +232,7 @@ def _camera(axes: Axes, data: SceneOptics) -> None:
         inside, label = (wavelength[within], photons[within]), f"{temperature:.0f} K"
         axes.semilogy(*inside, color=colour, linewidth=2.2, label=label)
     axes.set(
-        xlabel="wavelength, µm",
-        ylabel="electrons s$^{-1}$ m$^{-2}$ sr$^{-1}$ µm$^{-1}$",
+        xlabel="wavelength / µm",
+        ylabel="electrons / (s m² sr µm)",
         title=f"signal of the backgrounds, quantum efficiency {'as given' if curve else given}",
     )
-    axes.legend(fontsize=8, ncols=2)

@@ -1,133 +1,304 @@
-"""Images of numbers with axes in mm and a colour bar each; injector tip at (0, 0)."""
+"""Panels: images of numbers with axes in mm and colour bars; injector tip at (0, 0).
+
+Panels get places in inches, computed from their shape. A layout engine would find nearly the same
+places by drawing everything twice and measuring every label, which took most of a report's time;
+curves, whose labels differ, still use one (`style.figure_of`).
+"""
 
 from __future__ import annotations
 
+import math
+import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
-from cldit.show.figures.colours import UNKNOWN
-from cldit.show.figures.sheet import Place, png_of, sheet
+from cldit.show.figures.colours import UNKNOWN, robust_limits
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
 
-_GREY = (UNKNOWN, UNKNOWN, UNKNOWN)
+GREY = (UNKNOWN, UNKNOWN, UNKNOWN)
+Window = tuple[float, float, float, float]
+"""Left, right, bottom, top in mm."""
+
+# inches: labels of z and x, gap of columns, colour bar with gap and labels; lines of text
+_LEFT, _BOTTOM, _GAP, _EDGE = 0.52, 0.4, 0.14, 0.06
+_KEY_GAP, _KEY, _KEY_LABELS = 0.06, 0.1, 0.56
+_HEADING, _LINE, _LETTER = 0.28, 0.145, 0.24
+_HIGH = 7.6  # of all rows
+_WIDEST = 4.2  # of a single panel
+_CHARACTER = 0.068  # mean width in 8 points, with a reserve
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Position of an image: size of its pixels on the object, and (x, z) of its centre."""
+    """Position of an image: size of its pixels on the object, and (x, z) of its centre.
+
+    axes: names of the coordinates to the right and upwards.
+    """
 
     pixel_m: tuple[float, float]
     centre_m: tuple[float, float] = (0.0, 0.0)
+    axes: tuple[str, str] = ("x", "z")
 
-    def extent_mm(self, shape: tuple[int, ...]) -> tuple[float, float, float, float]:
+    def extent_mm(self, shape: tuple[int, ...]) -> Window:
         """Left, right, bottom, top of an image of (H, W) pixels."""
         half_x, half_z = 500.0 * self.pixel_m[0] * shape[1], 500.0 * self.pixel_m[1] * shape[0]
         x, z = (1e3 * middle for middle in self.centre_m)
         return x - half_x, x + half_x, z - half_z, z + half_z
 
+    def slices(self, shape: tuple[int, ...], window: Window) -> tuple[slice, slice]:
+        """Rows and columns, of an image of (H, W) pixels, in a window."""
+        left, _, _, top = self.extent_mm(shape)
+        wide, high = (1e3 * size for size in self.pixel_m)
+        columns = _inside((window[0] - left) / wide, (window[1] - left) / wide)
+        return _inside((top - window[3]) / high, (top - window[2]) / high), columns
+
 
 @dataclass(frozen=True)
 class Panel:
-    """Image of numbers (H, W), NaN shown grey.
+    """Image of numbers (H, W). Pixels without one are grey; white where `clear` is True.
 
-    limits: ends of the colour scale; None: all but the outermost thousandths.
+    limits: ends of the colour scale; None: all but the outermost thousandths. opacity: (H, W), 0 to
+    1, over white. frame, window: of this image, if they are not those of the figure. stamp: text in
+    a corner.
     """
 
     image: NDArray[np.generic]
     title: str
     label: str
     limits: tuple[float, float] | None = None
-    colours: str = "inferno"
+    colours: str | Colormap = "inferno"
     logarithmic: bool = False
+    opacity: NDArray[np.floating] | None = None
+    clear: NDArray[np.bool_] | None = None
+    frame: Frame | None = None
+    window: Window | None = None
+    stamp: str = ""
 
 
-def axes_mm(axes: Axes, frame: Frame, shape: tuple[int, ...]) -> None:
-    """Labels the axes of an image of `shape` (H, W) and marks the injector's tip inside it."""
-    left, right, bottom, top = frame.extent_mm(shape)
-    axes.set_xlabel("x / mm")
-    axes.set_ylabel("z / mm")
-    axes.set_xlim(left, right)
-    axes.set_ylim(bottom, top)
-    if left <= 0.0 <= right and bottom <= 0.0 <= top:
-        axes.plot(0.0, 0.0, marker="v", markersize=8, color="black", markeredgecolor="white")
-        axes.annotate(
-            "injector",
-            (0.0, 0.0),
-            xytext=(8, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8,
-            color="black",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "lw": 0},
-        )
+def window_around(weight: NDArray[np.floating], frame: Frame) -> Window:
+    """Part of an image with all but 0.1 % of `weight` (H, W) on each side, and the injector's tip.
+
+    With a margin, in round numbers, at least half as wide as high and the reverse; the whole image
+    without any weight.
+    """
+    whole = frame.extent_mm(weight.shape)
+    known = np.maximum(np.nan_to_num(np.asarray(weight, np.float64)), 0.0)
+    if not known.any():
+        return whole
+    left, right, bottom, top = whole
+    spans = []
+    for along, first, last in ((known.sum(axis=0), left, right), (known.sum(axis=1), top, bottom)):
+        edges = np.linspace(first, last, along.size + 1)
+        share = np.cumsum(along) / along.sum()
+        ends = [edges[np.searchsorted(share, 1e-3)], edges[np.searchsorted(share, 0.999) + 1]]
+        if min(first, last) <= 0.0 <= max(first, last):
+            ends.append(0.0)
+        spans.append((min(ends), max(ends)))
+    size = max(high - low for low, high in spans)
+    found: list[float] = []
+    for (low, high), limits in zip(spans, ((left, right), (bottom, top)), strict=True):
+        beside = max(0.06 * size, 0.25 * size - 0.5 * (high - low))
+        step = 10.0 ** math.floor(math.log10(size)) / 2.0
+        found += [
+            max(limits[0], step * math.floor((low - beside) / step)),
+            min(limits[1], step * math.ceil((high + beside) / step)),
+        ]
+    return found[0], found[1], found[2], found[3]
 
 
-def aspect_of(frame: Frame, shape: tuple[int, ...]) -> float:
-    """Height over width, in `frame`, of an image of `shape` (H, W) pixels."""
-    left, right, bottom, top = frame.extent_mm(shape)
-    return (top - bottom) / (right - left)
+def joined(windows: Sequence[Window]) -> Window:
+    """Smallest window that includes all of them."""
+    left, right, bottom, top = zip(*windows, strict=True)
+    return min(left), max(right), min(bottom), max(top)
 
 
-def panels_png(panels: Sequence[Panel], frame: Frame, *, title: str) -> bytes:
-    """PNG of `panels_figure` of `panels` in `frame` under a `title`."""
-    return png_of(panels_figure(panels, frame, title=title))
+@styled
+def panels_figure(
+    panels: Sequence[Panel],
+    frame: Frame | None = None,
+    *,
+    title: str,
+    window: Window | None = None,
+    columns: int = 2,
+    shared: bool = False,
+    legend: Sequence[tuple[Any, str]] = (),
+) -> Figure:
+    """Figure of `panels` under a `title`, in rows.
 
+    Args:
+        frame: of panels without their own.
+        window: part to show of panels without their own; None: the whole images.
+        columns: largest number of panels side by side.
+        shared: one colour bar for all, that of the first panel.
+        legend: colours and what they mean, below the panels.
+    """
+    panels = [_cut(panel, frame, window) for panel in panels]
+    windows = [panel.window or (0.0, 1.0, 0.0, 1.0) for panel in panels]
+    columns = 2 if len(panels) == 4 and columns > 1 else min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    beside = _KEY_GAP + _KEY + _KEY_LABELS
+    lost = _LEFT + _EDGE + (columns - 1) * _GAP + (1 if shared else columns) * beside
+    aspects = [(top - bottom) / (right - left) for left, right, bottom, top in windows]
+    tall = [max(aspects[row * columns : (row + 1) * columns]) for row in range(rows)]
+    wide = min((WIDTH_IN - lost) / columns, _WIDEST, _HIGH / sum(tall))
+    letter = _LETTER if len(panels) > 1 else 0.0
+    titles = [_wrapped(plain(panel.title), wide - letter) for panel in panels]
+    above = 0.05 + _LINE * max(one.count("\n") + 1 if one else 0 for one in titles)
+    width = max(lost + columns * wide, 0.5 * WIDTH_IN)
+    lines = [_wrapped(plain(text), width - 0.6) for _, text in legend]
+    side_by_side = sum(0.5 + _CHARACTER * len(text) for _, text in legend) < width
+    high_lines = 1 if side_by_side else sum(one.count("\n") + 1 for one in lines)
+    labelled = [
+        number + columns >= len(panels) or windows[number + columns] != windows[number]
+        for number in range(len(panels))
+    ]
+    tops: list[float] = []  # of the rows, from the figure's top
+    at = _HEADING if title else 0.0
+    for row in range(rows):
+        tops.append(at + above)
+        own = any(labelled[row * columns : (row + 1) * columns])
+        at = tops[-1] + tall[row] * wide + (_BOTTOM if own else 0.06)
+    height = at + (_LINE * high_lines + 0.06 if lines else 0.0)
+    figure = figure_of(width, height, layout=None)
+    if title:
+        figure.suptitle(plain(title), y=1.0 - 0.4 * _HEADING / height, va="center")
+    start = 0.5 * (width - lost - columns * wide) + _LEFT
+    step = wide + _GAP + (0.0 if shared else beside)
 
-def panels_figure(panels: Sequence[Panel], frame: Frame, *, title: str) -> Figure:
-    """Figure of `panels` in `frame` under a `title`, at most two side by side."""
-    columns = min(2, len(panels))
-    figure, places = sheet(
-        [panel.title for panel in panels],
-        aspect=aspect_of(frame, panels[0].image.shape),
-        heading=title,
-        columns=columns,
-        width_in=4.7 if columns == 1 else 3.6,
-    )
-    for place, panel in zip(places, panels, strict=True):
-        values = panel.image.astype(np.float64)
-        low, high = panel.limits or robust_limits(values)
-        norm = LogNorm(low, high) if panel.logarithmic else Normalize(low, high)
-        drawn = draw(place, values, frame, norm=norm, colours=panel.colours)
-        draw_key(place, drawn, panel.label, below=np.any(values < low), above=np.any(values > high))
+    def axes_at(x: float, top: float, w: float, h: float) -> Axes:
+        return figure.add_axes((x / width, 1.0 - (top + h) / height, w / width, h / height))
+
+    for number, (panel, aspect) in enumerate(zip(panels, aspects, strict=True)):
+        row, column = divmod(number, columns)
+        x, high = start + column * step, aspect * wide
+        axes = axes_at(x, tops[row], wide, high)
+        _draw(axes, panel)
+        _label(axes, panel, first=column == 0, last=labelled[number])
+        for text, right, weight in ((f"({chr(97 + number)})", 0.0, "bold"),
+                                    (titles[number], letter, "normal")):  # fmt: skip
+            if letter or weight == "normal":
+                axes.annotate(text, (right / wide, 1.0), (0, 3), "axes fraction", "offset points",
+                              weight=weight, va="bottom")  # fmt: skip
+        left, right, bottom, top = windows[number]
+        if number == 0 and left < 0 < right and bottom < 0 < top - 0.07 * (top - bottom):
+            axes.annotate("injector", (0, 0), (5, 2), textcoords="offset points", fontsize=7)
+        if not shared:
+            _key(axes_at(x + wide + _KEY_GAP, tops[row], _KEY, high), [panel])
+    if shared:
+        last = min(rows, 2) - 1
+        span = tops[last] + tall[last] * wide - tops[0]
+        _key(axes_at(start + columns * wide + (columns - 1) * _GAP + _KEY_GAP, tops[0], _KEY, span),
+             panels)  # fmt: skip
+    if lines:
+        handles = [Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5) for colour, _ in legend]
+        figure.legend(handles, lines, loc="lower center", frameon=False, borderpad=0.1,
+                      labelspacing=0.3, ncols=len(lines) if side_by_side else 1)  # fmt: skip
     return figure
 
 
-def draw(
-    place: Place, values: NDArray[np.float64], frame: Frame, *, norm: Normalize, colours: str
-) -> AxesImage:
-    """Draws `values` (H, W) and their axes, NaN grey, with matplotlib's colour map `colours`."""
-    place.image.set_facecolor(_GREY)
-    drawn = place.image.imshow(
+def _cut(panel: Panel, frame: Frame | None, window: Window | None) -> Panel:
+    """The panel's pixels in its window, with their frame."""
+    frame = panel.frame or frame or Frame((1e-3, 1e-3))
+    window = panel.window or window or frame.extent_mm(panel.image.shape)
+    rows, columns = part = frame.slices(panel.image.shape, window)
+    image = panel.image[part]
+    left, _, _, top = frame.extent_mm(panel.image.shape)
+    x = 1e-3 * left + frame.pixel_m[0] * (columns.start + 0.5 * image.shape[1])
+    z = 1e-3 * top - frame.pixel_m[1] * (rows.start + 0.5 * image.shape[0])
+    return replace(
+        panel,
+        image=image,
+        limits=panel.limits or robust_limits(image.astype(np.float64)),
+        opacity=None if panel.opacity is None else panel.opacity[part],
+        clear=None if panel.clear is None else panel.clear[part],
+        frame=replace(frame, centre_m=(x, z)),
+        window=window,
+    )
+
+
+def _inside(first: float, last: float) -> slice:
+    return slice(max(0, math.floor(first + 1e-6)), max(1, math.ceil(last - 1e-6)))
+
+
+def _wrapped(text: str, width_in: float) -> str:
+    return "\n".join(textwrap.wrap(text, max(8, int(width_in / _CHARACTER))))
+
+
+def _norm(panel: Panel) -> Normalize:
+    assert panel.limits is not None
+    return LogNorm(*panel.limits) if panel.logarithmic else Normalize(*panel.limits)
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    values = panel.image.astype(np.float64)
+    assert panel.frame is not None and panel.window is not None
+    extent = panel.frame.extent_mm(values.shape)
+    unknown = ~np.isfinite(values)
+    if panel.clear is not None:
+        unknown &= ~panel.clear
+    if unknown.any():
+        shade = np.ones((*unknown.shape, 3))
+        shade[unknown] = GREY
+        axes.imshow(shade, extent=extent, interpolation="nearest", aspect="auto")
+    axes.imshow(
         np.ma.masked_invalid(values),
-        extent=frame.extent_mm(values.shape),
-        cmap=colours,
-        norm=norm,
+        extent=extent,
+        cmap=panel.colours,
+        norm=_norm(panel),
+        alpha=panel.opacity,
         interpolation="nearest",
         aspect="auto",
     )
-    axes_mm(place.image, frame, values.shape)
-    return drawn
+    axes.plot(0.0, 0.0, marker="v", markersize=5, color="black", mec="white", mew=0.6)
+    if panel.stamp:
+        axes.text(0.03, 0.97, plain(panel.stamp), transform=axes.transAxes, va="top",
+                  family="monospace", weight="bold",
+                  bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 1.5})  # fmt: skip
 
 
-def draw_key(
-    place: Place, drawn: AxesImage, label: str, *, below: bool | np.bool_, above: bool | np.bool_
-) -> None:
-    """Draws the colour bar of an image; an end beyond which values lie is pointed."""
-    names = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    extend = names.get((bool(below), bool(above)), "neither")
-    place.image.figure.colorbar(drawn, cax=place.key, label=label, extend=extend)
+def _label(axes: Axes, panel: Panel, *, first: bool, last: bool) -> None:
+    assert panel.frame is not None and panel.window is not None
+    left, right, bottom, top = panel.window
+    axes.set(xlim=(left, right), ylim=(bottom, top))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    axes.tick_params(labelleft=first, labelbottom=last)
+    if first:
+        axes.set_ylabel(f"{panel.frame.axes[1]} / mm")
+    if last:
+        axes.set_xlabel(f"{panel.frame.axes[0]} / mm")
 
 
-def robust_limits(values: NDArray[np.floating], *, cut: float = 0.1) -> tuple[float, float]:
-    """Percentiles `cut` and 100 - `cut` of the finite `values`; never an empty interval."""
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return 0.0, 1.0
-    low, high = (float(at) for at in np.percentile(known, [cut, 100.0 - cut]))
-    return (low, high) if high > low else (low, low + max(1.0, abs(low)) * 1e-6)
+def _key(axes: Axes, panels: Sequence[Panel]) -> None:
+    """Draws a colour bar; an end beyond which values lie is pointed."""
+    low, high = panels[0].limits or (0.0, 1.0)
+    below = any(bool(np.any(panel.image.astype(np.float64) < low)) for panel in panels)
+    above = any(bool(np.any(panel.image.astype(np.float64) > high)) for panel in panels)
+    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    first, most = panels[0], max(abs(low), abs(high))
+    power = 0 if first.logarithmic or 1e-3 <= most < 1e4 else math.floor(math.log10(most or 1.0))
+    unit = rf"$10^{{{power}}}$ {first.label}" if power else first.label
+    bar = axes.figure.colorbar(
+        ScalarMappable(_norm(first), first.colours),
+        cax=axes,
+        extend=extend.get((below, above), "neither"),
+        extendfrac=0.04,
+    )
+    high_in = axes.get_window_extent().height / axes.figure.dpi
+    if first.logarithmic:
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        bar.ax.minorticks_off()
+    else:
+        bar.ax.yaxis.set_major_locator(MaxNLocator(max(2, min(6, int(high_in / 0.3)))))
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 10**power:.4g}"))
+    bar.set_label(unit if power else _wrapped(unit, high_in))

@@ -25,12 +25,14 @@ from cldit.show.figures.curves import (
 from cldit.show.figures.maps import (
     error_maps_panels,
     errors_panels,
+    frame_of,
     map_figure,
+    spray_window,
     weights_panels,
 )
-from cldit.show.figures.panels import Frame, panels_figure
+from cldit.show.figures.panels import Frame, Panel, panels_figure
 from cldit.show.figures.readable import human_figures
-from cldit.show.figures.sheet import png_of
+from cldit.show.figures.style import SCREEN_DPI, png_of
 from cldit.show.report.spray_report import views_figure
 from cldit.spray.result import Spray
 
@@ -46,7 +48,7 @@ def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -
         what: of a run `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`;
             of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`, its masses
             from the side and from below.
-        options: of `maps` and `acquired` range_K and scale, as for
+        options: of `maps` and `acquired` range_K, scale, window and paper, as for
             `cldit.show.figures.maps.map_figure`; of `profile` start_m and angle_deg, as for
             `cldit.dit.profile.profile_of`.
 
@@ -61,31 +63,31 @@ def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -
     return kinds[what](of, **options)
 
 
-def _frame(run: Run) -> Frame:
-    x, _, z = run.scene.target_m
-    return Frame(pixel_m=run.pixel_m, centre_m=(x, z))
-
-
 def _maps(run: Run, **options: Any) -> Figure:
-    return map_figure(run.maps, _frame(run), **{"title": run.scene.name, **options})
+    return map_figure(run.maps, frame_of(run), **{"title": run.scene.name, **options})
 
 
 def _acquired(run: Run, **options: Any) -> Figure:
     if run.measured is None:
         raise RunFolderError(f"{run.scene.name}: has no acquisition; run it without --trace-only")
-    frame = Frame(SensorView.from_scene(run.scene).pixel_m, _frame(run).centre_m)
+    frame = frame_of(run, SensorView.from_scene(run.scene).pixel_m)
     title = f"{run.scene.name}: acquired"
     return map_figure(run.measured, frame, **{"title": title, **options})
 
 
 def _errors(run: Run) -> Figure:
     panels = error_maps_panels(run.error_maps) if run.error_maps else errors_panels(run.maps)
-    return panels_figure(panels, _frame(run), title=f"{run.scene.name}: standard errors")
+    return _of_trace(run, panels, "standard errors")
+
+
+def _of_trace(run: Run, panels: Sequence[Panel], what: str) -> Figure:
+    frame = frame_of(run)
+    window = spray_window(run.maps, frame)
+    return panels_figure(panels, frame, title=f"{run.scene.name}: {what}", window=window)
 
 
 def _weights(run: Run) -> Figure:
-    title = f"{run.scene.name}: weights of the trace"
-    return panels_figure(weights_panels(run.weights), _frame(run), title=title)
+    return _of_trace(run, weights_panels(run.weights), "weights of the trace")
 
 
 def _budget(run: Run) -> Figure:
@@ -144,7 +146,8 @@ def _data_maps(data: xarray.Dataset, **options: Any) -> Figure:
 
 def _data_errors(data: xarray.Dataset) -> Figure:
     maps, frame = maps_of(data)
-    return panels_figure(errors_panels(maps), frame, title=f"{_title(data)}: standard errors")
+    title, window = f"{_title(data)}: standard errors", spray_window(maps, frame)
+    return panels_figure(errors_panels(maps), frame, title=title, window=window)
 
 
 def _data_budget(data: xarray.Dataset) -> Figure:
@@ -196,5 +199,5 @@ def _html(title: str, figures: Sequence[str], rows: Mapping[str, str]) -> str:
 
 
 def _image(figure: Figure, about: str) -> str:
-    data = b64encode(png_of(figure)).decode("ascii")
-    return f'<img alt="{escape(about)}" style="max-width:48%" src="data:image/png;base64,{data}">'
+    data = b64encode(png_of(figure, dpi=SCREEN_DPI)).decode("ascii")
+    return f'<img alt="{escape(about)}" style="max-width:100%" src="data:image/png;base64,{data}">'

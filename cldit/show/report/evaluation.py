@@ -16,8 +16,10 @@ from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.io.images import read_image
 from cldit.io.plain_data import read_json
-from cldit.show.figures.maps import errors_panels, map_png
-from cldit.show.figures.panels import Frame, Panel, panels_png
+from cldit.show.figures.colours import ERROR
+from cldit.show.figures.maps import errors_panels, map_figure, spray_window
+from cldit.show.figures.panels import Frame, Panel, panels_figure
+from cldit.show.figures.style import SCREEN_DPI, png_of
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE = "report.html"
@@ -149,12 +151,12 @@ def _budget(parts: Mapping[str, Any]) -> Table:
 def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -> list[Figure]:
     """Systematic and total errors; and the change of T_app by each part alone."""
     totals = [
-        Panel(read_image(path)[0], text, unit, colours="viridis")
+        Panel(read_image(path)[0], text, f"error / {unit}" if unit else "error", colours=ERROR)
         for name, (text, unit) in _TOTALS.items()
         if (path := maps / f"{name}.tif").is_file()
     ]
     single = [
-        Panel(image, name, "K", colours="viridis")
+        Panel(image, name, "change / K", colours=ERROR)
         for name in names
         if (path := maps / f"{part_file(name, 'K')}.tif").is_file()
         and np.nanmax(np.abs(image := read_image(path)[0]), initial=0.0) > _SEEN_K
@@ -164,11 +166,13 @@ def _error_figures(names: Sequence[str], maps: Path, frame: Frame, title: str) -
          f"error. A map of each part is in {maps.name}/{PARTS}."),
         (single, "T_app by cause", "Change of the apparent temperature by each cause alone."),
     ]  # fmt: skip
+    window = spray_window(Maps.load(maps), frame)
     return [
-        Figure(panels_png(some, frame, title=f"{title}: {what}"), caption)
+        Figure(png_of(panels_figure(some, frame, title=f"{title}: {what}", window=window),
+                      dpi=SCREEN_DPI), caption)
         for some, what, caption in drawn
         if some
-    ]
+    ]  # fmt: skip
 
 
 def pixels_section(maps: Maps) -> Section:
@@ -191,13 +195,14 @@ def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
         RunFolderError: a file is missing or damaged.
     """
     drawn = Maps.load(maps)
+    panels, window = errors_panels(drawn), spray_window(drawn, frame)
     figures = [
         Figure(
-            map_png(drawn, frame, title=title),
-            "Hue is the apparent temperature, saturation the emissivity.",
+            png_of(map_figure(drawn, frame, title=title)),
+            "Apparent temperature and emissivity.",
         ),
         Figure(
-            panels_png(errors_panels(drawn), frame, title=f"{title}: standard errors"),
+            png_of(panels_figure(panels, frame, title=f"{title}: standard errors", window=window)),
             "Standard errors, including what the witnesses found.",
         ),
     ]

@@ -11,11 +11,11 @@ from cldit.gpu.device import Device
 from cldit.run import Say, simulate
 from cldit.scene import load_scene
 from cldit.show.figures.plot import plot
-from cldit.show.figures.sheet import png_of
+from cldit.show.figures.style import png_of
 from cldit.show.page import Block, Code, Figure, Page, Section, write_page
 
 _ABOUT = (
-    "Made by `cldit gallery`. Hue is the apparent temperature, saturation the emissivity. The "
+    "Made by `cldit gallery`. The "
     "seconds are those of one run on `{device}`, including what was not yet in the cache: tables "
     "of droplets and vapour, computed sprays. The error is the one that the run states for its "
     "image ([definition](errors.md))."

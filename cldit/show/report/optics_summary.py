@@ -76,7 +76,7 @@ class Droplets:
 
 @dataclass(frozen=True)
 class SceneOptics:
-    """Data of `optics_png`.
+    """Data of `optics_figure`.
 
     droplets: with the scene's refractive index; measured: with the data's mean over the filter.
     Both, like sizes and liquid, are None if a scene has no droplets or there are no data.

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure as Drawn
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Cause
@@ -21,17 +22,20 @@ from cldit.run import Run, open_run
 from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s
-from cldit.show.figures.curves import nodes_png
+from cldit.show.figures.curves import nodes_figure
 from cldit.show.figures.maps import (
     Shares,
-    camera_pngs,
+    camera_figures,
     error_maps_panels,
     errors_panels,
-    map_png,
+    frame_of,
+    map_figure,
+    spray_window,
     weights_panels,
 )
-from cldit.show.figures.panels import Frame, panels_png
+from cldit.show.figures.panels import Frame, panels_figure
 from cldit.show.figures.readable import human_figures
+from cldit.show.figures.style import SCREEN_DPI, figure_bytes, png_of, write_figure
 from cldit.show.page import (
     Bar,
     Block,
@@ -55,30 +59,21 @@ def _folder(run: Run) -> Path:
     return run.folder
 
 
-def _frame(run: Run, pixel_m: tuple[float, float]) -> Frame:
-    x, _, z = run.scene.target_m
-    return Frame(pixel_m=pixel_m, centre_m=(x, z))
-
-
-def write_figures(run: Run) -> dict[str, Figure]:
-    """Writes the figures of a stored run into its folder `pictures`; returns them by name."""
-    traced = _frame(run, run.pixel_m)
-    sensor = _frame(run, SensorView.from_scene(run.scene).pixel_m)
+def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
+    """Names, figures and captions of a stored run; the first one is the main figure."""
+    traced, sensor = frame_of(run), _sensor_frame(run)
     name, delays = run.scene.name, run.scene.plan.delays_s
-    figures: dict[str, Figure] = {}
-
-    def add(key: str, png: bytes, caption: str) -> None:
-        figures[key] = Figure(png, caption)
-
+    window = spray_window(run.maps, traced)
     if run.measured is not None:
-        add(
+        yield (
             "maps",
-            map_png(run.measured, sensor, title=f"{name}: DIT of the acquired shots"),
-            "Acquired by the rig: hue is the apparent temperature, saturation the emissivity.",
+            map_figure(run.measured, sensor, title=f"{name}: DIT of the acquired shots"),
+            "Acquired by the rig: apparent temperature and emissivity.",
         )
-        add(
+        panels, title = errors_panels(run.measured), f"{name}: standard errors"
+        yield (
             "errors",
-            panels_png(errors_panels(run.measured), sensor, title=f"{name}: standard errors"),
+            panels_figure(panels, sensor, title=title, window=window),
             "Standard errors of the acquired maps, scatter from shot to shot included.",
         )
     for number, delay_s in enumerate(delays if len(delays) > 1 else ()):
@@ -86,36 +81,54 @@ def write_figures(run: Run) -> dict[str, Figure]:
         if place.is_dir():
             maps, title = Maps.load(place), f"{name}: DIT of the shots at {delay_text(delay_s)}"
             caption = f"{DelayRow.of(delay_s, maps).text}."
-            add(f"maps_{place.name}", map_png(maps, sensor, title=title), caption)
-    add(
+            yield f"maps_{place.name}", map_figure(maps, sensor, title=title), caption
+    yield (
         "maps_noise_free",
-        map_png(run.maps, traced, title=f"{name}: DIT of the trace, without noise"),
+        map_figure(run.maps, traced, title=f"{name}: DIT of the trace, without noise"),
         "The same from the traced radiances, on the traced field.",
     )
-    add(
+    panels, title = weights_panels(run.weights), f"{name}: weights of the trace"
+    yield (
         "weights",
-        panels_png(weights_panels(run.weights), traced, title=f"{name}: weights of the trace"),
+        panels_figure(panels, traced, title=title, window=window),
         "Origin of the light of every pixel; one trace serves every background.",
     )
     if run.error_maps:
         title = f"{name}: standard error of the simulated T_app"
-        add(
+        panels = error_maps_panels(run.error_maps)
+        yield (
             "simulation_errors",
-            panels_png(error_maps_panels(run.error_maps), traced, title=title),
+            panels_figure(panels, traced, title=title, window=window),
             "Standard error of the simulation itself; errors/ has a map of every cause.",
         )
     if run.info.spectral is not None and run.info.spectral.errors_K:
         chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"
-        add(
+        yield (
             "wavelengths",
-            nodes_png(run.info.spectral.errors_K, chosen=chosen, title=title),
+            nodes_figure(run.info.spectral.errors_K, chosen=chosen, title=title),
             "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
         )
-    figures.setdefault("maps", figures["maps_noise_free"])
+
+
+def _sensor_frame(run: Run) -> Frame:
+    return frame_of(run, SensorView.from_scene(run.scene).pixel_m)
+
+
+def write_figures(run: Run, *, suffix: str = ".png") -> dict[str, Figure]:
+    """Writes the figures of a stored run into its folder `pictures`, as .png, .pdf or .svg.
+
+    Returns them by name as PNG, none for another suffix.
+    """
     folder = _folder(run) / "pictures"
     make_folder(folder)
-    for key, figure in figures.items():
-        write_bytes(folder / f"{key}.png", figure.png)
+    figures: dict[str, Figure] = {}
+    for key, drawn, caption in _figures(run):
+        names = ["maps", key] if key == "maps_noise_free" and run.measured is None else [key]
+        data = figure_bytes(drawn, suffix)
+        for name in names:
+            write_bytes(folder / f"{name}{suffix}", data)
+            if suffix == ".png":
+                figures[name] = Figure(data, caption)
     return figures
 
 
@@ -133,12 +146,14 @@ def _camera(run: Run) -> Slider:
             total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
-    drawn = camera_pngs(means, frame, title=run.scene.name)
+    drawn = camera_figures(means, frame, title=run.scene.name)
     return Slider(
         "Background",
         {
-            f"{at:g} K": Figure(png, f"Mean of {sums[at][1]} injections.")
-            for at, png in drawn.items()
+            f"{at:g} K": Figure(
+                png_of(figure, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections."
+            )
+            for at, figure in drawn.items()
         },
     )
 
@@ -157,7 +172,7 @@ def _evaluation(run: Run) -> list[Section]:
     delays = run.scene.plan.delays_s
     return evaluation_sections(
         maps_folder(_folder(run) / "acquisition", delays, _delay_number(run, delays)),
-        _frame(run, SensorView.from_scene(run.scene).pixel_m),
+        _sensor_frame(run),
         title=run.scene.name,
     )
 
@@ -175,13 +190,16 @@ def _origin(run: Run) -> list[Block]:
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
     title = f"{run.scene.name}: origin of the signal"
-    figure = panels_png(shares.panels(), _frame(run, run.pixel_m), title=title)
+    frame = frame_of(run)
+    window = spray_window(run.maps, frame)
+    figure = panels_figure(shares.panels(), frame, title=title, window=window)
+    caption = f"Shares of the radiance in front of a background of {middle_K:g} K."
     means = shares.means()
     rows: list[list[Cell]] = [
         [name, f"{100 * share:.1f} %", Bar(share)] for name, share in means.items()
     ]
     return [
-        Figure(figure, f"Shares of the radiance in front of a background of {middle_K:g} K."),
+        Figure(png_of(figure), caption),
         "Mean over the pixels where the spray is:" if means else "",
         Table((), rows, numbers=(1,)),
     ]
@@ -348,10 +366,10 @@ def _evaluated(found: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
             yield place, f" at {delay_text(delay_s)}"
 
 
-def show_folder(folder: str | Path) -> Path:
+def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
     """Draws the maps of a run, an acquisition or measured data; returns the first figure's path.
 
-    For a series, returns the film that the series itself made.
+    For a series, returns the film that the series itself made. suffix: .png, .pdf or .svg.
 
     Raises:
         RunFolderError: the folder holds none of these, or was not evaluated yet.
@@ -366,8 +384,8 @@ def show_folder(folder: str | Path) -> Path:
             )
         return film
     if (place / "scene.yaml").is_file():
-        write_figures(open_run(place))
-        return place / "pictures" / "maps.png"
+        write_figures(open_run(place), suffix=suffix)
+        return place / "pictures" / f"maps{suffix}"
     found = open_recorded(place)
     if not (found.folder / "maps").is_dir():
         raise RunFolderError(
@@ -378,6 +396,6 @@ def show_folder(folder: str | Path) -> Path:
     for maps, when in _evaluated(found):
         title = f"{_name(found)}: DIT of the acquired shots{when}"
         # one delay: beside the folder of its maps, as before there were several
-        drawn.append((maps if when else found.folder) / "maps.png")
-        write_bytes(drawn[-1], map_png(Maps.load(maps), frame, title=title))
+        path = (maps if when else found.folder) / f"maps{suffix}"
+        drawn.append(write_figure(map_figure(Maps.load(maps), frame, title=title), path))
     return drawn[0]

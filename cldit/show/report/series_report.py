@@ -4,26 +4,34 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
-from cldit.io.files import make_folder, write_bytes, write_text
+from cldit.io.files import make_folder, write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.run.series import SeriesTime
 from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
-from cldit.show.figures.colours import emissivity_scale, temperature_range_K
+from cldit.show.figures.colours import Scale
 from cldit.show.figures.film import write_film
-from cldit.show.figures.maps import map_png
-from cldit.show.figures.panels import Frame
-from cldit.show.figures.sheet import figure_of, plain, png_of
+from cldit.show.figures.maps import map_figure, spray_window
+from cldit.show.figures.panels import Frame, Window, joined
+from cldit.show.figures.style import (
+    SCREEN_DPI,
+    WIDTH_IN,
+    figure_of,
+    plain,
+    png_of,
+    styled,
+    write_figure,
+)
 
 # Notes of a spray that become columns.
 FIGURES = (
@@ -37,27 +45,6 @@ FIGURES = (
 )
 FILM_FILE = "film.gif"
 _OF_MAPS = ("pixels", "apparent_temperature_K", "emissivity")
-_NOTE = "white: transparent; grey: no apparent temperature for another reason"
-
-
-@dataclass(frozen=True)
-class Scale:
-    """Colour scale of all figures: temperatures of blue and red, emissivity of full colour."""
-
-    range_K: tuple[float, float]
-    emissivity: float
-
-    @classmethod
-    def of(cls, maps: Iterable[Maps]) -> Scale:
-        """Smallest scale that includes those of all maps."""
-        ranges, scales = [], []
-        for each in maps:
-            ranges.append(temperature_range_K(each))
-            scales.append(emissivity_scale(each))
-        known = [(low, high) for low, high in ranges if high > low]
-        if not known:
-            return cls((0.0, 0.0), max(scales, default=1.0))
-        return cls((min(low for low, _ in known), max(high for _, high in known)), max(scales))
 
 
 def maps_of(time: SeriesTime) -> Path:
@@ -98,49 +85,64 @@ def write_series(
     """
     made = [out / "series.csv", out / "series.png"]
     write_text(made[0], table_csv(plan, times))
-    write_bytes(made[1], curves(plan, times, title=scene.name))
+    write_figure(curves(plan, times, title=scene.name), made[1])
     done = [each for each in times if each.state == "done"]
     if not done:
         return made
-    scale = Scale.of(Maps.load(maps_of(each)) for each in done)
+    windows: list[Window] = []
+    reasons: set[int] = set()
+
+    def loaded() -> Iterator[Maps]:  # one after the other: a long series exceeds the memory
+        for each in done:
+            maps = Maps.load(maps_of(each))
+            windows.append(spray_window(maps, _frame(scene, each)))
+            reasons.update(maps.count())
+            yield maps
+
+    scale = Scale.of(loaded())
     shared = {"apparent_temperature_K": list(scale.range_K), "emissivity": scale.emissivity}
     make_folder(out / "pictures")
     write_text(out / "pictures" / "scale.yaml", dump_yaml(shared))
-    pictures: list[bytes] = []
+    shown: list[bytes] = []
     for each in done:
-        png = _picture(plan, scene, each, scale)
-        pictures.append(png)
-        write_bytes(out / "pictures" / f"{plan.folder(each.time)}.png", png)
-    return [*made, out / "pictures", *write_film(out / FILM_FILE, pictures, [t.time for t in done])]
+        what = "acquired shots" if _acquired(each) else "traces, without noise"
+        figure = map_figure(
+            Maps.load(maps_of(each)),
+            _frame(scene, each),
+            title=f"{scene.name}: DIT of {what}",
+            range_K=scale.range_K,
+            scale=scale.emissivity,
+            window=joined(windows),
+            reasons=reasons,
+            stamp=plan.stamp(each.time),
+        )
+        write_figure(figure, out / "pictures" / f"{plan.folder(each.time)}.png")
+        shown.append(png_of(figure, dpi=SCREEN_DPI))
+    return [*made, out / "pictures", *write_film(out / FILM_FILE, shown, [t.time for t in done])]
 
 
-def _picture(plan: SeriesPlan, scene: Scene, time: SeriesTime, scale: Scale) -> bytes:
-    place = maps_of(time)
-    acquired = place.parent.name == "acquisition"
+def _acquired(time: SeriesTime) -> bool:
+    return maps_of(time).parent.name == "acquisition"
+
+
+def _frame(scene: Scene, time: SeriesTime) -> Frame:
     width, height = scene.camera.field_m
     pixel_m = width / scene.camera.pixels[0], height / scene.camera.pixels[1]
-    if acquired:
+    if _acquired(time):
         pixel_m = SensorView.from_scene(scene).pixel_m
     x, _, z = scene.target_m
-    return map_png(
-        Maps.load(place),
-        Frame(pixel_m, (x, z)),
-        title=f"{scene.name}: DIT of {'acquired shots' if acquired else 'traces, without noise'}",
-        range_K=scale.range_K,
-        scale=scale.emissivity,
-        note=_NOTE,
-        stamp=plan.stamp(time.time),
-    )
+    return Frame(pixel_m, (x, z))
 
 
-def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> bytes:
-    """PNG of penetrations, masses, droplet size and apparent temperature over time.
+@styled
+def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figure:
+    """Figure of penetrations, masses, droplet size and apparent temperature over time.
 
     Times that failed are gaps.
     """
     known = [each for each in times if each.state != "failed"]
     at = np.array([each.time for each in known]) * (1e3 if plan.in_seconds else 1.0)
-    figure = figure_of(8.2, 9.0)
+    figure = figure_of(WIDTH_IN, 7.5)
     reach, mass, size, warm = figure.subplots(4, 1, sharex=True)
 
     def values(name: str, factor: float) -> NDArray[np.float64]:
@@ -169,14 +171,12 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> byte
     mass.set_ylim(bottom=0.0)
     figure.align_ylabels()
     warm.set_xlabel("time / ms" if plan.in_seconds else "time / the case's own unit")
-    figure.suptitle(plain(title), fontsize=11)
-    return png_of(figure)
+    figure.suptitle(plain(title))
+    return figure
 
 
 def _finish(axes: Axes, label: str) -> None:
     axes.set_ylabel(label)
-    axes.grid(alpha=0.3)
-    for line in axes.get_lines():
-        line.set_markersize(3.5)
+    axes.grid()
     if len(axes.get_lines()) > 1:
-        axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from cldit.io.files import make_folder, write_bytes, write_text
-from cldit.show.figures.sheet import figure_of, plain, png_of
+from cldit.io.files import make_folder, write_text
+from cldit.show.figures.colours import MASS
+from cldit.show.figures.panels import Frame, Panel, panels_figure
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
 from cldit.spray.extent import Box
 from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
@@ -120,45 +120,45 @@ def _project(
 
 def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
     """Figure of droplets and vapour from the side and from below, in pixels of `pixel_m`."""
-    figure = figure_of(10, 9.5)
-    figure.suptitle(plain(title))
-    axes = figure.subplots(2, 2)
     views: tuple[View, View] = ("side", "below")
-    for row, view in enumerate(views):
-        _image(axes[row, 0], liquid_mass(spray, view, pixel_m=pixel_m), f"droplets, {view}", view)
-        _image(axes[row, 1], vapour_mass(spray, view, pixel_m=pixel_m), f"vapour, {view}", view)
-    return figure
+    kinds = {"droplets": liquid_mass, "vapour": vapour_mass}
+    panels = [
+        mass_panel(of(spray, view, pixel_m=pixel_m), f"{name}, {view}", view)
+        for view in views
+        for name, of in kinds.items()
+    ]
+    return panels_figure(panels, title=title)
 
 
-def _image(axes: Axes, seen: Projection, title: str, view: View) -> None:
-    first, second = _AXES[view]
-    axes.set_title(title)
-    axes.set_xlabel(f"{_NAMES[first]} / mm")
-    axes.set_ylabel(f"{_NAMES[second]} / mm")
-    edges = [1e3 * edge for edge in seen.edges_m]
-    axes.set_xlim(edges[0], edges[1])
-    axes.set_ylim(edges[2], edges[3])
-    axes.set_aspect("equal")
-    axes.plot(0, 0, marker="+", color="tab:blue", markersize=9)
-    top = float(seen.image.max(initial=0.0))
-    if top <= 0:
-        axes.text(0.5, 0.4, "none", transform=axes.transAxes, ha="center")
-        return
+def mass_panel(seen: Projection, title: str, view: View, *, most: float | None = None) -> Panel:
+    """Panel of mass per area, three decades below `most` or the largest; white below them."""
+    top = most or float(seen.image.max(initial=0.0))
     low = top / 10**_DECADES
-    image = axes.imshow(
-        np.where(seen.image >= low, seen.image, np.nan),
-        origin="lower",
-        extent=(edges[0], edges[1], edges[2], edges[3]),
-        cmap="viridis_r",
-        norm=LogNorm(low, top),
-        interpolation="nearest",
+    image = np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan) if top > 0 else seen.image
+    left, right, bottom, upper = seen.edges_m
+    rows, columns = image.shape
+    frame = Frame(
+        pixel_m=((right - left) / columns, (upper - bottom) / rows),
+        centre_m=(0.5 * (left + right), 0.5 * (bottom + upper)),
+        axes=(_NAMES[_AXES[view][0]], _NAMES[_AXES[view][1]]),
     )
-    axes.figure.colorbar(image, ax=axes, label="mass per area / (kg/m²)", shrink=0.85)
+    return Panel(
+        image,
+        title if top > 0 else f"{title}: none",
+        "mass per area / (kg/m²)",
+        (low, top) if top > 0 else (0.0, 1.0),
+        MASS,
+        logarithmic=top > 0,
+        clear=np.isnan(image),
+        frame=frame,
+        window=frame.extent_mm(image.shape),
+    )
 
 
+@styled
 def history_figure(history: History, *, title: str) -> Figure:
     """Figure of penetration, droplet size, masses and coldest gas against time."""
-    figure = figure_of(10, 7)
+    figure = figure_of(WIDTH_IN, 4.8)
     figure.suptitle(plain(title))
     panels: Sequence[tuple[str, tuple[tuple[Floats, str], ...]]] = (
         (
@@ -185,7 +185,7 @@ def history_figure(history: History, *, title: str) -> Figure:
             axes.plot(1e3 * history.time_s, values, label=name or None)
         axes.set_xlabel("time after start of injection / ms")
         axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
+        axes.grid()
         axes.set_xlim(left=0)
         if len(lines) > 1:
             axes.set_ylim(bottom=0)
@@ -197,10 +197,10 @@ def write_spray(spray: Spray, history: History | None, folder: Path, *, title: s
     """Writes figures, the history as CSV if known, and files for ParaView; returns the files."""
     make_folder(folder)
     written = [folder / "views.png"]
-    write_bytes(written[0], png_of(views_figure(spray, title=title)))
+    write_figure(views_figure(spray, title=title), written[0])
     if history is not None:
         written += [folder / "history.png", folder / "history.csv"]
-        write_bytes(written[1], png_of(history_figure(history, title=title)))
+        write_figure(history_figure(history, title=title), written[1])
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
         names = [each.name for each in fields(history)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
@@ -14,14 +14,15 @@ from cldit.optics.liquid import liquid
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run
 from cldit.scene.sizes import Monodisperse
-from cldit.show.figures.optics_figures import optics_png
-from cldit.show.figures.panels import Frame
-from cldit.show.figures.sheet import figure_of
+from cldit.show.figures.colours import COUNTS
+from cldit.show.figures.maps import frame_of
+from cldit.show.figures.optics_figures import optics_figure
+from cldit.show.figures.panels import Frame, Panel, joined, panels_figure
+from cldit.show.figures.style import png_of
 from cldit.show.report.optics_summary import FIG4, scene_optics
-from cldit.show.report.spray_report import Projection, liquid_mass
+from cldit.show.report.spray_report import liquid_mass, mass_panel
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
-from cldit.study.figures import frame_of, small_png, smaller
 from cldit.study.lab import Lab
 from cldit.study.measures import mean_K, root, visible
 from cldit.study.page import Row
@@ -73,7 +74,7 @@ def optics(lab: Lab) -> Found:
             "off_um": max(off),
         },
         table=rows,
-        pngs={"optics": smaller(optics_png(data))},
+        pngs={"optics": png_of(optics_figure(data))},
     )
 
 
@@ -81,8 +82,6 @@ def optics(lab: Lab) -> Found:
 _CONDITIONS = ((0.15, 300.0), (0.6, 300.0), (0.3, 500.0), (0.6, 570.0), (0.9, 620.0))
 _TOLD = ((0.15, 300.0), (0.6, 300.0), (0.6, 570.0), (0.9, 620.0))
 _WITHIN = 0.97  # of the liquid's mass
-_DECADES = 3.0
-_HALF_MM = 55.0
 
 
 def projected_m(spray: Spray) -> float:
@@ -143,38 +142,12 @@ def visible_light(lab: Lab) -> Found:
 
 
 def _from_below(sprays: dict[str, Spray]) -> bytes:
-    seen: list[Projection] = [
-        liquid_mass(spray, "below", pixel_m=5e-4) for spray in sprays.values()
-    ]
-    top = max(float(each.image.max(initial=0.0)) for each in seen) or 1.0
-    norm = LogNorm(top * 10**-_DECADES, top)
-    figure = figure_of(11.4, 7.2)
-    grid = figure.subplots(2, 3, sharex=True, sharey=True).ravel()
-    for axes, each, gas in zip(grid, seen, sprays, strict=False):
-        axes.imshow(
-            np.ma.masked_less_equal(each.image, top * 10**-_DECADES),
-            extent=[1e3 * edge for edge in each.edges_m],
-            origin="lower",
-            cmap="viridis",
-            norm=norm,
-            interpolation="nearest",
-        )
-        axes.set_title(gas, fontsize=9)
-        axes.plot(0.0, 0.0, "+", color="black")
-        axes.set_xlabel("x / mm")
-        axes.set_ylabel("y / mm")
-        axes.set_xlim(-_HALF_MM, _HALF_MM)
-        axes.set_ylim(-_HALF_MM, _HALF_MM)
-        axes.set_aspect("equal")
-        axes.label_outer()
-    for axes in grid[len(sprays) - 3 : len(sprays)]:  # with nothing below
-        axes.tick_params(labelbottom=True)
-        axes.set_xlabel("x / mm")
-    for axes in grid[len(sprays) :]:
-        axes.set_axis_off()
-    label = "liquid mass / kg m$^{-2}$"
-    figure.colorbar(ScalarMappable(norm, "viridis"), ax=list(grid), label=label)
-    return small_png(figure)
+    seen = {gas: liquid_mass(spray, "below", pixel_m=5e-4) for gas, spray in sprays.items()}
+    top = max(float(each.image.max(initial=0.0)) for each in seen.values()) or 1.0
+    panels = [mass_panel(each, gas, "below", most=top) for gas, each in seen.items()]
+    window = joined([panel.window for panel in panels if panel.window])
+    panels = [replace(panel, window=window) for panel in panels]
+    return png_of(panels_figure(panels, title="liquid from below", columns=3, shared=True))
 
 
 _BACKGROUND_K = 443.0
@@ -247,21 +220,9 @@ def _exposure(
     raw: NDArray[np.uint16], traced: NDArray[np.float64], sensor: Frame, ray: Frame
 ) -> bytes:
     low, high = (float(value) for value in np.percentile(traced, [0.1, 99.9]))
-    norm = Normalize(low, high)
-    figure = figure_of(11.5, 4.6)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    for axes, image, frame, title in (
-        (panels[0], raw.astype(float), sensor, "camera, one exposure"),
-        (panels[1], traced, ray, "traced"),
-    ):
-        extent = frame.extent_mm(image.shape)
-        axes.imshow(image, extent=extent, cmap="inferno", norm=norm, interpolation="nearest")
-        axes.set_title(title, fontsize=9)
-        axes.set_xlabel("x / mm")
-        axes.plot(0.0, 0.0, marker="v", markersize=5, color="white", markeredgecolor="black")
-    left, right, bottom, top = sensor.extent_mm(raw.shape)
-    panels[0].set_xlim(left, right)
-    panels[0].set_ylim(bottom, top)
-    panels[0].set_ylabel("z / mm")
-    figure.colorbar(ScalarMappable(norm, "inferno"), ax=list(panels), label="counts", extend="both")
-    return small_png(figure)
+    panels = [
+        Panel(raw, "camera, one exposure", "signal / counts", (low, high), COUNTS, frame=sensor),
+        Panel(traced, "traced", "signal / counts", (low, high), COUNTS, frame=ray),
+    ]
+    window = sensor.extent_mm(raw.shape)
+    return png_of(panels_figure(panels, title="camera", window=window, shared=True))

@@ -15,7 +15,8 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
-from cldit.study.figures import Crop, changes_figure, frame_of, maps_figure
+from cldit.show.figures.maps import frame_of
+from cldit.study.figures import changes_png, maps_png
 from cldit.study.lab import Lab
 from cldit.study.measures import (
     Change,
@@ -72,7 +73,6 @@ def methane(lab: Lab) -> Found:
     last = rows[-1]
     emissivity = run.maps.emissivity[spray_of(run).z_m < -_FAR_M]
     largest = max(float(row["largest emissivity"]) for row in rows)
-    crop = Crop(-40.0, 40.0, -95.0, 6.0)
     return Found(
         values={
             "most": largest,
@@ -87,7 +87,7 @@ def methane(lab: Lab) -> Found:
             "warming": float(spearmanr(depth, warm).statistic) if len(depth) > 2 else _NAN,
         },
         table=rows,
-        pngs={"maps": maps_figure(runs, title="methane into 0.4 MPa, 520 K", crop=crop)},
+        pngs={"maps": maps_png(runs, title="methane into 0.4 MPa, 520 K")},
     )
 
 
@@ -179,7 +179,6 @@ def conditions(lab: Lab) -> Found:
     noise = [float(row["median standard error / K"]) for row in rows[-2:]]
     halo = Phases.of(at[0.6]).vapour_only
     seen_K = at[0.6].maps.apparent_temperature_K[halo]
-    crop = Crop(-30.0, 30.0, -45.0, 5.0)
     return Found(
         values={
             "filter_K": away[0],
@@ -199,8 +198,8 @@ def conditions(lab: Lab) -> Found:
         },
         table=rows,
         pngs={
-            "maps": maps_figure(runs, title="DIT over pressure and temperature", columns=2),
-            "filter": maps_figure(wide, title="0.15 MPa, 300 K, 0.3 ms", crop=crop),
+            "maps": maps_png(runs, title="DIT over pressure and temperature", columns=2),
+            "filter": maps_png(wide, title="0.15 MPa, 300 K, 0.3 ms"),
         },
     )
 
@@ -271,7 +270,7 @@ def order(lab: Lab) -> Found:
         for number in _ORDERS[:3]
         for time_ms in _TIMES_MS
     }
-    title, crop = "T_app with few orders minus T_app with all", Crop(-40.0, 40.0, -60.0, 6.0)
+    title = "T_app with few orders minus T_app with all"
     frame = frame_of(every[0.95])
     return Found(
         values={
@@ -292,7 +291,7 @@ def order(lab: Lab) -> Found:
             "none_away_K": none.mean(away),
         },
         table=rows,
-        pngs={"changes": changes_figure(shown, frame, title=title, limit_K=10.0, crop=crop)},
+        pngs={"changes": changes_png(shown, frame, title=title, limit_K=10.0)},
     )
 
 
@@ -352,5 +351,5 @@ def walls(lab: Lab) -> Found:
             }
             for name in cases
         ],
-        pngs={"maps": maps_figure(cases, title="walls of different temperature, one trace")},
+        pngs={"maps": maps_png(cases, title="walls of different temperature, one trace")},
     )

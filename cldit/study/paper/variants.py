@@ -11,9 +11,10 @@ from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.run import Run, reevaluated
 from cldit.scene.sizes import Monodisperse
+from cldit.show.figures.maps import frame_of
 from cldit.show.page import Figure
 from cldit.show.report.optics_summary import FIG4
-from cldit.study.figures import Crop, changes_figure, frame_of, maps_figure
+from cldit.study.figures import changes_png, maps_png
 from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import (
     Change,
@@ -61,7 +62,6 @@ def change_figures(
     *,
     reference_name: str,
     limit_K: float,
-    crop: Crop | None = None,
 ) -> dict[str, Figure]:
     """Differences of the cases from the reference, up to `limit_K`, and the maps of all."""
     about = sentences()[study]["about"]
@@ -70,11 +70,11 @@ def change_figures(
     frame, every = frame_of(reference), {reference_name: reference, **cases}
     return {
         "changes": Figure(
-            changes_figure(images, frame, title=title, limit_K=limit_K, crop=crop),
+            changes_png(images, frame, title=title, limit_K=limit_K),
             f"Difference of apparent temperature to {reference_name}, {about}.",
         ),
         "maps": Figure(
-            maps_figure(every, title="apparent temperature", crop=crop),
+            maps_png(every, title="apparent temperature"),
             f"The maps themselves, {about}.",
         ),
     }
@@ -291,7 +291,7 @@ def evaporation(lab: Lab) -> Found:
             ),
         },
         table=rows,
-        pngs={"changes": changes_figure(named, frame, title=title, limit_K=20.0)},
+        pngs={"changes": changes_png(named, frame, title=title, limit_K=20.0)},
     )
 
 
@@ -352,6 +352,5 @@ def fuel_temperature(lab: Lab) -> Found:
             {"370 K": warm},
             reference_name="330 K",
             limit_K=40.0,
-            crop=Crop(-25.0, 25.0, -38.0, 5.0),
         ),
     )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.show.figures.panels import Frame, Panel, panels_png
+from cldit.show.figures.colours import CHANGE
+from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
+from cldit.show.figures.style import png_of
 from cldit.show.page import Figure
 from cldit.study.page import Row as Cells
 from cldit.study.page import StudyPage
@@ -90,39 +91,17 @@ def scattering_picture(study: Study) -> bytes:
     """PNG of the errors in K."""
     scene = study.scene
     x, _, z = scene.target_m
-    images = list(study.errors.items())
-    rows, columns = _around([image for _, image in images])
     panels = []
+    images = list(study.errors.items())
     for number, (title, image) in enumerate(images):
         # Plain DIT and the better estimator share one scale.
         known = np.abs(images[number - number % 2][1])
         known = known[np.isfinite(known)]
         limit = max(float(np.percentile(known, 98)) if known.size else 1.0, 0.5)
-        panels.append(Panel(image[rows, columns], title, "error / K", (-limit, limit), "RdBu_r"))
+        panels.append(Panel(image, title, "error / K", (-limit, limit), CHANGE))
     camera = scene.camera
     wide, high = (camera.field_m[axis] / camera.pixels[axis] for axis in (0, 1))
-    height, width = images[0][1].shape
-    centre_m = (
-        x + ((columns.start + columns.stop) / 2.0 - width / 2.0) * wide,
-        z - ((rows.start + rows.stop) / 2.0 - height / 2.0) * high,
-    )
-    return panels_png(
-        panels,
-        Frame(pixel_m=(wide, high), centre_m=centre_m),
-        title=f"{scene.name}: errors of the temperature",
-    )
-
-
-def _around(images: Sequence[Floats]) -> tuple[slice, slice]:
-    """Rows and columns with any known error, with a margin."""
-    known = np.any([np.isfinite(image) for image in images], axis=0)
-    if not known.any():
-        return slice(0, known.shape[0]), slice(0, known.shape[1])
-    spans = []
-    for axis in (1, 0):
-        places = np.flatnonzero(known.any(axis=axis))
-        spans.append(slice(max(int(places[0]) - 4, 0), int(places[-1]) + 5))
-    rows, columns = spans
-    return slice(rows.start, min(rows.stop, known.shape[0])), slice(
-        columns.start, min(columns.stop, known.shape[1])
-    )
+    frame = Frame((wide, high), (x, z))
+    window = window_around(np.any([np.isfinite(image) for _, image in images], axis=0), frame)
+    title = f"{scene.name}: errors of the temperature"
+    return png_of(panels_figure(panels, frame, title=title, window=window))

@@ -12,9 +12,8 @@ import pytest
 
 from cldit.errors import StudyError
 from cldit.scene import load_scene
-from cldit.show.figures.sheet import figure_of
+from cldit.show.figures.style import figure_of, png_of
 from cldit.show.page import Figure
-from cldit.study.figures import small_png
 from cldit.study.page import (
     AGREES,
     DISAGREES,
@@ -68,7 +67,7 @@ def _page() -> StudyPage:
         title="Wall <temperature>",
         command="cldit study walls --quick",
         text="One & only paragraph.",
-        figures={"maps": Figure(small_png(figure), "caption")},
+        figures={"maps": Figure(png_of(figure), "caption")},
         table=[{"case": "a|b", "T_app / K": 400.123456}, {"case": "c", "T_app / K": math.nan}],
         verdicts=(
             Verdict(claim="good", value=0.5, unit="K", high=1.0, why="never shown"),

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 
 from cldit.cli import main
 from cldit.scene import load_scene, parse_scene
-from cldit.show.figures.optics_figures import optics_png
+from cldit.show.figures.optics_figures import optics_figure
+from cldit.show.figures.style import png_of
 from cldit.show.report.optics_summary import FIG4, SceneOptics, scene_optics
 from cldit.spray.sizes import mean_diameter_m
 
@@ -46,7 +47,7 @@ def test_picture_of_gas(tables: Path) -> None:
     assert methane.droplets is None and methane.growth
     (curve,) = methane.growth
     assert (curve.emissivity <= curve.beer + 1e-9).all()
-    assert optics_png(methane).startswith(PNG)
+    assert png_of(optics_figure(methane)).startswith(PNG)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +66,7 @@ def test_picture_of_gas(tables: Path) -> None:
 def test_scenes_with_less_data(change: dict[str, object], tables: Path) -> None:
     """One size, infinitely many small ones, a filter outside all data."""
     found = scene_optics(parse_scene({"name": "x", **change}), cache=tables)
-    assert optics_png(found).startswith(PNG)
+    assert png_of(optics_figure(found)).startswith(PNG)
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tables: Path) -> None:

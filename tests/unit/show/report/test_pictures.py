@@ -1,32 +1,38 @@
-"""Colours of the maps by hand, default ranges, and PNGs whose pixels are looked at."""
+"""Colours, default ranges, windows, and figures whose pixels and texts are looked at."""
 
 from __future__ import annotations
 
 import io
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from matplotlib.image import imread
 from numpy.typing import NDArray
+from PIL import Image
 
 from cldit.dit.maps import Maps, Reason
+from cldit.errors import FileError
 from cldit.radiance.weights import Weights
+from cldit.show.figures import colours
 from cldit.show.figures.colours import (
     UNKNOWN,
+    Scale,
     emissivity_scale,
-    map_colours,
-    pixel_colours,
+    robust_limits,
     temperature_range_K,
 )
 from cldit.show.figures.maps import (
     Shares,
-    camera_pngs,
+    camera_figures,
     errors_panels,
-    map_png,
+    map_figure,
     weights_panels,
 )
-from cldit.show.figures.panels import Frame, Panel, panels_png, robust_limits
+from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
+from cldit.show.figures.style import DPI, WIDTH_IN, png_of, write_figure
 
 FRAME = Frame((1e-3, 1e-3))
 
@@ -48,31 +54,44 @@ def _pixels(png: bytes) -> NDArray[np.float64]:
     return np.asarray(imread(io.BytesIO(png), format="png"), dtype=np.float64)[..., :3]
 
 
-def _has(picture: NDArray[np.float64], colour: tuple[float, float, float]) -> int:
+def _has(picture: NDArray[np.float64], colour: tuple[float, ...]) -> int:
     """Number of pixels of this colour, to an 8-bit step."""
-    return int(np.count_nonzero(np.all(np.abs(picture - colour) < 1.1 / 255, axis=-1)))
+    return int(np.count_nonzero(np.all(np.abs(picture - colour[:3]) < 1.1 / 255, axis=-1)))
 
 
-def test_colours_by_hand() -> None:
-    got = map_colours(
-        np.array([1.0, 1.0, 1.0, 0.0, 0.5, 2.0, 1.0]),
-        np.array([300.0, 400.0, 500.0, 500.0, 500.0, 900.0, np.nan]),
-        range_K=(300.0, 500.0),
-        scale=1.0,
-    )
-    blue, green, red, white = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 1.0)
-    expected = np.array([blue, green, red, white, (1.0, 0.5, 0.5), red, white])
-    np.testing.assert_allclose(got, expected, atol=1e-12)
-    half = map_colours(np.array([0.15]), np.array([500.0]), range_K=(300, 500), scale=0.3)
-    np.testing.assert_allclose(half, [[1, 0.5, 0.5]], atol=1e-12)
+# Machado, Oliveira and Fernandes 2009, Table 1, severity 1, for linear sRGB
+DEUTERANOPIA = np.array(
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+     [-0.011820, 0.042940, 0.968881]]
+)  # fmt: skip
+PROTANOPIA = np.array(
+    [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+     [-0.003882, -0.048116, 1.051998]]
+)  # fmt: skip
 
 
-def test_unknown_is_grey_and_transparent_is_white() -> None:
-    maps = _maps(np.array([[0.9, np.nan, 0.0]]), np.array([[400.0, np.nan, np.nan]]))
-    maps.reason[0, 2] = Reason.EMISSIVITY_TOO_LOW
-    got = pixel_colours(maps, range_K=(300, 400), scale=0.9)
-    expected = np.array([(1.0, 0.0, 0.0), (UNKNOWN,) * 3, (1.0, 1.0, 1.0)])
-    np.testing.assert_allclose(got[0], expected, atol=1e-6)
+def _lightness(rgb: NDArray[np.floating], seen: NDArray[np.floating]) -> NDArray[np.float64]:
+    """CIE L* of sRGB colours (N, 3) as an eye with the matrix `seen` sees them."""
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    luminance = np.clip(linear @ seen.T, 0.0, 1.0) @ np.array([0.2126, 0.7152, 0.0722])
+    cube = np.where(luminance > 0.008856, np.cbrt(luminance), 7.787 * luminance + 16.0 / 116.0)
+    return np.asarray(116.0 * cube - 16.0)
+
+
+@pytest.mark.parametrize("seen", [np.eye(3), DEUTERANOPIA, PROTANOPIA])
+@pytest.mark.parametrize("name", ["TEMPERATURE", "EMISSIVITY", "ERROR", "COUNTS", "SHARE", "MASS"])
+def test_colours_rise_evenly_for_every_eye(name: str, seen: NDArray[np.floating]) -> None:
+    """Lightness is monotone over at least 60 of 100, so a value has one grey; hue's is not.
+
+    Tolerance: steps of 16 of 256 colours, so that rounding to 8 bits (0.4 of L*) reverses none.
+    """
+    rgb = colormaps[getattr(colours, name)](np.linspace(0, 1, 17))[:, :3]
+    lightness = _lightness(rgb, seen)
+    steps = np.diff(lightness)
+    assert np.all(steps > 0) or np.all(steps < 0)
+    assert abs(lightness[-1] - lightness[0]) > 60.0
+    hue = np.diff(_lightness(colours.HUE(np.linspace(0, 1, 17))[:, :3], seen))
+    assert not (np.all(hue > 0) or np.all(hue < 0))
 
 
 def test_default_range() -> None:
@@ -91,6 +110,8 @@ def test_default_range() -> None:
     assert temperature_range_K(one) == (330.0, 335.0)
     none = _maps(np.full((1, 9), np.nan), np.full((1, 9), np.nan))
     assert temperature_range_K(none) == (0.0, 0.0)
+    assert Scale.of([one, none, faint]).range_K == (330.0, 335.0)
+    assert Scale.of([none]).range_K == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -102,19 +123,53 @@ def test_default_scale(most: float, scale: float) -> None:
     assert emissivity_scale(maps) == pytest.approx(scale)  # 0.3 although float32 has 0.30000001
 
 
+def test_window_is_the_spray() -> None:
+    """20 x 30 mm of spray below the tip in a field of 200 mm; stray pixels do not count."""
+    weight = np.zeros((200, 200))
+    weight[102:130, 90:110] = 1.0  # z from -2 to -30 mm
+    weight[5, 5] = 0.5  # 0.09 % of it
+    left, right, bottom, top = window_around(weight, FRAME)
+    assert -15 <= left <= -11 and 11 <= right <= 15
+    assert -35 <= bottom <= -31 and 0 < top <= 5
+    # a line gets a width; nothing gets the whole image
+    narrow = np.zeros((200, 200))
+    narrow[100:180, 99:101] = 1.0
+    left, right, bottom, top = window_around(narrow, FRAME)
+    assert right - left >= 0.4 * (top - bottom)
+    assert window_around(np.zeros((200, 200)), FRAME) == FRAME.extent_mm((200, 200))
+    assert window_around(np.ones((200, 200)), FRAME) == FRAME.extent_mm((200, 200))
+
+
 def test_map_picture_shows_the_colours() -> None:
-    """The left half hot and opaque, the right half out of sight: red and grey, equally large."""
+    """The left half hot and opaque, the right half out of sight: yellow and grey, equally large."""
     temperature = np.full((40, 40), np.nan)
     temperature[:, :20] = 500.0
     maps = _maps(np.where(np.isfinite(temperature), 1.0, np.nan), temperature)
-    picture = _pixels(
-        map_png(maps, Frame((1e-3, 1e-3), (0.0, 0.5)), title="t", range_K=(300, 500), scale=1)
-    )
-    red, grey = _has(picture, (1, 0, 0)), _has(picture, (UNKNOWN,) * 3)
-    assert red > 10_000
-    assert red == pytest.approx(grey, rel=0.05)  # ticks, key
-    # and the key has the other end
-    assert _has(picture, (0, 0, 1)) > 0
+    window = FRAME.extent_mm((40, 40))
+    figure = map_figure(maps, FRAME, title="t", range_K=(300, 500), scale=1, window=window)
+    picture = _pixels(png_of(figure))[:, : int(2.9 * DPI)]
+    hot, grey = _has(picture, colormaps["plasma"](1.0)), _has(picture, (UNKNOWN,) * 3)
+    assert hot > 100_000
+    assert hot == pytest.approx(grey, rel=0.05)  # ticks, marker
+    # in the paper's colours, half an emissivity is half a saturation
+    half = replace(maps, emissivity=0.5 * maps.emissivity)
+    figure = map_figure(half, FRAME, title="t", range_K=(300, 500), scale=1, paper=True)
+    picture = _pixels(png_of(figure))[:, : int(2.9 * DPI)]
+    assert _has(picture, (1, 0.5, 0.5)) + _has(picture, (1, 128 / 255, 128 / 255)) > 100_000
+
+
+def test_clipped_values_point_the_colour_bar() -> None:
+    """Arrows at the ends beyond which shown values lie; a value outside the window does not."""
+    temperature = np.full((40, 40), 450.0)
+    temperature[20, 20], temperature[0, 0] = 391.0, 600.0
+    maps = _maps(np.ones((40, 40)), temperature)
+    window = (-10.0, 10.0, -10.0, 10.0)
+    figure = map_figure(maps, FRAME, title="t", range_K=(420, 500), window=window)
+    keys = [axes for axes in figure.axes if axes.get_ylabel() == "apparent temperature / K"]
+    [bar] = [axes._colorbar for axes in keys]  # type: ignore[attr-defined]
+    assert bar.extend == "min"
+    figure = map_figure(maps, FRAME, title="t", range_K=(420, 500), window=(-20, 20, -20, 20))
+    assert figure.axes[1]._colorbar.extend == "both"  # type: ignore[attr-defined]
 
 
 def test_up_is_up() -> None:
@@ -123,11 +178,13 @@ def test_up_is_up() -> None:
     temperature[:10] = 500.0
     maps = _maps(np.ones((40, 40)), temperature)
     frame = Frame((1e-3, 1e-3), (0.01, -0.5))
-    picture = _pixels(map_png(maps, frame, title="t", range_K=(300, 500), scale=1))
-    left = picture[:, : picture.shape[1] // 2]
-    red = np.nonzero(np.all(left == (1, 0, 0), axis=-1))[0]
-    blue = np.nonzero(np.all(left == (0, 0, 1), axis=-1))[0]
-    assert red.max() < blue.min()
+    picture = _pixels(png_of(map_figure(maps, frame, title="t", range_K=(300, 500), scale=1)))
+    left = picture[:, : int(0.35 * WIDTH_IN * DPI)]
+    hot, cold = (
+        np.nonzero(np.all(np.abs(left - colormaps["plasma"](end)[:3]) < 1.1 / 255, axis=-1))[0]
+        for end in (1.0, 0.0)
+    )
+    assert hot.max() < cold.min()
     assert frame.extent_mm((40, 40)) == pytest.approx((-10.0, 30.0, -520.0, -480.0))
 
 
@@ -135,28 +192,27 @@ def test_user_text_is_no_formula() -> None:
     """An unbalanced `$` or a bad formula in a scene's name must not stop the picture."""
     maps = _maps(np.ones((4, 4)), np.full((4, 4), 400.0))
     for title in (r"$\frac{", "5 $ a $^$ shot", ""):
-        assert map_png(maps, FRAME, title=title).startswith(b"\x89PNG")
+        assert png_of(map_figure(maps, FRAME, title=title)).startswith(b"\x89PNG")
 
 
 def test_pictures_of_nothing() -> None:
     """All NaN, all equal, one pixel, very wide: still a picture, and no warning."""
     nan = np.full((3, 3), np.nan)
     nothing = _maps(nan, nan)
-    assert map_png(nothing, FRAME, title="nothing").startswith(b"\x89PNG")
-    assert panels_png(errors_panels(nothing), FRAME, title="nothing").startswith(b"\x89PNG")
+    assert png_of(map_figure(nothing, FRAME, title="nothing")).startswith(b"\x89PNG")
+    assert png_of(panels_figure(errors_panels(nothing), FRAME, title="nothing"))
     exact = replace(
         nothing,
         emissivity_standard_error=np.zeros((3, 3), np.float32),
         apparent_temperature_standard_error_K=np.zeros((3, 3), np.float32),
     )
-    assert panels_png(errors_panels(exact), FRAME, title="exact").startswith(b"\x89PNG")
+    assert png_of(panels_figure(errors_panels(exact), FRAME, title="exact"))
     for shape in ((1, 1), (2, 200), (200, 2)):
         image = np.zeros(shape, np.uint16)
-        both = camera_pngs({400.0: image, 450.0: image + 1}, FRAME, title="t")
+        both = camera_figures({400.0: image, 450.0: image + 1}, FRAME, title="t")
         assert list(both) == [400.0, 450.0]
-        assert all(png.startswith(b"\x89PNG") for png in both.values())
-        assert both[400.0] != both[450.0]
-    assert camera_pngs({}, FRAME, title="t") == {}
+        assert png_of(both[400.0]) != png_of(both[450.0])
+    assert camera_figures({}, FRAME, title="t") == {}
     assert robust_limits(np.array([])) == (0.0, 1.0)
     assert robust_limits(np.array([np.nan, 5.0]))[0] == 5.0
     low, high = robust_limits(np.append(np.full(99_999, 7.0), 1e9))
@@ -166,13 +222,28 @@ def test_pictures_of_nothing() -> None:
 def test_weights_and_panels() -> None:
     zero = np.zeros((10, 10), np.float32)
     weights = Weights(zero + 1, zero, zero, zero)
-    assert panels_png(weights_panels(weights), FRAME, title="w").startswith(b"\x89PNG")
+    assert png_of(panels_figure(weights_panels(weights), FRAME, title="w"))
     # Three panels leave the fourth place blank.
     panels = [Panel(zero + n, f"{n}", "1", (0.0, 2.0), "gray") for n in range(3)]
-    picture = _pixels(panels_png(panels, FRAME, title="p"))
+    picture = _pixels(png_of(panels_figure(panels, FRAME, title="p")))
     assert _has(picture, (0, 0, 0)) > 10_000
     corner = picture[picture.shape[0] * 3 // 4, picture.shape[1] * 3 // 4]
     np.testing.assert_array_equal(corner, [1, 1, 1])
+
+
+def test_files_for_print(tmp_path: Path) -> None:
+    """PNG of 300 dpi on two columns, vectors with text; other kinds are refused with the path."""
+    maps = _maps(np.ones((4, 4)), np.full((4, 4), 400.0))
+    figure = map_figure(maps, FRAME, title="t")
+    with Image.open(write_figure(figure, tmp_path / "a.png")) as image:
+        assert image.info["dpi"] == pytest.approx((300, 300), abs=0.01)  # whole dots per metre
+        assert image.width == pytest.approx(300 * WIDTH_IN, abs=1)
+    pdf = write_figure(figure, tmp_path / "a.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF") and b"CIDFontType2" in pdf
+    svg = write_figure(figure, tmp_path / "a.SVG").read_text(encoding="utf-8")
+    assert "<svg" in svg and svg == write_figure(figure, tmp_path / "b.svg").read_text("utf-8")
+    with pytest.raises(FileError, match=r"a\.jpg: .*allowed: \.png, \.pdf, \.svg"):
+        write_figure(figure, tmp_path / "a.jpg")
 
 
 def test_shares() -> None:
@@ -185,7 +256,7 @@ def test_shares() -> None:
     expected = {"background": 0.5, "walls": 0.1, "vapour": 0.3, "droplets": 0.1}
     assert shares.means() == pytest.approx(expected)
     assert shares.where.tolist() == [[True, False]]
-    assert panels_png(shares.panels(), FRAME, title="s").startswith(b"\x89PNG")
+    assert png_of(panels_figure(shares.panels(), FRAME, title="s")).startswith(b"\x89PNG")
     nothing = Shares.of(empty, empty, background=0.0, wall=0.0)
     assert nothing.means() == {}
     assert np.isnan(nothing.images["vapour"]).all()

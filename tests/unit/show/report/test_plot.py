@@ -15,6 +15,7 @@ from cldit.errors import ClditError, EvaluationError
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, open_run
 from cldit.scene.spray import ConeSpray
+from cldit.show.figures.maps import frame_of, spray_window
 from cldit.spray.result import Spray
 
 WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"
@@ -38,7 +39,7 @@ def spray() -> Spray:
         ("errors", {"x / mm", "z / mm"}),
         ("weights", {"x / mm", "z / mm"}),
         ("spectrum", {"wavelength / µm"}),
-        ("profile", {"distance from the start / mm", "T_app / K", "emissivity"}),
+        ("profile", {"distance from the start / mm", "apparent temperature / K", "emissivity"}),
     ],
 )
 def test_pictures_of_a_run(run: Run, what: str, labels: set[str]) -> None:
@@ -50,12 +51,13 @@ def test_pictures_of_a_run(run: Run, what: str, labels: set[str]) -> None:
 
 def test_maps_are_those_of_the_run(run: Run) -> None:
     figure = run.plot("errors")
-    shown = figure.axes[0].images[0].get_array()
+    [axes] = [each for each in figure.axes if each.images and len(each.texts) == 2]
+    shown = axes.images[-1].get_array()
     assert shown is not None
-    known = np.isfinite(run.maps.emissivity_standard_error)
-    np.testing.assert_allclose(
-        np.ma.getdata(shown)[known], run.maps.emissivity_standard_error[known]
-    )
+    values = np.ma.filled(shown, np.nan)
+    frame = frame_of(run)
+    part = frame.slices(run.maps.reason.shape, spray_window(run.maps, frame))
+    np.testing.assert_allclose(values, run.maps.emissivity_standard_error[part])
 
 
 def test_budget_has_a_bar_a_cause() -> None:
