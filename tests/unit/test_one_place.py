@@ -28,7 +28,7 @@ PLACES: dict[str, set[str]] = {
     "open to write": {"files.py", "disk.py", "spray_file.py"},
     "os.open": {"files.py", "journal.py", "terminal.py", "pocl.py"},
     "imwrite": {"images.py"},
-    "savefig": {"sheet.py"},  # into memory
+    "savefig": {"style.py"},  # into memory
     # resources of the package, pages that the same command wrote, /proc
     "read_text": {"program.py", "kernel_source.py", "liquid.py", "vapour.py", "load.py"}
     | {"free_memory.py"},
