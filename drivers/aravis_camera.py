@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from cldit.io.extras import install_line
 from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, NotConnected, RigError
@@ -35,7 +36,7 @@ ABOUT = DriverAbout(
     "untested on hardware; tested with Aravis' own simulated camera and one of ours",
     needs=("gi", "gi.repository.Aravis"),
     install="apt install python3-gi gir1.2-aravis-0.8; in a virtual environment that does not see "
-    "the system's packages also pip install 'cldit[aravis]'",
+    f"the system's packages also {install_line('aravis')}",
 )
 
 

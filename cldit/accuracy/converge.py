@@ -168,7 +168,7 @@ def solve(
             allocation=allocation,
         )
     )
-    every = trace_each(medium.trees, scene, device, settings, report=stages.say)
+    every = trace_each(medium.trees, scene, device, settings, report=stages.tell)
     traces = summed(every, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cldit.acquisition.record import Acquisition, Picture
 from cldit.errors import ClditError
 from cldit.io.data_streams import DataStream, PatientStream
+from cldit.io.extras import needed
 from cldit.io.files import make_folder, whole
 from cldit.scene.delays import delay_text
 
@@ -39,7 +40,7 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
         target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` by default.
 
     Raises:
-        ExportError: no such form, no images, or h5py is missing.
+        ExportError: no such form, no images, or h5py is missing (before anything is read).
         RunFolderError: an image is damaged.
         DiskFull, FileError: the file cannot be written.
     """
@@ -47,6 +48,8 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
         raise ExportError(f"--to: {form!r}; allowed: {', '.join(FORMATS)}")
     if not acquisition.shots:
         raise ExportError(f"{acquisition.folder}: holds no images yet")
+    if form == "nexus":
+        needed("h5py", extra="export", what="--to nexus:", error=ExportError)
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
     size = len(acquisition.shots) * acquisition.plan.frames * int(np.prod(acquisition.shape)) * 2
@@ -132,10 +135,7 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
 
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
-    try:
-        import h5py
-    except ImportError as error:
-        raise ExportError("NeXus needs h5py: pip install cldit[export]") from error
+    h5py = needed("h5py", extra="export", what="--to nexus:", error=ExportError)
     with PatientStream(path) as stream:
         try:
             with h5py.File(stream, "w") as file:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from cldit.acquisition.plan import plan_from_scene
@@ -17,11 +17,13 @@ from cldit.gpu.device import Device
 from cldit.io.exclusive import exclusive
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
+from cldit.prepare.stages import StageLine
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, simulate, with_stages
-from cldit.scene import Scene, load_scene
+from cldit.scene import Scene
 from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
+from cldit.scene.load import chosen_scene
 from cldit.scene.spray import CfdSpray
 from cldit.show.report.run_report import write_run_report
 
@@ -32,6 +34,8 @@ def run_experiment(
     scene: Scene | str | Path,
     out: str | Path,
     *,
+    quick: bool = False,
+    pixels: int | Sequence[int] | None = None,
     device: Device | None = None,
     progress: Say | None = None,
     watch: Watch | None = None,
@@ -43,6 +47,7 @@ def run_experiment(
     Args:
         scene: a scene, a shipped name, or a YAML file.
         out: the run's folder; its folder `acquisition` gets the shots.
+        quick, pixels: as for `cldit.simulate`.
         device: OpenCL device; None chooses.
         progress: called with a line of text as things happen.
         watch: called with the progress of reading a CFD case, and of the rig.
@@ -52,7 +57,7 @@ def run_experiment(
         ClditError: a subclass that names the fault and the remedy.
         EvaluationError: the scene has only one background temperature.
     """
-    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    scene = chosen_scene(scene, quick=quick, pixels=pixels)
     folder = Path(out)
     if len(set(scene.background.temperatures_K)) < 2:
         raise EvaluationError(
@@ -86,7 +91,7 @@ def _run(
         if _same(shown_s, delay_s):
             traced.append(folder)
             continue
-        say(f"the spray at {delay_text(delay_s)}")
+        say(StageLine(f"the spray at {delay_text(delay_s)}"))
         traced.append(folder / delay_folder(delay_s))
         simulate(alone(later), traced[-1], device=device, progress=say, watch=reading)
     start = time.perf_counter()
@@ -95,12 +100,12 @@ def _run(
     rig_data = simulated_rig_data(scene, (traced or [folder])[0], further_runs=traced[1:])
     write_text(rig_file, dump_yaml(rig_data))
     write_text(folder / "plan.yaml", plan.dump())
-    say("acquisition")
+    say(StageLine("acquisition"))
     with open_rig(rig_data) as rig:
         record = acquire(rig, plan, folder / "acquisition", progress=watch)
     _complete(record)
     acquired = time.perf_counter()
-    say("evaluation of the shots")
+    say(StageLine("evaluation of the shots"))
     found = evaluate_delays(folder / "acquisition")
     if delay_problems(found):
         raise EvaluationError(delay_problems(found))
@@ -111,7 +116,7 @@ def _run(
         Stage("evaluation of the shots", evaluated - acquired),
     ]
     run = with_stages(run, stages, measured)
-    say("figures and report")
+    say(StageLine("figures and report"))
     write_run_report(run)
     return run
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,12 +13,16 @@ from cldit.gpu.device import Device, open_device
 from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.files import write_text
 from cldit.io.plain_data import read_mapping
+from cldit.prepare.stages import StageLine
 from cldit.run import Run, Say, simulate
 from cldit.run.folder import stored_run
 from cldit.run.series import SeriesTime, run_times
 from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
 from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.scene.load import chosen_scene
 from cldit.show.report.series_report import write_series
+
+_ANOTHER = "give another folder (--out), or remove this one"
 
 
 @dataclass(frozen=True)
@@ -40,9 +45,11 @@ class Series:
 
 
 def run_series(
-    scene: Scene,
+    scene: Scene | str | Path,
     out: str | Path,
     *,
+    quick: bool = False,
+    pixels: int | Sequence[int] | None = None,
     times: Times = "all",
     trace_only: bool = False,
     device: Device | None = None,
@@ -56,8 +63,9 @@ def run_series(
     A time without spray is reported; one that fails does not stop the others.
 
     Args:
-        scene: scene to simulate; its own time is ignored.
+        scene: a scene, a shipped name, or a YAML file; its own time is ignored.
         out: folder of the series.
+        quick, pixels: as for `cldit.simulate`.
         times: as in `cldit.run.series_plan.SeriesPlan.of`.
         trace_only: without the rig: traces and noise-free maps.
         device: OpenCL device; None chooses. Programs are built once for all times.
@@ -69,6 +77,7 @@ def run_series(
         SprayError: a time does not exist, or no time could be run.
         ClditError: as `cldit.run_experiment`, for faults that concern all times.
     """
+    scene = chosen_scene(scene, quick=quick, pixels=pixels)
     folder = Path(out)
     say = progress or (lambda text: None)
     _check_folder(folder, scene)
@@ -96,7 +105,7 @@ def run_series(
         done = run_times(plan, folder, run, say)
         if not any(each.state == "done" for each in done):
             raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
-        say("figures and film")
+        say(StageLine("figures and film"))
         return Series(plan, folder, done, tuple(write_series(plan, scene, done, folder)))
 
 
@@ -105,14 +114,13 @@ def _check_folder(folder: Path, scene: Scene) -> None:
     if is_empty(folder):
         return
     if not (folder / SERIES_FILE).is_file():
-        raise RunFolderError(f"{folder}: is not empty and contains no series; give another folder")
+        raise RunFolderError(f"{folder}: is not empty and contains no series; {_ANOTHER}")
     known = parse_scene(
         read_mapping(folder / SERIES_FILE), source=str(folder / SERIES_FILE), finished=True
     )
     if known != scene:
         raise RunFolderError(
-            f"{folder}: contains a series of another scene, or with other settings; give another "
-            "folder, or remove this one"
+            f"{folder}: contains a series of another scene, or with other settings; {_ANOTHER}"
         )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import FileError, SprayError
+from cldit.io.extras import needed
 from cldit.io.files import check_regular, read_text
 from cldit.io.free_memory import free_bytes
 
@@ -22,9 +23,9 @@ def regular(path: Path) -> Path:
     return path
 
 
-def missing(path: Path, package: str) -> SprayError:
-    """Error for a package of the extra `cfd` that is not installed."""
-    return SprayError(f'{path}: needs {package}; install it with: pip install "cldit[cfd]"')
+def module(name: str, path: Path) -> Any:
+    """Imports a module of the extra `cfd` to read `path`."""
+    return needed(name, extra="cfd", what=f"{path}:", error=SprayError)
 
 
 def text_of(path: Path) -> str:

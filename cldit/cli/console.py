@@ -8,12 +8,13 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Column, Table
 
 from cldit.cli.program import Exit
 from cldit.errors import ClditError
+from cldit.prepare.stages import StageLine
 
 if TYPE_CHECKING:  # used by every command, of which few acquire
     from cldit.acquisition.progress import Progress
@@ -66,13 +67,14 @@ def say(text: str) -> None:
 
 
 class ProgressBar:
-    """Lines of text as stages begin, and a bar during long ones."""
+    """Bar that names the present stage, and lines of text that stay; with `stages`, of each."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, stages: bool = False) -> None:
+        self._stages = stages
         self._bar = Bar(
             TextColumn("  {task.description}"),
             BarColumn(),
-            TextColumn("{task.completed:.0f}/{task.total:.0f}"),
+            MofNCompleteColumn(),
             TimeRemainingColumn(),
             console=OUT,
             transient=True,
@@ -87,12 +89,17 @@ class ProgressBar:
         self._bar.stop()
 
     def say(self, text: str) -> None:
-        """Prints a line; the bar starts anew below it."""
+        """Shows a stage in the bar; prints any other line, and the bar starts anew below it."""
+        stage = isinstance(text, StageLine)
         if self._task is not None:
-            self._bar.stop()
+            if not stage or self._stages:
+                self._bar.stop()
             self._bar.remove_task(self._task)
             self._task = None
-        say(text)
+        if not stage or self._stages:
+            say(text)
+        else:
+            self._show(text, 0, None)
 
     def watch(self, progress: Progress) -> None:
         """Shows the progress of an acquisition."""
@@ -100,6 +107,9 @@ class ProgressBar:
 
     def count(self, what: str, done: int, total: int) -> None:
         """Shows that `done` of `total` parts of a piece of work are done."""
+        self._show(what, done, total)
+
+    def _show(self, what: str, done: int, total: int | None) -> None:
         if self._task is None:
             self._task = self._bar.add_task(what, total=total)
             self._bar.start()

@@ -8,7 +8,7 @@ import click
 
 from cldit.api.repeat import repeat
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors
 from cldit.cli.options import device_option, within_option
 from cldit.cli.program import Exit
 from cldit.comparison.compare import compare
@@ -135,14 +135,15 @@ def repeat_command(
     Inputs that are missing or changed are named. The exit status is 3 if the difference exceeds
     what the stated errors explain.
     """
-    found = repeat(
-        folder,
-        out=out,
-        device=open_device(device),
-        changed_inputs=changed_inputs,
-        within_K=within_K,
-        progress=say,
-    )
+    with ProgressBar() as bar:
+        found = repeat(
+            folder,
+            out=out,
+            device=open_device(device),
+            changed_inputs=changed_inputs,
+            within_K=within_K,
+            progress=bar.say,
+        )
     for line in found.inputs:
         OUT.print(escaped(f"  {line}"))
     for name, (then, now) in found.changed.items():

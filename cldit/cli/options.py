@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
+
+from cldit.errors import SceneError
 
 if TYPE_CHECKING:
     _Float = click.ParamType[float]
@@ -54,6 +57,9 @@ KELVIN = Quantity("K")
 SCENE = SceneName()
 device_option = click.option(
     "--device", help="OpenCL device: platform:device, or part of its name."
+)
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="Print stages, figures of the spray and error sources."
 )
 within_option = click.option(
     "--within",
@@ -114,3 +120,16 @@ def _axis(text: str) -> str | list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError as error:
         raise click.BadParameter(f"{text!r} is not a direction", param_hint="--axis") from error
+
+
+def two_numbers(option: str, text: str, number: str) -> tuple[str, str]:
+    """The numbers in `N`, for both, or `NxM`."""
+    match = re.fullmatch(rf"({number})(?:x({number}))?", text.strip())
+    if match is None:
+        raise SceneError(f"{option} {text}: allowed: one number for both sides, or two as 3x4")
+    return match[1], match[2] or match[1]
+
+
+def pixels_of(text: str) -> list[int]:
+    """Columns and rows of `--pixels`."""
+    return [int(one) for one in two_numbers("--pixels", text, r"[0-9]+")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,23 +12,61 @@ import numpy as np
 from cldit.cli.console import OUT, escaped
 
 if TYPE_CHECKING:  # loads scipy, which not every command needs
+    from cldit.accuracy.errors import Errors
     from cldit.dit.maps import Maps
+
+_REACH = (
+    ("liquid_penetration_95_m", "liquid", " (95 % of its mass)"),
+    ("vapour_penetration_m", "vapour", ""),
+)
 
 
 def print_maps(maps: Maps) -> None:
-    """Prints the range of T_app and emissivity, or the reasons why there is none."""
+    """Prints T_app and emissivity of the visible spray, or the reasons why it has none.
+
+    Ranges are percentiles 1 and 99. Without visible spray, all pixels with a T_app count.
+    """
     known = np.isfinite(maps.apparent_temperature_K)
     if not known.any():
         reasons = "; ".join(f"{count} {reason.text}" for reason, count in maps.count().items())
         OUT.print(f"no pixel has an apparent temperature: {reasons}", style="bold")
         return
-    kelvin = np.percentile(maps.apparent_temperature_K[known], (1, 99))
-    emissivity = np.percentile(maps.emissivity[known], (1, 99))
-    OUT.print(
-        f"T_app {kelvin[0]:.1f} to {kelvin[1]:.1f} K, emissivity {emissivity[0]:.2g} to "
-        f"{emissivity[1]:.2g} (percentiles 1 and 99 of {int(known.sum())} pixels)",
-        style="bold",
-    )
+    visible, which = maps.has_temperature, "pixels with an emissivity above 0.05"
+    if not visible.any():
+        visible, which = known, "pixels; none has an emissivity above 0.05"
+    low, middle, high = np.percentile(maps.apparent_temperature_K[visible], (1, 50, 99))
+    faint, usual, dense = np.percentile(maps.emissivity[visible], (1, 50, 99))
+    OUT.print(f"T_app {low:.1f} to {high:.1f} K, median {middle:.1f} K", style="bold")
+    OUT.print(f"emissivity {faint:.2g} to {dense:.2g}, median {usual:.2g}", style="bold")
+    OUT.print(f"  of {int(visible.sum())} {which}", style="dim")
+
+
+def print_error(errors: Errors) -> None:
+    """Prints the error of T_app and its largest source."""
+    largest = errors.largest()
+    by = f"; largest source: {largest.name}, {largest.text}" if largest and not errors.why else ""
+    OUT.print(f"error of T_app {errors.text}{' RMS' if by else ''}{by}", style="bold")
+
+
+def print_reach(figures: Mapping[str, float]) -> None:
+    """Prints how far liquid and vapour of a spray with these figures reach."""
+    reach = [
+        f"{phase} {1e3 * figures[key]:.1f} mm{share}"
+        for key, phase, share in _REACH
+        if figures.get(key, 0.0) > 0.0
+    ]
+    if reach:
+        OUT.print(f"penetration: {', '.join(reach)}", style="bold")
+
+
+def print_cut(maps: Maps) -> None:
+    """Prints at which edges the field cuts the visible spray."""
+    visible = maps.has_temperature
+    edges = {"left": visible[:, 0], "right": visible[:, -1], "top": visible[0],
+             "bottom": visible[-1]}  # fmt: skip
+    cut = [f"{name} ({int(edge.sum())} pixels)" for name, edge in edges.items() if edge.any()]
+    if cut:
+        OUT.print(f"the field cuts the visible spray at its edges: {', '.join(cut)}")
 
 
 def print_files(*paths: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -14,24 +13,46 @@ from cldit.api.experiment import run_experiment
 from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import ERR, OUT, ProgressBar, escaped, folded_table, plain_errors
-from cldit.cli.options import KELVIN, SCENE, case_options, spray_keys
+from cldit.cli.options import (
+    KELVIN,
+    SCENE,
+    case_options,
+    pixels_of,
+    spray_keys,
+    two_numbers,
+    verbose_option,
+)
 from cldit.cli.program import Exit
-from cldit.cli.results import print_files, print_maps, print_next
+from cldit.cli.results import (
+    print_cut,
+    print_error,
+    print_files,
+    print_maps,
+    print_next,
+    print_reach,
+)
 from cldit.errors import SceneError
 from cldit.gpu.device import open_device
+from cldit.io.extras import install_line
 from cldit.run import Run, simulate
+from cldit.run.folder import SCENE_FILE, free_folder
+from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
+from cldit.scene.load import short_changes
 from cldit.show.figures.film import mp4_possible
 from cldit.show.figures.readable import human_figures
 
-_QUICK_PIXELS = (128, 128)
-_QUICK_K = 4.0
+_ABOVE = 1 / 12  # of a field's height is above the nozzle
 
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: runs/SCENE.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder; default: runs/SCENE, or runs/SCENE-2 .. if it is taken.",
+)
 @click.option(
     "--cfd",
     type=click.Path(path_type=Path),
@@ -70,7 +91,12 @@ _QUICK_K = 4.0
     help="Any key of the scene, such as walls.temperature_K=500; may be repeated.",
 )
 @click.option("--pixels", metavar="N|NxM", help="Columns and rows of the image.")
-@click.option("--field", "field_mm", metavar="MM|MMxMM", help="Width and height of the field, mm.")
+@click.option(
+    "--field",
+    "field_mm",
+    metavar="MM|MMxMM",
+    help="Width and height of the field, mm; the nozzle is a twelfth of the height below its top.",
+)
 @click.option(
     "--times",
     metavar="all|A,B,..|::N",
@@ -84,6 +110,7 @@ _QUICK_K = 4.0
 )
 @click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
+@verbose_option
 @json_option
 @plain_errors
 def run(
@@ -103,6 +130,7 @@ def run(
     members: int | None,
     quick: bool,
     trace_only: bool,
+    verbose: bool,
     **options: Any,
 ) -> Outcome:
     """Simulate SCENE (a shipped name or a YAML file), record it with the rig, evaluate."""
@@ -118,15 +146,21 @@ def run(
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    chosen = chosen.with_(**camera_changes(pixels, field_mm, quick=quick, accuracy_K=accuracy_K))
+    short = short_changes(quick=quick, accuracy_K=accuracy_K)
+    chosen = chosen.with_(**{**short, **_camera_changes(chosen, pixels, field_mm)})
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     if members is not None:
         chosen = chosen.with_(**{"spray.scatter.members": members})
-    folder = out or Path("runs") / chosen.name
+    kept_scene = SCENE_FILE if times is None else SERIES_FILE
+    folder = out or free_folder(Path("runs") / chosen.name, chosen, kept_scene)
     opened = open_device(device)
     OUT.print(f"{chosen.name}: {chosen.description}")
-    OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
-    with ProgressBar() as bar:
+    if out is None and folder.name != chosen.name:
+        taken = folder.parent / chosen.name
+        OUT.print(escaped(f"{taken} has another scene; this run goes to {folder}"))
+    if verbose:
+        OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
+    with ProgressBar(stages=verbose) as bar:
         if times is not None:
             series = run_series(
                 chosen,
@@ -145,6 +179,8 @@ def run(
             )
     if times is not None:
         return _series_outcome(series)
+    if verbose:
+        _print_stages(result)
     _print_run(result)
     return Outcome(_data(result))
 
@@ -163,29 +199,23 @@ def _data(result: Run) -> dict[str, Any]:
             "ensemble": ensemble, **result.info.to_dict()}  # fmt: skip
 
 
-def camera_changes(
-    pixels: str | None, field_mm: str | None, *, quick: bool, accuracy_K: float | None
-) -> dict[str, Any]:
-    """Changes by the short options as for `Scene.with_`; `quick` keeps a given `accuracy_K`."""
+def _camera_changes(scene: Scene, pixels: str | None, field_mm: str | None) -> dict[str, Any]:
+    """Changes of the camera by the short options.
+
+    A field gets the nozzle in its middle, a twelfth of its height below its upper edge, unless the
+    scene has a target of its own, or no nozzle.
+    """
     made: dict[str, Any] = {}
-    if quick:
-        made["camera.pixels"] = list(_QUICK_PIXELS)
-        if accuracy_K is None:
-            made["transport.accuracy_K"] = _QUICK_K
     if pixels is not None:
-        made["camera.pixels"] = [int(one) for one in _two("--pixels", pixels, r"[0-9]+")]
+        made["camera.pixels"] = pixels_of(pixels)
     if field_mm is not None:
-        sides = _two("--field", field_mm, r"[0-9]*\.?[0-9]+")
-        made["camera.field_m"] = [float(one) * 1e-3 for one in sides]
+        width, height = (
+            float(side) * 1e-3 for side in two_numbers("--field", field_mm, r"[0-9]*\.?[0-9]+")
+        )
+        made["camera.field_m"] = [width, height]
+        if scene.camera.target_m is None and scene.spray.model not in ("none", "grid"):
+            made["camera.target_m"] = [0.0, 0.0, -(0.5 - _ABOVE) * height]
     return made
-
-
-def _two(option: str, text: str, number: str) -> tuple[str, str]:
-    """`N` or `NxM`."""
-    match = re.fullmatch(rf"({number})(?:x({number}))?", text.strip())
-    if match is None:
-        raise SceneError(f"{option} {text}: allowed: one number for both sides, or two as 3x4")
-    return match[1], match[2] or match[1]
 
 
 def _phase(text: str | None) -> str | dict[str, float] | None:
@@ -218,8 +248,8 @@ def _changed(
     return parse_scene(data, source="command line")
 
 
-def _print_run(result: Run) -> None:
-    """Prints stages, figures of the spray and error sources, and last the result."""
+def _print_stages(result: Run) -> None:
+    """Prints stages, figures of the spray and error sources."""
     table = folded_table("stage", "s", "")
     for stage in result.info.stages:
         table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
@@ -230,13 +260,19 @@ def _print_run(result: Run) -> None:
         OUT.print(f"  {name}: {text}", style="dim")
     if result.errors is not None:
         _print_causes(result.errors)
+
+
+def _print_run(result: Run) -> None:
+    """Prints the result: maps, error, reach of the spray, files and the next command."""
     print_maps(result.maps if result.measured is None else result.measured)
     if result.ensemble is not None:
         _print_ensemble(result)
     if result.errors is not None:
-        OUT.print(f"error of T_app, RMS: {result.errors.text}", style="bold")
+        print_error(result.errors)
     elif result.info.accuracy_K is not None:
         OUT.print(f"error of T_app by the trace, RMS: {result.info.accuracy_K:.2g} K", style="bold")
+    print_reach(result.info.spray)
+    print_cut(result.maps)
     if result.folder is not None:
         names = ("pictures/maps.png", "report.html") if result.measured is not None else ("maps",)
         print_files(*(result.folder / name for name in names))
@@ -290,7 +326,7 @@ def _series_outcome(series: Series) -> Outcome:
     OUT.print(table)
     print_files(*series.files)
     if series.files and not mp4_possible():
-        OUT.print(escaped('(film.mp4 too with pip install "cldit[film]")'), style="dim")
+        OUT.print(escaped(f"for film.mp4 too: {install_line('film')}"), style="dim")
     for each in series.failed:
         text = f"{series.plan.text(each.time)}: {each.problem}"
         ERR.print(f"[bold red]error:[/] {escaped(text)}")

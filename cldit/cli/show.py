@@ -9,14 +9,14 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.options import device_option
-from cldit.cli.run import camera_changes
+from cldit.cli.options import device_option, pixels_of
 from cldit.errors import FileError
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.io.content import digest
 from cldit.io.files import make_folder
 from cldit.scene import shipped_scenes
+from cldit.scene.load import short_changes
 from cldit.show.report.gallery import write_gallery
 from cldit.show.report.run_report import show_folder
 from cldit.show.view import Item, save_page, view_items
@@ -111,7 +111,7 @@ def gallery_command(
             scenes or tuple(shipped_scenes()),
             out,
             options=f"--quick{more} --trace-only",
-            changes=camera_changes(pixels, None, quick=True, accuracy_K=None),
+            changes=short_changes(quick=True, pixels=None if pixels is None else pixels_of(pixels)),
             device=open_device(device),
             progress=bar.say,
         )

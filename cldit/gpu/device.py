@@ -12,11 +12,9 @@ import pyopencl as cl
 from cldit.errors import DeviceError
 from cldit.gpu.context import Context, Lease, OpenDevices
 from cldit.gpu.pocl import instruction_sets, mistaken_for, name_processor
+from cldit.io.extras import install_line
 
-_NO_DRIVER = (
-    "no OpenCL platform was found; install a driver, or the embedded one that needs none: "
-    'pip install "cldit[pocl]"'
-)
+_NO_DRIVER = "no OpenCL platform was found; install a driver, or one for any processor: "
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
     try:
         platforms = cl.get_platforms()
     except cl.LogicError as error:
-        raise DeviceError(_NO_DRIVER) from error
+        raise DeviceError(_NO_DRIVER + install_line("pocl")) from error
     found: list[tuple[DeviceInfo, Any]] = []
     for p, platform in enumerate(platforms):
         try:
@@ -111,7 +109,7 @@ def _found() -> list[tuple[DeviceInfo, Any]]:
         for d, device in enumerate(devices):
             found.append((_describe(f"{p}:{d}", platform, device), device))
     if not found:
-        raise DeviceError(_NO_DRIVER)
+        raise DeviceError(_NO_DRIVER + install_line("pocl"))
     return found
 
 

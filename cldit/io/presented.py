@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from cldit.errors import ClditError
+from cldit.io.extras import needed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,9 +37,4 @@ class Presented:
 
 def xarray_module() -> Any:
     """The module `xarray`; ClditError if it is not installed."""
-    try:
-        return import_module("xarray")
-    except ImportError as error:
-        raise ClditError(
-            'labelled data sets need xarray, which is not installed: pip install "cldit[studies]"'
-        ) from error
+    return needed("xarray", extra="studies", what="a labelled data set")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import FileError
 from cldit.io.data_streams import PatientStream
+from cldit.io.extras import needed
 from cldit.io.files import whole, write_text
 
 Array = NDArray[Any]
@@ -97,10 +98,7 @@ def write_vtkhdf(path: Path, blocks: Mapping[str, Grid | Points]) -> None:
 
     Raises FileError if h5py is not installed.
     """
-    try:
-        import h5py
-    except ImportError as error:
-        raise FileError(f'{path}: needs h5py; install it with: pip install "cldit[cfd]"') from error
+    h5py = needed("h5py", extra="export", what=f"{path}:", error=FileError)
     held = [(each.points_m, *each.fields.values()) for each in blocks.values()]
     size = sum(array.nbytes for arrays in held for array in arrays)
     with whole(path, needed_bytes=size) as part, PatientStream(part) as stream:

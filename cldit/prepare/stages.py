@@ -12,6 +12,12 @@ from cldit.io.progress import Watch, silent
 Say = Callable[[str], None]
 
 
+class StageLine(str):
+    """Line that names the work that begins; all other lines of progress are remarks to keep."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True)
 class Stage:
     """One step of a run: its time, and a note on the work done or on why it was skipped."""
@@ -36,13 +42,14 @@ class Stages:
     def remark(self, remarks: Sequence[str]) -> None:
         """Reports inferences and problems, and keeps them for the report."""
         self.remarks += remarks
-        for text in remarks:
-            self.tell(text)
+        if self.say is not None:
+            for text in remarks:
+                self.say(text)
 
     def tell(self, text: str) -> None:
         """Reports the work in progress."""
         if self.say is not None:
-            self.say(text)
+            self.say(StageLine(text))
 
     @contextmanager
     def stage(self, name: str) -> Iterator[list[str]]:

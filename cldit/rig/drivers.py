@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from cldit.errors import SceneError
+from cldit.io.extras import install_line
 from cldit.rig.clock import Clock
 from cldit.scene.checks import Section, describe
 
@@ -52,7 +53,7 @@ class DriverAbout:
     instrument: str
     tested: str
     needs: tuple[str, ...] = ()
-    install: str = "pip install 'cldit[rig]'"
+    install: str = field(default_factory=lambda: install_line("rig"))
 
     def missing(self) -> list[str]:
         """The modules that are not installed."""

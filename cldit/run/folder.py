@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 from collections.abc import Mapping, Sequence
@@ -17,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
-from cldit.errors import ClditError, RunFolderError, SceneError
+from cldit.errors import ClditError, FileError, RunFolderError, SceneError
 from cldit.io.exclusive import is_empty
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.images import read_image, write_image
@@ -33,13 +34,15 @@ from cldit.scene.delays import delay_folder, spray_time_s
 from cldit.scene.scatter import members_of
 from cldit.scene.spray import CfdSpray
 
+SCENE_FILE = "scene.yaml"
+_ANOTHER = "give another folder (--out), or remove this one"
 _QUADRATURE = "quadrature.json"
 
 
 def save_run(run: Run, folder: Path) -> None:
     """Writes the run; run.json comes last, so that a folder with it is whole."""
     make_folder(folder)
-    write_text(folder / "scene.yaml", dump_scene(run.scene))
+    write_text(folder / SCENE_FILE, dump_scene(run.scene))
     run.weights.save(folder / "weights", pixel_m=run.pixel_m)
     save_nodes(folder / "weights", run.quadrature, run.spectral, pixel_m=run.pixel_m)
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
@@ -66,6 +69,22 @@ def store_run(run: Run, folder: Path) -> Path:
     return folder
 
 
+def free_folder(first: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path:
+    """The first of `first`, `first-2`, .. that is empty or has results of the same scene.
+
+    kept_scene: name of the file in which such a folder keeps its scene.
+    """
+    for number in itertools.count(1):
+        folder = first if number == 1 else first.with_name(f"{first.name}-{number}")
+        known = folder / kept_scene
+        if is_empty(folder):
+            return folder
+        with suppress(RunFolderError, FileError):
+            if known.is_file() and _stored_scene(known) == scene:
+                return folder
+    raise AssertionError
+
+
 def stored_run(folder: Path, scene: Scene) -> Run | None:
     """The finished run of the same scene in `folder`, if there is one.
 
@@ -74,14 +93,13 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     """
     if is_empty(folder):
         return None
-    known = folder / "scene.yaml"
+    known = folder / SCENE_FILE
     if not known.is_file():
-        raise RunFolderError(f"{folder}: is not empty and holds no run; give another folder")
+        raise RunFolderError(f"{folder}: is not empty and holds no run; {_ANOTHER}")
     before = _stored_scene(known)
     if before != scene:
         raise RunFolderError(
-            f"{folder}: holds a run of another scene ({before.name}, or other settings); give "
-            "another folder, or remove this one"
+            f"{folder}: holds a run of another scene ({before.name}, or other settings); {_ANOTHER}"
         )
     if not (folder / "run.json").is_file():
         return None
@@ -137,11 +155,11 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
 
 def _traced(folder: Path) -> Run:
     """The run without its acquisition; raises as `open_run`."""
-    for name in ("scene.yaml", "run.json"):
+    for name in (SCENE_FILE, "run.json"):
         if not (folder / name).is_file():
-            hint = "" if name == "scene.yaml" else "; run the same command again to finish it"
+            hint = "" if name == SCENE_FILE else "; run the same command again to finish it"
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
-    scene = _stored_scene(folder / "scene.yaml")
+    scene = _stored_scene(folder / SCENE_FILE)
     info = _stored_info(folder / "run.json")
     grey = Quadrature.grey(
         scene_filter(scene),

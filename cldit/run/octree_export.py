@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from cldit.cfd.orientation import Frame
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
+from cldit.io.extras import needed
 from cldit.io.files import make_folder
 from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf, write_xml
 from cldit.medium.leaves import Leaves
@@ -130,12 +131,14 @@ def export_octree(
 
     Raises:
         RunFolderError: as `rebuilt`.
-        ClditError: as `simulate`.
+        ClditError: as `simulate`; h5py is missing for `vtkhdf` (before anything is computed).
         DiskFull, FileError: a file cannot be written.
     """
     if target is None and run.folder is None:
         raise RunFolderError("the run is not stored; give the file to write")
     path = target or (run.folder or Path()) / f"octree.{form}"
+    if form == "vtkhdf":
+        needed("h5py", extra="export", what=f"{path}:", hint="; vtu needs no package")
     made = rebuilt(run, device, cache, node=node, say=say)
     for text in made.remarks:
         if say is not None:

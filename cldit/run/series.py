@@ -20,7 +20,7 @@ from cldit.errors import (
     Stopped,
     TransportError,
 )
-from cldit.prepare.stages import Say
+from cldit.prepare.stages import Say, StageLine
 from cldit.run.result import Run
 from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
@@ -92,7 +92,7 @@ def run_times(
             return SeriesTime(time, "failed", problem=str(error))
 
     for number, (time, scene) in enumerate(plan.scenes.items(), start=1):
-        say(f"{plan.text(time)}, time {number} of {len(plan.scenes)}")
+        say(StageLine(f"{plan.text(time)}, time {number} of {len(plan.scenes)}"))
         try:
             found[time] = once(time, scene)
         except (EmptyCloud, NotAtThisTime) as error:

@@ -6,6 +6,7 @@ run.maps.apparent_temperature_K
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,7 +30,8 @@ from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
 from cldit.run.spectral import Difference
-from cldit.scene import Scene, load_scene
+from cldit.scene import Scene
+from cldit.scene.load import chosen_scene
 from cldit.scene.scatter import members_of
 from cldit.spray.result import Spray
 from cldit.transport.trace import settings_for, trace
@@ -39,6 +41,8 @@ def simulate(
     scene: Scene | str | Path,
     out: str | Path | None = None,
     *,
+    quick: bool = False,
+    pixels: int | Sequence[int] | None = None,
     device: Device | None = None,
     cache: Path | None = None,
     spray: Spray | None = None,
@@ -54,6 +58,8 @@ def simulate(
         scene: or the name of a shipped one (`gdi`), or the path of a YAML file.
         out: folder to store the run in; None keeps it in memory. A folder that holds the same
             scene, finished, is read instead of traced again.
+        quick: True for a preview: 128 x 128 pixels and a tolerance of 4 K.
+        pixels: columns and rows, or one number for both; None: those of the scene.
         device: OpenCL device; None lets `open_device` choose (the run says which and why).
         cache: folder for tables and computed sprays; None is `default_cache()`.
         spray: the scene's spray, if it was made already; None makes it.
@@ -66,7 +72,7 @@ def simulate(
         SprayError: `spray` is given for several injections.
         ClditError: a subclass, with the problem and a remedy.
     """
-    scene = scene if isinstance(scene, Scene) else load_scene(scene)
+    scene = chosen_scene(scene, quick=quick, pixels=pixels)
     cache = cache or default_cache()
 
     def traced(scene: Scene, folder: Path | None, like: Run | None) -> Run:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError, core_schema
+
+from cldit.errors import SceneError
 
 
 class Section(BaseModel):
@@ -26,6 +28,36 @@ class Section(BaseModel):
         allow_inf_nan=False,
         use_attribute_docstrings=True,
     )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise SceneError(
+            f"{name}: {type(self).__name__} does not change; make another: "
+            + (self._other(name, value) or f'model_copy(update={{"{name}": {value!r}}})')
+        )
+
+    def __delattr__(self, name: str) -> None:
+        raise SceneError(f"{name}: {type(self).__name__} does not change")
+
+    def _other(self, name: str, value: Any) -> str:
+        """Expression of another scene with this value; empty if this is no part of a scene."""
+        from cldit.scene.schema import Scene  # which is made of sections
+
+        path = _path_of(type(self), Scene)
+        key = name if path == "" else f"{path}.{name}"
+        return "" if path is None else f'scene.with_(**{{"{key}": {value!r}}})'
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """Values that are not the default."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if field.is_required() or value != field.get_default(call_default_factory=True):
+                yield name, value
+
+    def __dir__(self) -> list[str]:
+        """Keys and cldit's own methods, without those of pydantic."""
+        own = {name for kind in type(self).__mro__ for name in vars(kind)
+               if issubclass(kind, Section) and not name.startswith(("_", "model_"))}  # fmt: skip
+        return sorted(own | set(type(self).model_fields))
 
 
 def _number(value: float) -> str:
@@ -92,6 +124,19 @@ class Within:
                 },
             )
         return inner(value)
+
+
+def _path_of(section: type[BaseModel], here: type[BaseModel]) -> str | None:
+    """Path of a kind of section in another, as users write it; None if it is not in it."""
+    if section is here:
+        return ""
+    for name, field in here.model_fields.items():
+        for inner in _sections(field.annotation):
+            path = _path_of(section, inner)
+            if path is not None:
+                item = "[0]" if isinstance(field.get_default(), tuple) else ""
+                return f"{name}{item}.{path}".removesuffix(".")
+    return None
 
 
 def _walk(model: type[BaseModel], error: ErrorDetails) -> tuple[str, list[type[BaseModel]]]:

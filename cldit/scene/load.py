@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from cldit.scene.checks import shortened
 from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
+_QUICK_PIXELS = (128, 128)
+_QUICK_K = 4.0
 
 
 def shipped_scenes() -> dict[str, str]:
@@ -24,6 +27,38 @@ def shipped_scenes() -> dict[str, str]:
             data = parse_yaml(entry.read_text(encoding="utf-8"), source=entry.name)
             found[entry.name.removesuffix(".yaml")] = str(data.get("description", ""))
     return found
+
+
+def short_changes(
+    *,
+    quick: bool = False,
+    pixels: int | Sequence[int] | None = None,
+    accuracy_K: float | None = None,
+) -> dict[str, Any]:
+    """Changes for `Scene.with_` by the short options of a run; `quick` keeps what is given."""
+    made: dict[str, Any] = {}
+    if quick:
+        made = {"camera.pixels": list(_QUICK_PIXELS), "transport.accuracy_K": _QUICK_K}
+    if pixels is not None:
+        made["camera.pixels"] = pixels if isinstance(pixels, int) else list(pixels)
+    if accuracy_K is not None:
+        made["transport.accuracy_K"] = accuracy_K
+    return made
+
+
+def chosen_scene(
+    scene: Scene | str | Path,
+    *,
+    quick: bool = False,
+    pixels: int | Sequence[int] | None = None,
+) -> Scene:
+    """A scene, a shipped name or a YAML file, with the short options of a run.
+
+    Raises SceneError as `load_scene`.
+    """
+    found = scene if isinstance(scene, Scene) else load_scene(scene)
+    changes = short_changes(quick=quick, pixels=pixels)
+    return found.with_(**changes) if changes else found
 
 
 def load_scene(name_or_path: str | Path) -> Scene:

@@ -81,6 +81,16 @@ class Scene(Section):
         except ValidationError as error:
             raise SceneError(f"{source}:\n{describe(cls, error.errors())}") from error
 
+    def __repr__(self) -> str:
+        columns, rows = self.camera.pixels
+        backgrounds = ", ".join(f"{kelvin:g}" for kelvin in self.background.temperatures_K)
+        return (
+            f"<Scene {self.name!r}: spray {self.spray.model}, {columns} x {rows} pixels, "
+            f"backgrounds {backgrounds} K, walls {self.walls.temperature_K:g} K>"
+        )
+
+    __str__ = __repr__
+
     def with_(self, **changes: Any) -> Scene:
         """A scene with other values, checked again: `with_(**{"walls.temperature_K": 500})`.
 

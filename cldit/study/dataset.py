@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cldit.errors import StudyError
 from cldit.io.content import digest
 from cldit.io.exclusive import LOCK, is_empty
+from cldit.io.extras import needed
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.plain_data import read_json
 from cldit.run import Run
@@ -45,14 +46,7 @@ def extra(name: str) -> Any:
     Raises:
         StudyError: it is not installed.
     """
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise StudyError(
-            f'sweeps need {name}, which is not installed: pip install "cldit[studies]"'
-        ) from error
+    return needed(name, extra="studies", what="a sweep", error=StudyError)
 
 
 @dataclass(frozen=True)

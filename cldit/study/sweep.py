@@ -85,6 +85,8 @@ def run_sweep(
             the extra `studies` is not installed.
         RunFolderError: another process writes to the folder.
     """
+    for name in ("xarray", "zarr", "dask.array", "distributed"):
+        extra(name)  # before anything is written
     points = list(grid.points(base))
     _check_images(points)
     check_folder(Path(out))

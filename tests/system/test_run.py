@@ -128,7 +128,23 @@ def test_again_reads_instead_of_tracing_and_shoots_nothing(
 def test_another_scene_in_the_folder_is_refused(finished: Path) -> None:
     result = cldit_command("run", "empty", "--out", finished)
     assert result.exit_code == 1
-    assert "another scene" in result.output
+    assert "another scene" in result.output and "--out" in result.output
+
+
+def test_a_taken_name_gets_a_new_folder(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """runs/NAME with another scene is left alone; the same scene is found again in runs/NAME-2."""
+    monkeypatch.chdir(tmp_path)
+    taken = tmp_path / "runs" / "empty"
+    taken.mkdir(parents=True)
+    (taken / "scene.yaml").write_bytes((finished / "scene.yaml").read_bytes())
+    command = ("run", "empty", "--quick", "--trace-only")
+    first = cldit_command(*command)
+    assert first.exit_code == 0, first.output
+    assert "runs/empty has another scene; this run goes to runs/empty-2" in first.output
+    assert "read, not traced again" in cldit_command(*command).output
+    assert not (tmp_path / "runs/empty-3").exists()
 
 
 def test_acquire_evaluate_show(finished: Path) -> None:

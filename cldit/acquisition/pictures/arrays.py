@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import ArrayStack, Axis, Source, axes_named, needed, pick
+from cldit.acquisition.pictures.source import ArrayStack, Axis, Source, axes_named, pick
+from cldit.errors import EvaluationError
+from cldit.io.extras import needed
 from cldit.io.files import check_regular
 
 MATLAB: tuple[Axis, ...] = ("rows", "columns", "frames")
@@ -81,7 +83,7 @@ def read_line(source: Source) -> NDArray[np.float64]:
 
 
 def _zarr(source: Source, *, line: bool) -> Any:
-    zarr = needed("zarr", source.path, extra="zarr", what="Zarr folders")
+    zarr = needed("zarr", extra="zarr", what=f"{source.path}: Zarr", error=EvaluationError)
     root = zarr.open(str(source.path), mode="r")
     if isinstance(root, zarr.Array):
         return pick(source, {"": root, source.dataset.strip("/"): root}, lambda: {"": root.shape},

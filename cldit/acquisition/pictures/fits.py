@@ -6,7 +6,9 @@ import warnings
 from contextlib import suppress
 from typing import Any
 
-from cldit.acquisition.pictures.source import ArrayStack, Source, Told, moment_s, needed, pick
+from cldit.acquisition.pictures.source import ArrayStack, Source, Told, moment_s, pick
+from cldit.errors import EvaluationError
+from cldit.io.extras import needed
 from cldit.io.files import check_regular
 
 
@@ -14,7 +16,9 @@ class Fits(ArrayStack):
     """Images of a unit, by its number or its name, scaled by BSCALE and BZERO; parts are read."""
 
     def __init__(self, source: Source) -> None:
-        fits = needed("astropy.io.fits", source.path, extra="fits", what="FITS files")
+        fits = needed(
+            "astropy.io.fits", extra="fits", what=f"{source.path}: FITS", error=EvaluationError
+        )
         check_regular(source.path)
         self._file = fits.open(source.path, mode="readonly", memmap=False)
         try:

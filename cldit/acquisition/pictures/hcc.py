@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import Source, Told, needed
+from cldit.acquisition.pictures.source import Source, Told
 from cldit.errors import EvaluationError
+from cldit.io.extras import needed
 from cldit.io.files import check_regular
 
 _COUNTS = (0, 1)  # calibration modes: raw, and corrected for the chip's non-uniformity
@@ -25,7 +26,9 @@ class Hcc:
     """
 
     def __init__(self, source: Source) -> None:
-        fasthcc = needed("fasthcc", source.path, extra="hcc", what="Telops films")
+        fasthcc = needed(
+            "fasthcc", extra="hcc", what=f"{source.path}: Telops", error=EvaluationError
+        )
         self._path, self._incomplete = source.path, source.incomplete
         check_regular(source.path)
         with self._damaged():

@@ -18,10 +18,10 @@ from cldit.acquisition.pictures.source import (
     as_text,
     axes_named,
     moment_s,
-    needed,
     pick,
 )
 from cldit.errors import EvaluationError, FileError
+from cldit.io.extras import install_line, needed
 from cldit.io.files import check_regular
 from cldit.io.hdf_files import check_links, check_sources
 
@@ -98,12 +98,12 @@ def read_line(source: Source) -> NDArray[np.float64]:
 
 
 def _undecoded(source: Source, error: OSError) -> EvaluationError:
-    hint = '; pip install "cldit[files]", which brings filters' if "filter" in str(error) else ""
+    hint = f"; filters: {install_line('files')}" if "filter" in str(error) else ""
     return EvaluationError(f"{source.text}: {error}{hint}")
 
 
 def _open(source: Source, *, line: bool) -> tuple[Any, Any]:
-    h5py = needed("h5py", source.path, extra="files", what="HDF5, NeXus and MATLAB 7.3")
+    h5py = needed("h5py", extra="files", what=f"{source.path}: HDF5", error=EvaluationError)
     with suppress(ImportError):
         import_module("hdf5plugin")  # its filters (blosc, bitshuffle, zstd) work once imported
     check_regular(source.path)

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -171,17 +170,6 @@ class ArrayStack:
 def as_text(value: Any) -> str:
     """Text of an attribute, which may be bytes; empty for None."""
     return value.decode() if isinstance(value, bytes) else str("" if value is None else value)
-
-
-def needed(name: str, path: Path, *, extra: str, what: str) -> Any:
-    """Imports an optional package, or raises EvaluationError with the line that installs it."""
-    try:
-        return import_module(name)
-    except ImportError:
-        package = name.partition(".")[0]
-        raise EvaluationError(
-            f'{path}: {what} need {package}; pip install "cldit[{extra}]"'
-        ) from None
 
 
 def pick(

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import NoDataSet, Source, needed
+from cldit.acquisition.pictures.source import NoDataSet, Source
 from cldit.errors import EvaluationError
+from cldit.io.extras import needed
 from cldit.io.files import check_regular
 
 _WIDE = ("width", "columns", "cols", "imagewidth")
@@ -67,7 +68,7 @@ def read_line(source: Source) -> NDArray[np.float64]:
 
 
 def _open(source: Source) -> Any:
-    nptdms = needed("nptdms", source.path, extra="tdms", what="TDMS files")
+    nptdms = needed("nptdms", extra="tdms", what=f"{source.path}: TDMS", error=EvaluationError)
     check_regular(source.path)
     import_module("nptdms.log").log_manager.set_level(logging.ERROR)  # damage is reported here
     file = nptdms.TdmsFile.open(source.path)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.pictures.source import CUT_OFF, SECONDS_OF_UNIT, Source, Told, moment_s
 from cldit.errors import EvaluationError
+from cldit.io.extras import install_line
 from cldit.io.files import open_regular
 from cldit.io.plain_data import parse_json
 
@@ -179,7 +180,7 @@ class Tiff:
                 raise
             raise EvaluationError(
                 f"{self._path}: compressed as {page.compression.name}, which needs imagecodecs; "
-                'pip install "cldit[files]"'
+                f"install it with: {install_line('files')}"
             ) from error
         if picture.ndim != 2:
             raise EvaluationError(

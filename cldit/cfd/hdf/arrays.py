@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.cfd.inputs import missing, regular
+from cldit.cfd.inputs import module, regular
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.errors import FileError, SprayError
 from cldit.io.hdf_files import check_links, check_sources
@@ -20,10 +20,7 @@ from cldit.spray.result import Floats
 @contextmanager
 def open_hdf(path: Path) -> Iterator[Any]:
     """Opens an HDF5 file; errors while it is read become `SprayError`."""
-    try:
-        import h5py
-    except ImportError as error:
-        raise missing(path, "h5py") from error
+    h5py = module("h5py", path)
     try:
         with h5py.File(regular(path), "r") as file:
             check_links(path, file, complete=True)

@@ -11,17 +11,15 @@ import numpy as np
 from cldit.cfd.case import Column
 from cldit.cfd.inputs import regular
 from cldit.errors import SprayError
+from cldit.io.extras import needed
 
 
 def _opened(file: Path) -> Any:
-    try:
-        from pyarrow.lib import ArrowException
-        from pyarrow.parquet import ParquetFile
-    except ImportError as error:
-        raise SprayError(
-            f"{file}: reading Parquet needs pyarrow; install it with: pip install "
-            '"cldit[parquet]", or save the table as CSV'
-        ) from error
+    hint = ", or save the table as CSV"
+    needed("pyarrow", extra="parquet", what=f"{file}: Parquet", error=SprayError, hint=hint)
+    from pyarrow.lib import ArrowException
+    from pyarrow.parquet import ParquetFile
+
     try:
         # pages have checksums where the writer made them
         return ParquetFile(regular(file), page_checksum_verification=True)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, open_hdf
-from cldit.cfd.inputs import missing, regular
+from cldit.cfd.inputs import module, regular
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
@@ -24,11 +24,9 @@ _WHILE_READING = 2.0  # bytes that vtk takes at its peak for one that is stored
 def composite_reader(file: Path) -> Any:
     """Creates vtk's reader of a file, after a check of the file."""
     _check(regular(file))
-    try:
-        from vtkmodules import vtkCommonExecutionModel, vtkIOHDF  # noqa: F401, one needs the other
-    except ImportError as error:
-        raise missing(file, "vtk") from error
-    reader: Any = vtkIOHDF.vtkHDFReader()
+    for name in ("vtkmodules", "vtkmodules.vtkCommonExecutionModel"):  # the reader needs the second
+        module(name, file)
+    reader: Any = module("vtkmodules.vtkIOHDF", file).vtkHDFReader()
     reader.SetFileName(str(file))
     return reader
 

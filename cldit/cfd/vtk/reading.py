@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd.inputs import missing, regular
+from cldit.cfd.inputs import module, regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, check_cells, dimension
@@ -142,11 +142,10 @@ def _array_names(fields: Any) -> frozenset[str]:
 
 
 def _reader(file: Path) -> Any:
-    try:
-        import vtkmodules.vtkCommonCore  # noqa: F401, the readers need it
-        from vtkmodules import vtkIOLegacy, vtkIOXML
-    except ImportError as error:
-        raise missing(file, "vtk") from error
+    for name in ("vtkmodules", "vtkmodules.vtkCommonCore"):  # the readers need the second
+        module(name, file)
+    from vtkmodules import vtkIOLegacy, vtkIOXML
+
     readers: dict[str, Any] = {
         ".vtu": vtkIOXML.vtkXMLUnstructuredGridReader,
         ".vtp": vtkIOXML.vtkXMLPolyDataReader,

@@ -45,7 +45,7 @@ def write_film(gif: Path, images: Sequence[bytes], times: Sequence[float]) -> li
 
 
 def mp4_possible() -> bool:
-    """True if imageio-ffmpeg is installed (`pip install "cldit[film]"`)."""
+    """True if imageio-ffmpeg is installed."""
     return find_spec("imageio_ffmpeg") is not None
 
 

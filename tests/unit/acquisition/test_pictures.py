@@ -107,9 +107,13 @@ def test_compressed_tiffs_are_read_or_name_the_extra(tmp_path: Path, compression
     )
     done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
     if compression == "zstd":
-        assert 'pip install "cldit[files]"' in done.stderr and "small.tif" in done.stderr
+        assert (
+            "pip install" in done.stderr
+            and '"imagecodecs>=' in done.stderr
+            and "small.tif" in done.stderr
+        )
     else:  # tifffile has these itself, at least where it is new
-        assert done.returncode == 0 or 'pip install "cldit[files]"' in done.stderr
+        assert done.returncode == 0 or '"imagecodecs>=' in done.stderr
 
 
 @pytest.mark.parametrize("name", ["Blosc", "Bitshuffle", "Zstd"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -12,6 +13,7 @@ from cldit.errors import SceneError
 from cldit.scene import load_scene, parse_scene, shipped_scenes
 from cldit.scene.change import changed, merged, parse_change
 from cldit.scene.commented import commented
+from cldit.scene.load import chosen_scene
 
 COMMENTED_KEY = re.compile(r"^# (?=\s*(?:[A-Za-z_0-9]+:|- ))", re.MULTILINE)
 
@@ -137,3 +139,39 @@ def test_a_commented_scene_reads_as_the_same(name: str) -> None:
     every = parse_scene(yaml.safe_load(COMMENTED_KEY.sub("", text)))  # all defaults taken in
     assert every.model_dump_json() == scene.model_dump_json()
     assert all(line == line.rstrip() for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "key"),
+    [("", "name", "name"), ("walls", "temperature_K", "walls.temperature_K"),
+     ("camera.sensor", "bits", "camera.sensor.bits"),
+     ("spray.plumes.0", "cone_angle_deg", r"spray.plumes\[0\].cone_angle_deg")],
+)  # fmt: skip
+def test_assignment_is_refused_with_the_call_that_works(section: str, name: str, key: str) -> None:
+    here: Any = load_scene("gdi")
+    for part in section.split(".") if section else ():
+        here = here[int(part)] if part.isdigit() else getattr(here, part)
+    before = getattr(here, name)
+    with pytest.raises(SceneError, match=rf'^{name}: .*scene\.with_\(\*\*{{"{key}": 12}}\)$'):
+        setattr(here, name, 12)
+    with pytest.raises(SceneError, match=f"^{name}: "):
+        delattr(here, name)
+    assert getattr(here, name) == before
+
+
+def test_tab_shows_keys_and_the_repr_is_short() -> None:
+    scene = load_scene("gdi")
+    assert {"walls", "camera", "with_", "target_m"} <= set(dir(scene))
+    assert not [name for name in dir(scene) if name.startswith(("model_", "_"))]
+    assert "json" not in dir(scene) and dir(scene.walls) == ["temperature_K"]
+    assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.camera) == "Camera()"
+    assert "'gdi': spray cone, 1000 x 1000 pixels" in repr(scene) and len(str(scene)) < 150
+
+
+def test_short_options_are_those_of_the_command_line() -> None:
+    quick = chosen_scene("gdi", quick=True, pixels=64)
+    assert quick.camera.pixels == (64, 64) and quick.transport.accuracy_K == 4.0
+    assert chosen_scene("gdi", quick=True).camera.pixels == (128, 128)
+    assert chosen_scene(quick, pixels=(30, 20)).camera.pixels == (30, 20)
+    with pytest.raises(SceneError, match=r"camera\.pixels: 0 is outside"):
+        chosen_scene("gdi", pixels=0)

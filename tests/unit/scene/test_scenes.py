@@ -217,12 +217,6 @@ def test_scene_files(tmp_path: Path) -> None:
         load_scene(tmp_path / "none.yaml")
 
 
-def test_scenes_are_frozen() -> None:
-    scene = load_scene("empty")
-    with pytest.raises(ValueError, match="frozen"):
-        scene.name = "other"  # type: ignore[misc]
-
-
 @pytest.mark.parametrize("phase", ["isotropic", "mie", {"henyey_greenstein": -0.3}])
 def test_phase_functions_there_and_back(phase: Any) -> None:
     scene = _scene(transport={"phase": phase, "method": "path"})

@@ -272,7 +272,5 @@ def test_choices_that_are_not_there(
     both = CfdSpray(file=tmp_path / "c", format="converge", **writers.place)
     assert read_cfd(both).notes["parcels"] == 17
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(
-        SprayError, match=r'needs h5py; install it with: pip install "cldit\[cfd\]"'
-    ):
+    with pytest.raises(SprayError, match=r'needs h5py; install it with: .* "h5py>='):
         read_cfd(both)
