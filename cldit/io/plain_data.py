@@ -29,6 +29,7 @@ _TAGS = frozenset(
 )
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
 _MERGE, _TIMESTAMP = "tag:yaml.org,2002:merge", "tag:yaml.org,2002:timestamp"
+_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$")
 _OCTAL = re.compile(r"[-+]?0[0-9_]+")
 
 
@@ -66,11 +67,17 @@ class _Loader(SafeLoader):
         return super().construct_mapping(node, deep=deep)
 
 
+class _Dumper(yaml.SafeDumper):
+    """Writer that quotes texts which the loader would read as numbers."""
+
+
 # A date would become an object that no key accepts, or an error: it is text.
 _Loader.yaml_implicit_resolvers = {
     first: [each for each in resolvers if each[0] != _TIMESTAMP]
     for first, resolvers in SafeLoader.yaml_implicit_resolvers.items()
 }
+for _kind in (_Loader, _Dumper):  # numbers as in YAML 1.2: 4e-3 and 1.0e6 are text in 1.1
+    _kind.add_implicit_resolver(_FLOAT, _EXPONENT, list("-+.0123456789"))
 
 
 def parse_yaml(text: str, *, source: str, error: type[ClditError] = SceneError) -> Any:
@@ -90,14 +97,13 @@ def parse_yaml(text: str, *, source: str, error: type[ClditError] = SceneError) 
 
 def dump_yaml(data: Any) -> str:
     """Plain data as YAML, keys in their order; `parse_yaml` reads it."""
-    return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+    return str(yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
 
 
 def yaml_line(data: Any) -> str:
     """Plain data as YAML on one line of any length."""
-    return yaml.safe_dump(
-        data, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6
-    ).strip()
+    how: dict[str, Any] = {"default_flow_style": True, "sort_keys": False, "width": 10**6}
+    return str(yaml.dump(data, Dumper=_Dumper, allow_unicode=True, **how)).strip()
 
 
 def read_yaml(path: Path, *, error: type[ClditError] = SceneError) -> Any:

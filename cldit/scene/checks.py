@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -69,15 +68,6 @@ def shortened(text: str) -> str:
     return text if len(text) <= 200 else f"{text[:197]}..."
 
 
-def _signed(value: bool | str) -> str:
-    """Hint for a number such as 1.0e6, which is text in YAML 1.1: the exponent needs a sign."""
-    match = re.fullmatch(r"([-+]?[0-9]+)(\.[0-9]*)?[eE]([0-9]+)", str(value))
-    if match is None:
-        return ""
-    whole, part, exponent = match.groups(default=".0")
-    return f"; the exponent needs a sign in YAML, {whole}{part}e+{exponent}"
-
-
 @dataclass(frozen=True)
 class Within:
     """Closed interval; a number outside it is refused with `17 is outside 8..16`."""
@@ -99,12 +89,11 @@ class Within:
         if isinstance(value, (bool, str)):
             raise PydanticCustomError(
                 "not_a_number",
-                "{value} is not a number; allowed: {low}..{high} without a unit{hint}",
+                "{value} is not a number; allowed: {low}..{high} without a unit",
                 {
                     "value": repr(value),
                     "low": _number(self.low),
                     "high": _number(self.high),
-                    "hint": _signed(value),
                 },
             )
         if isinstance(value, float) and not math.isfinite(value):
