@@ -17,10 +17,9 @@ from cldit.gpu.device import Device
 from cldit.io.exclusive import exclusive
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
-from cldit.prepare.stages import StageLine
 from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
-from cldit.run import Run, Say, Stage, simulate, with_stages
+from cldit.run import Run, Say, Stage, StageLine, simulate, with_stages
 from cldit.scene import Scene
 from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
 from cldit.scene.load import chosen_scene

@@ -13,8 +13,7 @@ from cldit.gpu.device import Device, open_device
 from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.files import write_text
 from cldit.io.plain_data import read_mapping
-from cldit.prepare.stages import StageLine
-from cldit.run import Run, Say, simulate
+from cldit.run import Run, Say, StageLine, simulate
 from cldit.run.folder import stored_run
 from cldit.run.series import SeriesTime, run_times
 from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times

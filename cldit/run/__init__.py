@@ -1,7 +1,7 @@
 """A run: one scene traced and evaluated, what came of it, and its folder."""
 
 from cldit.io.caches import default_cache
-from cldit.prepare.stages import Say, Stage
+from cldit.prepare.stages import Say, Stage, StageLine
 from cldit.run.cache import RunCache
 from cldit.run.folder import open_run, with_stages
 from cldit.run.result import Run, RunInfo
@@ -13,6 +13,7 @@ __all__ = [
     "RunInfo",
     "Say",
     "Stage",
+    "StageLine",
     "default_cache",
     "open_run",
     "reevaluated",
