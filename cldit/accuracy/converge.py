@@ -38,6 +38,7 @@ from cldit.dit.maps import Maps
 from cldit.medium.octree import build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.medium import Medium
+from cldit.radiance.point_spread import blur_of
 from cldit.radiance.weights import Weights
 from cldit.scene.spray import GridSpray
 from cldit.transport.trace import settings_for, trace, trace_each
@@ -172,7 +173,7 @@ def solve(
     traces = summed(every, quadrature, scene)
     grey = settings_for(scene, prepared.properties.paper_phase, tolerance_K=resolution.ordinates_K)
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)
-    reference = trace(nothing, scene, device, grey, rays=traces.rays).weights
+    reference = blur_of(scene)(trace(nothing, scene, device, grey, rays=traces.rays).weights)
     stages.done += traced_stages(traces, scene.transport.order)
     with stages.stage("evaluation"):
         sensor = sensor_of(scene, quadrature, (traces.spectral, reference))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
 from cldit.radiance.effective import effective_weights
+from cldit.radiance.point_spread import blur_of
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.transport.energy_balance import EnergyBalance
@@ -23,11 +24,13 @@ from cldit.transport.trace import Trace, TraceSettings, settings_for
 class NodeTraces:
     """Traces of all nodes, and their sums: weights and their errors for the whole filter.
 
-    difference, audit: as in `Trace`; exact nodes add nothing. None if a node has no estimate of its
-    own, or if nothing scatters.
+    spectral: weights of each node; they and their sum have the point spread of the lens, which
+    `traces`, difference and audit have not. difference, audit: as in `Trace`; exact nodes add
+    nothing. None if a node has no estimate of its own, or if nothing scatters.
     """
 
     traces: tuple[Trace, ...]
+    spectral: tuple[Weights, ...]
     weights: Weights
     difference: Weights | None
     audit: Audit | None = None
@@ -59,11 +62,6 @@ class NodeTraces:
     def rays(self) -> NDArray[np.int64] | None:
         """(H, W) rays across each pixel, the same for all nodes; None: those of the scene."""
         return self.traces[0].rays
-
-    @property
-    def spectral(self) -> tuple[Weights, ...]:
-        """Weights of each node."""
-        return tuple(result.weights for result in self.traces)
 
 
 def node_settings(
@@ -140,9 +138,12 @@ def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> Nod
     audit = None
     if sample is not None and one is not None and other is not None:
         audit = Audit(sample, (one, other))
+    blur = blur_of(scene)
+    spectral = tuple(blur(result.weights) for result in traces)
     return NodeTraces(
         traces=tuple(traces),
-        weights=combined([result.weights for result in traces]),
+        spectral=spectral,
+        weights=combined(spectral),
         difference=error([result.weights_difference for result in traces]),
         audit=audit,
         seconds=seconds,

@@ -45,9 +45,9 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.
-    data["camera"]["sensor"] = {
-        "quantum_efficiency": data["camera"]["sensor"]["quantum_efficiency"]
-    }
+    lens = () if scene.camera.lens is None else ("pixels", "pitch_m", "f_number")
+    sensor = data["camera"]["sensor"]
+    data["camera"]["sensor"] = {key: sensor[key] for key in ("quantum_efficiency", *lens)}
     scatter = data["spray"].pop("scatter")
     if members_of(scene) > 1:
         del scatter["optical_depth"], scatter["length_m"]

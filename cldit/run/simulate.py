@@ -24,6 +24,7 @@ from cldit.io.progress import Watch, silent
 from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.prepare.stages import Say, Stages
 from cldit.radiance.effective import effective_weights
+from cldit.radiance.point_spread import blur_of
 from cldit.run.content import trace_content
 from cldit.run.ensemble import UNSTATED, ensemble_run
 from cldit.run.folder import save_run, stored_run
@@ -135,7 +136,7 @@ def _against_paper(problem: Problem, result: Result) -> Difference | None:
         phase = result.medium.properties.paper_phase
         grey = settings_for(scene, phase, tolerance_K=result.resolution.ordinates_K)
         rays = result.traces.rays
-        other = trace(paper, scene, problem.device, grey, rays=rays).weights
+        other = blur_of(scene)(trace(paper, scene, problem.device, grey, rays=rays).weights)
         chosen = result.quadrature
         one = Quadrature.grey(chosen.filter_um, reference_K=chosen.reference_K)
         maps = evaluated(scene, one, (other,), result.reference, result.sensor)

@@ -11,7 +11,14 @@ from typing import Annotated, Literal
 from pydantic import field_validator, model_validator
 
 from cldit.scene.checks import Section, Within
-from cldit.scene.values import Length, Pixels, Point, QuantumEfficiency, Temperature
+from cldit.scene.values import (
+    Length,
+    Pixels,
+    Point,
+    QuantumEfficiency,
+    Temperature,
+    TransferCurve,
+)
 
 
 class Sensor(Section):
@@ -50,6 +57,13 @@ class Lens(Section):
     """Focal length. Default: the one that images the field of view onto the sensor."""
     focus_m: Length | None = None
     """Distance from the camera to the plane in focus. Default: the target's."""
+    diffraction: bool = True
+    """Diffraction by the aperture, at the wavelengths of the filter."""
+    spread_m: Annotated[float, Within(1e-8, 1e-2)] | None = None
+    """Standard deviation, on the sensor, of a Gaussian point spread in focus. Default: none."""
+    mtf: TransferCurve | None = None
+    """MTF in focus, beside the aperture's: pairs of frequency on the sensor (1/mm) and value, or a
+    file of pairs; from 1 at 0. Default: none."""
 
 
 class Camera(Section):

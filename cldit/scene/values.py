@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from cldit.errors import SceneError
 from cldit.scene.checks import Within
-from cldit.scene.curves import LONGEST_UM, SHORTEST_UM, Curve, check_curve, read_curve
+from cldit.scene.curves import FREQUENCY, WAVELENGTH, Axis, Curve, check_curve, read_curve
 
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
@@ -88,7 +88,7 @@ CaseTime = Annotated[
 ]
 
 
-Wavelength = Annotated[float, Within(SHORTEST_UM, LONGEST_UM)]
+Wavelength = Annotated[float, Within(WAVELENGTH.low, WAVELENGTH.high)]
 
 
 def _in_folder(file: str | Path, info: ValidationInfo) -> Path:
@@ -97,13 +97,13 @@ def _in_folder(file: str | Path, info: ValidationInfo) -> Path:
     return Path(file) if folder is None else (Path(folder) / file).resolve()
 
 
-def _curve(value: object, info: ValidationInfo) -> object:
+def _curve(value: object, info: ValidationInfo, over: Axis = WAVELENGTH) -> object:
     """Reads a curve from a file, or checks one that is given as pairs; returns numbers as given."""
     try:
         if isinstance(value, (str, Path)):
-            return read_curve(_in_folder(value, info))
+            return read_curve(_in_folder(value, info), over)
         if isinstance(value, (list, tuple)) and value and isinstance(value[0], (list, tuple)):
-            return check_curve(value, what="curve")
+            return check_curve(value, what="curve", over=over)
     except SceneError as error:
         raise ValueError(str(error)) from error
     return value
@@ -149,3 +149,14 @@ Material = Annotated[str, Field(min_length=1), BeforeValidator(_material)]
 
 
 WindowCurve = Annotated[Curve, BeforeValidator(_curve, json_schema_input_type=Curve | Path)]
+
+
+def _transfer(value: object, info: ValidationInfo) -> object:
+    """An MTF: a curve over spatial frequency that starts with 1 at 0."""
+    curve = _curve(value, info, FREQUENCY)
+    if isinstance(curve, tuple) and curve and curve[0] != (0.0, 1.0):
+        raise ValueError(f"starts with {curve[0][1]:g} at {curve[0][0]:g} 1/mm; allowed: 1 at 0")
+    return curve
+
+
+TransferCurve = Annotated[Curve, BeforeValidator(_transfer, json_schema_input_type=Curve | Path)]

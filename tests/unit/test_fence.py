@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3741,
+    "accuracy": 3743,
     "acquisition": 5549,
     "api": 1135,
     "bench": 1034,
@@ -37,10 +37,10 @@ BUDGETS: dict[str, int] = {
     "medium": 1651,
     "optics": 3634,
     "prepare": 987,
-    "radiance": 633,
+    "radiance": 763,
     "rig": 1764,
-    "run": 2089,
-    "scene": 1997,
+    "run": 2090,
+    "scene": 2042,
     "show": 6460,
     "spray": 6076,
     "study": 2420,

@@ -19,6 +19,7 @@ from cldit.transport.view import View
 
 DISTANCE, FIELD, PIXELS = 1.0, 0.016, 64
 PITCH = FIELD / PIXELS
+LENS = {"f_number": 0.8, "focal_length_m": 0.05, "diffraction": False}
 BLACK = 2e4  # per metre: nothing is seen through the blocks below
 
 # Where the block is, and where the lens is focused: before, in and behind focus.
@@ -59,7 +60,7 @@ def beyond_edge(x: np.ndarray, radius: float) -> np.ndarray:
 @pytest.mark.parametrize("rays", [16, 64])
 def test_edge(run_block: Callable[..., Run], nearer_m: float, focus_m: Any, rays: int) -> None:
     """A black half plane, 0.4 mm thick, with an aperture of 62.5 mm."""
-    lens = {"f_number": 0.8, "focal_length_m": 0.05, "focus_m": focus_m}
+    lens = {**LENS, "focus_m": focus_m}
     run = seen(
         run_block,
         (0.08, 0.0004, 0.08),
@@ -84,7 +85,7 @@ def test_edge(run_block: Callable[..., Run], nearer_m: float, focus_m: Any, rays
 def test_point(run_block: Callable[..., Run], nearer_m: float, focus_m: Any) -> None:
     """A black square of 4 x 4 cells: its light is kept, in a disc of the right radius."""
     size_m = 0.2 / 128
-    lens = {"f_number": 0.8, "focal_length_m": 0.05, "focus_m": focus_m}
+    lens = {**LENS, "focus_m": focus_m}
     run = seen(
         run_block,
         (size_m, size_m / 4, size_m),
@@ -115,7 +116,7 @@ def test_small_apertures_are_a_pinhole(
     """f/1e6 moves rays by 1e-9 m, so only rays that touch an edge may differ from a pinhole's."""
 
     def image(f_number: float) -> np.ndarray:
-        camera = {"rays_per_pixel": 16, "lens": {"f_number": f_number}}
+        camera = {"rays_per_pixel": 16, "lens": {"f_number": f_number, "diffraction": False}}
         run = seen(run_block, (0.004,) * 3, nearer_m=0.05, camera=camera)
         return run.weights.background.astype(float)
 
@@ -174,7 +175,7 @@ def test_lens_is_the_mean_of_pinholes(
         return np.hstack([np.full((4, 2), 0.5), cells])
 
     monkeypatch.setattr(View, "places", places)
-    got = image(48, 0.04, target_m=[0.0, 0.01, 0.0], rays_per_pixel=4, lens={})
+    got = image(48, 0.04, target_m=[0.0, 0.01, 0.0], rays_per_pixel=4, lens={"diffraction": False})
     total = sum(got[name] for name in ("background", "wall"))
     assert np.all(total <= 1.0 + 1e-6)
     for name, one in expected.items():

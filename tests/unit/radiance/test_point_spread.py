@@ -1,0 +1,130 @@
+"""The point spread of a lens on images, against integrals of its own definition."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import erf, j1
+
+import cldit
+from cldit.errors import SceneError
+from cldit.radiance.point_spread import PointSpread, airy
+from cldit.scene import Scene
+
+FIELD_M, PIXELS = 0.04, 160
+PITCH_M = FIELD_M / PIXELS
+WAVELENGTH_M = 3.4e-6
+
+
+def scene(**lens: Any) -> Scene:
+    return cldit.parse_scene(
+        {
+            "name": "lens",
+            "spray": {"model": "none"},
+            "camera": {"field_m": [FIELD_M, FIELD_M], "pixels": PIXELS, "lens": lens},
+            "optics": {"filter_um": [3.39, 3.41]},
+        }
+    )
+
+
+def magnification() -> float:
+    """Length on the sensor over that on the target."""
+    camera = scene().camera
+    return camera.sensor.pitch_m / camera.pixel_m
+
+
+def test_light_is_kept() -> None:
+    """Even images stay, the sum of every image stays, and no weight becomes negative."""
+    rng = np.random.default_rng(2)
+    spread = PointSpread.of(scene(f_number=8.0, spread_m=20e-6))
+    even = np.full((PIXELS, PIXELS), 0.7, np.float32)
+    np.testing.assert_allclose(spread.image(even), even, rtol=1e-6)
+    sharp = (rng.random((PIXELS, PIXELS)) < 0.02).astype(np.float32)
+    sharp[0, 0] = sharp[-1, 5] = 1.0
+    blurred = spread.image(sharp).astype(float)
+    assert blurred.sum() == pytest.approx(float(sharp.sum()), rel=1e-6)
+    assert blurred.min() > -1e-7 and blurred.max() < 0.9
+
+
+@pytest.mark.parametrize("sigma_px", [0.25, 0.7, 2.0])
+def test_gaussian(sigma_px: float) -> None:
+    """A point's image has the variance, and an edge is the error function."""
+    sigma_m = sigma_px * PITCH_M
+    spread = PointSpread.of(scene(diffraction=False, spread_m=sigma_m * magnification()))
+    point = np.zeros((PIXELS, PIXELS), np.float32)
+    point[80, 80] = 1.0
+    image = spread.image(point).astype(float)
+    place = (np.arange(PIXELS) - 80) * PITCH_M
+    assert image.min() > -1e-7
+    wider = 0.15 * PITCH_M**2 if sigma_px < 0.5 else 0.05 * sigma_m**2  # no weights below 0
+    for across in (image.sum(axis=0), image.sum(axis=1)):
+        assert across @ place**2 == pytest.approx(sigma_m**2, abs=wider)
+    edge = np.broadcast_to(np.where(place > 0, 1.0, 0.0), point.shape).astype(np.float32)
+    fine = ((np.arange(32 * PIXELS) + 0.5) / 32 - 80.5) * PITCH_M
+    expected = 0.5 + 0.5 * erf((fine - 0.5 * PITCH_M) / (sigma_m * 2**0.5))
+    expected = expected.reshape(PIXELS, 32).mean(axis=1)
+    inner = slice(20, 140)  # the image is mirrored at its sides
+    # An edge between pixels has most of its light above their Nyquist frequency.
+    got = spread.image(edge)[80].astype(float)
+    np.testing.assert_allclose(got[inner], expected[inner], atol=0.05 if sigma_px < 1 else 0.006)
+    assert got.min() > -1e-7 and got.max() < 1.0 + 1e-6
+
+
+def test_diffraction_at_an_edge() -> None:
+    """Against the Airy pattern itself, integrated along the edge and over pixels."""
+    spread = PointSpread.of(scene(f_number=40.0))
+    camera = spread.camera
+    first_m = 1.22 * WAVELENGTH_M * camera.distance_m / camera.aperture_m  # dark ring
+    scale = np.pi * camera.aperture_m / (WAVELENGTH_M * camera.distance_m)
+    place = np.arange(PIXELS) * PITCH_M
+    edge = np.broadcast_to(np.where(place > 79.6 * PITCH_M, 1.0, 0.0), (PIXELS, PIXELS))
+    got = spread.image(edge.astype(np.float32))[80].astype(float)
+    step = first_m / 30
+    axis, along = np.arange(-3000, 3001) * step, np.arange(0.5, 6000.0) * step
+    line = np.empty(len(axis))
+    for number, x in enumerate(axis):
+        v = scale * np.hypot(x, along)
+        line[number] = np.sum((2 * j1(v) / v) ** 2)
+    beyond = np.cumsum(line) - 0.5 * line
+    beyond /= np.sum(line)
+    fine = ((np.arange(32 * PIXELS) + 0.5) / 32 - 80.0) * PITCH_M
+    expected = np.interp(fine, axis, beyond).reshape(PIXELS, 32).mean(axis=1)
+    # The first dark ring is some pixels away; 1 % of the light is beyond the 100 that are summed.
+    assert 1.5 < first_m / PITCH_M < 5.0
+    np.testing.assert_allclose(got[60:100], expected[60:100], atol=0.02)
+
+
+def test_given_mtf() -> None:
+    """A table of an aperture's MTF gives it back at its place on the sensor; factors multiply."""
+    cutoff_per_mm = 40.0
+    table = [(f, float(airy(np.array(f / cutoff_per_mm)))) for f in np.linspace(0, 60, 600)]
+    at_per_mm = np.linspace(0.0, 50.0, 7)
+    at_per_m = 1e3 * at_per_mm * magnification()  # on the target
+    given = PointSpread.of(scene(diffraction=False, mtf=table)).mtf(at_per_m)
+    np.testing.assert_allclose(given, airy(at_per_mm / cutoff_per_mm), atol=1e-4)
+    one = PointSpread.of(scene()).mtf(at_per_m)
+    both = PointSpread.of(scene(mtf=table)).mtf(at_per_m)
+    np.testing.assert_allclose(both, one * given, atol=1e-12)
+    # Cut-off on the sensor: 1 / (wavelength times the image's distance over the aperture).
+    camera = scene().camera
+    image_m = camera.distance_m * magnification()
+    cutoff = camera.aperture_m / image_m / WAVELENGTH_M
+    expected = airy(1e3 * at_per_mm / cutoff)
+    np.testing.assert_allclose(one, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mtf", "message"),
+    [
+        ([(0.0, 0.9), (10.0, 0.5)], r"camera\.lens\.mtf: .*starts with 0\.9 at 0 1/mm"),
+        ([(1.0, 1.0), (10.0, 0.5)], r"starts with 1 at 1 1/mm; allowed: 1 at 0"),
+        ([(0.0, 1.0), (10.0, 1.5)], r"value 1\.5 at 10 1/mm is outside 0\.\.1"),
+        ([(0.0, 1.0), (-1.0, 0.5)], r"frequency -1 is outside 0\.\.100000 1/mm"),
+        ([(0.0, 1.0)], r"1 pairs are no curve"),
+    ],
+)
+def test_refused(mtf: Any, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        scene(mtf=mtf)
