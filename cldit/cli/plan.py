@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 import numpy as np
 
-from cldit.acquisition.plan import StabilitySection
+from cldit.acquisition.plan import StabilitySection, plan_from_scene
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, folded_table, plain_errors, say
 from cldit.cli.options import KELVIN, SCENE, device_option
+from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_next
 from cldit.dit.design import (
     BlackBody,
@@ -29,16 +30,26 @@ from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
+from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene, load_scene
+from cldit.scene.delays import delay_text, scene_at
 from cldit.show.figures.curves import design_figure
 from cldit.show.figures.style import write_figure
+from cldit.study.separate import separate as plans_for
 
 _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 
 
 @click.command("plan")
-@click.argument("scene", type=SCENE)
-@click.option("--error", "error_K", type=KELVIN, required=True, help="Requested for T_app: 2K.")
+@click.argument("scene", type=SCENE, required=False)
+@click.option("--error", "error_K", type=KELVIN, help="Requested for T_app: 2K.")
+@click.option(
+    "--separate",
+    type=(SCENE, SCENE),
+    metavar="A B",
+    help="In place of SCENE and --error: tell two models of a spray apart.",
+)
+@click.option("--delays", metavar="MS,MS,..", help="With --separate: delays to choose from.")
 @click.option(
     "--emissivity-error",
     type=click.FloatRange(1e-5, 1.0),
@@ -72,8 +83,10 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
 @json_option
 @plain_errors
 def plan_command(
-    scene: str,
-    error_K: float,
+    scene: str | None,
+    error_K: float | None,
+    separate: tuple[str, str] | None,
+    delays: str | None,
     emissivity_error: float,
     quantile: float,
     least_emissivity: float,
@@ -83,8 +96,15 @@ def plan_command(
 ) -> Outcome:
     """Design the measurement of SCENE: backgrounds, shots and references for an error.
 
-    Writes plan.yaml, rig.yaml (simulated) and design.png into the folder of a traced run.
+    Writes plan.yaml, rig.yaml (simulated) and design.png into the folder of a traced run. With
+    --separate, the plan is for the difference of two models, or none is enough (status 3).
     """
+    if separate is not None:
+        if scene is not None or error_K is not None:
+            raise click.UsageError("--separate A B takes the place of SCENE and --error")
+        return _separate(*separate, delays, limits_K, least_emissivity, out, device)
+    if scene is None or error_K is None or delays is not None:
+        raise click.UsageError("allowed: SCENE --error K, or --separate A B with --delays")
     loaded = load_scene(scene)
     folder = out or Path("runs") / f"{loaded.name}-plan"
     run = simulate(loaded, folder, device=open_device(device), progress=say)
@@ -92,12 +112,7 @@ def plan_command(
         loaded, run.quadrature, run.spectral, run.reference, least_emissivity=least_emissivity
     )
     known = loaded.background.temperatures_K
-    blackbody = BlackBody(
-        limits_K=limits_K or (min(known), max(known)),
-        start_K=loaded.rig.background_start_K,
-        time_constant_s=loaded.rig.background_time_constant_s,
-        stability=StabilitySection(),
-    )
+    blackbody = _blackbody(loaded, limits_K)
     if not error_K > 0.0:
         raise click.BadParameter(f"{error_K:g} K; allowed: more than 0", param_hint="--error")
     goal = Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
@@ -141,6 +156,64 @@ def plan_command(
             "coldest_opaque_K": coldest,
         }
     )
+
+
+def _blackbody(scene: Scene, limits_K: tuple[float, float] | None) -> BlackBody:
+    known = scene.background.temperatures_K
+    return BlackBody(
+        limits_K=limits_K or (min(known), max(known)),
+        start_K=scene.rig.background_start_K,
+        time_constant_s=scene.rig.background_time_constant_s,
+        stability=StabilitySection(),
+    )
+
+
+def _separate(
+    one: str,
+    other: str,
+    delays: str | None,
+    limits_K: tuple[float, float] | None,
+    least_emissivity: float,
+    out: Path | None,
+    device: str | None,
+) -> Outcome:
+    """Prints the plan of each delay, and writes that of the fastest one."""
+    first, second = load_scene(one), load_scene(other)
+    folder = out or Path("runs") / f"{first.name}-or-{second.name}"
+    given = SeriesPlan.of(first, delays).scenes if delays else first.plan.delays_s
+    found = plans_for(
+        first,
+        second,
+        folder,
+        _blackbody(first, limits_K),
+        delays_s=tuple(given),
+        least_emissivity=least_emissivity,
+        device=open_device(device),
+        progress=say,
+    )
+    table = folded_table("delay", "backgrounds / K", "shots", "sigma", "by noise", "RMS / K", "min")
+    for each in found:
+        table.add_row(
+            "" if each.delay_s is None else delay_text(each.delay_s),
+            f"{len(each.backgrounds_K)}: {each.backgrounds_K[0]:g} .. {each.backgrounds_K[-1]:g}",
+            "none" if each.shots is None else str(each.shots),
+            f"{each.distance:.2g}",
+            f"{each.of_noise:.2g}",
+            f"{each.rms_K:.2g}",
+            "" if each.time_s is None else f"{each.time_s / 60:.0f}",
+        )
+    OUT.print(table)
+    best = min(found, key=lambda each: each.order)
+    OUT.print(best.text, style="bold")
+    if best.shots is not None:
+        plan = plan_from_scene(first if best.delay_s is None else scene_at(first, best.delay_s))
+        sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots}
+        plan = plan.model_copy(update={**sizes, "references": best.shots, "delays_s": ()})
+        write_text(folder / "plan.yaml", plan.dump())
+        print_files(folder / "plan.yaml")
+    plans = [{**asdict(each), "chosen": each is best, "verdict": each.text} for each in found]
+    code = Exit.DONE if best.shots is not None else Exit.DIFFERS
+    return Outcome({"folder": folder, "plans": plans}, code)
 
 
 def _print_designs(found: list[Design], best: Design, goal: Goal, least_emissivity: float) -> None:

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
-from cldit.dit.fit import apparent_radiance, fit_pair
+from cldit.dit.fit import (
+    Pair,
+    apparent_radiance,
+    emissivity_gradient,
+    fit_pair,
+    radiance_gradient,
+)
 from cldit.errors import EvaluationError
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
@@ -29,7 +35,8 @@ class Subject:
     """Weights (1, N) of a sample of pixels of a traced scene, with camera and surroundings.
 
     spray: of each spectral node. scatter: relative standard deviation of the optical depth of one
-    injection.
+    injection. places: (N,) flat numbers of the pixels on the sensor. pixels: number of all pixels
+    that they stand for.
     """
 
     spray: tuple[Weights, ...]
@@ -39,6 +46,8 @@ class Subject:
     curve: Curve
     sensor: SensorModel
     scatter: float
+    places: NDArray[np.intp]
+    pixels: int
 
     @classmethod
     def of(
@@ -69,7 +78,7 @@ class Subject:
                 f"no pixel on the background has an emissivity of {least_emissivity:g} or "
                 f"more; the largest is {np.nanmax(emissivity, initial=0.0):.3g}"
             )
-        chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(int)]
+        chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(np.intp)]
         around = Surroundings.from_scene(scene)
         nodes = quadrature.nodes
         return cls(
@@ -83,7 +92,15 @@ class Subject:
             sensor=SensorModel.from_scene(scene),
             # The simulated rig's lognormal field has a smooth and a common part, sigma each.
             scatter=math.sqrt(2.0) * scene.spray.scatter.optical_depth,
+            places=chosen,
+            pixels=places.size,
         )
+
+    def of_spray(self, scene: Scene, spectral: Sequence[Weights]) -> Subject:
+        """The same pixels with the weights of another spray in the same nodes."""
+        view = SensorView.from_scene(scene)
+        spray = tuple(_pixels(_seen(view, weights), self.places) for weights in spectral)
+        return replace(self, spray=spray)
 
     def signals(self, background_K: float) -> tuple[Floats, Floats]:
         """Radiance (N,) at the camera without and with spray."""
@@ -100,38 +117,12 @@ class Subject:
     def variances(self, backgrounds_K: Sequence[float]) -> Floats:
         """Variances (2, 2, N) of T_app [K^2] and of the emissivity, due to injections and due to
         references, with one of each per background."""
-        sensor = self.exposure(max(backgrounds_K))
-        calibration = sensor.calibration()
-        bare, spray = (
-            np.stack(both) for both in zip(*(self.signals(k) for k in backgrounds_K), strict=True)
-        )
-        slope = (spray[-1] - spray[0]) / (bare[-1] - bare[0])
-        gone = np.clip(slope, 1e-9, 1.0 - 1e-9)
-        # A relative change q of the optical depth changes Delta I by q times this (as in the
-        # simulated bench: weights change by (1 - r^g) / (1 - r), r the transmission, g = 1 + q).
-        share = -gone * np.log(gone) / (1.0 - gone)
-        extra = (self.scatter * share * (spray - bare)) ** 2
-        scale = calibration.counts_per_radiance
-        calm, varied = (
-            calibration.variance_counts2(calibration.counts(seen)) / scale**2
-            for seen in (bare, spray)
-        )
-        transmission = self.whole.front.transmission
-        source = self.whole.leaving(backgrounds_K)
-        one = np.ones(bare.shape[1])
-        lines = fit_pair(
-            (source, source),
-            (self.whole.inside(bare), self.whole.inside(spray)),
-            variance=(calm / transmission**2, (varied + extra) / transmission**2),
-            usable=np.ones(bare.shape, bool),
-        )
+        lines = self._fitted(backgrounds_K)
         radiance, _ = apparent_radiance(lines)
-        g, _, s, _ = lines.values.T
-        per_radiance = self.curve.temperature_slope(np.maximum(radiance, 0.0)) / (g - s)
-        zero = np.zeros_like(g)
         gradients = (
-            np.stack([-radiance, -one, radiance, one], axis=1) * per_radiance[:, None],
-            np.stack([s / g**2, zero, -1.0 / g, zero], axis=1),
+            radiance_gradient(lines)
+            * self.curve.temperature_slope(np.maximum(radiance, 0.0))[:, None],
+            emissivity_gradient(lines),
         )
         kinds = (slice(2, 4), slice(0, 2))
         return np.array(
@@ -142,6 +133,46 @@ class Subject:
                 ]
                 for row in gradients
             ]
+        )
+
+    def temperature_K(self, backgrounds_K: Sequence[float], change: Floats | float = 0.0) -> Floats:
+        """T_app (N,), NaN where there is none, with a `change` (K, N) of signals with spray."""
+        lines = self._fitted(backgrounds_K, change)
+        radiance, _ = apparent_radiance(lines)
+        return self.curve.temperature(np.where(radiance > 0.0, radiance, np.nan))
+
+    def depth_response(self, bare: Floats, spray: Floats) -> Floats:
+        """Change (K, N) of the injections' signals by a relative change of the optical depth of 1.
+
+        As in the simulated bench: weights change by (1 - r^g) / (1 - r), r the transmission and
+        g = 1 + q.
+        """
+        slope = (spray[-1] - spray[0]) / (bare[-1] - bare[0])
+        gone = np.clip(slope, 1e-9, 1.0 - 1e-9)
+        return np.asarray(-gone * np.log(gone) / (1.0 - gone) * (spray - bare))
+
+    def both(self, backgrounds_K: Sequence[float]) -> tuple[Floats, Floats]:
+        """Radiance (K, N) at the camera without and with spray."""
+        bare, spray = zip(*(self.signals(kelvin) for kelvin in backgrounds_K), strict=True)
+        return np.stack(bare), np.stack(spray)
+
+    def _fitted(self, backgrounds_K: Sequence[float], change: Floats | float = 0.0) -> Pair:
+        """The lines with one shot of either kind per background."""
+        calibration = self.exposure(max(backgrounds_K)).calibration()
+        bare, spray = self.both(backgrounds_K)
+        extra = (self.scatter * self.depth_response(bare, spray)) ** 2
+        scale = calibration.counts_per_radiance
+        calm, varied = (
+            calibration.variance_counts2(calibration.counts(seen)) / scale**2
+            for seen in (bare, spray)
+        )
+        transmission = self.whole.front.transmission
+        source = self.whole.leaving(backgrounds_K)
+        return fit_pair(
+            (source, source),
+            (self.whole.inside(bare), self.whole.inside(spray + change)),
+            variance=(calm / transmission**2, (varied + extra) / transmission**2),
+            usable=np.ones(bare.shape, bool),
         )
 
 

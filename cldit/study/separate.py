@@ -1,0 +1,139 @@
+"""Two models of a spray, and the measurement that would tell them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.accuracy.error_maps import TOTAL
+from cldit.camera.view import SensorView
+from cldit.comparison.shared import unshared
+from cldit.comparison.shown import open_shown
+from cldit.dit.design import BlackBody, shot_time_s
+from cldit.dit.separation import Separation, rivals
+from cldit.dit.subject import Subject
+from cldit.errors import EvaluationError
+from cldit.gpu.device import Device
+from cldit.optics.response import scene_filter
+from cldit.run import Run, Say, open_run, simulate
+from cldit.run.ensemble import member_folder
+from cldit.scene import Scene
+from cldit.scene.delays import alone, delay_folder, scene_at, spray_time_s
+
+Floats = NDArray[np.float64]
+
+_SAME = ("camera", "background", "walls", "windows", "patches")
+
+
+@dataclass(frozen=True)
+class Model:
+    """The run of one model, and those of its single injections; without any, they do not differ."""
+
+    run: Run
+    injections: tuple[Run, ...] = ()
+
+
+def separate(
+    one: Scene,
+    other: Scene,
+    folder: Path,
+    blackbody: BlackBody,
+    *,
+    delays_s: Sequence[float] = (),
+    least_emissivity: float = 0.2,
+    device: Device | None = None,
+    progress: Say | None = None,
+) -> list[Separation]:
+    """Fastest plan that separates two models, for each delay; runs are kept in `folder`.
+
+    Without delays, that of the scenes' sprays is taken.
+
+    Raises:
+        EvaluationError: the scenes differ in more than their spray, optics and transport.
+    """
+    check_rivals(one, other)
+    found = []
+    for delay_s in delays_s or (None,):
+        models = []
+        for name, scene in (("one", one), ("other", other)):
+            at = alone(scene if delay_s is None else scene_at(scene, delay_s))
+            place = folder / name / ("" if delay_s is None else delay_folder(delay_s))
+            run = simulate(at, place, device=device, progress=progress)
+            count = 0 if run.ensemble is None else run.ensemble.members
+            members = tuple(open_run(member_folder(place, n)) for n in range(1, count + 1))
+            models.append(Model(run, members))
+        found.append(separated(models[0], models[1], blackbody, least_emissivity=least_emissivity))
+    return found
+
+
+def check_rivals(one: Scene, other: Scene) -> None:
+    """Raises EvaluationError if two scenes are not seen alike."""
+    for key in _SAME:
+        if getattr(one, key) != getattr(other, key):
+            raise EvaluationError(
+                f"{key}: differs between {one.name} and {other.name}; allowed: scenes that differ "
+                "in spray, optics and transport alone"
+            )
+    if scene_filter(one) != scene_filter(other):
+        raise EvaluationError(
+            f"filter: differs between {one.name} and {other.name}; allowed: one filter"
+        )
+
+
+def separated(
+    one: Model,
+    other: Model,
+    blackbody: BlackBody,
+    *,
+    least_emissivity: float = 0.2,
+    sets: Sequence[tuple[float, ...]] = (),
+) -> Separation:
+    """The fastest plan that separates two models at the time of their runs.
+
+    `sets` are the backgrounds to choose from; without any, those within the black body's limits.
+    """
+    scene = one.run.scene
+    subject = Subject.of(
+        scene,
+        one.run.quadrature,
+        one.run.spectral,
+        one.run.reference,
+        least_emissivity=least_emissivity,
+    )
+    nodes = one.run.quadrature
+    if any(each.quadrature != nodes for each in (other.run, *one.injections)):
+        raise EvaluationError(
+            "optics: the models have different wavelengths; allowed: optics.preset paper, or one "
+            "number in optics.wavelengths"
+        )
+    return rivals(
+        scene,
+        subject,
+        (scene, other.run.spectral),
+        injections=[(scene, each.spectral) for each in one.injections],
+        errors_K=dict(_errors(one.run, other.run)),
+        delay_s=spray_time_s(scene),
+    ).best(blackbody, shot_s=shot_time_s(scene), sets=sets)
+
+
+def _errors(one: Run, other: Run) -> Iterator[tuple[str, Floats]]:
+    """Errors of both simulations by source on the sensor; those that they share count once.
+
+    An error by a key that one of them alone omits is part of the difference.
+    """
+    parts = unshared(open_shown(one), open_shown(other))
+    view = SensorView.from_scene(one.scene)
+    for run, skipped in ((one, parts.tested), (other, (*parts.tested, *parts.shared))):
+        for cause in () if run.errors is None else run.errors.causes:
+            if cause.error_K is None or cause.name in (*skipped, TOTAL):
+                continue
+            shape = run.maps.emissivity.shape
+            image = run.error_maps.get(cause.name, np.full(shape, cause.error_K, np.float32))
+            yield (
+                f"{cause.name} of {'both' if cause.name in parts.shared else run.scene.name}",
+                view.image(np.nan_to_num(image)),
+            )

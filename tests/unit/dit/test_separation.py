@@ -1,0 +1,131 @@
+"""Two models told apart, or not: the distance against dense algebra, and its limits."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cldit.acquisition.plan import StabilitySection, load_plan
+from cldit.cli import main
+from cldit.dit.design import MOST_SHOTS, BlackBody
+from cldit.dit.separation import _FACTORS, NEEDED, Rivals, _Test, rivals
+from cldit.dit.subject import Subject
+from cldit.errors import EvaluationError
+from cldit.optics.response import scene_filter
+from cldit.optics.spectral import Quadrature
+from cldit.scene import Scene, load_scene
+from cldit.study.separate import check_rivals
+from tests.conftest import tiny_weights
+
+_BLACKBODY = BlackBody(
+    limits_K=(440.0, 480.0), start_K=295.0, time_constant_s=120.0, stability=StabilitySection()
+)
+
+
+def _test() -> _Test:
+    rng = np.random.default_rng(7)
+    return _Test(
+        change_K=rng.normal(0.0, 1.0, 60),
+        noise_K2=rng.uniform(1.0, 9.0, 60),
+        depth=rng.normal(0.0, 0.3, (3, 60)),
+        varied_K2=rng.uniform(0.0, 0.5, 60),
+        setup={"walls": rng.normal(0.0, 0.2, 60), "filter": rng.normal(0.0, 0.2, 60)},
+        models={"cells": rng.uniform(0.0, 0.3, 60)},
+    )
+
+
+@pytest.mark.parametrize("shots", [1, 30, 10_000])
+def test_distance_is_that_of_the_dense_covariance(shots: int) -> None:
+    test = _test()
+    fixed = np.diag(test.noise_K2 / shots) + test.depth.T @ test.depth / shots
+    fixed += sum(np.outer(one, one) for one in test.setup.values())
+    size = np.sqrt(test.varied_K2 / shots + test.models["cells"] ** 2)
+    d = test.change_K
+    every = []
+    for factor in _FACTORS:
+        u = np.clip(factor * d, -size, size)
+        every.append(math.sqrt(d @ np.linalg.solve(fixed + np.outer(u, u), d)))
+    assert test.distance(shots) == pytest.approx(min(every), rel=1e-6)
+
+
+def test_more_shots_tell_no_less_and_none_tells_an_equal_error() -> None:
+    """An error as large as the difference in every pixel bounds z by 1: u = d is possible."""
+    test = _test()
+    each = [test.distance(n) for n in (1, 10, 100, 1000, 10_000)]
+    assert each == sorted(each)
+    equal = replace(test, setup={}, models={"cells": np.abs(test.change_K)})
+    assert 0.99 < equal.distance(10**9) <= 1.0
+    assert replace(test, change_K=np.zeros(60)).distance(10**4) == 0.0
+    alone = replace(test, setup={}, models={}, varied_K2=np.zeros(60), depth=np.zeros((1, 60)))
+    plain = math.sqrt(np.sum(7 * test.change_K**2 / test.noise_K2))
+    assert alone.distance(7) == pytest.approx(plain, rel=1e-9)
+
+
+def _rivals(scene: Scene, *, brighter: float, error_K: float) -> Rivals:
+    spray, bare = (tiny_weights(scene, depth=depth) for depth in (2.0, 0.0))
+    other = replace(spray, liquid=np.float32(1.0 + brighter) * spray.liquid)
+    quadrature = Quadrature.grey(scene_filter(scene), reference_K=460.0)
+    one = Subject.of(scene, quadrature, (spray,), bare, least_emissivity=0.2)
+    columns, rows = scene.camera.sensor.pixels
+    errors_K = {"cells of both": np.full((rows, columns), error_K)}
+    return rivals(scene, one, (scene, (other,)), injections=[], errors_K=errors_K, delay_s=None)
+
+
+def test_the_fewest_shots(tiny_scene: Scene) -> None:
+    """T_app is some 9 K apart, more than the setup errs: one shot less would not be enough."""
+    found = _rivals(tiny_scene, brighter=0.4, error_K=0.05)
+    best = found.best(_BLACKBODY, shot_s=0.2, counts=(2, 3))
+    assert best.shots is not None and 1 < best.shots < MOST_SHOTS and best.time_s is not None
+    test = found._test(best.backgrounds_K)
+    assert test.distance(best.shots) >= NEEDED > test.distance(best.shots - 1)
+    assert best.of_noise > best.distance and 5.0 < best.rms_K < 12.0
+    assert f"{best.shots} injections" in best.text
+
+
+def test_none_is_enough_where_the_simulations_err_as_much(tiny_scene: Scene) -> None:
+    best = _rivals(tiny_scene, brighter=0.02, error_K=2.0).best(_BLACKBODY, shot_s=0.2)
+    assert best.shots is best.time_s is None and best.distance < 1.5
+    assert best.text.startswith("cannot be told: 10000 injections")
+    assert best.largest == "cells of both"
+
+
+def test_one_background_is_refused(tiny_scene: Scene) -> None:
+    found = _rivals(tiny_scene, brighter=0.1, error_K=0.0)
+    with pytest.raises(EvaluationError, match="440 K alone"):
+        found.best(replace(_BLACKBODY, limits_K=(440.0, 440.0)), shot_s=0.2)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [("camera.field_m", [0.1, 0.1], "camera: differs"), ("walls.temperature_K", 400.0, "walls")],
+)
+def test_other_views_are_refused(key: str, value: object, message: str) -> None:
+    gdi = load_scene("gdi")
+    with pytest.raises(EvaluationError, match=message):
+        check_rivals(gdi, gdi.with_(**{key: value}))
+
+
+def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fuel that is 30 K colder is told apart, the same scene never; the exit status says which."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.yaml").write_text(
+        "base: droplets-only\ncamera: {pixels: 40, rays_per_pixel: 1}\n"
+        "domain: {leaf_edge_m: 4.0e-3}\nspray: {spacing_m: 2.0e-3}\ntransport: {audit: false}\n"
+    )
+    Path("b.yaml").write_text("base: a.yaml\nspray: {fuel_temperature_K: 340.0}\n")
+    words = ["plan", "--separate", "a.yaml", "b.yaml", "--out", "ab", "--json"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 0, result.output
+    (plan,) = json.loads(result.stdout)["plans"]
+    assert plan["shots"] >= 1 and plan["chosen"]
+    assert load_plan(Path("ab/plan.yaml")).shots == plan["shots"]
+    same = CliRunner().invoke(main, ["plan", "--separate", "a.yaml", "a.yaml", "--out", "aa"])
+    assert same.exit_code == 3 and "have the same T_app" in same.stdout.replace("\n", " ")
+    wrong = CliRunner().invoke(main, ["plan", "a.yaml", "--separate", "a.yaml", "b.yaml"])
+    assert wrong.exit_code == 2
