@@ -7,6 +7,7 @@ import io
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
 from cldit.io.files import write_text
+from cldit.io.presented import Presented
 
 Floats = NDArray[np.float64]
 
@@ -21,11 +23,14 @@ _ANGLES = 721  # directions tried for the plume: a quarter of a degree apart
 
 
 @dataclass(frozen=True)
-class Profile:
+class Profile(Presented):
     """Values at N points of a line, (N,) each, NaN where there is none.
 
-    distance_m: from the start of the line. Values are those of the pixel at each point.
+    distance_m: from the start of the line. Values are those of the pixel at each point. `plot()`
+    draws them, `plot(ax=..)` T_app into other axes, with `emissivity=True` the emissivity.
     """
+
+    _FIGURE: ClassVar[str] = "profile"
 
     distance_m: Floats
     x_m: Floats
@@ -34,6 +39,12 @@ class Profile:
     apparent_temperature_standard_error_K: Floats
     emissivity: Floats
     emissivity_standard_error: Floats
+
+    def __repr__(self) -> str:
+        known = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
+        warm = f", {known.min():.4g} to {known.max():.4g} K" if known.size else ", no T_app"
+        long = 1e3 * float(self.distance_m[-1])
+        return f"<Profile: {self.distance_m.size} points over {long:.4g} mm{warm}>"
 
     def csv(self) -> str:
         """CSV with a heading and a row for each point."""

@@ -7,7 +7,7 @@ figure of a result is requested.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from cldit.io.extras import needed
 
@@ -18,17 +18,21 @@ if TYPE_CHECKING:
 class Presented:
     """Base class of results with a figure and an HTML view."""
 
-    def plot(self, what: str = "maps", **options: Any) -> Figure:
+    _FIGURE: ClassVar[str] = "maps"
+
+    def plot(self, what: str | None = None, **options: Any) -> Figure:
         """Draws a figure of the result.
 
         Args:
-            what: the kind of figure; `cldit.plot` lists those of each result.
+            what: the kind of figure; `cldit.plot` lists those of each result. None: its first.
             options: as for `cldit.plot`.
 
         Raises:
             EvaluationError: the result has no such figure.
         """
-        figure: Figure = import_module("cldit.show.figures.plot").plot(self, what, **options)
+        figure: Figure = import_module("cldit.show.figures.plot").plot(
+            self, what or self._FIGURE, **options
+        )
         return figure
 
     def _repr_html_(self) -> str:

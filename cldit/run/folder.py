@@ -20,7 +20,7 @@ from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
 from cldit.errors import ClditError, FileError, RunFolderError, SceneError
 from cldit.io.exclusive import is_empty
-from cldit.io.files import make_folder, write_text, written
+from cldit.io.files import make_folder, natural_order, write_text, written
 from cldit.io.images import read_image, write_image
 from cldit.io.plain_data import read_json, read_mapping
 from cldit.optics.response import scene_filter
@@ -155,6 +155,11 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
 
 def _traced(folder: Path) -> Run:
     """The run without its acquisition; raises as `open_run`."""
+    times = sorted((each.parent for each in folder.glob("*/run.json")), key=natural_order)
+    if times and not (folder / "run.json").is_file():
+        raise RunFolderError(
+            f"{folder}: has the runs of a series; allowed: one of {', '.join(map(str, times))}"
+        )
     for name in (SCENE_FILE, "run.json"):
         if not (folder / name).is_file():
             hint = "" if name == SCENE_FILE else "; run the same command again to finish it"

@@ -18,6 +18,11 @@ from cldit.scene import Scene
 if TYPE_CHECKING:
     import xarray
 
+AXES = {
+    "x": {"units": "mm", "long_name": "across"},
+    "z": {"units": "mm", "long_name": "above the tip"},
+}
+"""Attributes of the coordinates of every labelled image: distances from the injector's tip."""
 _LONG = {
     "emissivity": "emissivity of the spray, 1 minus the background's share",
     "apparent_temperature_K": "temperature of a black body that radiates as the spray does",
@@ -114,8 +119,8 @@ def labelled_maps(
     x = middle_x + (np.arange(width) - (width - 1) / 2) * across
     z = middle_z - (np.arange(height) - (height - 1) / 2) * up
     coords = {
-        "x": ("x", x, {"units": "mm", "long_name": "across, from the injector's tip"}),
-        "z": ("z", z, {"units": "mm", "long_name": "upwards, from the injector's tip"}),
+        "x": ("x", x, AXES["x"]),
+        "z": ("z", z, AXES["z"]),
     }
     beside = [name for name in more or {} if "error" in name]
     variables: dict[str, Any] = {

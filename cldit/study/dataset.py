@@ -24,6 +24,7 @@ from cldit.io.extras import needed
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.plain_data import read_json
 from cldit.run import Run
+from cldit.run.labelled import AXES
 from cldit.scene import Scene
 from cldit.study.grid import Grid, Point
 
@@ -37,7 +38,12 @@ _MAPS = {
     "apparent_temperature_K": "K",
     "apparent_temperature_standard_error_K": "K",
 }
-_FIGURES = {"liquid_mass_kg": "kg", "vapour_mass_kg": "kg", "accuracy_K": "K"}
+_FIGURES = {"liquid_mass_kg": "kg", "vapour_mass_kg": "kg", "error_K": "K", "error_at_least": "1"}
+_LONG = {
+    "error_K": "RMS error of T_app, all sources, as the trace of the scene states it",
+    "error_at_least": "1 if a source of the error is unknown: error_K is a lower bound",
+}
+_FORMAT = 2  # 1: x and z in m, no total error
 
 
 def extra(name: str) -> Any:
@@ -60,8 +66,9 @@ class Result:
     def of(cls, run: Run) -> Result:
         """Part of a run that a data set contains."""
         figures = {name: run.info.spray.get(name, float("nan")) for name in _FIGURES}
-        accuracy = run.info.accuracy_K
-        figures["accuracy_K"] = float("nan") if accuracy is None else accuracy
+        if run.errors is not None and run.errors.total_K is not None:
+            figures["error_K"] = run.errors.total_K
+            figures["error_at_least"] = float(bool(run.errors.unknown))
         return cls({name: getattr(run.maps, name) for name in _MAPS}, figures)
 
 
@@ -98,13 +105,14 @@ def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
         StudyError: the folder has other contents, or the sweep of another scene or grid.
     """
     axes = [[axis.name, axis.key, list(axis.values)] for axis in grid.axes]
-    about = {"axes": axes, "scene": digest(base.model_dump(mode="json"))}
+    about = {"format": _FORMAT, "axes": axes, "scene": digest(base.model_dump(mode="json"))}
     known = path / "study.json"
     folder = SweepFolder(path, grid)
     if known.is_file():
         if read_json(known, error=StudyError) != about:
             raise StudyError(
-                f"{path}: has the sweep of another grid or scene; give another folder with --out"
+                f"{path}: has the sweep of another grid or scene, or of another version; give "
+                "another folder with --out"
             )
         _make_store(path, base, grid)
         return folder
@@ -140,16 +148,17 @@ def _template(base: Scene, grid: Grid) -> xarray.Dataset:
     xr, da = extra("xarray"), extra("dask.array")
     width, height = base.camera.pixels
     across, up = (
-        size / count for size, count in zip(base.camera.field_m, base.camera.pixels, strict=True)
+        1e3 * size / count
+        for size, count in zip(base.camera.field_m, base.camera.pixels, strict=True)
     )
-    x, _, z = base.target_m
+    x, _, z = (1e3 * one for one in base.target_m)
     names = [axis.name for axis in grid.axes]
     coords: dict[str, Any] = {
         axis.name: (axis.name, _labels(axis.values), {"units": axis.unit, "scene_key": axis.key})
         for axis in grid.axes
     }
-    coords["x"] = ("x", x + (np.arange(width) - (width - 1) / 2) * across, {"units": "m"})
-    coords["z"] = ("z", z - (np.arange(height) - (height - 1) / 2) * up, {"units": "m"})
+    coords["x"] = ("x", x + (np.arange(width) - (width - 1) / 2) * across, AXES["x"])
+    coords["z"] = ("z", z - (np.arange(height) - (height - 1) / 2) * up, AXES["z"])
     variables: dict[str, Any] = {}
     for name, unit in _MAPS.items():
         shape = (*grid.shape, height, width)
@@ -158,7 +167,8 @@ def _template(base: Scene, grid: Grid) -> xarray.Dataset:
         variables[name] = ([*names, "z", "x"], empty, {"units": unit})
     for name, unit in {**_FIGURES, "seconds": "s"}.items():
         empty = da.full(grid.shape, np.nan, chunks=tuple(1 for _ in grid.shape))
-        variables[name] = (names, empty, {"units": unit})
+        long = {"long_name": _LONG[name]} if name in _LONG else {}
+        variables[name] = (names, empty, {"units": unit, **long})
     attrs = {
         "title": f"cldit sweep of {base.name}",
         "scene": json.dumps(base.model_dump(mode="json")),
@@ -178,7 +188,7 @@ def open_study(path: str | Path) -> xarray.Dataset:
     """The results of a sweep (`cldit study SCENE --grid ...`) as one xarray data set.
 
     Dimensions are the axes of the grid by the names that were given, then z and x of the image in
-    m; each variable has its unit in `attrs["units"]`. Data are read as they are used; scenes that
+    mm; each variable has its unit in `attrs["units"]`. Data are read as they are used; scenes that
     are not done yet are NaN.
 
     Raises:

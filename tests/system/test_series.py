@@ -109,6 +109,11 @@ def test_it_goes_on_where_it_was(scene: Path, made: Path, tmp_path: Path) -> Non
     np.testing.assert_array_equal(again.emissivity, first.emissivity)
 
 
+def test_a_series_names_its_times(made: Path) -> None:
+    with pytest.raises(RunFolderError, match=r"runs of a series; .*time_0\.04ms, .*time_0\.08ms"):
+        cldit.open_run(made)
+
+
 def test_other_settings_or_other_files_are_no_series_to_go_on_with(
     scene: Path, made: Path, tmp_path: Path
 ) -> None:

@@ -82,13 +82,14 @@ def test_killed_worker_loses_nothing(scene: Scene, cluster: Any, tmp_path: Path)
         "x": 12,
     }
     assert data["walls.temperature_K"].attrs["units"] == "K"
-    assert data.x.attrs["units"] == "m" and float(data.z[0]) > float(data.z[-1])
+    assert data.x.attrs["units"] == "mm" and float(data.z[0]) > float(data.z[-1])
     assert bool(np.isfinite(data.emissivity).all())
     last = list(grid.points(scene))[-1].scene
     alone = cldit.simulate(last, cache=tmp_path / "cache")
     found = data.sel({"spray.fuel_temperature_K": 370.0, "walls.temperature_K": 450.0})
     # The same code on the same data; other work-group orders leave rounding only.
     np.testing.assert_allclose(found.emissivity, alone.maps.emissivity, atol=1e-6)
+    assert found.error_K.attrs["units"] == "K" and np.isnan(float(found.error_K))  # no audit
     again = run_sweep(scene, grid, sweep, scheduler="tcp://127.0.0.1:9")  # nobody is asked
     assert (again.found, again.traces) == (8, 0)
     with pytest.raises(StudyError, match="another grid or scene"):

@@ -8,11 +8,12 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cldit.camera.view import SensorView
 from cldit.dit.maps import UNITS, Maps
-from cldit.dit.profile import profile_of
+from cldit.dit.profile import Profile, profile_of
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.plain_data import parse_json
 from cldit.run import Run
@@ -30,6 +31,7 @@ from cldit.show.figures.maps import (
     spray_window,
     weights_panels,
 )
+from cldit.show.figures.onto import draw_map, draw_profile
 from cldit.show.figures.panels import Frame, Panel, panels_figure
 from cldit.show.figures.readable import human_figures
 from cldit.show.figures.style import SCREEN_DPI, png_of
@@ -40,14 +42,22 @@ if TYPE_CHECKING:
     import xarray
 
 
-def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -> Figure:
+def plot(
+    of: Run | Spray | Profile | xarray.Dataset,
+    what: str = "maps",
+    *,
+    ax: Axes | None = None,
+    **options: Any,
+) -> Figure:
     """Draws a figure, which a notebook shows and `savefig` writes.
 
     Args:
-        of: a run, a data set of `cldit.evaluate`, or a spray.
+        of: a run, a data set of `cldit.evaluate`, a spray, or a profile.
         what: of a run `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`;
             of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`, its masses
-            from the side and from below.
+            from the side and from below; of a profile `profile`.
+        ax: axes of another figure, which get T_app alone, or with `emissivity=True` the emissivity:
+            of `maps` and `acquired` with range_K and window, of `profile`.
         options: of `maps` and `acquired` range_K, scale, window and paper, as for
             `cldit.show.figures.maps.map_figure`; of `profile` start_m and angle_deg, as for
             `cldit.dit.profile.profile_of`.
@@ -58,21 +68,46 @@ def plot(of: Run | Spray | xarray.Dataset, what: str = "maps", **options: Any) -
     kinds = _OF_RUN if isinstance(of, Run) else _OF_EVALUATION
     if isinstance(of, Spray):
         kinds = {"maps": _spray}
+    if isinstance(of, Profile):
+        kinds = {"profile": lambda profile: profile_figure(profile, title="profile")}
     if what not in kinds:
         raise EvaluationError(f"plot: {what!r}; allowed: {', '.join(kinds)}")
-    return kinds[what](of, **options)
+    return kinds[what](of, **options) if ax is None else _onto(ax, of, what, **options)
+
+
+def _onto(ax: Axes, of: Any, what: str, **options: Any) -> Figure:
+    """Draws one quantity into given axes; the figure that they belong to."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    own = {name: options.pop(name) for name in ("emissivity",) if name in options}
+    if what == "profile":
+        found = of if isinstance(of, Profile) else _profile_of(of, **options)
+        draw_profile(ax, found, **own)
+        return figure
+    if isinstance(of, Spray) or what not in ("maps", "acquired"):
+        raise EvaluationError(
+            f"plot: ax with {what!r}; allowed: maps, acquired or profile, of a run or an evaluation"
+        )
+    if isinstance(of, Run):
+        maps, frame = _recorded(of) if what == "acquired" else (of.maps, frame_of(of))
+    else:
+        maps, frame = maps_of(of)
+    draw_map(ax, maps, frame, **own, **options)
+    return figure
 
 
 def _maps(run: Run, **options: Any) -> Figure:
     return map_figure(run.maps, frame_of(run), **{"title": run.scene.name, **options})
 
 
-def _acquired(run: Run, **options: Any) -> Figure:
+def _recorded(run: Run) -> tuple[Maps, Frame]:
     if run.measured is None:
         raise RunFolderError(f"{run.scene.name}: has no acquisition; run it without --trace-only")
-    frame = frame_of(run, SensorView.from_scene(run.scene).pixel_m)
-    title = f"{run.scene.name}: acquired"
-    return map_figure(run.measured, frame, **{"title": title, **options})
+    return run.measured, frame_of(run, SensorView.from_scene(run.scene).pixel_m)
+
+
+def _acquired(run: Run, **options: Any) -> Figure:
+    return map_figure(*_recorded(run), **{"title": f"{run.scene.name}: acquired", **options})
 
 
 def _errors(run: Run) -> Figure:
@@ -161,10 +196,16 @@ def _data_budget(data: xarray.Dataset) -> Figure:
 
 
 def _data_profile(data: xarray.Dataset, **options: Any) -> Figure:
-    maps, frame = maps_of(data)
-    given = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
-    profile = profile_of(maps, **{**given, **options})
+    profile = _profile_of(data, **options)
     return profile_figure(profile, title=f"{_title(data)}: along a plume")
+
+
+def _profile_of(of: Run | xarray.Dataset, **options: Any) -> Profile:
+    if isinstance(of, Run):
+        return of.profile(**options)
+    maps, frame = maps_of(of)
+    given = {"pixel_m": frame.pixel_m, "centre_m": frame.centre_m}
+    return profile_of(maps, **{**given, **options})
 
 
 _OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
@@ -175,8 +216,11 @@ _OF_EVALUATION: Mapping[str, Callable[..., Figure]] = {
 }
 
 
-def html_of(result: Run | Spray) -> str:
+def html_of(result: Run | Spray | Profile) -> str:
     """HTML that a notebook shows of a result: figures and a table."""
+    if isinstance(result, Profile):
+        figure = plot(result, "profile")
+        return _html("profile", [_image(figure, "T_app and emissivity along a line")], {})
     if isinstance(result, Spray):
         figures = [_image(plot(result), "mass per area of droplets and vapour")]
         return _html("spray", figures, human_figures(result.notes))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib import pyplot
 from matplotlib.patches import Rectangle
 
 import cldit
@@ -58,6 +59,36 @@ def test_maps_are_those_of_the_run(run: Run) -> None:
     frame = frame_of(run)
     part = frame.slices(run.maps.reason.shape, spray_window(run.maps, frame))
     np.testing.assert_allclose(values, run.maps.emissivity_standard_error[part])
+
+
+@pytest.mark.parametrize("emissivity", [False, True])
+def test_one_quantity_goes_into_other_axes(run: Run, emissivity: bool) -> None:
+    figure, (left, right) = pyplot.subplots(1, 2)
+    try:
+        assert run.plot(ax=left, emissivity=emissivity) is figure
+        profile = run.profile()
+        assert profile.plot(ax=right, emissivity=emissivity) is figure
+        label = "emissivity" if emissivity else "apparent temperature / K"
+        assert right.get_ylabel() == label and label in {one.get_ylabel() for one in figure.axes}
+        values = run.maps.emissivity if emissivity else run.maps.apparent_temperature_K
+        image = left.images[0]
+        np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), values)
+        assert tuple(image.get_extent()) == frame_of(run).extent_mm(values.shape)
+        shown = profile.emissivity if emissivity else profile.apparent_temperature_K
+        np.testing.assert_allclose(right.lines[0].get_ydata(), shown)
+        np.testing.assert_allclose(right.lines[0].get_xdata(), 1e3 * profile.distance_m)
+        with pytest.raises(EvaluationError, match="ax with 'budget'; allowed: maps, acquired"):
+            run.plot("budget", ax=left)
+    finally:
+        pyplot.close(figure)
+
+
+def test_a_profile_shows_itself(run: Run) -> None:
+    profile = run.profile()
+    assert {"emissivity", "apparent temperature / K"} <= {
+        each.get_ylabel() for each in profile.plot().axes
+    }
+    assert "data:image/png" in profile._repr_html_() and "points over" in repr(profile)
 
 
 def test_budget_has_a_bar_a_cause() -> None:

@@ -1,0 +1,62 @@
+"""One quantity of a result, drawn into axes of the user's own figure."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from cldit.dit.maps import Maps
+from cldit.dit.profile import Profile
+from cldit.show.figures.colours import EMISSIVITY, TEMPERATURE, Scale
+from cldit.show.figures.maps import spray_window
+from cldit.show.figures.panels import Frame, Window
+
+
+def draw_map(
+    ax: Axes,
+    maps: Maps,
+    frame: Frame,
+    *,
+    emissivity: bool = False,
+    range_K: tuple[float, float] | None = None,
+    window: Window | None = None,
+) -> None:
+    """T_app, or emissivity, of maps (H, W) with its colour bar; pixels without one stay clear.
+
+    range_K: temperatures of the colours' ends; None: percentiles. window: left, right, bottom and
+    top, mm; None: the spray.
+    """
+    image = maps.emissivity if emissivity else maps.apparent_temperature_K
+    scale = Scale.of([maps])
+    low, high = (0.0, scale.emissivity) if emissivity else range_K or scale.range_K
+    left, right, bottom, top = window or spray_window(maps, frame)
+    drawn = ax.imshow(
+        image,
+        cmap=EMISSIVITY if emissivity else TEMPERATURE,
+        extent=frame.extent_mm(image.shape),
+        vmin=low,
+        vmax=high,
+        interpolation="nearest",
+    )
+    ax.set(xlim=(left, right), ylim=(bottom, top))
+    ax.set(xlabel=f"{frame.axes[0]} / mm", ylabel=f"{frame.axes[1]} / mm")
+    shown = image[frame.slices(image.shape, (left, right, bottom, top))]
+    under, over = (bool(np.any(one)) for one in (shown < low, shown > high))
+    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    label = "emissivity" if emissivity else "apparent temperature / K"
+    ax.figure.colorbar(drawn, ax=ax, label=label, extend=ends.get((under, over), "neither"))
+
+
+def draw_profile(ax: Axes, profile: Profile, *, emissivity: bool = False) -> None:
+    """T_app, or emissivity, along a line, with a band of one standard error."""
+    value = profile.emissivity if emissivity else profile.apparent_temperature_K
+    error = (
+        profile.emissivity_standard_error
+        if emissivity
+        else profile.apparent_temperature_standard_error_K
+    )
+    along = 1e3 * profile.distance_m
+    (line,) = ax.plot(along, value)
+    ax.fill_between(along, value - error, value + error, color=line.get_color(), alpha=0.25, lw=0)
+    ax.set_xlabel("distance from the start / mm")
+    ax.set_ylabel("emissivity" if emissivity else "apparent temperature / K")
