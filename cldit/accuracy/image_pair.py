@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.drawn_pixels import DrawnPixels
-from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Image, Weights
 from cldit.transport.result import Subpixels, Trace
@@ -57,10 +56,9 @@ class ImagePair:
             return cls.of(result)
         return cls(result.middle, result.middle_difference)
 
-    @property
-    def visible(self) -> NDArray[np.bool_]:
-        """(H, W) pixels with an emissivity above 0.05."""
-        return np.asarray(1.0 - self.weights.background > VISIBLE_EMISSIVITY)
+    def visible(self, temperature: NodeTemperature) -> NDArray[np.bool_]:
+        """(H, W) pixels whose emissivity at this wavelength is that of a pixel with a T_app."""
+        return np.asarray(1.0 - self.weights.background > temperature.visible)
 
     def map(self, change: Callable[[Image], Any]) -> ImagePair:
         """Applies `change` to every image; the result has other pixels, and no subpixels."""
@@ -83,7 +81,7 @@ class ImagePair:
     ) -> float | None:
         """RMS of `noise_K` over the visible pixels, all or drawn; None if there is none."""
         noise = self.noise_K(temperature)
-        known = np.isfinite(noise) & self.visible
+        known = np.isfinite(noise) & self.visible(temperature)
         if not known.any():
             return None
         weight = None if drawn is None else 1.0 / drawn.chance[known]
@@ -124,7 +122,8 @@ class ImageDifference:
         """
         apart = temperature(one.weights) - temperature(other.weights)
         noise = one.noise_K(temperature) - other.noise_K(temperature)
-        both = np.isfinite(apart) & np.isfinite(noise) & one.visible & other.visible
+        both = np.isfinite(apart) & np.isfinite(noise)
+        both &= one.visible(temperature) & other.visible(temperature)
         map_K = np.where(both, np.abs(apart), np.nan)
         shape, chance = both.shape, np.ones(both.shape)
         row, column = np.nonzero(both)

@@ -9,6 +9,7 @@ from typing import Any
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.node_traces import node_settings
+from cldit.accuracy.preview import visible_emissivities
 from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_many
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError
@@ -98,6 +99,10 @@ class Problem:
             more_ordinates=resolution.more_ordinates,
         )
         if self.scene.transport.audit:
+            visible = visible_emissivities(self.scene, self.device, prepared)
+            settings = [
+                replace(one, visible=least) for one, least in zip(settings, visible, strict=True)
+            ]
             number = prepared.number
             settings[number] = replace(settings[number], subpixels=True, rays_K=resolution.pixels_K)
         return settings

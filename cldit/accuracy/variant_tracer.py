@@ -7,7 +7,6 @@ are drawn (`cldit.accuracy.drawn_pixels`), the same for all traces of a run.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,13 +16,14 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.coarse_cost import CoarseCost
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
-from cldit.accuracy.image_pair import Floats, ImageDifference, ImagePair
-from cldit.errors import MediumError, TransportError
+from cldit.accuracy.image_pair import ImageDifference, ImagePair
+from cldit.accuracy.preview import previewed
+from cldit.errors import MediumError
 from cldit.gpu.device import Device
-from cldit.medium.frame import Frame
-from cldit.medium.octree import Octree, Sources, build_octrees
+from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid, swept_cells
-from cldit.prepare.cell_choice import finest_lattice_m
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.prepare.cell_choice import finest_lattice_m, lattice_per_cell
 from cldit.prepare.medium import Prepared
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
@@ -32,7 +32,6 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.trace import Trace, TraceSettings, trace
 from cldit.transport.view import View
 
-_PREVIEW, _PREVIEW_CELLS = 256, 256  # pixels, and cells, along an edge of the preview
 _LEAST, _MOST = 1.5, 3.0  # ratio of cell sizes between images that an error is extrapolated from
 
 
@@ -73,12 +72,12 @@ class VariantTracer:
         Pixels drawn by `before` are kept, and so are its images if its `key` is the same.
         """
         mine = replace(settings, method="source", audit=False, subpixels=False)
-        temperature = temperature_of(scene, prepared)
+        temperature = temperature_of(scene, prepared, visible=mine.visible)
         drawn = None
         if not all_are_traced(scene.camera.pixels):
             drawn = None if before is None else before.drawn
             if drawn is None:
-                emissivity = preview(scene, device, replace(mine, rays_K=None), prepared)
+                _, emissivity = previewed(scene, device, prepared)
                 background = temperature.sees_background
                 drawn = DrawnPixels.of(background, emissivity, seed=mine.seed)
             temperature = temperature.picked(drawn.sample.pixels)
@@ -152,8 +151,9 @@ class VariantTracer:
     def cone_at(self, depth: int) -> ConeSpray:
         """The cone on the lattice of the cells."""
         assert self.prepared.cone is not None
-        spacing_m = self.prepared.cube.at(depth).cell_m
-        return self.prepared.cone.model_copy(update={"spacing_m": spacing_m})
+        cone = self.prepared.cone
+        spacing_m = self.prepared.cube.at(depth).cell_m / lattice_per_cell(cone)
+        return cone.model_copy(update={"spacing_m": spacing_m})
 
     def variant(self, name: str, make: Callable[[], Sources], depth: int) -> ImagePair:
         """Image of other sources in the same cube, made and traced once for a name and depth."""
@@ -191,7 +191,12 @@ class VariantTracer:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
-        tree = _tree(self.scene, self.prepared, sources, frame, split)
+        tree = build_octrees(
+            frame,
+            [sources],
+            optical_depth_split=self.scene.domain.optical_depth_split if split is None else split,
+            max_cells=self.prepared.limit,
+        )[0]
         pixels = None if self.drawn is None else self.drawn.sample.pixels
         found, cost = CoarseCost.measured(
             self.device,
@@ -219,42 +224,11 @@ class VariantTracer:
         return image.error_K(self.temperature, self.drawn)
 
 
-def temperature_of(scene: Scene, prepared: Prepared) -> NodeTemperature:
-    """T_app of a scene's image at the wavelength `prepared.node`."""
+def temperature_of(
+    scene: Scene, prepared: Prepared, *, visible: float = VISIBLE_EMISSIVITY
+) -> NodeTemperature:
+    """T_app of a scene's image at the wavelength `prepared.node`; `visible` as there."""
     names = tuple(patch.name for patch in scene.patches)
     nothing = build_octrees(prepared.cube.at(0), [(None, [])], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
-    return NodeTemperature.of(scene, prepared.node, view.sees_background_alone)
-
-
-def _tree(
-    scene: Scene,
-    prepared: Prepared,
-    sources: Sources,
-    frame: Frame,
-    split: float | None = None,
-) -> Octree:
-    return build_octrees(
-        frame,
-        [sources],
-        optical_depth_split=scene.domain.optical_depth_split if split is None else split,
-        max_cells=prepared.limit,
-    )[0]
-
-
-def preview(scene: Scene, device: Device, settings: TraceSettings, prepared: Prepared) -> Floats:
-    """Emissivity (h, w) of the medium in few pixels, on coarse cells without scattering."""
-    cube, camera = prepared.cube, scene.camera
-    finest_m = max(camera.field_m) / _PREVIEW_CELLS
-    coarse = min(cube.depth, max(3, math.ceil(math.log2(cube.edge_m / finest_m))))
-    columns, rows = (min(count, _PREVIEW) for count in camera.pixels)
-    few = camera.model_copy(update={"pixels": (columns, rows), "rays_per_pixel": 1})
-    seen = scene.model_copy(update={"camera": few})
-    for depth in range(coarse, cube.depth + 1):
-        tree = _tree(scene, prepared, prepared.sources, cube.at(depth))
-        try:
-            found = trace(tree, seen, device, replace(settings, order=0, gather=False))
-        except TransportError:  # cells so large reach behind a patch
-            continue
-        return np.asarray(1.0 - found.weights.background, float)
-    return np.ones((rows, columns))  # the medium may be anywhere
+    return NodeTemperature.of(scene, prepared.node, view.sees_background_alone, visible=visible)

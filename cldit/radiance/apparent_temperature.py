@@ -93,14 +93,18 @@ class TraceTemperature:
     radiances: (C,) of the background (its median temperature), the walls, each patch, and the
         units of what vapour and droplets emit.
     boundaries: number of components that enter from outside, the first ones.
+    visible: emissivity above which a pixel has a T_app.
     """
 
     radiances: Floats
     boundaries: int
     filter_um: Filter
+    visible: float = VISIBLE_EMISSIVITY
 
     @classmethod
-    def of(cls, scene: Scene, units: Sequence[float]) -> TraceTemperature:
+    def of(
+        cls, scene: Scene, units: Sequence[float], visible: float = VISIBLE_EMISSIVITY
+    ) -> TraceTemperature:
         """Radiances in a scene; `units` are those of the components that the medium emits."""
         filter_um = scene_filter(scene)
         black = partial(band_radiance, filter_um=filter_um)
@@ -112,7 +116,7 @@ class TraceTemperature:
             emissivity=scene.background.emissivity,
         )
         outside = (background, around.wall, *around.patches.values())
-        return cls(np.array([*outside, *units]), len(outside), filter_um)
+        return cls(np.array([*outside, *units]), len(outside), filter_um, visible)
 
     def temperature_K(self, weights: NDArray[np.floating]) -> Floats:
         """T_app (N,) of weights (C, N) of pixels that have one."""
@@ -126,7 +130,7 @@ class TraceTemperature:
         *,
         outside: float | None = None,
     ) -> Floats:
-        """Error (N,) of T_app from an error of the weights; NaN at emissivities up to 0.05.
+        """Error (N,) of T_app from an error of the weights; NaN in pixels without.
 
         A pixel that does not see the background gets the emissivity of one that does: this only
         steers a trace.
@@ -141,7 +145,7 @@ class TraceTemperature:
         emissivity = 1.0 - weights[0]
         apparent = _sum(own, weights[1:]) / np.maximum(emissivity, 1e-9)
         out = np.full(weights.shape[1], np.nan)
-        here = (emissivity > VISIBLE_EMISSIVITY) & (apparent > 0)
+        here = (emissivity > self.visible) & (apparent > 0)
         if here.any():
             known_K = temperature_of_radiance(apparent[here], filter_um=self.filter_um)
             out[here] = first_order_error_K(
@@ -176,7 +180,8 @@ class NodeTemperature:
     """T_app of weights in one spectral node, by a table of the node's black-body radiance.
 
     grid_K, radiance: (N,), the table. wall, patches: radiances of the boundary.
-    sees_background: (H, W), which lines of sight end on the background.
+    sees_background: (H, W), which lines of sight end on the background. visible: emissivity above
+    which a pixel has a T_app.
     """
 
     grid_K: Floats
@@ -184,10 +189,16 @@ class NodeTemperature:
     wall: float
     patches: Mapping[str, float]
     sees_background: NDArray[np.bool_]
+    visible: float = VISIBLE_EMISSIVITY
 
     @classmethod
     def of(
-        cls, scene: Scene, node: SpectralNode, sees_background: NDArray[np.bool_]
+        cls,
+        scene: Scene,
+        node: SpectralNode,
+        sees_background: NDArray[np.bool_],
+        *,
+        visible: float = VISIBLE_EMISSIVITY,
     ) -> NodeTemperature:
         """Tabulates a node; `sees_background` (H, W) has the lines of sight that end on it."""
         grid_K = np.geomspace(20.0, 5000.0, 20_000)
@@ -197,7 +208,7 @@ class NodeTemperature:
             return np.asarray(np.interp(np.asarray(temperature_K, float), grid_K, radiance))
 
         around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
-        return cls(grid_K, radiance, around.wall, around.patches, sees_background)
+        return cls(grid_K, radiance, around.wall, around.patches, sees_background, visible)
 
     def picked(self, pixels: NDArray[np.int64]) -> NodeTemperature:
         """The same for pixels (N,), flat numbers, whose weights are one row (1, N)."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.scene.schema import Scene
 from cldit.transport.linear_coefficients import LinearCoefficients
@@ -147,9 +148,9 @@ class OpticalCells:
             coalbedo=absorption[address] / safe[address],
         )
 
-    def temperature(self, scene: Scene) -> TraceTemperature:
-        """T_app of weights that are traced through these cells."""
-        return TraceTemperature.of(scene, [self.scale] * len(self.needs.emitters))
+    def temperature(self, scene: Scene, *, visible: float = VISIBLE_EMISSIVITY) -> TraceTemperature:
+        """T_app of weights that are traced through these cells; `visible` as there."""
+        return TraceTemperature.of(scene, [self.scale] * len(self.needs.emitters), visible)
 
     @cached_property
     def linear(self) -> LinearCoefficients:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
+from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.transport.image import Rays, Reals, by_number
 from cldit.transport.view import View
@@ -63,7 +63,7 @@ class PixelTemperature:
             shares = by_number(self.view.boundary_shares, pixels[at], across[at])
             mean[:, at] = evaluated(mean[:, at], shares, shares)
             # The wall's share is no emissivity, and DIT fits pixels of at least this share.
-            there[at] = (1.0 - mean[0, at] > VISIBLE_EMISSIVITY) & (shares[0] > VISIBLE_DISC)
+            there[at] = (1.0 - mean[0, at] > self.view.visible) & (shares[0] > VISIBLE_DISC)
         out = np.full(len(pixels), np.nan)
         out[there] = self.temperature.temperature_K(mean[:, there])
         return out
@@ -81,7 +81,7 @@ class PixelTemperature:
                 by_number(self.view.boundary_shares, pixels[at], each[at]) for each in (few, more)
             )
             as_seen = [evaluated(weights[:, at], one, each) for each in (one, other)]
-            there = 1.0 - as_seen[0][0] > VISIBLE_EMISSIVITY
+            there = 1.0 - as_seen[0][0] > self.view.visible
             there &= np.minimum(one[0], other[0]) > VISIBLE_DISC
             here_K, more_K = (self.temperature.temperature_K(each[:, there]) for each in as_seen)
             out[at[there]] = more_K - here_K

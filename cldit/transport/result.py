@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.program import Define, Program
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.gmres import Solution
@@ -43,6 +44,7 @@ class TraceSettings:
     subpixels: some pixels are traced by more rays, to measure the error within pixels.
     rays_K: RMS error of T_app by the sampling of pixels, for which the trace chooses rays, and
         which it measures; None: the rays are given.
+    visible: emissivity above which a pixel has a T_app at this wavelength.
     """
 
     directions: int
@@ -63,6 +65,7 @@ class TraceSettings:
     path_depth: float = Tuning.path_depth
     subpixels: bool = False
     rays_K: float | None = None
+    visible: float = VISIBLE_EMISSIVITY
     tuning: Tuning = field(default_factory=Tuning)
 
     @property

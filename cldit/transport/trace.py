@@ -163,7 +163,7 @@ def trace(
     if cells.needs.scattering and settings.method != "source":
         follow = trace_path if settings.method == "path" else trace_branching
         return follow(cells, scene, device, single, report)
-    view = View.of(scene, cells)
+    view = View.of(scene, cells, visible=settings.visible)
     try:
         result = trace_source(cells, scene, view, device, single, report, pixels, rays)
     except NotConvergedError:

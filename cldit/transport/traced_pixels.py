@@ -59,7 +59,9 @@ def traced_pixels(
     several = np.flatnonzero(across > 1)
     middle = images.copy() if settings.rays_K is not None or len(several) else None
     cells, subpixels = rays.solution.cells, None
-    temperature = PixelTemperature.of(rays.solution.view, cells.temperature(scene))
+    temperature = PixelTemperature.of(
+        rays.solution.view, cells.temperature(scene, visible=settings.visible)
+    )
     if settings.rays_K is not None:
         choice = RayChoice(rays, images, temperature)
         subpixels = _chosen(choice, settings)

@@ -39,7 +39,7 @@ class View:
     defines: compile-time defines of the kernels. regular: several rays of a pixel are on a regular
     grid; else they are a net, which has no two of them in a row or column (edges of cells are
     parallel to those). aperture: radius of the lens; 0: a pinhole. focus: from the camera to the
-    plane in focus.
+    plane in focus. visible: emissivity above which a pixel has a T_app.
     """
 
     disc: Floats
@@ -52,9 +52,10 @@ class View:
     regular: bool = True
     aperture: float = 0.0
     focus: float = np.inf
+    visible: float = VISIBLE_EMISSIVITY
 
     @classmethod
-    def of(cls, scene: Scene, cells: OpticalCells) -> View:
+    def of(cls, scene: Scene, cells: OpticalCells, *, visible: float = VISIBLE_EMISSIVITY) -> View:
         """The view of `scene`, in finest cells of the octree of `cells`."""
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]
@@ -75,6 +76,7 @@ class View:
             regular=camera.rays_across is not None and camera.lens is None,
             aperture=camera.aperture_m / frame.cell_m / 2,
             focus=camera.focus_m / frame.cell_m,
+            visible=visible,
         )
 
     def places(self, across: int) -> Floats:
@@ -135,8 +137,8 @@ class View:
     def has_temperature(
         self, emissivity: NDArray[np.floating], pixels: NDArray[np.int64]
     ) -> NDArray[np.bool_]:
-        """Pixels (N,) that see the background, with an emissivity (N,) above 0.05."""
-        out = np.asarray(emissivity > VISIBLE_EMISSIVITY)
+        """Pixels (N,) that see the background, with an emissivity (N,) above `visible`."""
+        out = np.asarray(emissivity > self.visible)
         out[out] = self.on_background(pixels[out])
         return out
 

@@ -18,10 +18,11 @@ import numpy as np
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.drawn_pixels import DrawnPixels
 from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.preview import previewed
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.wavelengths import spectral_K
-from cldit.accuracy.variant_tracer import VariantTracer, preview, temperature_of
+from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
@@ -58,7 +59,7 @@ def main() -> None:
         tracer, drawn=None, temperature=temperature_of(tracer.scene, tracer.prepared), levels={}
     )
     whole = replace(whole, settings=replace(whole.settings, subpixels=False))
-    seen = preview(tracer.scene, tracer.device, tracer.settings, tracer.prepared)
+    _, seen = previewed(tracer.scene, tracer.device, tracer.prepared)
     before = whole.temperature.sees_background
     draws = [DrawnPixels.of(before, seen, seed=seed) for seed in range(given.draws)]
     print("cells, mm          all, K   drawn: least, mean, most   below all")

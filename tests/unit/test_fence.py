@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3743,
+    "accuracy": 3817,
     "acquisition": 5549,
     "api": 1135,
     "bench": 1034,
@@ -36,8 +36,8 @@ BUDGETS: dict[str, int] = {
     "kernels": 2960,
     "medium": 1651,
     "optics": 3634,
-    "prepare": 987,
-    "radiance": 763,
+    "prepare": 1001,
+    "radiance": 774,
     "rig": 1764,
     "run": 2100,
     "scene": 2042,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6076,
     "study": 2569,
     "testing": 1421,
-    "transport": 7372,
+    "transport": 7379,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

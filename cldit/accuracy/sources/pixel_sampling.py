@@ -16,7 +16,7 @@ from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sampled_map import sampled_square
 from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
 from cldit.accuracy.variant_tracer import temperature_of
-from cldit.optics.visible import VISIBLE_DISC
+from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
@@ -50,14 +50,14 @@ class _PixelSampling(ErrorSource):
         # Single pixels far apart do not show it, and chosen rays are chosen for their share.
         if at.tracer.drawn is not None or self.is_free(at.scene):
             return None
-        return pixel_error(at.tracer.scene, at.prepared, image).error_K
+        return _pixel_error(at, image).error_K
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.solved is not None
         if at.scene.transport.method != "source":
             why = "not known from an image of random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, why, self.key(at.scene))]
-        return [pixel_error(at.scene, at.prepared, at.solved.image)]
+        return [_pixel_error(at, at.solved.image)]
 
     def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
         return replace(resolution, pixels_K=excess.share_K)
@@ -66,7 +66,14 @@ class _PixelSampling(ErrorSource):
 PIXEL_SAMPLING = _PixelSampling()
 
 
-def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
+def _pixel_error(at: Measurement, image: ImagePair) -> Estimate:
+    visible = at.tracer.settings.visible
+    return pixel_error(at.tracer.scene, at.prepared, image, visible=visible)
+
+
+def pixel_error(
+    scene: Scene, prepared: Prepared, image: ImagePair, *, visible: float = VISIBLE_EMISSIVITY
+) -> Estimate:
     """Error of T_app by pixel sampling, from an image (H, W) with its `subpixels`.
 
     Two halves of the sample have the image's error with independent noise; their product has its
@@ -75,9 +82,9 @@ def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
     """
     name, key = PIXEL_SAMPLING.name, PIXEL_SAMPLING.key(scene)
     found = image.subpixels
-    temperature = temperature_of(scene, prepared)
+    temperature = temperature_of(scene, prepared, visible=visible)
     apparent_K = temperature(image.weights)
-    seen = np.isfinite(apparent_K) & image.visible
+    seen = np.isfinite(apparent_K) & image.visible(temperature)
     if found is None or not seen.any():
         return Estimate.unknown(name, "no pixel has a T_app", key)
     pixels = found.sample.pixels
@@ -90,7 +97,8 @@ def pixel_error(scene: Scene, prepared: Prepared, image: ImagePair) -> Estimate:
         here, there = _evaluated(here, one), _evaluated(there, other)
     apart = few(here.weights) - few(there.weights)
     noise = here.noise_K(few) - there.noise_K(few)
-    both = np.isfinite(apart) & np.isfinite(noise) & here.visible & there.visible
+    both = np.isfinite(apart) & np.isfinite(noise)
+    both &= here.visible(few) & there.visible(few)
     first, second = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
     square, doubt = found.sample.mean_square(first, second, count=int(np.count_nonzero(seen)))
     error_K = (max(square, 0.0) + doubt) ** 0.5

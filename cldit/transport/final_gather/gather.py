@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
-from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.transport.cell_phases import class_shares
 from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
@@ -279,7 +278,7 @@ class Gather:
             Means (2, C + 1, N) of two independent sets of paths, the part WITHIN last.
         """
         cells, wanted = self._image.cells, self._settings.accuracy_K
-        temperature = cells.temperature(self._image.scene)
+        temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
         tuning = self._settings.tuning
@@ -318,7 +317,7 @@ class Gather:
             )
             error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)
-            counted = before & (1 - (seen + mean[:-1])[0] > VISIBLE_EMISSIVITY)
+            counted = before & (1 - (seen + mean[:-1])[0] > temperature.visible)
             visible = max(int(np.count_nonzero(counted)) + other, 1)
             allowed = visible * (tuning.noise_share * wanted) ** 2
             if energy.sum() <= allowed:

@@ -82,7 +82,7 @@ def audited(
             tuning.audit_samples_most,
         )
     )
-    mine, temperature = _planes(weights, cells), cells.temperature(scene)
+    mine, temperature = _planes(weights, cells), cells.temperature(scene, visible=settings.visible)
 
     def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
         """True if the audit is precise enough, or more paths would not improve it."""

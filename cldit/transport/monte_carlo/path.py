@@ -141,7 +141,7 @@ def trace_path(
             weights (C, N), and half the difference of two halves of the samples.
         view: of the scene, if the caller has it.
     """
-    view = View.of(scene, cells) if view is None else view
+    view = View.of(scene, cells, visible=settings.visible) if view is None else view
     check_boundary(scene, cells, view)
     real = settings.real
     defines: dict[str, Define] = {
@@ -225,7 +225,7 @@ def trace_path(
     other = int(np.count_nonzero(view.has_temperature(1.0 - image[0, rest], rest)))
     even, odd, squares = np.zeros((3, components, count))
     sums = _BatchSums((even, odd), squares)
-    temperature = cells.temperature(scene)
+    temperature = cells.temperature(scene, visible=settings.visible)
     while count:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)

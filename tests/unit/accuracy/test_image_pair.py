@@ -17,9 +17,13 @@ EDGE = 60  # pixels
 SEEDS = range(12)
 
 
-def temperature(weights: Weights) -> NDArray[np.float64]:
+class Temperature:
     """Ten times what is emitted, to have no curve."""
-    return 10.0 * weights.liquid.astype(float)
+
+    visible = 0.05
+
+    def __call__(self, weights: Weights) -> NDArray[np.float64]:
+        return 10.0 * weights.liquid.astype(float)
 
 
 def pair(level: Any, noise_K: float, rng: np.random.Generator, *, shared: Any = 0.0) -> ImagePair:
@@ -39,7 +43,7 @@ def step(true_K: float, noise_K: float, seed: int, *, shared_K: float = 0.0) -> 
     rng = np.random.default_rng(seed)
     shared = rng.normal(0.0, shared_K, (2, 1, 1))
     one, other = (pair(level, noise_K, rng, shared=shared) for level in (400.0 + true_K, 400.0))
-    kelvin: Any = temperature
+    kelvin: Any = Temperature()
     return ImageDifference.between(kelvin, one, other)
 
 
@@ -69,14 +73,14 @@ def test_noise_that_both_pictures_share_cancels() -> None:
 def test_without_halves_it_is_the_difference() -> None:
     rng = np.random.default_rng(1)
     one, other = (ImagePair(pair(level, 1.0, rng).weights) for level in (401.0, 400.0))
-    kelvin: Any = temperature
+    kelvin: Any = Temperature()
     found = ImageDifference.between(kelvin, one, other)
     assert found.error_K == pytest.approx(float(np.sqrt(np.nanmean(found.map_K**2))))
 
 
 def test_own_noise() -> None:
     """Half the difference of the halves is as large as the error of their mean."""
-    kelvin: Any = temperature
+    kelvin: Any = Temperature()
     one = pair(400.0, 1.5, np.random.default_rng(2))
     assert one.error_K(kelvin) == pytest.approx(1.5, rel=4 / (2 * 400) ** 0.5)
     assert ImagePair(one.weights).error_K(kelvin) == 0.0
@@ -102,7 +106,7 @@ def test_few_pixels_that_hold_the_square(noise_K: float) -> None:
     above the mean. Noise has a variance of v = 4 n^2 in a half's difference, and is even in each of
     400 blocks of 9 pixels: that adds (v^2 + 2 v d^2) (1 / p + 8) / 9 / 400 to the mean's.
     """
-    kelvin: Any = temperature
+    kelvin: Any = Temperature()
     true = np.zeros((EDGE, EDGE))
     true.flat[np.random.default_rng(3).choice(EDGE**2, EDGE**2 // 100, replace=False)] = 10.0
     square = float(np.mean(true**2))
@@ -126,7 +130,7 @@ def test_few_pixels_that_hold_the_square(noise_K: float) -> None:
 
 def test_noise_of_drawn_pixels() -> None:
     """Of a noise that is 1 K on the left and 3 K elsewhere, though the left is drawn more often."""
-    kelvin: Any = temperature
+    kelvin: Any = Temperature()
     rng = np.random.default_rng(5)
     noise = rng.normal(0.0, np.where(np.arange(EDGE) < EDGE // 2, 0.1, 0.3), (EDGE, EDGE))
     nothing = np.zeros((EDGE, EDGE), np.float32)

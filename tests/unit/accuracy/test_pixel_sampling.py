@@ -71,7 +71,7 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
     to err by 2.6 times the truth."""
     scene = scene_of(rays)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_: temperature)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: temperature)
 
     def of(across: int) -> Weights:
         """Means over so many points across each pixel."""
@@ -103,7 +103,7 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     scene = scene_of(1)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_: temperature)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: temperature)
     rng = np.random.default_rng(5)
 
     def noisy(shape: tuple[int, int]) -> tuple[Weights, Weights]:
@@ -139,7 +139,7 @@ def test_pixels_at_edges_are_drawn() -> None:
 def test_nothing_to_see_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(1)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_: temperature)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: temperature)
     clear = Weights(*(np.ones((COUNT, COUNT), np.float32),) * 4)
     prepared: Any = SimpleNamespace()
     assert pixel_sampling.pixel_error(scene, prepared, ImagePair(clear)).error_K is None

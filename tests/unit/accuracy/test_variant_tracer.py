@@ -25,7 +25,7 @@ def tracer_of(
 ) -> VariantTracer:
     cube = Frame((0.0, 0.0, 0.0), edge_m=0.2, depth=0)
     prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube)
-    settings: Any = SimpleNamespace(accuracy_K=asked_K)
+    settings: Any = SimpleNamespace(accuracy_K=asked_K, visible=0.05)
     levels: Any = {7: "coarse", 8: "fine"}
     scene = load_scene("gdi").with_(**{"camera.rays_per_pixel": 1})
     return VariantTracer(scene, NOTHING, settings, prepared, drawn, NOTHING, levels=levels, key=key)
@@ -47,7 +47,7 @@ def test_an_image_shows_noise_and_pixels(drawn: Any, monkeypatch: pytest.MonkeyP
     Pixels that lie far apart show nothing of the pixel sampling.
     """
     pixels = Estimate(Cause("pixel sampling", 0.2, "known"))
-    monkeypatch.setattr(pixel_sampling, "pixel_error", lambda *_: pixels)
+    monkeypatch.setattr(pixel_sampling, "pixel_error", lambda *_, **__: pixels)
     monkeypatch.setattr(ImagePair, "error_K", lambda *_: 0.8)
     image = ImagePair(Weights(*(np.zeros((4, 4), np.float32),) * 4))
     resolution: Any = SimpleNamespace(ordinates_K=0.5)
