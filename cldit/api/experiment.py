@@ -25,6 +25,7 @@ from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at
 from cldit.scene.load import chosen_scene
 from cldit.scene.spray import CfdSpray
 from cldit.show.report.run_report import write_run_report
+from cldit.spray.cache import times_together
 
 Watch = Callable[[Progress], None]
 
@@ -65,7 +66,9 @@ def run_experiment(
         )
     at_delays = {delay_s: scene_at(scene, delay_s) for delay_s in scene.plan.delays_s}
     _refuse_missing(scene)
-    with exclusive(folder, "run"):
+    shown_s = spray_time_s(scene)
+    times_s = [*at_delays, *([shown_s] if isinstance(shown_s, float) else [])]
+    with exclusive(folder, "run"), times_together(times_s):
         return _run(scene, folder, at_delays, device, progress or (lambda text: None), watch)
 
 

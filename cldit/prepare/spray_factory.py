@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import assert_never
 
@@ -39,9 +40,12 @@ def _made(spec: AnySpray, cache: Path | None, watch: Watch) -> Spray:
             return make_cone(spec)
         case LagrangianSpray():
             from cldit.spray.cache import cached_spray
-            from cldit.spray.flow.simulate import simulate_spray
+            from cldit.spray.flow.simulate import simulate_times
 
-            return cached_spray(spec, cache, lambda: simulate_spray(spec, cache=cache)[0])
+            def computed(times_s: tuple[float, ...]) -> Iterator[Spray]:
+                return (found[0] for found in simulate_times(spec, times_s, cache=cache))
+
+            return cached_spray(spec, cache, computed)
         case GridSpray():
             from cldit.spray.grid import read_grid
 

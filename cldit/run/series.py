@@ -24,6 +24,7 @@ from cldit.prepare.stages import Say, StageLine
 from cldit.run.result import Run
 from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
+from cldit.spray.cache import times_together
 
 State = Literal["done", "no spray", "failed"]
 
@@ -79,7 +80,8 @@ def run_times(
 
     def once(time: float, scene: Scene, ending: str = "") -> SeriesTime:
         try:
-            return SeriesTime.of(time, run(scene, out / f"{plan.folder(time)}{ending}"))
+            with times_together(tuple(plan.scenes)):
+                return SeriesTime.of(time, run(scene, out / f"{plan.folder(time)}{ending}"))
         except Stopped:
             raise
         except NoFuel as error:

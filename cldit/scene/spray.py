@@ -125,16 +125,16 @@ class InjectionRate(Section):
 
 
 class FlowBox(Section):
-    """Closed box in which the gas flow is computed, with the injector in its upper part."""
+    """Closed space of rays from the injector tip, in which the gas flow is computed."""
 
     spacing_m: Annotated[float, Within(1e-4, 1e-2)] = 1e-3
-    """Edge of the gas cells."""
+    """Edge of the gas cells 25 mm from the tip; it is proportional to that distance."""
     width_m: Length | None = None
-    """Width in x and y. Default: wide enough for the spray."""
+    """Diameter of the space, at least. Default: wide enough for the spray."""
     depth_m: Length | None = None
-    """Depth below the injector tip. Default: deep enough for the spray."""
+    """Radius of the space. Default: deep enough for the spray."""
     above_m: Annotated[float, Within(0.0, 1.0)] = 5e-3
-    """Height above the injector tip."""
+    """No effect; accepted from scenes of older versions."""
 
 
 class LagrangianSpray(Section):
@@ -171,7 +171,7 @@ class LagrangianSpray(Section):
     ] = "abramzon-sirignano"
     """Evaporation model of single droplets (docs/spray.md)."""
     box: FlowBox = FlowBox()
-    """The box in which the gas flow is computed."""
+    """The space in which the gas flow is computed, and its cells."""
     deposit: Deposit = "kernel"
     """Deposit of droplets into cells: `kernel`, spread over the distance between parcels; `points`,
     each parcel in one cell."""

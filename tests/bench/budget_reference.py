@@ -28,6 +28,7 @@ from cldit.medium.cloud import Kernel
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import simulate
 from cldit.scene import Scene
+from cldit.spray.flow.sampled import SPACING_m
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 _FIRST_SEED = 11  # of a reference: those of the runs are smaller
@@ -47,7 +48,7 @@ def finest(scene: Scene, given: argparse.Namespace, *, coarser: int, classes: in
         "camera": {"rays_per_pixel": 64},
     }
     if scene.spray.model == "lagrangian":  # a cube whose cells do not lie across those of the gas
-        cell_m = scene.spray.box.spacing_m
+        cell_m = 2 * SPACING_m
         leaf_m = cell_m / 4 * coarser * (1 + 1e-6)  # or rounding halves it once more
         sections["domain"] = {"edge_m": 128 * cell_m, "leaf_edge_m": leaf_m}
         sections["background"] = {"centre_m": scene.background_centre_m}

@@ -45,7 +45,14 @@ def page(
     """Markdown of the head and of each of `SECTIONS`, or `only` of some sections."""
     bench = Bench(cache, spacing_m, say)
     if not only:
-        yield "\n".join([*_TOP, f"The gas is on a grid of {1e3 * spacing_m:g} mm.", "", ""])
+        yield "\n".join(
+            [
+                *_TOP,
+                f"Cells of the gas are {1e3 * spacing_m:g} mm wide 25 mm from the hole.",
+                "",
+                "",
+            ]
+        )
     for name, section in SECTIONS.items():
         if not only or name in only:
             yield "\n".join([*section(bench), ""])
@@ -64,7 +71,7 @@ _TOP = (
 _PARTS = {  # of a step, by the functions that do it
     "droplets (`advance`)": ("advance",),
     "exchange between parcels and grid": ("gather", "scatter"),
-    "advection and diffusion": ("_push", "_carry"),
+    "advection and diffusion": ("_carry", "_mix"),
     "temperatures": ("_pressures",),
     "pressure": ("_project",),
     "eddies": ("_eddies",),

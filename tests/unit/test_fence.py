@@ -20,9 +20,9 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3817,
+    "accuracy": 3816,
     "acquisition": 5549,
-    "api": 1135,
+    "api": 1138,
     "bench": 1034,
     "camera": 571,
     "cfd": 8380,
@@ -36,13 +36,13 @@ BUDGETS: dict[str, int] = {
     "kernels": 2960,
     "medium": 1651,
     "optics": 3634,
-    "prepare": 1001,
+    "prepare": 1005,
     "radiance": 774,
     "rig": 1764,
-    "run": 2100,
+    "run": 2102,
     "scene": 2042,
     "show": 6566,
-    "spray": 6076,
+    "spray": 6627,
     "study": 2569,
     "testing": 1421,
     "transport": 7379,
@@ -50,7 +50,7 @@ BUDGETS: dict[str, int] = {
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
     "acquisition": "camera cldit io optics radiance rig scene",
-    "api": "acquisition camera cfd cldit cli comparison dit gpu io rig run scene show",
+    "api": "acquisition camera cfd cldit cli comparison dit gpu io rig run scene show spray",
     "bench": "accuracy cldit gpu io medium optics prepare radiance run scene show transport",
     "camera": "cldit optics scene",
     "cfd": "cldit io scene spray",

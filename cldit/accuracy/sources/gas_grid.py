@@ -185,8 +185,7 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources |
     vapour, h_m = prepared.spray.vapour, spec.box.spacing_m
     assert vapour is not None
     larger_m, name = up * h_m, f"cells {_TIMES[up]} as large"
-    edges_m = vapour.cells.upper_m - vapour.cells.lower_m
-    if not np.allclose(edges_m, h_m, rtol=1e-6):
+    if prepared.spray.notes.get("gas_spacing_m") != h_m:
         return f"the spray was given, on other cells than {_FLOW_KEY}"
     long_m = float(np.max(vapour.cells.upper_m.max(axis=0) - vapour.cells.lower_m.min(axis=0)))
     if long_m < (_FEWEST - 1e-6) * larger_m:

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from cldit.spray.droplet.evaporation import Drop, Model, film, surface_vapour
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
-from cldit.spray.flow.exchange import FACES, gather, scatter
+from cldit.spray.flow.exchange import Places, folded, gather, places, scatter, unfolded
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.gasjet import HALF_WIDTH, HANDED_OVER_CELLS, Jets
-from cldit.spray.flow.injector import Injection
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,7 +52,7 @@ class FlyingParcels:
 
 @dataclass(frozen=True)
 class GasSources:
-    """Sources of the gas in a step, per volume: mass, enthalpy (X, Y, Z); momentum (3, ...)."""
+    """Sources of the gas in a step, per volume: mass, enthalpy; momentum (3, ...)."""
 
     mass: Floats
     enthalpy: Floats
@@ -63,21 +61,18 @@ class GasSources:
 
 @dataclass(frozen=True)
 class LiquidModel:
-    """Constant data: fuel, carrier gas, evaporation model, and the injection."""
+    """Constant data: fuel, carrier gas and evaporation model."""
 
     fuel: Fuel
     carrier: Gas
     model: Model
-    injection: Injection
 
 
 def move(
     cloud: FlyingParcels,
     flow: GasFlow,
-    jets: Jets,
     liquid: LiquidModel,
     *,
-    time_s: float,
     step_s: float,
     random: np.random.Generator,
 ) -> tuple[FlyingParcels, GasSources]:
@@ -85,18 +80,15 @@ def move(
 
     The surroundings of the droplets are an estimate of the gas at the end of the step (`_seen`),
     because the gas changes faster than a step where there is much liquid. The sources are the
-    difference of the liquid, so that all is conserved. Exchange is with the gas at the parcel, or
-    where the jet of the parcel merges with the grid. `flow` is unchanged, `jets` is advanced, and
-    `random` draws the eddies.
+    difference of the liquid, so that all is conserved. Exchange is with the gas half a step ahead.
+    `flow` is unchanged, and `random` draws the eddies.
     """
-    box = flow.box
+    grid = flow.grid
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s
-    jet = _jet(cloud, half, flow, jets, liquid.injection, time_s=time_s)
-    there = half + (jet.weight * jet.ahead_m)[:, None] * jet.axis
-    around = _seen(cloud, there, flow, liquid, jet, step_s=step_s)
+    at = places(grid, half)
     found = advance(
         DropletStates(cloud.mass_kg, cloud.temperature_K, cloud.velocity_m_s),
-        around,
+        _seen(cloud, at, flow, liquid, step_s=step_s),
         step_s,
         fuel=liquid.fuel,
         gas=liquid.carrier,
@@ -105,20 +97,18 @@ def move(
     )
     mass = cloud.droplets * found.mass_kg
     enthalpy = cloud.droplets * found.enthalpy_J - mass * flow.mixture.zero_J_kg
-    momentum = cloud.droplets[:, None] * found.momentum_kg_m_s
+    momentum = folded(grid, at, cloud.droplets[:, None] * found.momentum_kg_m_s)
     sources = GasSources(
-        mass=scatter(box, there, mass),
-        enthalpy=scatter(box, there, enthalpy),
-        momentum=np.stack([scatter(box, there, momentum[:, a], FACES[a]) for a in range(3)]),
+        mass=scatter(grid, at, mass),
+        enthalpy=scatter(grid, at, enthalpy),
+        momentum=np.stack([scatter(grid, at, each) for each in momentum.T]),
     )
-    along = np.einsum("ij,ij->i", momentum, jet.axis)
-    jets.push(cloud.hole, jet.along_m, along, step_s)
     # With the eddies at the end of the displacement: with those at its start, droplets would
     # accumulate in calm regions, which vapour does not.
     chance = np.sqrt(2 * step_s) * random.standard_normal(half.shape)
-    trial = half + np.sqrt(gather(box, half, flow.eddy))[:, None] * chance
+    trial = places(grid, half + np.sqrt(gather(at, flow.eddy))[:, None] * chance)
     position = cloud.position_m + found.path_m
-    position = position + np.sqrt(gather(box, trial, flow.eddy))[:, None] * chance
+    position = position + np.sqrt(gather(trial, flow.eddy))[:, None] * chance
     moved = replace(
         cloud,
         mass_kg=found.droplets.mass_kg,
@@ -130,26 +120,20 @@ def move(
 
 
 def _seen(
-    cloud: FlyingParcels,
-    at: Floats,
-    flow: GasFlow,
-    liquid: LiquidModel,
-    jet: _JetAtParcels,
-    *,
-    step_s: float,
+    cloud: FlyingParcels, at: Places, flow: GasFlow, liquid: LiquidModel, *, step_s: float
 ) -> DropletSurroundings:
     """Gas around each parcel at the end of the step, for linear rates (point-implicit).
 
     With the exchange coefficients k of the parcels, and their sum K over the cell and the step per
     mass of gas, the gas becomes (gas + K mean) / (1 + K), with the mean of the parcels by k.
     """
-    box, count = flow.box, len(cloud.mass_kg)
-    density = gather(box, at, flow.density)
-    speed = np.stack([gather(box, at, flow.velocity[a], FACES[a]) for a in range(3)], axis=1)
-    hot = gather(box, at, flow.temperature_K)
-    share = np.clip(gather(box, at, flow.fuel) / density, 0.0, 1.0)
+    grid, count = flow.grid, len(cloud.mass_kg)
+    density = gather(at, flow.density)
+    speed = np.stack([gather(at, each) for each in flow.velocity], axis=1)
+    hot = gather(at, flow.temperature_K)
+    share = np.clip(gather(at, flow.fuel) / density, 0.0, 1.0)
     pressure = np.full(count, flow.pressure_Pa)
-    felt = jet.faster(speed)
+    own = folded(grid, at, cloud.velocity_m_s)
     drop = Drop(
         fuel=liquid.fuel,
         gas=liquid.carrier,
@@ -158,7 +142,7 @@ def _seen(
         gas_temperature_K=hot,
         pressure_Pa=pressure,
         vapour=share,
-        slip_m_s=np.linalg.norm(cloud.velocity_m_s - felt, axis=1),
+        slip_m_s=np.linalg.norm(own - speed, axis=1),
     )
     state, surface = film(drop), surface_vapour(drop)
     size = cloud.droplets * np.pi * drop.diameter_m * step_s
@@ -173,60 +157,15 @@ def _seen(
 
     def sums(weight: Floats, *values: Floats) -> tuple[Floats, list[Floats]]:
         """Coefficient K, and the means."""
-        whole = gather(box, at, scatter(box, at, weight))
+        whole = gather(at, scatter(grid, at, weight))
         safe = np.where(whole > 0, whole, 1.0)
-        means = [gather(box, at, scatter(box, at, weight * each)) / safe for each in values]
+        means = [gather(at, scatter(grid, at, weight * each)) / safe for each in values]
         return whole / density, means
 
-    k, mean = sums(drag, *cloud.velocity_m_s.T)
+    k, mean = sums(drag, *own.T)
     speed = (speed + k[:, None] * np.stack(mean, axis=1)) / (1 + k[:, None])
     k, (mean_K,) = sums(heat, cloud.temperature_K)
     hot = (hot + k * mean_K) / (1 + k)
     k, (mean_share,) = sums(mass, surface)
     share = (share + k * mean_share) / (1 + k)
-    felt = jet.faster(speed)
-    return DropletSurroundings(hot, pressure, share, felt)
-
-
-@dataclass(frozen=True)
-class _JetAtParcels:
-    """Gas jet around each parcel.
-
-    axis: (N, 3). along_m, speed_m_s, weight: distance along it, its speed at the parcel, and its
-    weight, (N,). ahead_m: distance to where it merges with the grid.
-    """
-
-    axis: Floats
-    along_m: Floats
-    speed_m_s: Floats
-    weight: Floats
-    ahead_m: Floats
-
-    def faster(self, velocity_m_s: Floats) -> Floats:
-        """Velocity of the gas (N, 3), with that of the jet along its axis if it is faster."""
-        along = np.einsum("ij,ij->i", velocity_m_s, self.axis)
-        lacking = self.weight * np.maximum(self.speed_m_s - along, 0.0)
-        return np.asarray(velocity_m_s + lacking[:, None] * self.axis)
-
-
-def _jet(
-    cloud: FlyingParcels,
-    at: Floats,
-    flow: GasFlow,
-    jets: Jets,
-    injection: Injection,
-    *,
-    time_s: float,
-) -> _JetAtParcels:
-    axis = np.array([hole.axis for hole in injection.holes])[cloud.hole]
-    along = np.einsum("ij,ij->i", at, axis)
-    off = np.linalg.norm(at - along[:, None] * axis, axis=1)
-    over = HANDED_OVER_CELLS * flow.box.spacing_m / HALF_WIDTH
-    over = min(over, 0.5 * injection.speed_m_s * max(time_s - injection.start_s, 0.0))  # its head
-    return _JetAtParcels(
-        axis=axis,
-        along_m=along,
-        speed_m_s=jets.speed_m_s(cloud.hole, along, off),
-        weight=jets.weight(along),
-        ahead_m=np.maximum(over - along, 0.0),
-    )
+    return DropletSurroundings(hot, pressure, share, unfolded(grid, at, speed))

@@ -1,96 +1,179 @@
-"""Exchange between parcels and grid: cloud in cell (trilinear), with equal weights both ways.
-
-`shift` is the position of a field's values, in cells from the lower corner of theirs: 0.5 along an
-axis for the middle, 0 for the lower face.
-"""
+"""Exchange between parcels and the grid of rays: trilinear, with equal weights both ways."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.gas import FlowGrid
+from cldit.spray.flow.rays import RayGrid
 from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
-
-CENTRE = (0.5, 0.5, 0.5)
-FACES = ((0.0, 0.5, 0.5), (0.5, 0.0, 0.5), (0.5, 0.5, 0.0))
+Ints = NDArray[np.int64]
 
 
-@compiled
-def _place(at: float, shift: float, count: int, closed: bool) -> tuple[int, int, float]:
-    """Two neighbours along an axis, and the weight of the second."""
-    x = at - shift
-    if closed:
-        # Positions between the last values and the wall belong to these; walls have no values.
-        first = 0.0 if shift > 0 else 1.0
-        x = min(max(x, first), count - 1.0)
-    low = int(np.floor(x))
-    part = x - low
-    if closed:
-        return low, min(low + 1, count - 1), part
-    return low % count, (low + 1) % count, part
+@dataclass(frozen=True)
+class Places:
+    """Eight cells (N, 8) around each position, flat, and their weights; and the turns (N,) with
+    which a position is folded into the grid: cosine, sine, and sign of the second axis."""
+
+    cell: Ints
+    weight: Floats
+    cosine: Floats
+    sine: Floats
+    sign: Floats
 
 
-@compiled
-def _gather(
-    at: Floats, shift: Floats, closed: bool, field: Floats, scale: float, result: Floats
-) -> None:
-    nx, ny, nz = field.shape
-    for n in range(at.shape[0]):
-        i, ip, u = _place(at[n, 0] * scale, shift[0], nx, closed)
-        j, jp, v = _place(at[n, 1] * scale, shift[1], ny, closed)
-        k, kp, w = _place(at[n, 2] * scale, shift[2], nz, closed)
-        low = (1 - v) * (field[i, j, k] * (1 - w) + field[i, j, kp] * w)
-        low += v * (field[i, jp, k] * (1 - w) + field[i, jp, kp] * w)
-        high = (1 - v) * (field[ip, j, k] * (1 - w) + field[ip, j, kp] * w)
-        high += v * (field[ip, jp, k] * (1 - w) + field[ip, jp, kp] * w)
-        result[n] = (1 - u) * low + u * high
-
-
-@compiled
-def _scatter(
-    at: Floats, shift: Floats, closed: bool, values: Floats, scale: float, field: Floats
-) -> None:
-    nx, ny, nz = field.shape
-    for n in range(at.shape[0]):
-        i, ip, u = _place(at[n, 0] * scale, shift[0], nx, closed)
-        j, jp, v = _place(at[n, 1] * scale, shift[1], ny, closed)
-        k, kp, w = _place(at[n, 2] * scale, shift[2], nz, closed)
-        low, high = values[n] * (1 - u), values[n] * u
-        field[i, j, k] += low * (1 - v) * (1 - w)
-        field[i, j, kp] += low * (1 - v) * w
-        field[i, jp, k] += low * v * (1 - w)
-        field[i, jp, kp] += low * v * w
-        field[ip, j, k] += high * (1 - v) * (1 - w)
-        field[ip, j, kp] += high * (1 - v) * w
-        field[ip, jp, k] += high * v * (1 - w)
-        field[ip, jp, kp] += high * v * w
-
-
-def gather(
-    box: FlowGrid, position_m: Floats, field: Floats, shift: tuple[float, float, float] = CENTRE
-) -> Floats:
-    """Values (N,) of a field (X, Y, Z) at positions (N, 3)."""
-    result = np.empty(len(position_m))
-    _gather(
-        position_m - box.origin_m, np.array(shift), box.closed, field, 1 / box.spacing_m, result
+def places(grid: RayGrid, position_m: Floats) -> Places:
+    """Places in the grid of positions (N, 3) from the injector's tip."""
+    count = len(position_m)
+    found = Places(
+        np.empty((count, 8), dtype=np.int64),
+        np.empty((count, 8)),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
     )
+    _place(
+        np.ascontiguousarray(position_m @ grid.frame.T),
+        grid.azimuth,
+        grid.polar,
+        grid.radius_m,
+        grid.symmetry,
+        found.cell,
+        found.weight,
+        found.cosine,
+        found.sine,
+        found.sign,
+    )
+    return found
+
+
+def gather(at: Places, field: Floats) -> Floats:
+    """Values (N,) of a field of the grid's shape."""
+    result = np.empty(len(at.cell))
+    _gather(at.cell, at.weight, field.reshape(-1), result)
     return result
 
 
-def scatter(
-    box: FlowGrid, position_m: Floats, amounts: Floats, shift: tuple[float, float, float] = CENTRE
-) -> Floats:
-    """Amounts (N,) at positions (N, 3) as a field (X, Y, Z), per volume; conservative."""
-    field = np.zeros(box.shape)
-    _scatter(
-        position_m - box.origin_m,
-        np.array(shift),
-        box.closed,
-        amounts / box.cell_m3,
-        1 / box.spacing_m,
-        field,
-    )
+def scatter(grid: RayGrid, at: Places, amounts: Floats) -> Floats:
+    """Amounts (N,) of one plume of equal ones, or of all, as a field per volume."""
+    field = np.zeros(grid.shape)
+    _scatter(at.cell, at.weight, amounts, field.reshape(-1))
+    field /= grid.volume_m3 * (grid.copies / max(grid.symmetry, 1))
     return field
+
+
+def folded(grid: RayGrid, at: Places, vectors: Floats) -> Floats:
+    """Vectors (N, 3) in the grid's frame, turned with their position into its sector."""
+    x, y, z = (vectors @ grid.frame.T).T
+    across = at.sign * (at.cosine * y - at.sine * x)
+    if grid.symmetry == 0:
+        across = np.zeros_like(across)  # cancels in the mean around the axis
+    return np.stack([at.cosine * x + at.sine * y, across, z], axis=1)
+
+
+def unfolded(grid: RayGrid, at: Places, vectors: Floats) -> Floats:
+    """Inverse of `folded`."""
+    x, y, z = vectors.T
+    y = at.sign * y
+    there = np.stack([at.cosine * x - at.sine * y, at.sine * x + at.cosine * y, z], axis=1)
+    return np.asarray(there @ grid.frame)
+
+
+@compiled
+def between(faces: Floats, x: float) -> tuple[int, int, float]:
+    """Two neighbouring cells, and the weight of the second."""
+    count = len(faces) - 1
+    low, high = 0, count
+    while high - low > 1:
+        half = (low + high) // 2
+        if faces[half] <= x:
+            low = half
+        else:
+            high = half
+    part = min(max((x - faces[low]) / (faces[low + 1] - faces[low]), 0.0), 1.0)
+    at = min(max(low + part - 0.5, 0.0), count - 1.0)
+    first = min(int(at), max(count - 2, 0))
+    return first, min(first + 1, count - 1), at - first
+
+
+@compiled
+def turn_of(symmetry: int, angle: float) -> float:
+    """Angle by which to turn a position into the sector of the cells."""
+    if symmetry == 0:
+        return angle
+    if symmetry == 1:
+        return 0.0
+    sector = 2 * np.pi / symmetry
+    return float(sector * np.floor(angle / sector + 0.5))
+
+
+@compiled
+def _place(
+    position: Floats,
+    azimuth: Floats,
+    polar: Floats,
+    radius: Floats,
+    symmetry: int,
+    cell: Ints,
+    weight: Floats,
+    cosine: Floats,
+    sine: Floats,
+    sign: Floats,
+) -> None:
+    for n in range(position.shape[0]):
+        x, y, z = position[n, 0], position[n, 1], position[n, 2]
+        flat = np.sqrt(x * x + y * y)
+        angle = np.arctan2(y, x)
+        turn = turn_of(symmetry, angle)
+        angle -= turn
+        cosine[n], sine[n], sign[n] = np.cos(turn), np.sin(turn), 1.0
+        if symmetry > 1 and angle < 0:
+            sign[n] = -1.0
+            angle = -angle
+        around = between(azimuth, angle)
+        down = between(polar, np.arctan2(flat, z))
+        outward = between(radius, np.sqrt(flat * flat + z * z))
+        corners(around, down, outward, len(polar) - 1, len(radius) - 1, cell[n], weight[n])
+
+
+@compiled
+def corners(
+    around: tuple[int, int, float],
+    down: tuple[int, int, float],
+    outward: tuple[int, int, float],
+    polar: int,
+    radius: int,
+    cell: Ints,
+    weight: Floats,
+) -> None:
+    """Writes the eight cells around a position, of a grid of so many in angle and radius."""
+    a, ap, u = around
+    t, tp, v = down
+    i, ip, w = outward
+    for c in range(8):
+        k = ap if c & 4 else a
+        j = tp if c & 2 else t
+        m = ip if c & 1 else i
+        cell[c] = (k * polar + j) * radius + m
+        share = (u if c & 4 else 1 - u) * (v if c & 2 else 1 - v)
+        weight[c] = share * (w if c & 1 else 1 - w)
+
+
+@compiled
+def _gather(cell: Ints, weight: Floats, field: Floats, result: Floats) -> None:
+    for n in range(cell.shape[0]):
+        total = 0.0
+        for c in range(8):
+            total += weight[n, c] * field[cell[n, c]]
+        result[n] = total
+
+
+@compiled
+def _scatter(cell: Ints, weight: Floats, values: Floats, field: Floats) -> None:
+    for n in range(cell.shape[0]):
+        for c in range(8):
+            field[cell[n, c]] += weight[n, c] * values[n]

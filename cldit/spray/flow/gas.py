@@ -1,10 +1,10 @@
-"""Gas at low Mach number on a coarse Cartesian grid, with one pressure.
+"""Gas at low Mach number on the grid of rays, with one pressure.
 
-Mass, fuel, enthalpy and momentum have conservation form (`kernels`). One projection per step with
-constant coefficients (cosine or Fourier transforms) corrects the mass fluxes such that every cell
-keeps the common pressure: their divergence is that of the last step, plus the contributions of the
-droplets and of the remaining error. Kinetic energy and molecular diffusion are neglected (Mach
-number below 0.3; eddies mix much faster).
+Mass, fuel, enthalpy and momentum have conservation form (`advection`). One projection per step
+corrects the mass fluxes of the faces such that every cell keeps the common pressure: their
+divergence is that of the last step, plus the contributions of the droplets and of the remaining
+error. The operator is separable, and is solved directly. Kinetic energy and molecular diffusion
+are neglected (Mach number below 0.3; eddies mix much faster).
 
 Eddies have Prandtl's mixing length, a property of the jets and not of the grid, so that a finer
 grid resolves the same flow: l = c x at the distance x from the injector, with which a jet spreads
@@ -13,213 +13,203 @@ Theory of Turbulent Jets, 1963). The entrainment of a jet depends only on the de
 surrounding gas (F. P. Ricou and D. B. Spalding, J. Fluid Mech. 11, 21 (1961)): a heavy jet is
 narrower, by sqrt(rho_far/rho), and l shorter, by the power 3/2 of it.
 
-The box is closed, and its pressure follows from its energy; or it is periodic, for tests.
+The domain is closed, and its pressure follows from its energy.
 """
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import pairwise, product
+import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dctn, idctn, irfftn, rfftn
 
 from cldit.errors import SprayError
 from cldit.spray.flow import advection, kernels
-from cldit.spray.flow.gasjet import HALF_WIDTH
 from cldit.spray.flow.mixture import GasMixture
+from cldit.spray.flow.projection import Projection
+from cldit.spray.flow.rays import RayGrid
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+HALF_WIDTH = 0.085  # of a free jet, over the distance
 MIXING_LENGTH = (HALF_WIDTH / 1.24) ** 1.5  # of the distance from the injector
 TURBULENT_SCHMIDT = 0.7  # and Prandtl number, of a round jet
-CFL = 0.7  # summed over the three axes; the scheme is stable below 1
-DIFFUSION = 0.1  # largest share of a cell that eddies exchange with each neighbour in a step
+CFL = 0.5  # along the rays, which sets the step
+MOST_EXPLICIT = 0.7  # CFL number of explicit fluxes, summed over the axes; they are stable below 1
 EDDY_STEPS = 4  # between two computations of the shear
-THREADS = min(os.cpu_count() or 1, 8)
-
-
-@dataclass(frozen=True)
-class FlowGrid:
-    """Grid of the gas: `origin_m` (3,) is the lower corner, from the injector's tip."""
-
-    origin_m: Floats
-    spacing_m: float
-    shape: tuple[int, int, int]
-    closed: bool = True
-
-    @property
-    def upper_m(self) -> Floats:
-        """Upper corner (3,)."""
-        return np.asarray(self.origin_m + self.spacing_m * np.array(self.shape))
-
-    @property
-    def cell_m3(self) -> float:
-        """Volume of a cell."""
-        return self.spacing_m**3
+_FIRST_STEP_S = 1e-7
+_FASTEST_M_S = 1e3  # no spray has gas faster than its liquid
+_RISE = 1.3  # of the step, at most: sources accelerate the gas within one
 
 
 class GasFlow:
     """State of the gas, which `step` advances.
 
-    Attributes are arrays of the box's shape: density, fuel (vapour) kg/m3, enthalpy J/m3 on the
-    zero of the mixture, temperature_K; flux (3, ...) kg/(m2 s) through the lower faces, velocity
-    (3, ...) there; eddy, the turbulent viscosity in m2/s. pressure_Pa is one number.
+    Attributes are arrays of the grid's shape: density, fuel (vapour) kg/m3, enthalpy J/m3 on the
+    zero of the mixture, temperature_K; velocity (3, ...) in the grid's frame; flux (3, ...) kg/s
+    through the lower faces; eddy, the turbulent viscosity in m2/s. pressure_Pa is one number.
+    pushed_N_s: momentum (3,) that the walls have given to the gas, in the grid's frame.
     """
 
     def __init__(
-        self, box: FlowGrid, mixture: GasMixture, *, pressure_Pa: float, temperature_K: float
+        self, grid: RayGrid, mixture: GasMixture, *, pressure_Pa: float, temperature_K: float
     ) -> None:
-        shape = box.shape
-        self.box, self.mixture, self.pressure_Pa = box, mixture, pressure_Pa
+        shape = grid.shape
+        self.grid, self.mixture, self.pressure_Pa = grid, mixture, pressure_Pa
         density = pressure_Pa / (mixture.carrier_J_kg_K * temperature_K)
         self.far_density_kg_m3 = density
         self.density, self.fuel = np.full(shape, density), np.zeros(shape)
         self.temperature_K = np.full(shape, temperature_K)
         start = mixture.enthalpy_J_kg(np.zeros(1), np.array([temperature_K]))
         self.enthalpy = np.full(shape, density * start[0])
-        self.flux, self.velocity = np.zeros((3, *shape)), np.zeros((3, *shape))
-        self.eddy = np.zeros(shape)
-        self._mixing_m2, self._diffusing = MIXING_LENGTH**2 * _square_distance_m2(box), 0.0
+        self.velocity, self.flux = np.zeros((3, *shape)), np.zeros((3, *shape))
+        self.eddy, self.pushed_N_s = np.zeros(shape), np.zeros(3)
+        self._mixing_m2 = (MIXING_LENGTH * grid.middle[2]) ** 2
         self._kept, self._amiss = np.zeros(shape), np.zeros(shape)
-        self._wave = _eigenvalues(box)
-        self._top, self._steps, self._moving = 0.0, 0, (0, shape[0])
-        self._low, self._high = np.zeros(3, dtype=np.int64), np.array(shape)
-        self._pushed, self._middle = np.zeros((3, *shape)), np.zeros((3, *shape))
+        self.solve = Projection(grid)
+        self._share, self._explicit = np.zeros(shape), np.zeros((2, *shape))
+        self._length = grid.strip_m2 / grid.middle[2]
+        self._square = grid.radius_m**2
+        self._steps, self._last_s = 0, _FIRST_STEP_S
 
     @property
     def share(self) -> Floats:
         """Mass fraction of fuel vapour."""
         return np.asarray(self.fuel / self.density)
 
-    def longest_step_s(self) -> float:
-        """Longest step by the CFL number and by the mixing of eddies; infinite in gas at rest."""
-        h = self.box.spacing_m
-        flowing = CFL * h / self._top if self._top > 0 else np.inf
-        return min(flowing, DIFFUSION * h**2 / self._diffusing if self._diffusing > 0 else np.inf)
+    @property
+    def fuel_kg(self) -> float:
+        """Mass of all vapour, with the copies of the cells."""
+        return float(np.sum(self.fuel * self.grid.volume_m3) * self.grid.copies)
+
+    def proceed(self, time_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
+        """Advances the gas by a time in steps of its own, with sources that are even in it.
+
+        The sources are those of the whole time, as for `step`.
+        """
+        left = time_s
+        while left > 1e-9 * time_s:
+            top = kernels.renewal(self.flux, self.density * self.grid.volume_m3)
+            free = min(CFL / top if top > 0 else np.inf, _RISE * self._last_s)
+            self._last_s = left / math.ceil(left / free)
+            part = self._last_s / time_s
+            self.step(
+                self._last_s, mass=part * mass, enthalpy=part * enthalpy, momentum=part * momentum
+            )
+            left -= self._last_s
+        fastest = float(np.abs(self.velocity).max())
+        if not fastest < _FASTEST_M_S:
+            raise SprayError(
+                f"the gas flow of the spray is unstable: a speed of {fastest:g} m/s; a finer "
+                "spray.box.spacing_m may help"
+            )
 
     def step(self, step_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
         """Advances the gas by a step, with the sources of the droplets in it.
 
         Args:
             step_s: length of the step.
-            mass: (X, Y, Z) of fuel vapour [kg/m3].
-            enthalpy: (X, Y, Z) on the mixture's zero [J/m3].
-            momentum: (3, X, Y, Z) for the faces [kg/(s m2)].
+            mass: of fuel vapour [kg/m3], of the grid's shape.
+            enthalpy: on the mixture's zero [J/m3].
+            momentum: (3, ...) in the grid's frame [kg/(s m2)].
 
         Raises:
             SprayError: the gas is in an impossible state; the flow cannot be computed.
         """
+        grid = self.grid
+        volume = grid.volume_m3
+        moving = self.velocity * self.density + momentum
         self.density = self.density + mass
         self.fuel = self.fuel + mass
         self.enthalpy = self.enthalpy + enthalpy
         changed = np.flatnonzero(enthalpy)
         amiss = self._amiss
         amiss.reshape(-1)[changed] = self._pressures(changed) / self.pressure_Pa - 1
+        self.velocity = moving / self.density
+        self._eddies()
+        viscosity = self.eddy * self.density
 
-        kernels.velocities(self.flux, self.density, self.velocity)
-        self._bounds()
-        with ThreadPoolExecutor(THREADS) as pool:
-            self._eddies(pool)
-            viscosity = self.eddy * self.density
-            flux = self._push(step_s, viscosity, momentum, pool)
-            wanted = self._kept + self.density * amiss / step_s
-            self._project(flux, wanted - wanted.mean())
-            self._carry(step_s, viscosity / TURBULENT_SCHMIDT, pool)
-            after = self._pressures(None, pool)
-        mean = float(after.mean())
+        weight = self.density * volume
+        self.velocity = self._transported(
+            self.velocity, moving * volume, weight, viscosity, step_s, bounded=False
+        )
+        moving = self.velocity * (weight / volume)
+        kernels.fluxes(moving, grid.areas, grid.strip_m2, self._square, self.flux)
+        wanted = self._kept + self.density * amiss / step_s
+        force = self._project((wanted - np.average(wanted, weights=volume)) * volume)
+        self.pushed_N_s += force.sum(axis=(1, 2, 3))
+
+        exchange = viscosity / TURBULENT_SCHMIDT
+        weight = self.density * volume
+        amounts = np.stack([self.fuel, self.enthalpy]) * volume
+        fields = self._transported(
+            amounts / weight, amounts, weight, exchange, step_s, bounded=True
+        )
+        self.density = weight / volume
+        self.fuel, self.enthalpy = fields * self.density
+        self.velocity = (moving + force / volume) / self.density
+        after = self._pressures(None)
+        mean = float(np.average(after, weights=volume))
         self.enthalpy += mean - self.pressure_Pa  # compression, which conserves energy
         self.pressure_Pa = mean
         # Error of the divergence.
         self._amiss = after / mean - 1
         self._kept += self.density * self._amiss / step_s
-        kernels.velocities(self.flux, self.density, self.velocity)
-        self._bounds()
 
-    def _slabs(self, low: int, high: int) -> list[tuple[int, int]]:
-        """Slabs of the first axis, one for each thread."""
-        cuts = np.linspace(low, high, min(THREADS, max(high - low, 1)) + 1).astype(int).tolist()
-        return list(pairwise(cuts))
-
-    def _eddies(self, pool: ThreadPoolExecutor) -> None:
+    def _eddies(self) -> None:
         self._steps += 1
         if self._steps % EDDY_STEPS != 1:
             return
-        h = self.box.spacing_m
-        kernels.centred(self.velocity, self._middle)
-
-        def shear(slab: tuple[int, int]) -> None:
-            kernels.shear(self._middle, h, self.box.closed, *slab, self.eddy)
-
-        list(pool.map(shear, self._slabs(*self._moving)))
+        grid = self.grid
+        kernels.shear(
+            self.velocity, grid.areas, grid.strip_m2, self._square, grid.volume_m3, self.eddy
+        )
         self.eddy *= self._mixing_m2 * (self.far_density_kg_m3 / self.density) ** 1.5
-        self._diffusing = float(self.eddy.max()) / TURBULENT_SCHMIDT
 
-    def _push(
-        self, step_s: float, viscosity: Floats, momentum: Floats, pool: ThreadPoolExecutor
+    def _transported(
+        self,
+        fields: Floats,
+        amounts: Floats,
+        weight: Floats,
+        exchange: Floats,
+        step_s: float,
+        *,
+        bounded: bool,
     ) -> Floats:
-        """Mass fluxes after advection, eddies and momentum of the droplets, not yet projected."""
-        box, (low, high) = self.box, self._moving
-        pushed = self._pushed
-        for still in (slice(0, low), slice(high, None)):
-            np.add(self.flux[:, still], momentum[:, still], out=pushed[:, still])
+        """Fields per mass (S, A, P, R) after advection and diffusion by the fluxes in a step.
 
-        def push(work: tuple[int, tuple[int, int]]) -> None:
-            axis, slab = work
-            advection.push(
-                axis,
-                self.velocity[axis],
-                self.flux,
-                self.density,
-                viscosity,
-                momentum[axis],
-                step_s,
-                box.spacing_m,
-                box.closed,
-                *slab,
-                pushed[axis],
-            )
-
-        list(pool.map(push, product(range(3), self._slabs(low, high))))
-        if box.closed:
-            pushed[0, 0], pushed[1, :, 0], pushed[2, :, :, 0] = 0.0, 0.0, 0.0
-        self.flux, self._pushed = pushed, self.flux
-        return pushed
-
-    def _bounds(self) -> None:
-        """Determines the fastest gas, and the moving cells along the first axis."""
-        self._top = kernels.busy(self.velocity, self._low, self._high)
-        count = self.box.shape[0]
-        if self.box.closed:
-            low, high = max(int(self._low[0]) - 2, 0), min(int(self._high[0]) + 2, count)
-            self._moving = (low, max(low, high))
-        else:
-            self._moving = (0, count)
-
-    def _carry(self, step_s: float, exchange: Floats, pool: ThreadPoolExecutor) -> None:
-        """Transports mass, fuel and enthalpy by the fluxes, fuel and enthalpy also by eddies."""
-        fields = np.stack([self.fuel / self.density, self.enthalpy / self.density])
-        change = np.zeros_like(fields)
-        h, closed = self.box.spacing_m, self.box.closed
-
-        def carry(slab: tuple[int, int]) -> None:
+        `amounts` are those to start from, of the cells. `weight`, the mass of the cells, becomes
+        that after the step.
+        """
+        grid, explicit = self.grid, self._explicit
+        advection.split(self.flux, weight, step_s, MOST_EXPLICIT, self._share, explicit)
+        for field, amount in zip(fields, amounts, strict=True):
             advection.carry(
-                fields, self.flux, self.density, exchange, step_s, h, closed, *slab, change
+                field,
+                explicit[0],
+                explicit[1],
+                self.flux[2],
+                weight,
+                exchange,
+                grid.angle,
+                grid.conductance[2],
+                step_s,
+                bounded,
+                amount,
             )
+        out = np.empty(grid.shape)
+        kernels.outflow(explicit[0], explicit[1], self.flux[2], out)
+        weight -= step_s * out
+        fields = amounts / weight
+        around, down, _ = grid.conductance
+        rest = self.flux[:2] - explicit
+        advection.mix(fields, weight, rest[1], exchange, down, self._length, step_s, False)
+        if weight.shape[0] > 1:
+            advection.mix(fields, weight, rest[0], exchange, around, self._length, step_s, True)
+        return fields
 
-        list(pool.map(carry, self._slabs(0, self.box.shape[0])))
-        out = np.empty_like(self.density)
-        kernels.divergence(self.flux, h, out)
-        out *= step_s
-        self.density -= out
-        self.fuel += change[0]
-        self.enthalpy += change[1]
-
-    def _pressures(self, chosen: Ints | None, pool: ThreadPoolExecutor | None = None) -> Floats:
+    def _pressures(self, chosen: Ints | None) -> Floats:
         """Pressure of each single cell, or of those chosen (flat); also sets temperatures."""
         every = slice(None) if chosen is None else chosen
         density, fuel = self.density.reshape(-1)[every], self.fuel.reshape(-1)[every]
@@ -229,19 +219,7 @@ class GasFlow:
                 "spray.box.spacing_m may help"
             )
         heat, warm = self.enthalpy.reshape(-1)[every], self.temperature_K.reshape(-1)
-        found, pressure = warm[every].copy(), np.empty_like(density)
-
-        def solve(part: slice) -> None:
-            rho, y = density[part], fuel[part] / density[part]
-            found[part] = self.mixture.temperature_K(y, heat[part] / rho, found[part])
-            pressure[part] = self.mixture.pressure_Pa(
-                density=rho, fuel=fuel[part], temperature_K=found[part]
-            )
-
-        if pool is None:
-            solve(slice(None))
-        else:
-            list(pool.map(solve, [slice(*slab) for slab in self._slabs(0, len(density))]))
+        found = self.mixture.temperature_K(fuel / density, heat / density, warm[every])
         low, high = float(found.min(initial=300.0)), float(found.max(initial=300.0))
         if not 100 < low <= high < 1500:
             raise SprayError(
@@ -249,45 +227,26 @@ class GasFlow:
                 "a finer spray.box.spacing_m may help"
             )
         warm[every] = found
-        return pressure.reshape(self.box.shape) if chosen is None else pressure
+        pressure = self.mixture.pressure_Pa(density=density, fuel=fuel, temperature_K=found)
+        return pressure.reshape(self.grid.shape) if chosen is None else pressure
 
-    def _project(self, flux: Floats, wanted: Floats) -> None:
-        """Projects the mass fluxes on the nearest ones of the wanted divergence."""
-        h = self.box.spacing_m
-        amiss = np.empty_like(wanted)
-        kernels.divergence(flux, h, amiss)
+    def _project(self, wanted: Floats) -> Floats:
+        """Gives the mass fluxes the wanted outflow [kg/s]; returns the force on each cell [N s]."""
+        grid = self.grid
+        amiss = np.empty(grid.shape)
+        kernels.outflow(self.flux[0], self.flux[1], self.flux[2], amiss)
         amiss -= wanted
-        if self.box.closed:
-            potential = idctn(
-                dctn(amiss, workers=THREADS, overwrite_x=True) / self._wave,
-                workers=THREADS,
-                overwrite_x=True,
-            )
-        else:
-            potential = irfftn(
-                rfftn(amiss, workers=THREADS) / self._wave, s=self.box.shape, workers=THREADS
-            )
-        kernels.subtract_gradient(np.asarray(potential), h, self.box.closed, flux)
-
-
-def _square_distance_m2(box: FlowGrid) -> Floats:
-    """Square distance of the cells' middles from the injector's tip, of the box's shape."""
-    middles = [
-        low + (np.arange(count) + 0.5) * box.spacing_m
-        for low, count in zip(box.origin_m, box.shape, strict=True)
-    ]
-    return np.asarray(sum(each**2 for each in np.meshgrid(*middles, indexing="ij")))
-
-
-def _eigenvalues(box: FlowGrid) -> Floats:
-    """Eigenvalues of the seven-point Laplacian; infinite for the mean, which has no gradient."""
-    parts = []
-    for axis, count in enumerate(box.shape):
-        n = np.arange(count)
-        if not box.closed and axis == 2:
-            n = n[: count // 2 + 1]
-        angle = np.pi * n / (2 * count) if box.closed else np.pi * n / count
-        parts.append(-((2 * np.sin(angle) / box.spacing_m) ** 2))
-    total = parts[0][:, None, None] + parts[1][None, :, None] + parts[2][None, None, :]
-    total[0, 0, 0] = np.inf
-    return np.asarray(total)
+        potential = self.solve(amiss)
+        force = np.empty((3, *grid.shape))
+        kernels.correct(
+            potential,
+            grid.areas,
+            grid.conductance,
+            grid.angle,
+            grid.strip_m2,
+            self._length,
+            self._square,
+            self.flux,
+            force,
+        )
+        return force

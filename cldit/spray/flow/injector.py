@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
-from cldit.scene.spray import LagrangianSpray
+from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.nozzle import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
@@ -99,7 +99,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
     hole = hole.astype(np.int64)
     holes = tuple(
         Hole(
-            _axis(plume.inclination_deg, plume.azimuth_deg),
+            plume_axis(plume),
             float(np.sqrt(4 * share * top / (np.pi * density * speed))),
         )
         for plume, share in zip(spec.plumes, shares, strict=True)
@@ -166,8 +166,9 @@ def _hole(
     return time, diameter, droplets, np.full(count, float(index))
 
 
-def _axis(inclination_deg: float, azimuth_deg: float) -> Floats:
-    inclination, azimuth = np.radians(inclination_deg), np.radians(azimuth_deg)
+def plume_axis(plume: Plume) -> Floats:
+    """Direction of a plume, a unit vector."""
+    inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
     side = np.sin(inclination)
     return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
 

@@ -1,10 +1,8 @@
-"""Operators on the staggered grid: divergence, gradient, velocities, shear, moving region.
+"""Operators on the grid of rays: mass fluxes of the faces, forces of a potential, shear.
 
-All arrays have the shape of the grid. Faces and edges have the index of the cell above them: entry
-i of a face array along an axis is the face between cells i - 1 and i. In a periodic box face 0 is
-also the last one; in a closed one it is the wall, both the first and the last, without flux: a
-neighbour beyond it is the cell itself, so that there is no gradient either. So both have the same
-indices, and the operators are conservative.
+Velocity and momentum are in the cells, with the three axes of the grid's frame, so that momentum
+has conservation form. Fluxes of mass are on the lower faces of the cells. Side faces have the area
+of unit radius times the strip of their cell.
 """
 
 from __future__ import annotations
@@ -12,135 +10,189 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.advection import lengthen, mean, neighbour
 from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
-STILL_M_S = 0.1  # slower gas counts as at rest
 
 
 @compiled
-def divergence(flux: Floats, spacing: float, result: Floats) -> None:
-    """Divergence of a face field (3, X, Y, Z), into `result` (X, Y, Z)."""
-    nx, ny, nz = result.shape
-    for i in range(nx):
-        ip = i + 1 if i + 1 < nx else 0
-        for j in range(ny):
-            jp = j + 1 if j + 1 < ny else 0
-            for k in range(nz):
-                kp = k + 1 if k + 1 < nz else 0
-                out = flux[0, ip, j, k] - flux[0, i, j, k] + flux[1, i, jp, k] - flux[1, i, j, k]
-                result[i, j, k] = (out + flux[2, i, j, kp] - flux[2, i, j, k]) / spacing
+def fluxes(
+    momentum: Floats,
+    faces: tuple[Floats, Floats, Floats],
+    strip: Floats,
+    square: Floats,
+    result: Floats,
+) -> None:
+    """Mass fluxes (3, A, P, R) of the lower faces, from the momentum per volume of the cells."""
+    na, nt, nr = result.shape[1:]
+    around, down, outward = faces
+    for k in range(na):
+        for j in range(nt):
+            x, y, z = momentum[0, k, j], momentum[1, k, j], momentum[2, k, j]
+            for i in range(nr):
+                if k > 0:
+                    area = around[k, j]
+                    u = area[0] * (x[i] + momentum[0, k - 1, j, i])
+                    u += area[1] * (y[i] + momentum[1, k - 1, j, i])
+                    result[0, k, j, i] = 0.5 * strip[i] * u
+                if j > 0:
+                    area = down[k, j]
+                    u = area[0] * (x[i] + momentum[0, k, j - 1, i])
+                    u += area[1] * (y[i] + momentum[1, k, j - 1, i])
+                    u += area[2] * (z[i] + momentum[2, k, j - 1, i])
+                    result[1, k, j, i] = 0.5 * strip[i] * u
+                if i > 0:
+                    area = outward[k, j]
+                    u = area[0] * (x[i] + x[i - 1]) + area[1] * (y[i] + y[i - 1])
+                    u += area[2] * (z[i] + z[i - 1])
+                    result[2, k, j, i] = 0.5 * square[i] * u
 
 
 @compiled
-def subtract_gradient(potential: Floats, spacing: float, closed: bool, flux: Floats) -> None:
-    """Subtracts the gradient of a potential (X, Y, Z) from `flux` (3, X, Y, Z), not at walls."""
-    nx, ny, nz = potential.shape
-    for i in range(nx):
-        for j in range(ny):
-            for k in range(nz):
-                here = potential[i, j, k]
-                if i > 0 or not closed:
-                    flux[0, i, j, k] -= (here - potential[i - 1, j, k]) / spacing
-                if j > 0 or not closed:
-                    flux[1, i, j, k] -= (here - potential[i, j - 1, k]) / spacing
-                if k > 0 or not closed:
-                    flux[2, i, j, k] -= (here - potential[i, j, k - 1]) / spacing
+def outflow(around: Floats, down: Floats, outward: Floats, result: Floats) -> None:
+    """Mass (A, P, R) that leaves each cell [kg/s], from the fluxes of the lower faces."""
+    na, nt, nr = result.shape
+    for k in range(na):
+        for j in range(nt):
+            for i in range(nr):
+                out = -around[k, j, i] - down[k, j, i] - outward[k, j, i]
+                if k + 1 < na:
+                    out += around[k + 1, j, i]
+                if j + 1 < nt:
+                    out += down[k, j + 1, i]
+                if i + 1 < nr:
+                    out += outward[k, j, i + 1]
+                result[k, j, i] = out
 
 
 @compiled
-def velocities(flux: Floats, density: Floats, result: Floats) -> None:
-    """Velocities of the faces from mass flux (3, X, Y, Z) and density (X, Y, Z), into `result`."""
-    nx, ny, nz = density.shape
-    for i in range(nx):
-        for j in range(ny):
-            for k in range(nz):
-                here = density[i, j, k]
-                result[0, i, j, k] = 2.0 * flux[0, i, j, k] / (here + density[i - 1, j, k])
-                result[1, i, j, k] = 2.0 * flux[1, i, j, k] / (here + density[i, j - 1, k])
-                result[2, i, j, k] = 2.0 * flux[2, i, j, k] / (here + density[i, j, k - 1])
+def correct(
+    potential: Floats,
+    faces: tuple[Floats, Floats, Floats],
+    conductance: tuple[Floats, Floats, Floats],
+    angle: Floats,
+    strip: Floats,
+    length: Floats,
+    square: Floats,
+    flux: Floats,
+    force: Floats,
+) -> None:
+    """Subtracts the gradient of a potential from the fluxes; its force on each cell (3, A, P, R).
 
-
-@compiled
-def centred(velocity: Floats, result: Floats) -> None:
-    """Velocity in the cells from that of faces (3, X, Y, Z), into `result` of the same shape."""
-    nx, ny, nz = result.shape[1:]
-    for i in range(nx):
-        for j in range(ny):
-            x, xp = velocity[0, i, j], velocity[0, (i + 1) % nx, j]
-            y, yp = velocity[1, i, j], velocity[1, i, (j + 1) % ny]
-            z = velocity[2, i, j]
-            mean(x, xp, 1.0, result[0, i, j])
-            mean(y, yp, 1.0, result[1, i, j])
-            mean(z[: nz - 1], z[1:], 1.0, result[2, i, j, : nz - 1])
-            result[2, i, j, nz - 1] = 0.5 * (z[nz - 1] + z[0])
+    The force is that of the mean potential on all faces of a cell, walls included; `length` is
+    strip over radius.
+    """
+    na, nt, nr = potential.shape
+    around, down, outward = faces
+    for k in range(na):
+        for j in range(nt):
+            for i in range(nr):
+                here = potential[k, j, i]
+                side = strip[i]
+                fx, fy, fz = 0.0, 0.0, 0.0
+                other = here
+                if k > 0:
+                    other = potential[k - 1, j, i]
+                    flux[0, k, j, i] -= conductance[0][k, j] * length[i] * (here - other)
+                p = 0.5 * (here + other) * side
+                fx += p * around[k, j, 0]
+                fy += p * around[k, j, 1]
+                other = potential[k + 1, j, i] if k + 1 < na else here
+                p = 0.5 * (here + other) * side
+                fx -= p * around[k + 1, j, 0]
+                fy -= p * around[k + 1, j, 1]
+                other = here
+                if j > 0:
+                    other = potential[k, j - 1, i]
+                    flux[1, k, j, i] -= conductance[1][k, j] * length[i] * (here - other)
+                p = 0.5 * (here + other) * side
+                fx += p * down[k, j, 0]
+                fy += p * down[k, j, 1]
+                fz += p * down[k, j, 2]
+                other = potential[k, j + 1, i] if j + 1 < nt else here
+                p = 0.5 * (here + other) * side
+                fx -= p * down[k, j + 1, 0]
+                fy -= p * down[k, j + 1, 1]
+                fz -= p * down[k, j + 1, 2]
+                other = here
+                if i > 0:
+                    other = potential[k, j, i - 1]
+                    flux[2, k, j, i] -= angle[k, j] * conductance[2][i] * (here - other)
+                p = 0.5 * (here + other) * square[i]
+                other = potential[k, j, i + 1] if i + 1 < nr else here
+                p -= 0.5 * (here + other) * square[i + 1]
+                force[0, k, j, i] = fx + p * outward[k, j, 0]
+                force[1, k, j, i] = fy + p * outward[k, j, 1]
+                force[2, k, j, i] = fz + p * outward[k, j, 2]
 
 
 @compiled
 def shear(
-    middle: Floats,
-    spacing: float,
-    closed: bool,
-    first: int,
-    last: int,
+    velocity: Floats,
+    faces: tuple[Floats, Floats, Floats],
+    strip: Floats,
+    square: Floats,
+    volume: Floats,
     result: Floats,
 ) -> None:
-    """Norm of the strain rate, sqrt(2 S_ij S_ij), in the cells, from velocities (3, X, Y, Z).
+    """Norm of the strain rate, sqrt(2 S_ij S_ij), in the cells, from their velocity (3, A, P, R).
 
-    Gradients are central differences over two cells, one-sided at walls. `first` and `last` are the
-    slab of the first axis to write in `result` (X, Y, Z).
+    Gradients are by the theorem of Gauss. At walls the velocity has no part across them.
     """
-    nx, ny, nz = result.shape
-    u, v, w = np.empty((ny, nz + 4)), np.empty((ny, nz + 4)), np.empty((ny, nz + 4))
-    for i in range(first, last):
-        a, p = neighbour(i - 1, nx, closed), neighbour(i + 1, nx, closed)
-        lengthen(middle[0, i], closed, u)
-        lengthen(middle[1, i], closed, v)
-        lengthen(middle[2, i], closed, w)
-        for j in range(ny):
-            b, q = neighbour(j - 1, ny, closed), neighbour(j + 1, ny, closed)
-            uz, vz, wz = u[j], v[j], w[j]
-            ux, uxp = middle[0, a, j], middle[0, p, j]
-            vx, vxp = middle[1, a, j], middle[1, p, j]
-            wx, wxp = middle[2, a, j], middle[2, p, j]
-            uy, uyp = middle[0, i, b], middle[0, i, q]
-            vy, vyp = middle[1, i, b], middle[1, i, q]
-            wy, wyp = middle[2, i, b], middle[2, i, q]
-            for k in range(nz):
-                xx, yy, zz = uxp[k] - ux[k], vyp[k] - vy[k], wz[k + 3] - wz[k + 1]
-                xy = vxp[k] - vx[k] + uyp[k] - uy[k]
-                xz = wxp[k] - wx[k] + uz[k + 3] - uz[k + 1]
-                yz = wyp[k] - wy[k] + vz[k + 3] - vz[k + 1]
-                total = 2 * (xx * xx + yy * yy + zz * zz) + xy * xy + xz * xz + yz * yz
-                result[i, j, k] = np.sqrt(total) / (2 * spacing)
+    na, nt, nr = result.shape
+    u, g, area = np.empty(3), np.empty((3, 3)), np.empty(3)
+    for k in range(na):
+        for j in range(nt):
+            for i in range(nr):
+                for a in range(3):
+                    for b in range(3):
+                        g[a, b] = 0.0
+                for face in range(6):
+                    axis, up = face // 2, face % 2
+                    kk, jj, ii = k, j, i
+                    size = strip[i]
+                    if axis == 0:
+                        kk += 2 * up - 1
+                        area[:] = faces[0][k + up, j]
+                    elif axis == 1:
+                        jj += 2 * up - 1
+                        area[:] = faces[1][k, j + up]
+                    else:
+                        ii += 2 * up - 1
+                        area[:] = faces[2][k, j]
+                        size = square[i + up]
+                    wall = kk < 0 or kk >= na or jj < 0 or jj >= nt or ii < 0 or ii >= nr
+                    if wall:
+                        across, norm = 0.0, 1e-300
+                        for a in range(3):
+                            across += velocity[a, k, j, i] * area[a]
+                            norm += area[a] * area[a]
+                        for a in range(3):
+                            u[a] = velocity[a, k, j, i] - across / norm * area[a]
+                    else:
+                        for a in range(3):
+                            u[a] = 0.5 * (velocity[a, k, j, i] + velocity[a, kk, jj, ii])
+                    size *= 2 * up - 1
+                    for a in range(3):
+                        for b in range(3):
+                            g[a, b] += u[a] * area[b] * size
+                total = 2 * (g[0, 0] ** 2 + g[1, 1] ** 2 + g[2, 2] ** 2)
+                total += (g[0, 1] + g[1, 0]) ** 2
+                total += (g[0, 2] + g[2, 0]) ** 2
+                total += (g[1, 2] + g[2, 1]) ** 2
+                result[k, j, i] = np.sqrt(total) / volume[k, j, i]
 
 
 @compiled
-def busy(velocity: Floats, low: Ints, high: Ints) -> float:
-    """Largest sum of the three speeds of a cell, from velocities (3, X, Y, Z).
-
-    `low` and `high` (3,) receive the bounds of the cells with a speed above STILL_M_S.
-    """
-    shape = velocity.shape[1:]
+def renewal(flux: Floats, mass: Floats) -> float:
+    """Largest share of its mass that a cell passes on along its ray, per second."""
+    na, nt, nr = mass.shape
     top = 0.0
-    for axis in range(3):
-        low[axis] = shape[axis]
-        high[axis] = 0
-    for i in range(shape[0]):
-        for j in range(shape[1]):
-            for k in range(shape[2]):
-                x = abs(velocity[0, i, j, k])
-                y = abs(velocity[1, i, j, k])
-                z = abs(velocity[2, i, j, k])
-                top = max(top, x + y + z)
-                if max(x, y, z) > STILL_M_S:
-                    low[0] = min(low[0], i)
-                    low[1] = min(low[1], j)
-                    low[2] = min(low[2], k)
-                    high[0] = max(high[0], i + 1)
-                    high[1] = max(high[1], j + 1)
-                    high[2] = max(high[2], k + 1)
+    for k in range(na):
+        for j in range(nt):
+            for i in range(nr):
+                c = abs(flux[2, k, j, i])
+                if i + 1 < nr:
+                    c = max(c, abs(flux[2, k, j, i + 1]))
+                top = max(top, c / mass[k, j, i])
     return top

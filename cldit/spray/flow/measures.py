@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.coupling import FlyingParcels
-from cldit.spray.flow.exchange import FACES, gather
+from cldit.spray.flow.exchange import gather, places, unfolded
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.projection import projected_reach_m
+from cldit.spray.flow.projected import projected_reach_m
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def measures(cloud: FlyingParcels, flow: GasFlow, fuel: Fuel, axes: Floats) -> t
     liquid, thin = projected_reach_m(cloud.position_m, volume)
     return (
         float(cloud.liquid_kg.sum()),
-        float(flow.fuel.sum() * flow.box.cell_m3),
+        flow.fuel_kg,
         sauter_m(cloud.droplets, diameter),
         liquid,
         thin,
@@ -59,33 +59,34 @@ def measures(cloud: FlyingParcels, flow: GasFlow, fuel: Fuel, axes: Floats) -> t
 
 
 def axis_m_s(flow: GasFlow) -> float:
-    """Gas speed on the injector's axis at `STATION_m`, away from it; NaN if the box ends above."""
-    if flow.box.origin_m[2] > -STATION_m:
+    """Gas speed on the injector's axis at `STATION_m`, away from it; NaN beyond the domain."""
+    if flow.grid.radius_m[-1] < STATION_m:
         return float("nan")
-    there = np.array([[0.0, 0.0, -STATION_m]])
-    return 0.0 - float(gather(flow.box, there, flow.velocity[2], FACES[2])[0])
+    at = places(flow.grid, np.array([[0.0, 0.0, -STATION_m]]))
+    local = np.stack([gather(at, each) for each in flow.velocity], axis=1)
+    return 0.0 - float(unfolded(flow.grid, at, local)[0, 2])
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
     """Largest distance of the share `VAPOUR_SHARE`: mean over plumes that have vapour.
 
-    It is that of the farthest cell, plus a linear interpolation over the next cell outwards. A cell
-    belongs to the plume whose axis, of `axes` (H, 3), is closest to its direction.
+    A ray belongs to the plume whose axis, of `axes` (H, 3), is closest to it. Of each plume it is
+    the farthest shell of cells in which a ray has this share, and linear to the next shell.
     """
-    box, share = flow.box, flow.share
-    rich = np.argwhere(share >= VAPOUR_SHARE)
-    if not len(rich):
-        return 0.0
-    centre = box.origin_m + (rich + 0.5) * box.spacing_m
-    plume, distance = np.argmax(centre @ axes.T, axis=1), np.linalg.norm(centre, axis=1)
-    order = np.lexsort((distance, plume))
-    last = order[np.append(np.diff(plume[order]) > 0, True)]  # the farthest of each plume
-    here = share[tuple(rich[last].T)]
-    on = centre[last] * (1 + box.spacing_m / distance[last])[:, None]
-    fall = here - gather(box, on, share)
-    above = here - VAPOUR_SHARE
-    part = np.divide(above, fall, out=np.ones_like(fall), where=fall > above)
-    return float(np.mean(distance[last] + part * box.spacing_m))
+    owner, share, radius = flow.grid.nearest(axes), flow.share, flow.grid.middle[2]
+    found = []
+    for plume in range(len(axes)):
+        top = share[owner == plume].max(axis=0, initial=0.0)
+        rich = np.flatnonzero(top >= VAPOUR_SHARE)
+        if not rich.size:
+            continue
+        last = int(rich[-1])
+        if last + 1 == len(radius):
+            found.append(float(flow.grid.radius_m[-1]))
+            continue
+        part = (top[last] - VAPOUR_SHARE) / (top[last] - top[last + 1])
+        found.append(float(radius[last] + part * (radius[last + 1] - radius[last])))
+    return float(np.mean(found)) if found else 0.0
 
 
 def sauter_m(droplets: Floats, diameter_m: Floats) -> float:
@@ -99,15 +100,14 @@ def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
 
     It is measured from one to two thirds of the length along `axes` (H, 3); NaN without plumes.
     """
-    index = np.stack(np.unravel_index(np.flatnonzero(flow.share >= VAPOUR_SHARE), flow.box.shape))
-    centre = flow.box.origin_m + (index.T + 0.5) * flow.box.spacing_m
-    along = np.max(centre @ axes.T, axis=1, initial=0.0)
+    grid = flow.grid
+    middle = np.max(grid.directions @ axes.T, axis=2)[:, :, None] * grid.middle[2]
     tip = vapour_reach_m(flow, axes)
-    between = along[(along > tip / 3) & (along < 2 * tip / 3)]
-    if not between.size:
+    within = (flow.share >= VAPOUR_SHARE) & (middle > tip / 3) & (middle < 2 * tip / 3)
+    if not within.any():
         return float("nan")
     # Volume of the cone's part: pi/3 tan^2 (b^3 - a^3).
-    volume = between.size * flow.box.cell_m3 / len(axes)
+    volume = float(grid.volume_m3[within].sum()) * grid.copies / len(axes)
     square = 3 * volume / np.pi / (tip**3 * (8 - 1) / 27)
     return float(np.arctan(np.sqrt(square)))
 

@@ -1,88 +1,122 @@
-"""Liquid penetration by projected volume, as defined by the Engine Combustion Network.
+"""Solver for the potential of the mass fluxes on the grid of rays.
 
-The threshold is a volume of liquid per projected area, in the mean of many injections. A parcel is
-one sample of those: eddies could have moved its droplets anywhere around it. So each parcel is
-projected as a Gaussian spot, half as wide as a free jet at its distance from the injector; then one
-injection shows the same as the mean of many, for any number of parcels and any grid of the gas.
+The operator is a sum of products of one factor for each axis. Eigenvectors of azimuth and polar
+angle separate it into one tridiagonal system along the radius for each pair of them.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
-from cldit.spray.flow.gasjet import HALF_WIDTH
+from cldit.spray.flow.rays import RayGrid
 from cldit.spray.numba_typing import compiled
 
 Floats = NDArray[np.float64]
 
-PROJECTED_m = 2.0e-6  # 2.0e-3 mm3/mm2
-THIN_PROJECTED_m = 0.2e-6
-PIXEL_m = 0.5e-3
-SPOT = 0.5 * HALF_WIDTH  # standard deviation, over the distance from the injector
-_CUT = 3.0  # standard deviations
+_BLOCK = 256  # entries of a row, so that rows of one block stay in the cache
 
 
-def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, float]:
-    """Penetration of the liquid along the injector's axis (-z), for both thresholds.
+class Projection:
+    """Solver of div(grad(potential)) = amiss, in flux form, for a grid."""
 
-    It is the largest distance at which the liquid volume (N,) of the parcels at positions (N, 3),
-    per area across a line of sight, reaches `PROJECTED_m` and `THIN_PROJECTED_m`; 0 if it does not.
-    The result is the mean of the lines of sight along x and y.
+    def __init__(self, grid: RayGrid) -> None:
+        na, nt, nr = grid.shape
+        azimuth, polar, radius = grid.middle
+        wide, high = np.diff(grid.azimuth), -np.diff(np.cos(grid.polar))
+        around = np.zeros(na + 1)
+        around[1:-1] = 1 / np.diff(azimuth)
+        down = np.zeros(nt + 1)
+        down[1:-1] = np.sin(grid.polar[1:-1]) / np.diff(polar)
+        outward = np.zeros(nr + 1)
+        outward[1:-1] = grid.radius_m[1:-1] ** 2 / np.diff(radius)
+        side = np.diff(grid.polar) / np.sin(polar)
+        turn, self._around = eigh(_second(around), np.diag(wide))
+        self._down = np.empty((na, nt, nt))
+        self._upper, self._pivot = np.empty((na, nt, nr)), np.empty((na, nt, nr))
+        length = grid.strip_m2 / radius
+        for k in range(na):
+            lean, self._down[k] = eigh(_second(down) + turn[k] * np.diag(side), np.diag(high))
+            if k == 0:
+                lean[0] = 0.0
+            for j in range(nt):
+                self._factor(outward, lean[j] * length, k, j)
+        self._lower = -outward[:-1]
+        self._shape = grid.shape
+
+    def _factor(self, outward: Floats, diagonal: Floats, k: int, j: int) -> None:
+        whole = outward[:-1] + outward[1:] + diagonal
+        if k == 0 and j == 0:
+            whole[0] *= 2.0  # fixes the constant, which has no gradient
+        _thomas(outward, whole, self._upper[k, j], self._pivot[k, j])
+
+    def __call__(self, amiss: Floats) -> Floats:
+        one, other = np.negative(amiss), np.empty(self._shape)
+        flat = (1, self._shape[0], self._shape[1] * self._shape[2])
+        around = self._around[None]
+        _turned(around.transpose(0, 2, 1).copy(), one.reshape(flat), other.reshape(flat))
+        _turned(self._down.transpose(0, 2, 1).copy(), other, one)
+        _back(self._lower, self._upper, self._pivot, one)
+        _turned(self._down, one, other)
+        _turned(around, other.reshape(flat), one.reshape(flat))
+        return one
+
+
+def _second(faces: Floats) -> Floats:
+    """Matrix of minus the second difference with the coefficients of the faces."""
+    matrix = np.diag(faces[:-1] + faces[1:])
+    if len(faces) > 2:
+        matrix -= np.diag(faces[1:-1], 1) + np.diag(faces[1:-1], -1)
+    return np.asarray(matrix)
+
+
+@compiled
+def _turned(matrices: Floats, values: Floats, result: Floats) -> None:
+    """Products of matrices (K, N, N) and values (K, N, R).
+
+    Those of a library for linear algebra have threads that wait for each other by spinning.
     """
-    seen = (volume_m3 > 0) & (position_m[:, 2] < 0)
-    position, volume = position_m[seen], volume_m3[seen]
-    if not len(volume):
-        return 0.0, 0.0
-    spot = np.maximum(SPOT * np.linalg.norm(position, axis=1), 0.5 * PIXEL_m)
-    deep = -position[:, 2]
-    rows = int((deep + _CUT * spot).max() / PIXEL_m) + 2
-    tops = []
-    for axis in (0, 1):
-        aside = position[:, axis] - (position[:, axis] - _CUT * spot).min() + PIXEL_m
-        across = int((aside + _CUT * spot).max() / PIXEL_m) + 2
-        image = np.zeros((across, rows))
-        _paint(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume / PIXEL_m**2, image)
-        tops.append(image.max(axis=0))
-    far, thin = (
-        float(np.mean([_farthest(top, edge) for top in tops]))
-        for edge in (PROJECTED_m, THIN_PROJECTED_m)
-    )
-    return far, thin
-
-
-def _farthest(top: Floats, edge: float) -> float:
-    """Last distance at which the largest values of rows (R,) reach `edge`, linear between rows."""
-    rows = np.flatnonzero(top > edge)
-    if not rows.size:
-        return 0.0
-    row = int(rows[-1])
-    here, below = float(top[row]), float(top[row + 1]) if row + 1 < len(top) else 0.0
-    return PIXEL_m * (row + 0.5 + (here - edge) / (here - below))
+    kinds, count, length = values.shape
+    for k in range(kinds):
+        for first in range(0, length, _BLOCK):
+            last = min(first + _BLOCK, length)
+            for n in range(count):
+                out, factors = result[k, n], matrices[k, n]
+                for i in range(first, last):
+                    out[i] = 0.0
+                m = 0
+                while m + 4 <= count:  # reads and writes the result a quarter as often
+                    a, b, c, d = factors[m], factors[m + 1], factors[m + 2], factors[m + 3]
+                    p, q = values[k, m], values[k, m + 1]
+                    r, s = values[k, m + 2], values[k, m + 3]
+                    for i in range(first, last):
+                        out[i] += a * p[i] + b * q[i] + c * r[i] + d * s[i]
+                    m += 4
+                for rest in range(m, count):
+                    factor, row = factors[rest], values[k, rest]
+                    for i in range(first, last):
+                        out[i] += factor * row[i]
 
 
 @compiled
-def _spot(at: float, width: float, weights: Floats) -> tuple[int, int]:
-    """First and last pixel of a spot; writes the weights of its pixels, of sum 1."""
-    first = max(int(np.floor(at - _CUT * width)), 0)
-    last = min(int(np.floor(at + _CUT * width)), weights.shape[0] - 1)
-    total = 0.0
-    for i in range(first, last + 1):
-        weights[i] = np.exp(-0.5 * ((i + 0.5 - at) / width) ** 2)
-        total += weights[i]
-    for i in range(first, last + 1):
-        weights[i] /= total
-    return first, last
+def _thomas(faces: Floats, whole: Floats, upper: Floats, pivot: Floats) -> None:
+    count = len(whole)
+    before = 0.0
+    for i in range(count):
+        pivot[i] = 1.0 / (whole[i] + faces[i] * before)
+        upper[i] = -faces[i + 1] * pivot[i]
+        before = upper[i]
 
 
 @compiled
-def _paint(across: Floats, down: Floats, width: Floats, amount: Floats, image: Floats) -> None:
-    """Adds spots (N,) to an image (A, R); lengths in pixels."""
-    aside, deep = np.empty(image.shape[0]), np.empty(image.shape[1])
-    for n in range(across.shape[0]):
-        first, last = _spot(across[n], width[n], aside)
-        top, bottom = _spot(down[n], width[n], deep)
-        for i in range(first, last + 1):
-            part = amount[n] * aside[i]
-            for k in range(top, bottom + 1):
-                image[i, k] += part * deep[k]
+def _back(lower: Floats, upper: Floats, pivot: Floats, modes: Floats) -> None:
+    na, nt, nr = modes.shape
+    for k in range(na):
+        for j in range(nt):
+            row, up, inverse = modes[k, j], upper[k, j], pivot[k, j]
+            row[0] *= inverse[0]
+            for i in range(1, nr):
+                row[i] = (row[i] - lower[i] * row[i - 1]) * inverse[i]
+            for i in range(nr - 2, -1, -1):
+                row[i] -= up[i] * row[i + 1]

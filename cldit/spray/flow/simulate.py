@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from copy import deepcopy
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
-from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.cone.jet import Jet
 from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
-from cldit.spray.flow.gas import FlowGrid, GasFlow
-from cldit.spray.flow.gasjet import Jets
-from cldit.spray.flow.injector import Injection, inject
+from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.injector import Injection, inject, plume_axis
 from cldit.spray.flow.measures import History, Station, measures
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from cldit.spray.flow.ray_choice import domain_time_s, ray_grid, symmetry
+from cldit.spray.flow.sampled import copied, sampled
+from cldit.spray.result import Parcels, Spray
 
 Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
-MOST_CELLS = 2e7
-NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
-_AVOGADRO = 6.02214076e23
+REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 _RECORDS = 100
 
 
 Watch = Callable[[float, float, int], None]  # time, end time, number of parcels
+Result = tuple[Spray, History, GasFlow]
 
 
 def simulate_spray(
     spec: LagrangianSpray, *, cache: Path | None = None, watch: Watch | None = None
-) -> tuple[Spray, History, GasFlow]:
+) -> Result:
     """Computes the spray at `spec.time_s`, its history, and the gas.
 
     `notes` of the spray: injected, liquid, vapour and wall mass (kg), parcels, steps, cells, speed
@@ -52,137 +50,153 @@ def simulate_spray(
     Raises:
         SprayError: an impossible combination of values, or a flow that cannot be computed.
     """
-    fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
-    ambient = spec.ambient
-    check_conditions(
-        fuel,
-        temperature_K=spec.fuel_temperature_K,
-        gas_K=ambient.temperature_K,
-        pressure_Pa=ambient.pressure_Pa,
-    )
-    injection = inject(spec, fuel)
-    flow = GasFlow(
-        make_box(spec, injection),
-        gas_mixture(fuel, carrier, reference_K=ambient.temperature_K),
-        pressure_Pa=ambient.pressure_Pa,
-        temperature_K=ambient.temperature_K,
-    )
-    model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
-    jets = Jets(
-        len(injection.holes),
-        speed_m_s=injection.speed_m_s,
-        density_kg_m3=flow.far_density_kg_m3,
-        spacing_m=flow.box.spacing_m,
-    )
-    liquid = LiquidModel(fuel=fuel, carrier=carrier, model=model, injection=injection)
-    random = np.random.default_rng([spec.seed, 1])
-    each = fuel.mass_kg(injection.diameter_m, np.full(1, spec.fuel_temperature_K))
-    cloud = _born(injection, each, spec, 0, 0, 0.0)
-    time, steps, next_parcel, wall_kg = 0.0, 0, 0, 0.0
-    rows: list[tuple[float, ...]] = []
-    station, axes = Station(), np.array([hole.axis for hole in injection.holes])
-    while time < spec.time_s * (1 - 1e-9):
-        step = _step_s(spec, injection, flow, cloud, time)
-        until = int(np.searchsorted(injection.time_s, time + step, side="left"))
-        if len(cloud.mass_kg):
-            moved, gain = move(cloud, flow, jets, liquid, time_s=time, step_s=step, random=random)
-            station.watch(cloud, moved, fuel)
-            cloud = moved
-            flow.step(step, mass=gain.mass, enthalpy=gain.enthalpy, momentum=gain.momentum)
-            inside = np.all(cloud.position_m > flow.box.origin_m, axis=1)
-            inside &= np.all(cloud.position_m < flow.box.upper_m, axis=1)
-            wall_kg += float(cloud.liquid_kg[~inside].sum())
-            cloud = cloud.where(inside & (cloud.mass_kg > 0))
-        time, steps = time + step, steps + 1
-        cloud = cloud + _born(injection, each, spec, next_parcel, until, time)
-        next_parcel = until
-        injected = float(np.sum((each * injection.droplets)[:until]))
-        if len(rows) < time / spec.time_s * _RECORDS or time >= spec.time_s * (1 - 1e-9):
-            rows.append((time, injected, *measures(cloud, flow, fuel, axes)))
-        if watch is not None:
-            watch(time, spec.time_s, len(cloud.mass_kg))
-    history = History(*np.array(rows).T)
-    notes = {
-        "injected_mass_kg": injected,
-        "liquid_mass_kg": float(cloud.liquid_kg.sum()),
-        "vapour_mass_kg": float(flow.fuel.sum() * flow.box.cell_m3),
-        "wall_mass_kg": wall_kg,
-        "parcels": float(len(cloud.mass_kg)),
-        "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
-        "sauter_mean_diameter_at_15_mm_m": station.sauter_m,
-        "liquid_penetration_m": float(history.liquid_m[-1]),
-        "thin_liquid_penetration_m": float(history.thin_liquid_m[-1]),
-        "vapour_penetration_m": float(history.vapour_m[-1]),
-        "coldest_K": float(history.coldest_K[-1]),
-        "jet_speed_m_s": injection.speed_m_s,
-        "flow_coefficient": injection.flow_coefficient,
-        "pressure_Pa": flow.pressure_Pa,
-        "steps": float(steps),
-        "grid_cells": float(np.prod(flow.box.shape)),
-    }
-    remarks: tuple[str, ...] = ()
-    if wall_kg > 1e-3 * injected:
-        remarks = (
-            f"{100 * wall_kg / injected:.2g} % of the fuel left the gas box as liquid; increase "
-            "spray.box.width_m and depth_m",
-        )
-    notes = {name: value for name, value in notes.items() if np.isfinite(value)}
-    spray = Spray(
-        parcels=_parcels(cloud, fuel), vapour=_vapour(flow, fuel), notes=notes, remarks=remarks
-    )
-    return spray, history, flow
+    return next(simulate_times(spec, (spec.time_s,), cache=cache, watch=watch))
 
 
-def make_box(spec: LagrangianSpray, injection: Injection) -> FlowGrid:
-    """Grid of the gas, as large as the plumes, with the injector's tip in the middle of its top.
+def simulate_times(
+    spec: LagrangianSpray,
+    times_s: tuple[float, ...],
+    *,
+    cache: Path | None = None,
+    watch: Watch | None = None,
+) -> Iterator[Result]:
+    """The spray at increasing `times_s`, from one integration for each size of the domain.
 
-    Raises SprayError if there are too many cells.
+    Steps do not depend on the times, so each result is that of its time alone. Raises as
+    `simulate_spray`.
     """
-    h = spec.box.spacing_m
-    gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
-    below, beside = 5e-3, 5e-3
-    for plume, hole in zip(spec.plumes, injection.holes, strict=True):
-        if not hole.diameter_m > 0:
-            continue
-        half = np.radians(plume.cone_angle_deg / 2)
-        area = np.pi / 4 * hole.diameter_m**2
-        jet = Jet(
-            rate_kg_s=area * injection.density_kg_m3 * injection.speed_m_s,
-            speed_m_s=injection.speed_m_s,
-            half_angle_rad=float(half),
-            fuel_kg_m3=injection.density_kg_m3,
-            gas_kg_m3=gas,
-        )
-        reach = 1.1 * jet.tip_m(spec.time_s) + 4e-3
-        lean = np.radians(plume.inclination_deg)
-        below = max(below, reach * float(np.cos(max(lean - half / 2, 0.0))))
-        beside = max(beside, reach * float(np.sin(min(lean + half / 2, np.pi / 2))))
-    width = spec.box.width_m or 2 * beside
-    depth = spec.box.depth_m or below
-    cells = np.array([width, width, depth + spec.box.above_m]) / h
-    if np.prod(cells) > MOST_CELLS:
-        least = h * float(np.prod(cells) / MOST_CELLS) ** (1 / 3)
-        raise SprayError(
-            f"spray.box.spacing_m: {h:g} gives {np.prod(cells):.3g} cells in a box of "
-            f"{width:.3g} x {width:.3g} x {depth + spec.box.above_m:.3g} m; at least {least:.2g}"
-        )
-    across, high = (int(next_fast_len(max(8, int(np.ceil(n))), real=True)) for n in cells[1:])
-    above = round(spec.box.above_m / h)
-    origin = np.array([-0.5 * across * h, -0.5 * across * h, (above - high) * h])
-    return FlowGrid(origin, h, (across, across, high))
+    spaces = groupby(
+        times_s, lambda time_s: domain_time_s(spec.model_copy(update={"time_s": time_s}))
+    )
+    for _, group in spaces:
+        times = tuple(group)
+        state = _State(spec.model_copy(update={"time_s": times[-1]}), cache)
+        for number, time_s in enumerate(times):
+            while time_s > state.time_s + 1.5 * state.longest_step_s:
+                state.step(state.longest_step_s)
+                if watch is not None:
+                    watch(state.time_s, times[-1], len(state.cloud.mass_kg))
+            # The last step goes aside from the others. It is at least half as long as they are: a
+            # very short one would need large changes of the gas.
+            last = state if number + 1 == len(times) else state.copy()
+            last.step(time_s - last.time_s)
+            yield last.result()
 
 
-def _step_s(
-    spec: LagrangianSpray, injection: Injection, flow: GasFlow, cloud: FlyingParcels, time: float
-) -> float:
-    """Time step by the CFL number of the gas, in which parcels move by a cell at most."""
-    fastest = float(np.abs(cloud.velocity_m_s).max(initial=0.0))
-    if time < injection.end_s:
-        fastest = max(fastest, injection.speed_m_s)
-    free = flow.box.spacing_m / max(fastest, 1e-9)
-    left = spec.time_s - time
-    # Equal steps up to the end, since a very short last step would need large changes of the gas.
-    return left / math.ceil(left / min(free, flow.longest_step_s(), LONGEST_STEP_S))
+class _State:
+    """Parcels and gas, and what is counted of them."""
+
+    def __init__(self, spec: LagrangianSpray, cache: Path | None) -> None:
+        self.spec = spec
+        self.fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
+        ambient = spec.ambient
+        check_conditions(
+            self.fuel,
+            temperature_K=spec.fuel_temperature_K,
+            gas_K=ambient.temperature_K,
+            pressure_Pa=ambient.pressure_Pa,
+        )
+        self.axes = np.array([plume_axis(each) for each in spec.plumes])
+        # Equal plumes are computed once.
+        self.alike = max(symmetry(spec.plumes), 1)
+        part = {"injected_mass_kg": spec.injected_mass_kg / self.alike, "plumes": spec.plumes[:1]}
+        one = spec.model_copy(update=part) if self.alike > 1 else spec
+        self.injection = inject(one, self.fuel)
+        self.flow = GasFlow(
+            ray_grid(spec, self.injection),
+            gas_mixture(self.fuel, carrier, reference_K=ambient.temperature_K),
+            pressure_Pa=ambient.pressure_Pa,
+            temperature_K=ambient.temperature_K,
+        )
+        model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
+        self.liquid = LiquidModel(fuel=self.fuel, carrier=carrier, model=model)
+        self.random = np.random.default_rng([spec.seed, 1])
+        droplet = np.full(1, spec.fuel_temperature_K)
+        self.each_kg = self.fuel.mass_kg(self.injection.diameter_m, droplet)
+        self.cloud = _born(self.injection, self.each_kg, spec, 0, 0, 0.0)
+        self.time_s, self.wall_kg, self.steps, self.born = 0.0, 0.0, 0, 0
+        self.rows: list[tuple[float, ...]] = []
+        self.station = Station()
+
+    def copy(self) -> _State:
+        """The same state, of arrays of its own."""
+        flow = self.flow
+        constant = (self.spec, self.injection, self.liquid, self.fuel, self.each_kg, self.axes)
+        shared = (*constant, flow.grid, flow.mixture, flow.solve)
+        return deepcopy(self, {id(each): each for each in shared})
+
+    @property
+    def longest_step_s(self) -> float:
+        """Time step in which the parcels fly by `REACH_m` at most."""
+        fastest = float(np.linalg.norm(self.cloud.velocity_m_s, axis=1).max(initial=0.0))
+        if self.time_s < self.injection.end_s:
+            fastest = max(fastest, self.injection.speed_m_s)
+        return min(REACH_m / max(fastest, 1e-9), LONGEST_STEP_S)
+
+    def step(self, step_s: float) -> None:
+        """Advances parcels and gas."""
+        flow, injection = self.flow, self.injection
+        until = int(np.searchsorted(injection.time_s, self.time_s + step_s, side="left"))
+        if len(self.cloud.mass_kg):
+            moved, gain = move(self.cloud, flow, self.liquid, step_s=step_s, random=self.random)
+            self.station.watch(self.cloud, moved, self.fuel)
+            flow.proceed(step_s, mass=gain.mass, enthalpy=gain.enthalpy, momentum=gain.momentum)
+            inside = flow.grid.contains(moved.position_m)
+            self.wall_kg += self.alike * float(moved.liquid_kg[~inside].sum())
+            self.cloud = moved.where(inside & (moved.mass_kg > 0))
+        self.time_s, self.steps = self.time_s + step_s, self.steps + 1
+        new = _born(injection, self.each_kg, self.spec, self.born, until, self.time_s)
+        self.cloud, self.born = self.cloud + new, until
+        if len(self.rows) < self.time_s / self.spec.time_s * _RECORDS:
+            self._record()
+
+    def _record(self) -> None:
+        if self.rows and self.rows[-1][0] == self.time_s:
+            return
+        cloud = copied(self.cloud, self.flow.grid)
+        found = measures(cloud, self.flow, self.fuel, self.axes)
+        self.rows.append((self.time_s, self.injected_kg, *found))
+
+    @property
+    def injected_kg(self) -> float:
+        """Fuel that has left the holes."""
+        return self.alike * float(np.sum((self.each_kg * self.injection.droplets)[: self.born]))
+
+    def result(self) -> Result:
+        """The spray, its history, and the gas, of all plumes."""
+        self._record()
+        spec, flow, fuel = self.spec, self.flow, self.fuel
+        cloud = copied(self.cloud, flow.grid)
+        history = History(*np.array(self.rows).T)
+        injected, wall_kg = self.injected_kg, self.wall_kg
+        notes = {
+            "injected_mass_kg": injected,
+            "liquid_mass_kg": float(cloud.liquid_kg.sum()),
+            "vapour_mass_kg": flow.fuel_kg,
+            "wall_mass_kg": wall_kg,
+            "parcels": float(len(cloud.mass_kg)),
+            "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
+            "sauter_mean_diameter_at_15_mm_m": self.station.sauter_m,
+            "liquid_penetration_m": float(history.liquid_m[-1]),
+            "thin_liquid_penetration_m": float(history.thin_liquid_m[-1]),
+            "vapour_penetration_m": float(history.vapour_m[-1]),
+            "coldest_K": float(history.coldest_K[-1]),
+            "jet_speed_m_s": self.injection.speed_m_s,
+            "flow_coefficient": self.injection.flow_coefficient,
+            "pressure_Pa": flow.pressure_Pa,
+            "steps": float(self.steps),
+            "gas_spacing_m": spec.box.spacing_m,
+            "grid_cells": float(np.prod(flow.grid.shape)),
+        }
+        remarks: tuple[str, ...] = ()
+        if wall_kg > 1e-3 * injected:
+            remarks = (
+                f"{100 * wall_kg / injected:.2g} % of the fuel left the gas box as liquid; "
+                "increase spray.box.width_m and depth_m",
+            )
+        notes = {name: value for name, value in notes.items() if np.isfinite(value)}
+        parcels, vapour = _parcels(cloud, fuel), sampled(flow, fuel)
+        return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks), history, flow
 
 
 def _born(
@@ -218,18 +232,4 @@ def _parcels(cloud: FlyingParcels, fuel: Fuel) -> Parcels | None:
         droplets=cloud.droplets[seen],
         temperature_K=cloud.temperature_K[seen],
         density_kg_m3=fuel.liquid.one("density", cloud.temperature_K[seen]),
-    )
-
-
-def _vapour(flow: GasFlow, fuel: Fuel) -> Vapour | None:
-    index = np.flatnonzero(flow.share >= NEGLIGIBLE)
-    if not index.size:
-        return None
-    box = flow.box
-    spacing = np.full(3, box.spacing_m)
-    return Vapour(
-        cells=Cells.regular(origin_m=box.origin_m, spacing_m=spacing, shape=box.shape, index=index),
-        number_density_m3=flow.fuel.reshape(-1)[index] * (_AVOGADRO / fuel.molar_mass_kg_mol),
-        temperature_K=flow.temperature_K.reshape(-1)[index],
-        molar_mass_kg_mol=fuel.molar_mass_kg_mol,
     )

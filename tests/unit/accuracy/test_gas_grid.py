@@ -50,7 +50,9 @@ def vapour(h_m: float = H, *, long: int = 24) -> Vapour:
 
 
 def prepared(gas: Vapour, resprayed: Any) -> Any:
-    return SimpleNamespace(spray=SimpleNamespace(vapour=gas), cube=CUBE, resprayed=resprayed)
+    edge_m = float(gas.cells.upper_m[0, 0] - gas.cells.lower_m[0, 0])
+    spray = SimpleNamespace(vapour=gas, notes={"gas_spacing_m": round(edge_m, 9)})
+    return SimpleNamespace(spray=spray, cube=CUBE, resprayed=resprayed)
 
 
 def gas(lower: list[list[float]], edge_m: float, absorption: float = 1.0) -> CellSource:
@@ -272,7 +274,8 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
     def make(spec: Any, *, cache: Path, **_: Any) -> Spray:
         h_m = spec.box.spacing_m
         asked.append((h_m, cache))
-        return Spray(parcels=parcels, vapour=vapour(h_m, long=round(48 * H / h_m)))
+        here = vapour(h_m, long=round(48 * H / h_m))
+        return Spray(parcels=parcels, vapour=here, notes={"gas_spacing_m": h_m})
 
     monkeypatch.setattr(medium, "make_spray", make)
     info = SimpleNamespace(memory_bytes=2**31, largest_buffer_bytes=2**30)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,21 @@ import pytest
 
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.cache import cached_spray
+from cldit.spray.cache import cached_spray, times_together
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
+
+Make = Callable[[tuple[float, ...]], Iterator[Spray]]
+
+
+def maker(asked: list[tuple[float, ...]], fails_at: float | None = None) -> Make:
+    def make(times_s: tuple[float, ...]) -> Iterator[Spray]:
+        asked.append(times_s)
+        for time_s in times_s:
+            if time_s == fails_at:
+                raise SprayError("no")
+            yield _spray()
+
+    return make
 
 
 def _spray() -> Spray:
@@ -34,12 +48,8 @@ def _spray() -> Spray:
 
 
 def test_computed_once(tmp_path: Path) -> None:
-    made: list[int] = []
-
-    def make() -> Spray:
-        made.append(1)
-        return _spray()
-
+    made: list[tuple[float, ...]] = []
+    make = maker(made)
     spec = LagrangianSpray()
     first = cached_spray(spec, tmp_path, make)
     again = cached_spray(spec, tmp_path, make)
@@ -60,17 +70,15 @@ def test_computed_once(tmp_path: Path) -> None:
 
 
 def test_damaged_file_is_made_anew(tmp_path: Path) -> None:
-    cached_spray(LagrangianSpray(), tmp_path, _spray)
+    cached_spray(LagrangianSpray(), tmp_path, maker([]))
     (file,) = (tmp_path / "sprays").glob("*.npz")
     file.write_bytes(file.read_bytes()[:100])
-    assert cached_spray(LagrangianSpray(), tmp_path, _spray).parcels is not None
+    assert cached_spray(LagrangianSpray(), tmp_path, maker([])).parcels is not None
     assert file.stat().st_size > 100
 
 
 def test_what_fails_is_not_kept(tmp_path: Path) -> None:
-    def make() -> Spray:
-        raise SprayError("no")
-
+    make = maker([], fails_at=LagrangianSpray().time_s)
     with pytest.raises(SprayError, match="no"):
         cached_spray(LagrangianSpray(), tmp_path, make)
     assert not list((tmp_path / "sprays").glob("*.npz"))
@@ -78,4 +86,24 @@ def test_what_fails_is_not_kept(tmp_path: Path) -> None:
 
 def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    assert cached_spray(LagrangianSpray(), tmp_path / "file", _spray).parcels is not None
+    assert cached_spray(LagrangianSpray(), tmp_path / "file", maker([])).parcels is not None
+
+
+def test_times_of_a_series_are_made_together(tmp_path: Path) -> None:
+    made: list[tuple[float, ...]] = []
+    specs = [LagrangianSpray(time_s=time_s) for time_s in (3e-4, 1e-4, 2e-4)]
+    cached_spray(specs[2], tmp_path, maker(made))
+    with times_together([3e-4, 1e-4, 2e-4]):
+        for spec in (*specs, LagrangianSpray(time_s=5e-4)):
+            cached_spray(spec, tmp_path, maker(made))
+    assert made == [(2e-4,), (1e-4, 3e-4), (5e-4,)]
+
+
+def test_a_later_time_that_fails_is_refused_when_asked_for(tmp_path: Path) -> None:
+    made: list[tuple[float, ...]] = []
+    with times_together([1e-4, 2e-4]):
+        early = cached_spray(LagrangianSpray(time_s=1e-4), tmp_path, maker(made, 2e-4))
+        assert early.parcels is not None
+        with pytest.raises(SprayError, match="no"):
+            cached_spray(LagrangianSpray(time_s=2e-4), tmp_path, maker(made, 2e-4))
+    assert made == [(1e-4, 2e-4), (2e-4,)]

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.spray.flow.gas import FlowGrid, GasFlow
+from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.mixture import GasMixture
+from cldit.spray.flow.ray_choice import round_grid
 
 Floats = NDArray[np.float64]
 
 THRUST_N = 0.3  # as of a plume of the ECN's Spray G
-_SOURCE_m = 8e-3  # below the injector's place: there the jet gets its momentum and its width
+_SOURCE_m = 8e-3  # from the injector's place: there the jet gets its momentum and its width
 _END_s = 1.5e-3
-_ACROSS_m, _BELOW_m = 36e-3, 56e-3
 
 
 @dataclass(frozen=True)
@@ -39,45 +39,37 @@ def free_jet(
     distances_m: tuple[float, ...] = (20e-3, 25e-3, 30e-3),
 ) -> FreeJet:
     """Nitrogen of 0.6 MPa, pushed by `THRUST_N` from 8 mm on, with or without cold fuel vapour."""
-    count = round(_ACROSS_m / spacing_m)
-    origin = np.array([-0.5 * count * spacing_m] * 2 + [-_BELOW_m])
-    box = FlowGrid(origin, spacing_m, (count, count, round((_BELOW_m + 4e-3) / spacing_m)))
-    flow = GasFlow(box, mixture, pressure_Pa=0.6e6, temperature_K=573.0)
-    x = origin[0] + (np.arange(count) + 0.5) * spacing_m
-    z = origin[2] + np.arange(box.shape[2]) * spacing_m  # low faces
-    aside = np.hypot(*np.meshgrid(x, x, indexing="ij"))
-    wide = np.exp(-0.5 * (aside / (0.07 * _SOURCE_m)) ** 2)
-
-    def source(height: Floats) -> Floats:
-        along = np.exp(-0.5 * ((height + _SOURCE_m) / 1e-3) ** 2)
-        shape = wide[:, :, None] * along
-        return np.asarray(shape / (shape.sum() * box.cell_m3))
-
-    push, feed = source(z), source(z + 0.5 * spacing_m)
-    time, still = 0.0, np.zeros((3, *box.shape))
+    grid = round_grid(np.array([0.0, 0.0, -1.0]), spacing_m=spacing_m, far_m=80e-3)
+    flow = GasFlow(grid, mixture, pressure_Pa=0.6e6, temperature_K=573.0)
+    radius, polar = grid.middle[2], grid.middle[1]
+    wide = np.exp(-0.5 * (polar / 0.07) ** 2)
+    along = np.exp(-0.5 * ((radius - _SOURCE_m) / 1e-3) ** 2)
+    source = np.broadcast_to(wide[:, None] * along, grid.shape)
+    source = source / (np.sum(source * grid.volume_m3) * grid.copies)
+    time, step, still = 0.0, 5e-6, np.zeros((3, *grid.shape))
     while time < _END_s:
-        step = min(flow.longest_step_s(), 5e-6)
-        momentum, mass = still.copy(), feed * fuel_kg_s * step
-        momentum[2] = -push * THRUST_N * step
-        flow.step(step, mass=mass, enthalpy=-9e5 * mass, momentum=momentum)
+        momentum, mass = still.copy(), source * fuel_kg_s * step
+        momentum[2] = source * THRUST_N * step  # the grid's third axis is the jet's
+        flow.proceed(step, mass=mass, enthalpy=-9e5 * mass, momentum=momentum)
         time += step
     around = flow.far_density_kg_m3
     rows: list[tuple[float, float, float, float]] = []
     for distance in distances_m:
-        k = round((-distance - origin[2]) / spacing_m)  # the face at that height
-        speed = -flow.velocity[2, :, :, k]
-        middle = slice(count // 2 - 1, count // 2 + 1)
-        line = speed[:, middle].mean(axis=1)[count // 2 :]
-        top = float(speed.max())
-        half = float(np.interp(-0.5 * top, -line, x[count // 2 :]))
-        down = np.where((speed > 0) & (aside < 0.35 * distance), -flow.flux[2, :, :, k], 0.0)
-        flux = float(down.sum()) * spacing_m**2
+        i = int(np.argmin(np.abs(grid.radius_m - distance)))
+        x = float(grid.radius_m[i])
+        flux = flow.flux[2, 0, :, i]  # outward, through the shell
+        speed = flux / (x**2 * grid.angle[0]) / flow.density[0, :, i - 1 : i + 1].mean(axis=1)
+        # On the axis by the parabola through the first two rays.
+        first, second = polar[:2] ** 2
+        top = float(speed[0] + (speed[0] - speed[1]) * first / (second - first))
+        half = float(np.interp(-0.5 * top, -speed, x * np.tan(polar)))
+        within = (flux > 0) & (np.tan(polar) < 0.35)
         rows.append(
             (
-                half / distance,
-                flux / (float(np.sqrt(around * THRUST_N)) * distance),
-                top * distance / float(np.sqrt(THRUST_N / around)),
-                float(flow.density[middle, middle, k].mean()) / around,
+                half / x,
+                float(flux[within].sum()) * grid.copies / (float(np.sqrt(around * THRUST_N)) * x),
+                top * x / float(np.sqrt(THRUST_N / around)),
+                float(flow.density[0, 0, i]) / around,
             )
         )
     return FreeJet(distances_m, *(tuple(column) for column in zip(*rows, strict=True)))

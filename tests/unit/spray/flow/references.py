@@ -137,8 +137,6 @@ def alone(spec: LagrangianSpray) -> LagrangianSpray:
         update={
             "plumes": (plume,),
             "injected_mass_kg": share * spec.injected_mass_kg,
-            # Wide enough that what flows back beside the plume does not slow it down.
-            "box": spec.box.model_copy(update={"width_m": 50e-3}),
         }
     )
 

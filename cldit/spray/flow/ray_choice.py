@@ -1,0 +1,163 @@
+"""Choice of the grid of rays for an injector."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.errors import SprayError
+from cldit.scene.spray import LagrangianSpray, Plume
+from cldit.spray.cone.jet import Jet
+from cldit.spray.flow.injector import Injection, plume_axis
+from cldit.spray.flow.rays import RayGrid
+
+Floats = NDArray[np.float64]
+
+SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's spacing
+LONGER = 1.0  # cells along the rays, over those across
+NOSE_m = 1e-3  # radius of the tip, in which there is no gas
+MOST_CELLS = 2e7
+_SHORTEST = 0.5  # cell along the ray, over the scene's spacing
+_BESIDE = 0.35  # angle beside a plume with fine cells; its edge is at half of it
+_GROWTH = 1.12  # of cells beyond
+_BEHIND = np.radians(115.0)  # of the injector's axis, up to where there is gas
+_POLE = np.radians(15.0)
+_NEAREST_POLE = np.radians(3.0)
+_FIRST_TIME_S = 1.25e-3
+_FEWEST = 3  # cells between planes of symmetry
+
+
+def symmetry(plumes: tuple[Plume, ...]) -> int:
+    """Number of equal plumes at equal angles about the injector's axis; 0: one axis; else 1."""
+    axes = np.array([plume_axis(each) for each in plumes])
+    if np.allclose(axes, axes[0], atol=1e-6):
+        return 0
+    first, count = plumes[0], len(plumes)
+    turn = np.sort([(each.azimuth_deg - first.azimuth_deg + 1e-6) % 360 for each in plumes])
+    same = all(
+        each.model_copy(update={"azimuth_deg": first.azimuth_deg}) == first for each in plumes
+    )
+    even = np.allclose(turn, 360 / count * np.arange(count), atol=1e-4)
+    return count if same and even else 1
+
+
+def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
+    """Grid for the plumes of `spec`; raises SprayError if there are too many cells."""
+    h = spec.box.spacing_m / SPACING_AT_m
+    axes = np.array([plume_axis(each) for each in spec.plumes])
+    kind = symmetry(spec.plumes)
+    radius = _radii(spec.box.spacing_m, LONGER * h, farthest_m(spec, injection))
+    if kind == 0:
+        return round_grid(axes[0], spacing_m=spec.box.spacing_m, far_m=farthest_m(spec, injection))
+    if kind > 1:
+        down = np.array([0.0, 0.0, -1.0])
+        lean = float(np.arccos(axes[0] @ down))
+        polar = _fine(max(lean - _BESIDE, 0.0), lean + _BESIDE, h, 0.0, max(_BEHIND, lean + 0.4))
+        count = max(_FEWEST, int(np.ceil(np.pi / kind * np.sin(lean) / h)))
+        azimuth = np.linspace(0.0, np.pi / kind, count + 1)
+        return _checked(RayGrid(_frame(down, axes[0]), radius, polar, azimuth, kind), spec)
+    # The pole across the injector's axis that is farthest from all plumes.
+    turns = np.radians(np.arange(0.0, 180.0, 5.0))
+    poles = np.stack([np.cos(turns), np.sin(turns), np.zeros_like(turns)], axis=1)
+    pole = poles[np.argmin(np.abs(poles @ axes.T).max(axis=1))]
+    frame = _frame(pole, np.array([0.0, 0.0, -1.0]))
+    local = axes @ frame.T
+    polar = np.arccos(local[:, 2])
+    azimuth = np.arctan2(local[:, 1], local[:, 0])
+    low, high = float(polar.min()), float(polar.max())
+    near = min(low, np.pi - high)
+    if near < _NEAREST_POLE + 0.1:
+        raise SprayError(
+            "spray.plumes: no direction across the injector's axis is 9 degrees away from all "
+            "plumes; allowed: smaller inclinations"
+        )
+    edge = max(min(_POLE, near - _BESIDE), _NEAREST_POLE)
+    polar = _fine(low - _BESIDE, high + _BESIDE, h, edge, np.pi - edge)
+    side = _fine(azimuth.min() - _BESIDE, azimuth.max() + _BESIDE, h, -_BEHIND, _BEHIND)
+    return _checked(RayGrid(frame, radius, polar, side, 1), spec)
+
+
+def round_grid(axis: Floats, *, spacing_m: float, far_m: float) -> RayGrid:
+    """Grid of one plume."""
+    h, sector = spacing_m / SPACING_AT_m, np.pi / 64
+    polar = _fine(0.0, _BESIDE, h, 0.0, _BEHIND)
+    radius = _radii(spacing_m, LONGER * h, far_m)
+    return RayGrid(_frame(axis), radius, polar, np.array([-sector, sector]), 0)
+
+
+def _checked(grid: RayGrid, spec: LagrangianSpray) -> RayGrid:
+    cells = float(np.prod(grid.shape))
+    if cells > MOST_CELLS:
+        least = spec.box.spacing_m * (cells / MOST_CELLS) ** (1 / 3)
+        raise SprayError(
+            f"spray.box.spacing_m: {spec.box.spacing_m:g} gives {cells:.3g} cells; at least "
+            f"{least:.2g}"
+        )
+    return grid
+
+
+def domain_time_s(spec: LagrangianSpray) -> float:
+    """Time for which the domain is large enough; times up to it have the same domain."""
+    doubled = max(0, math.ceil(math.log2(spec.time_s / _FIRST_TIME_S)))
+    return float(_FIRST_TIME_S * 2.0**doubled)
+
+
+def farthest_m(spec: LagrangianSpray, injection: Injection) -> float:
+    """Radius of the domain: half as far again as the plumes reach."""
+    wide = 0.5 * (spec.box.width_m or 0.0)
+    if spec.box.depth_m is not None:
+        return max(spec.box.depth_m, wide)
+    gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
+    reach = 5e-3
+    for plume, hole in zip(spec.plumes, injection.holes, strict=False):
+        if not hole.diameter_m > 0:
+            continue
+        area = np.pi / 4 * hole.diameter_m**2
+        jet = Jet(
+            rate_kg_s=area * injection.density_kg_m3 * injection.speed_m_s,
+            speed_m_s=injection.speed_m_s,
+            half_angle_rad=float(np.radians(plume.cone_angle_deg / 2)),
+            fuel_kg_m3=injection.density_kg_m3,
+            gas_kg_m3=gas,
+        )
+        reach = max(reach, jet.tip_m(domain_time_s(spec)))
+    return max(1.6 * reach + 5e-3, wide)
+
+
+def _frame(pole: Floats, first: Floats | None = None) -> Floats:
+    """Local axes: the pole last, and the first one towards `first`."""
+    if first is None:
+        first = np.eye(3)[np.argmin(np.abs(pole))]
+    one = first - (first @ pole) * pole
+    one /= np.linalg.norm(one)
+    return np.array([one, np.cross(pole, one), pole])
+
+
+def _radii(spacing_m: float, growth: float, far_m: float) -> Floats:
+    radii = [NOSE_m]
+    while radii[-1] < far_m:
+        radii.append(radii[-1] + max(_SHORTEST * spacing_m, growth * radii[-1]))
+    return np.array(radii)
+
+
+def _fine(low: float, high: float, step: float, first: float, last: float) -> Floats:
+    """Angles from `first` to `last`, evenly by `step` between low and high, and growing beyond."""
+    low, high = max(low, first), min(high, last)
+    count = max(1, int(np.ceil((high - low) / step)))
+    inner = np.linspace(low, high, count + 1)
+    step = (high - low) / count
+    below = low - _growing(step, low - first)[::-1]
+    return np.concatenate([below, inner, high + _growing(step, last - high)])
+
+
+def _growing(step: float, length: float) -> Floats:
+    """Distances of faces that grow from `step` on and end at `length`."""
+    if length <= 1e-9:
+        return np.empty(0)
+    count = 1
+    while step * _GROWTH * (_GROWTH**count - 1) / (_GROWTH - 1) < length:
+        count += 1
+    widths = _GROWTH ** np.arange(1.0, count + 1)
+    return np.asarray(np.cumsum(widths) * (length / widths.sum()))

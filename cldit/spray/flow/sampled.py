@@ -1,0 +1,195 @@
+"""Results of the grid of rays: all plumes, and vapour on a regular lattice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.spray.droplet.fluids import Fuel
+from cldit.spray.flow.coupling import FlyingParcels
+from cldit.spray.flow.exchange import between, corners, turn_of
+from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.rays import RayGrid
+from cldit.spray.numba_typing import compiled
+from cldit.spray.result import Cells, Vapour
+
+Floats = NDArray[np.float64]
+
+NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
+SPACING_m = 0.5e-3  # of the lattice, whatever the grid is
+_MOST = 240  # voxels along an axis
+_AVOGADRO = 6.02214076e23
+
+
+def copied(cloud: FlyingParcels, grid: RayGrid) -> FlyingParcels:
+    """Parcels of all equal plumes, from those of the first: turned, and every other one mirrored,
+    so that no two neighbours are alike."""
+    count, one = len(cloud.mass_kg), cloud
+    if grid.symmetry < 2:
+        return cloud
+    down, aside = grid.frame[2], grid.frame[1]
+    for k in range(1, grid.symmetry):
+        angle = 2 * np.pi * k / grid.symmetry
+        spin = _rotation(down, angle) @ (np.eye(3) - 2 * (k % 2) * np.outer(aside, aside))
+        cloud = cloud + replace(
+            one,
+            hole=np.full(count, k),
+            position_m=one.position_m @ spin.T,
+            velocity_m_s=one.velocity_m_s @ spin.T,
+        )
+    return cloud
+
+
+def _rotation(axis: Floats, angle: float) -> Floats:
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
+    """Vapour on a lattice, linear between the middles of the cells of rays.
+
+    The vapour in each shell of cells is kept. Temperatures are means by mass of vapour.
+    """
+    grid = flow.grid
+    content = np.sum(flow.fuel * grid.volume_m3, axis=(0, 1)) * grid.copies
+    rich = flow.share >= NEGLIGIBLE
+    if not rich.any():
+        return None
+    low, high = _bounds(grid, rich)
+    spacing_m = max(SPACING_m, float(np.max(high - low)) / _MOST)
+    origin = spacing_m * (np.floor(low / spacing_m) - 1)
+    x, y, z = (int(n) + 2 for n in np.ceil((high - origin) / spacing_m))
+    shape = (x, y, z)
+    found = np.zeros((2, *shape))
+    shells, factor = np.zeros(len(content)), np.ones(len(content))
+    for again in (False, True):
+        if again:
+            factor = np.divide(content, shells, out=np.zeros_like(content), where=shells > 0)
+        found[:] = 0.0
+        _fill(
+            (grid.frame, grid.azimuth, grid.polar, grid.radius_m, grid.symmetry),
+            flow.fuel,
+            flow.temperature_K,
+            1e-2 * NEGLIGIBLE * flow.far_density_kg_m3,
+            factor,
+            origin,
+            spacing_m,
+            shells,
+            found,
+        )
+    mass, heat = found.reshape(2, -1)
+    index = np.flatnonzero(mass > NEGLIGIBLE * flow.far_density_kg_m3 * spacing_m**3)
+    spacing = np.full(3, spacing_m)
+    return Vapour(
+        cells=Cells.regular(origin_m=origin, spacing_m=spacing, shape=shape, index=index),
+        number_density_m3=mass[index] / spacing_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol),
+        temperature_K=heat[index] / mass[index],
+        molar_mass_kg_mol=fuel.molar_mass_kg_mol,
+    )
+
+
+def _bounds(grid: RayGrid, rich: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Corners of a box around the cells that are rich (A, P, R), and their copies."""
+    far = np.where(rich, grid.radius_m[1:], 0.0).max(axis=2)
+    rays = grid.directions @ grid.frame.T * far[:, :, None]
+    rays = rays[far > 0]
+    if grid.symmetry != 1:
+        wide = np.hypot(rays[:, 0], rays[:, 1])
+        around = np.linspace(0.0, 2 * np.pi, 65)
+        ends = zip(wide, rays[:, 2], strict=True)
+        ring = np.stack([np.cos(around), np.sin(around)])
+        rays = np.concatenate([np.stack([*(w * ring), np.full(65, h)], axis=1) for w, h in ends])
+    world = rays @ grid.frame
+    return np.minimum(world.min(axis=0), 0.0), np.maximum(world.max(axis=0), 0.0)
+
+
+@compiled
+def _fill(
+    grid: tuple[Floats, Floats, Floats, Floats, int],
+    fuel: Floats,
+    temperature: Floats,
+    least: float,
+    factor: Floats,
+    origin: Floats,
+    spacing: float,
+    shells: Floats,
+    result: Floats,
+) -> None:
+    """Mass of vapour, and that times its temperature, of voxels (2, X, Y, Z).
+
+    Args:
+        grid: frame, azimuth, polar, radius_m and symmetry of a `RayGrid`.
+        fuel, temperature: of its cells.
+        least: density of vapour below which there is none.
+        factor: (R,) on what is found in each shell.
+        origin, spacing: of the voxels.
+        shells: (R,) sum of what is found without the factor; added to.
+        result: added to.
+    """
+    frame, azimuth, polar, radius, symmetry = grid
+    rich, warm = fuel.reshape(-1), temperature.reshape(-1)
+    nt, nr = len(polar) - 1, len(radius) - 1
+    cell, weight = np.empty(8, dtype=np.int64), np.empty(8)
+    p, q = np.empty(3), np.empty(3)
+    for i in range(result.shape[1]):
+        for j in range(result.shape[2]):
+            for k in range(result.shape[3]):
+                p[0] = origin[0] + (i + 0.5) * spacing
+                p[1] = origin[1] + (j + 0.5) * spacing
+                p[2] = origin[2] + (k + 0.5) * spacing
+                away = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
+                if away > radius[nr] + spacing:
+                    continue
+                # A voxel near the tip is wider than the plumes there.
+                points = 2 if away > 8 * spacing else 6
+                part = (spacing / points) ** 3
+                near = away <= 8 * spacing
+                for n in range(-1, points**3):
+                    if n < 0:
+                        if near:
+                            continue
+                        dx, dy, dz = 0.0, 0.0, 0.0
+                    else:
+                        dx = ((n // points**2 + 0.5) / points - 0.5) * spacing
+                        dy = ((n // points % points + 0.5) / points - 0.5) * spacing
+                        dz = ((n % points + 0.5) / points - 0.5) * spacing
+                    for a in range(3):
+                        q[a] = (
+                            frame[a, 0] * (p[0] + dx)
+                            + frame[a, 1] * (p[1] + dy)
+                            + frame[a, 2] * (p[2] + dz)
+                        )
+                    flat = np.sqrt(q[0] * q[0] + q[1] * q[1])
+                    lean = np.arctan2(flat, q[2])
+                    r = np.sqrt(flat * flat + q[2] * q[2])
+                    if lean < polar[0] or lean > polar[nt] or r > radius[nr]:
+                        continue
+                    angle = 0.0
+                    if symmetry != 0:
+                        angle = np.arctan2(q[1], q[0])
+                        if symmetry == 1 and (angle < azimuth[0] or angle > azimuth[-1]):
+                            continue
+                        angle -= turn_of(symmetry, angle)
+                        if symmetry > 1:
+                            angle = abs(angle)
+                    around, down = between(azimuth, angle), between(polar, lean)
+                    corners(around, down, between(radius, r), nt, nr, cell, weight)
+                    mass, heat = 0.0, 0.0
+                    for c in range(8):
+                        here = weight[c] * rich[cell[c]]
+                        mass += here
+                        heat += here * warm[cell[c]]
+                    if n < 0:
+                        if mass < 1e-2 * least:
+                            break
+                        continue
+                    if mass < least:
+                        continue
+                    shell = min(max(np.searchsorted(radius, r) - 1, 0), nr - 1)
+                    shells[shell] += mass * part
+                    part_here = part * factor[shell]
+                    result[0, i, j, k] += mass * part_here
+                    result[1, i, j, k] += heat * part_here
