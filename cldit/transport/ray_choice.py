@@ -28,11 +28,13 @@ Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 MOST_ACROSS = 16
+SHARES = 32  # rays across, without a medium, by which the share of the background is exact
 _MOST_RAYS = 4, 1_000_000  # on average over the image, and beside that: a second or two
 _FIRST = 0.2  # error by one ray over the difference from the neighbours, before it is measured
 _LEAST, _LARGEST = 0.02, 1.0  # of that ratio, measured
 _ORDER = 1.5  # of the square in the number of rays
 _SAFE = 0.7  # of the allowed square, which the expected square aims at
+_LEAST_SEEN = 0.25  # share of the background, by few rays, where exactly it is more than half
 _MOST_SCALE = 4.0  # of the expected squares by one measurement, which has noise
 _ROUNDS = 10
 
@@ -68,8 +70,8 @@ class PixelTemperature:
         out[there] = self.temperature.temperature_K(mean[:, there])
         return out
 
-    def of_shares(self, weights: Reals, pixels: Counts, few: Counts, more: Counts) -> Floats:
-        """Change of T_app (N,) if rim pixels saw the boundary by `more` rays across; else 0.
+    def of_shares(self, weights: Reals, pixels: Counts, few: Counts) -> Floats:
+        """Change of T_app (N,) if rim pixels saw the boundary by `SHARES` rays across; else 0.
 
         `weights` (C, N) are by `few` rays across, and stand for the same medium.
         """
@@ -78,7 +80,8 @@ class PixelTemperature:
         at = np.flatnonzero(seen & self.rim[pixels])
         if len(at):
             one, other = (
-                by_number(self.view.boundary_shares, pixels[at], each[at]) for each in (few, more)
+                by_number(self.view.boundary_shares, pixels[at], each)
+                for each in (few[at], np.full(len(at), SHARES))
             )
             as_seen = [evaluated(weights[:, at], one, each) for each in (one, other)]
             there = 1.0 - as_seen[0][0] > self.view.visible
@@ -96,12 +99,20 @@ def evaluated(mean: Reals, seen: Floats, shares: Floats) -> Floats:
     rim sees a share f of the background, and the wall beside it. DIT divides the excess over its
     reference by f: I(T_app) = (I - (1 - f) I_wall) / f for a medium of radiance I.
     """
-    through = mean[0] / np.maximum(seen[0], VISIBLE_DISC)
+    out = as_shared(mean, seen, shares)
+    out[1 : len(shares)] -= shares[1:]  # their light without the spray
+    return np.asarray(out / np.maximum(shares[0], VISIBLE_DISC))
+
+
+def as_shared(mean: Reals, seen: Floats, shares: Floats) -> Floats:
+    """Weights (C, N) through the same medium of rays of which other `shares` end on each part.
+
+    Arguments as of `evaluated`; `seen` has at least half of the background where it matters.
+    """
     out = np.array(mean, np.float64)
-    # Transmitted light of the other parts, less their light without the spray.
-    out[1 : len(shares)] += (shares[1:] - seen[1:]) * through - shares[1:]
-    out /= np.maximum(shares[0], VISIBLE_DISC)
-    out[0] = through
+    through = out[0] / np.maximum(seen[0], _LEAST_SEEN)
+    out[1 : len(shares)] += (shares[1:] - seen[1:]) * through  # transmitted light
+    out[0] = shares[0] * through
     return out
 
 
@@ -136,7 +147,7 @@ class RayChoice:
         self._kelvin = np.stack([temperature(each[:-1], every, self.across) for each in images])
         self._shape = temperature.view.pixels[::-1]
         weights = images.mean(axis=0)[:-1]
-        self._rim = temperature.of_shares(weights, every, self.across, 4 * self.across)
+        self._rim = temperature.of_shares(weights, every, self.across)
         # Squares of errors as by one ray, in pixels where they were measured.
         self._by_one, self._known = np.zeros(count), np.zeros(count, bool)
         self._ratio, self._scale, self._contrast = _FIRST, 1.0, self._contrasts()

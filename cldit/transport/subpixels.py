@@ -18,11 +18,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.image import Rays, Reals, by_number
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.ray_choice import PixelTemperature, RayChoice, contrast_K
+from cldit.transport.ray_choice import (
+    SHARES,
+    PixelTemperature,
+    RayChoice,
+    as_shared,
+    contrast_K,
+)
 from cldit.transport.result import Subpixels, TraceSettings, weights_of
 from cldit.transport.tuning import Tuning
 
@@ -56,7 +63,7 @@ def sampled_subpixels(
         return None
     apparent_K = np.full(flat.shape[1], np.nan)
     apparent_K[seen] = temperature.temperature.temperature_K(flat[:-1, seen])
-    rim = temperature.of_shares(flat[:-1], every, across, _MORE * across)
+    rim = temperature.of_shares(flat[:-1], every, across)
     contrast = apparent_K.reshape(image.shape[1:])
     sample = drawn(contrast, rim, tuning=settings.tuning, seed=settings.seed)
     return many_rays(rays, sample, across, _MORE * across[sample.pixels])[0]
@@ -77,7 +84,7 @@ def measured_subpixels(
     few = choice.across[sample.pixels]
     more = np.where(few <= _TWICE, _MORE, _TWICE) * few
     found, halves = many_rays(choice.rays, sample, choice.across, more)
-    apart = choice.change_K(halves, sample.pixels, more)
+    apart = choice.change_K(halves, sample.pixels, np.full(len(more), SHARES))
     square, doubt = sample.mean_square(apart[0], apart[-1], count=count)
     error_K = float((max(square, 0.0) + doubt) ** 0.5)
     choice.correct(error_K, sample.pixels, apart)
@@ -89,20 +96,23 @@ def many_rays(
 ) -> tuple[Subpixels, Reals]:
     """Pixels of a sample (N,) by `more` (N,) rays across each, and their halves' weights.
 
-    `across` (H W,) are the image's rays across each pixel.
+    The rays sample the medium; how much of the boundary a pixel sees is exact. `across` (H W,) are
+    the image's rays across each pixel.
     """
     cells, view = rays.solution.cells, rays.solution.view
     planes = rays.through(sample.pixels, more)
+    here, seen, shares = (
+        by_number(view.boundary_shares, sample.pixels, each)
+        for each in (across[sample.pixels], more, np.full(len(more), SHARES))
+    )
+    rim = (shares[0] < 1.0) & (shares[0] > VISIBLE_DISC)
+    for each in planes:
+        each[:-1, rim] = as_shared(each[:-1, rim], seen[:, rim], shares[:, rim])
     halves = planes[:, :, None, :]
     difference = None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
-    shares = [
-        by_number(view.boundary_shares, sample.pixels, each)
-        for each in (across[sample.pixels], more)
-    ]
     references = None
-    if any(np.any(each[0] < 1.0) for each in shares):
-        one, other = (_boundary(each, cells) for each in shares)
-        references = one, other
+    if np.any(here[0] < 1.0) or np.any(shares[0] < 1.0):
+        references = _boundary(here, cells), _boundary(shares, cells)
     mean = weights_of(halves.mean(axis=0), cells)
     return Subpixels(sample, more, mean, difference, references), planes
 

@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6627,
     "study": 2569,
     "testing": 1421,
-    "transport": 7379,
+    "transport": 7400,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cldit.transport.ray_choice import MOST_ACROSS, allocated
+from cldit.transport.ray_choice import MOST_ACROSS, allocated, as_shared, evaluated
 from cldit.transport.sobol import net
 
 ONE = np.ones(1000, np.int64)
@@ -60,3 +60,13 @@ def test_the_number_of_rays_has_an_end() -> None:
     assert 0.8 < np.sum(across**2) / (4 * len(square) + 1e6) <= 1.0
     nothing = allocated(np.zeros(5), np.ones(5, np.int64), allowed=0.0)
     assert np.all(nothing == 1)
+
+
+def test_few_rays_stand_for_the_exact_share_of_the_background() -> None:
+    """A uniform medium transmits 0.3: weights by any rays give those by the exact shares."""
+    seen, exact = np.array([[0.625], [0.375]]), np.array([[0.579], [0.421]])
+    few, true = (np.concatenate([0.3 * shares, [[0.5]]]) for shares in (seen, exact))
+    assert as_shared(few, seen, exact) == pytest.approx(true)
+    # DIT subtracts the wall's light without the spray, and divides by the background's share.
+    wanted = [0.3, (0.3 - 1.0) * 0.421 / 0.579, 0.5 / 0.579]
+    assert evaluated(few, seen, exact)[:, 0] == pytest.approx(wanted)
