@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ValidationError, field_validator, model_validator
 
-from cldit.camera.sensor import USUAL_INTEGRATION_S
 from cldit.errors import SceneError
 from cldit.io.plain_data import dump_yaml, read_mapping
 from cldit.rig.protocols import Burst, Stability
+from cldit.scene.camera import USUAL_INTEGRATION_S
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.delays import SAME_s, delay_text
 from cldit.scene.schema import Scene

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from cldit.camera.calibration import Calibration
 from cldit.errors import SceneError, TransportError
 from cldit.optics.response import Filter, scene_filter
+from cldit.scene.camera import USUAL_INTEGRATION_S
 from cldit.scene.schema import Scene
-
-USUAL_INTEGRATION_S = 25e-6  # paper, Fig. 6
 
 # A Poisson distribution of more electrons is drawn as normal: its skewness is below 1 %.
 NORMAL_ABOVE_ELECTRONS = 1e4

@@ -80,7 +80,12 @@ def check_parcels(
     every = (position, *(cloud.fields[name] for name in _LIMITS))
     where, *others = (np.asarray(each.values[kept], np.float64) for each in every)
     size, droplets, temperature, density = others
-    return CheckedParcels(Parcels(where, size, droplets, temperature, density), kept, remarks)
+    found = cloud.fields.get("U")
+    # A parcel without a finite velocity has none to be known.
+    known = found is not None and bool(np.isfinite(found.values[kept]).all())
+    velocity = np.asarray(found.values[kept], np.float64) if found is not None and known else None
+    parcels = Parcels(where, size, droplets, temperature, density, velocity_m_s=velocity)
+    return CheckedParcels(parcels, kept, remarks)
 
 
 def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> float:
@@ -138,11 +143,15 @@ def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int)
     middle = np.zeros((count, points % 2, 3))
     shift = np.concatenate([way, -way, middle], axis=1)
     places = (parcels.position_m[:, None] + shift).reshape(-1, 3)
-    return copied(replace(parcels, droplets=parcels.droplets / points), places, np.repeat)
+    many = copied(replace(parcels, droplets=parcels.droplets / points), places, np.repeat)
+    if parcels.velocity_m_s is None:
+        return many
+    return replace(many, velocity_m_s=np.repeat(parcels.velocity_m_s, points, axis=0))
 
 
 def copied(parcels: Parcels, position_m: Floats, copy: Callable[[Floats, int], Floats]) -> Parcels:
-    """Copies of parcels at other places (N, 3), by np.repeat (in a row) or np.tile (in turn)."""
+    """Copies of parcels at other places (N, 3), by np.repeat (in a row) or np.tile (in turn);
+    without velocities, which copies may have turned."""
     many = len(position_m) // max(len(parcels.diameter_m), 1)
     size, droplets = copy(parcels.diameter_m, many), copy(parcels.droplets, many)
     temperature, density = copy(parcels.temperature_K, many), copy(parcels.density_kg_m3, many)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, product
 
 import numpy as np
@@ -55,11 +55,15 @@ def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
 
 def completed_parcels(parcels: Parcels, frame: Frame, every: Sequence[Copy]) -> Parcels:
     """Parcels of all copies in the project's frame; each copy has the masses of the case."""
-    places = []
+    places, velocities = [], []
     for copy in every:
         origin, rotation = copy.into(frame)
         places.append((parcels.position_m - origin) @ rotation.T)
-    return copied(parcels, np.concatenate(places), np.tile)
+        if parcels.velocity_m_s is not None:
+            velocities.append(parcels.velocity_m_s @ rotation.T)
+    whole = copied(parcels, np.concatenate(places), np.tile)
+    velocity = np.concatenate(velocities) if velocities else None
+    return replace(whole, velocity_m_s=velocity)
 
 
 def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:

@@ -39,11 +39,13 @@ _AT_ONCE = 100_000  # parcels whose neighbours are in memory together
 class Kernel:
     """Spreading of parcels: number of neighbours, including the parcel itself, and width.
 
-    width: standard deviation of a parcel over that of its neighbours.
+    width: standard deviation of a parcel over that of its neighbours. exposure_s: time over which
+    parcels are smeared along their velocity.
     """
 
     neighbours: int = NEIGHBOURS
     width: float = WIDTH
+    exposure_s: float = 0.0
 
     def __post_init__(self) -> None:
         if not 4 <= self.neighbours <= 1000:
@@ -69,7 +71,8 @@ class Kernel:
         if len(there) > 1:
             moved, spread = self._clouds(there)
             place[filled], covariance[filled] = moved[which], spread[which]
-        return replace(parcels, position_m=place, extent=Cloud(covariance))
+        clouds = replace(parcels, position_m=place, extent=Cloud(covariance))
+        return smeared(clouds, self.exposure_s)
 
     def _clouds(self, there: Floats) -> tuple[Floats, Floats]:
         """New position (N, 3) of each place (N, 3), and its covariance (N, 3, 3)."""
@@ -92,6 +95,20 @@ class Kernel:
             step *= np.minimum(1.0, np.sqrt(trace) / np.maximum(_length(step), 1e-30))[:, None]
             moved[mine] = there[mine] + width2[:, None] / 2 * step
         return moved, covariance
+
+
+def smeared(parcels: Parcels, exposure_s: float) -> Parcels:
+    """Parcels as clouds with the variance of their motion during an exposure, v v' t^2 / 12.
+
+    The time t is centred at that of the parcels. Parcels without velocity, and boxes, stay.
+    """
+    velocity = parcels.velocity_m_s
+    if velocity is None or not parcels.sampled or exposure_s == 0.0:
+        return parcels
+    motion = exposure_s**2 / 12.0 * velocity[:, :, None] * velocity[:, None, :]
+    if isinstance(parcels.extent, Cloud):
+        motion += parcels.extent.covariance_m2
+    return replace(parcels, extent=Cloud(motion))
 
 
 def _length(vector: Floats) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 
 from cldit.gpu.device import Device
 from cldit.io.origin import FileRead
-from cldit.medium.cloud import Kernel
+from cldit.medium.cloud import Kernel, smeared
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import emitters
@@ -20,6 +20,7 @@ from cldit.optics.spectral import SpectralNode
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.prepare.case_fit import misfits
 from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames, lattice_per_cell
+from cldit.prepare.motion import motion_remarks
 from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
 from cldit.prepare.spray_factory import AnySpray, make_spray
 from cldit.prepare.stages import Stages
@@ -117,16 +118,19 @@ def _not_reached(asked: Optics, chosen: Wavelengths, *, bound_K: float) -> tuple
 def deposited(scene: Scene, spray: Spray) -> Spray:
     """The spray with its parcels spread as the scene wants it: as clouds, or in points.
 
-    Parcels that come with an extent, boxes or clouds, stay as they are.
+    Parcels that come with an extent, boxes or clouds, keep it, and are smeared along their
+    velocity as the camera's exposure asks for.
     """
-    if spray.parcels is None or spray.parcels.extent is not None:
+    if spray.parcels is None:
         return spray
+    exposure_s = scene.camera.smear_s
     wanted = getattr(scene.spray, "deposit", None)
     if wanted is None:  # droplets that the user has spread already stay where they are
         wanted = "points" if getattr(scene.spray, "spread_m", None) else "kernel"
-    if wanted == "points":
-        return spray
-    return replace(spray, parcels=Kernel().spread(spray.parcels))
+    if wanted == "points" or spray.parcels.extent is not None:
+        moved = smeared(spray.parcels, exposure_s)
+        return spray if moved is spray.parcels else replace(spray, parcels=moved)
+    return replace(spray, parcels=Kernel(exposure_s=exposure_s).spread(spray.parcels))
 
 
 @dataclass(frozen=True)
@@ -278,7 +282,7 @@ def prepare(
         note.append(scene.spray.model if spray is None else "given")
         made = spray or make_spray(cone or scene.spray, cache=cache, watch=stages.watch)
         spray = deposited(scene, made)
-        stages.remark(spray.remarks)
+        stages.remark((*spray.remarks, *motion_remarks(scene, made)))
     if isinstance(scene.spray, CfdSpray):
         stages.remark(misfits(scene, spray))
     with stages.stage("optics") as note:

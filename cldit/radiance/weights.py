@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import repeat
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -64,28 +65,6 @@ class Weights:
         """Weights with `change` applied to each image."""
         return Weights.of({name: change(image) for name, image in self.images.items()})
 
-    @classmethod
-    def mean(cls, parts: Sequence[Weights], shares: Sequence[float] | None = None) -> Weights:
-        """Mean of weights, whose radiance is the mean radiance for any boundary.
-
-        Args:
-            parts: weights (H, W) of the same pixels and patches.
-            shares: weight of each part in the mean; None: equal.
-
-        Returns:
-            (H, W).
-
-        Raises:
-            ValueError: another number of shares than of parts.
-        """
-        images = [part.images for part in parts]
-
-        def mean(name: str) -> Image:
-            stacked = [one[name] for one in images]
-            return np.average(stacked, axis=0, weights=shares).astype(np.float32)
-
-        return cls.of({name: mean(name) for name in images[0]})
-
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes one float32 TIFF per weight into `folder`, for pixels of `pixel_m`."""
         make_folder(folder)
@@ -108,23 +87,24 @@ class Weights:
         return cls.of({name: read_image(folder / f"{name}.tif")[0] for name in (*_WHOLE, *patches)})
 
 
-def mean(each: Iterable[Weights]) -> Weights:
+def mean(each: Iterable[Weights], shares: Sequence[float] | None = None) -> Weights:
     """Mean of weights (H, W), taken one by one, of several times, injections or viewpoints.
 
-    Transfer is linear, so these are the weights of the mean light.
+    Transfer is linear, so these are the weights of the mean light. `shares` are in proportion to
+    the part of each; None: equal.
 
     Raises:
         ValueError: there are none.
     """
     sums: dict[str, NDArray[np.float64]] = {}
-    count = 0
-    for weights in each:
-        count += 1
+    total = 0.0
+    for share, weights in zip(repeat(1.0) if shares is None else shares, each, strict=False):
+        total += share
         for name, image in weights.images.items():
-            sums[name] = sums.get(name, 0.0) + image.astype(np.float64)
-    if not count:
+            sums[name] = sums.get(name, 0.0) + share * image.astype(np.float64)
+    if not sums:
         raise ValueError("weights: none; allowed: one or more")
-    return Weights.of({name: (total / count).astype(np.float32) for name, total in sums.items()})
+    return Weights.of({name: (one / total).astype(np.float32) for name, one in sums.items()})
 
 
 def background_radiance(*, blackbody: float, wall: float, emissivity: float) -> float:

@@ -45,9 +45,11 @@ def trace_content(scene: Scene) -> dict[str, Any]:
     """
     data = scene.model_dump(mode="json")
     # A tabulated efficiency is part of the response in which vapour and droplets emit.
-    lens = () if scene.camera.lens is None else ("pixels", "pitch_m", "f_number")
+    seen = ["quantum_efficiency"]
+    seen += [] if scene.camera.lens is None else ["pixels", "pitch_m", "f_number"]
+    seen += [] if scene.camera.exposure == "instant" else ["integration_time_s"]
     sensor = data["camera"]["sensor"]
-    data["camera"]["sensor"] = {key: sensor[key] for key in ("quantum_efficiency", *lens)}
+    data["camera"]["sensor"] = {key: sensor[key] for key in seen}
     scatter = data["spray"].pop("scatter")
     if members_of(scene) > 1:
         del scatter["optical_depth"], scatter["length_m"]

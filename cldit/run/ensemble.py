@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.accuracy.errors import Cause, Errors
-from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
 from cldit.io.images import read_image, write_image
-from cldit.optics.spectral import Quadrature
 from cldit.radiance.apparent_temperature import has_temperature
-from cldit.radiance.weights import Weights, mean
+from cldit.run.mean_light import MeanLight
 from cldit.run.result import Run
 from cldit.scene import Scene, dump_scene
 from cldit.scene.scatter import member, members_of, nominal
@@ -171,45 +169,32 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
     first = trace(nominal(scene), folder and folder / NOMINAL, like)
     members = members_of(scene)
     sums = _Sums(Curve(filter_um=first.quadrature.filter_um))
-    sharing: list[bool] = []
 
-    def each() -> Iterator[Weights]:
-        """Weights of every member: of the whole filter, of each node, and without spray."""
+    def each() -> Iterator[Run]:
         for number in range(1, members + 1):
             run = trace(member(scene, number), folder and member_folder(folder, number), first)
             sums.add(run.maps)
-            sharing.append(run.quadrature == first.quadrature)
-            yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
+            yield run
 
-    mixed = mean(each())
-    nodes = len(first.spectral) if all(sharing) else 1
-    weights, reference, *spectral = _parted(mixed, 2 + nodes)
-    quadrature = first.quadrature
+    light = MeanLight.of(scene, each(), first, what="injections")
+    maps = light.maps
     remarks = [f"mean of {members} injections; figures of the spray are those of the nominal one"]
-    if not all(sharing):
-        quadrature = Quadrature.grey(quadrature.filter_um, reference_K=quadrature.reference_K)
-        remarks.append(
-            "injections have different wavelengths: their mean is exact for a background of "
-            f"{quadrature.reference_K:g} K, and approximate for others"
-        )
-    seen = (tuple(spectral), reference)
-    sensor = sensor_of(scene, quadrature, seen)
-    maps = evaluated(scene, quadrature, *seen, sensor)
+    remarks += [light.remark] if light.remark else []
     statistics = sums.statistics(maps, first.maps, members)
     info = replace(
         first.info,
         errors=_errors(first.errors, statistics, maps),
         remarks=(*first.info.remarks, *remarks),
-        integration_time_s=sensor.integration_time_s,
+        integration_time_s=light.sensor.integration_time_s,
     )
     return Run(
         scene=scene,
-        weights=weights,
-        reference=reference,
+        weights=light.weights,
+        reference=light.reference,
         maps=maps,
         info=info,
-        quadrature=quadrature,
-        spectral=tuple(spectral),
+        quadrature=light.quadrature,
+        spectral=light.spectral,
         error_maps=_error_maps(first.error_maps, statistics, maps),
         ensemble=statistics,
         folder=folder,
@@ -219,19 +204,6 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
 def member_folder(folder: Path, number: int) -> Path:
     """Folder of one injection of an ensemble in `folder`."""
     return folder / MEMBERS / f"{number:04d}"
-
-
-def _joined(run: Run) -> Weights:
-    """All weights of a run as one, whose images are stacked."""
-    parts = (run.weights, run.reference, *run.spectral)
-    return Weights.of(
-        {name: np.stack([one.images[name] for one in parts]) for name in run.weights.images}
-    )
-
-
-def _parted(joined: Weights, count: int) -> list[Weights]:
-    """The inverse of `_joined`."""
-    return [joined.map(lambda image, n=number: image[n]) for number in range(count)]  # type: ignore[misc]
 
 
 def _errors(errors: Errors | None, statistics: Ensemble, maps: Maps) -> Errors | None:

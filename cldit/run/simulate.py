@@ -27,6 +27,7 @@ from cldit.radiance.effective import effective_weights
 from cldit.radiance.point_spread import blur_of
 from cldit.run.content import trace_content
 from cldit.run.ensemble import UNSTATED, ensemble_run
+from cldit.run.exposure import exposed, exposed_run
 from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
@@ -87,6 +88,10 @@ def simulate(
             if spray is not None:
                 raise SprayError("spray: is given; allowed: none for several injections")
             trace = partial(ensemble_run, trace=found_or_traced)
+        elif exposed(scene):
+            if spray is not None:
+                raise SprayError("spray: is given; allowed: none for several times of an exposure")
+            trace = partial(exposed_run, trace=found_or_traced)
         if out is None:
             return trace(scene, None, like)
         run = stored_run(out, scene)  # without the lock: the folder may be read-only

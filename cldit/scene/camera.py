@@ -20,6 +20,8 @@ from cldit.scene.values import (
     TransferCurve,
 )
 
+USUAL_INTEGRATION_S = 25e-6  # paper, Fig. 6
+
 
 class Sensor(Section):
     """Sensor and lens of the infrared camera. The defaults are typical values, not measured."""
@@ -86,6 +88,11 @@ class Camera(Section):
     """Temperature of the camera's surroundings, which a front window reflects into the camera."""
     sensor: Sensor = Sensor()
     """Sensor and lens."""
+    exposure: Literal["instant", "times", "smear"] = "instant"
+    """The spray during `sensor.integration_time_s`: `instant`, as at its time; `times`, the mean
+    light of `exposure_times` sprays around it; `smear`, droplets spread along their velocity."""
+    exposure_times: Literal[3, 5, 7, 9] = 3
+    """Number of sprays of `exposure: times`, each solved."""
     lens: Lens | None = None
     """Aperture of the lens. Default: none, a pinhole, before which everything is in focus."""
 
@@ -108,6 +115,16 @@ class Camera(Section):
         if self.rays_per_pixel == 1:
             raise ValueError("rays_per_pixel: 1 with a lens; allowed: auto, 4, 16 or 64")
         return self
+
+    @property
+    def exposure_s(self) -> float:
+        """Exposure time of the sensor; 25 us (paper, Fig. 6) if it is not given."""
+        return self.sensor.integration_time_s or USUAL_INTEGRATION_S
+
+    @property
+    def smear_s(self) -> float:
+        """Time over which droplets are spread along their velocity."""
+        return self.exposure_s if self.exposure == "smear" else 0.0
 
     @property
     def pixel_m(self) -> float:

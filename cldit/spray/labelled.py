@@ -36,6 +36,11 @@ def labelled_spray(spray: Spray) -> xarray.Dataset:
         ):
             about = _units(f"{name.partition('_')[0]} of a parcel", unit)
             variables[f"parcel_{name}"] = ("parcel", getattr(parcels, name), about)
+        if parcels.velocity_m_s is not None:
+            for number, axis in enumerate(_AXES):
+                about = _units(f"velocity of a parcel along {axis}", "m s-1")
+                along = parcels.velocity_m_s[:, number]
+                variables[f"parcel_velocity_{axis}"] = ("parcel", along, about)
     gas = spray.vapour or spray.prescribed
     if gas is not None:
         _boxes(coords, variables, gas.cells)

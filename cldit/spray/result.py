@@ -40,6 +40,7 @@ class Parcels:
 
     position_m (N, 3); diameter_m, droplets (number of real droplets in the parcel), temperature_K
     and density_kg_m3 (N,). extent: distribution of the droplets about the position; None: a point.
+    velocity_m_s: (N, 3); None: unknown.
     """
 
     position_m: Floats
@@ -48,6 +49,7 @@ class Parcels:
     temperature_K: Floats
     density_kg_m3: Floats
     extent: Extent | None = None
+    velocity_m_s: Floats | None = None
 
     def __post_init__(self) -> None:
         count = len(self.position_m)
@@ -64,6 +66,11 @@ class Parcels:
             "density_kg_m3": (1.0, 1e5),
         }
         _checked("parcels.position_m", self.position_m, low=-1e3, high=1e3)
+        if self.velocity_m_s is not None:
+            if self.velocity_m_s.shape != (count, 3):
+                shape = self.velocity_m_s.shape
+                raise SprayError(f"parcels.velocity_m_s: shape {shape}, expected ({count}, 3)")
+            _checked("parcels.velocity_m_s", self.velocity_m_s, low=-1e4, high=1e4)
         for name, (low, high) in limits.items():
             values = getattr(self, name)
             if values.shape != (count,):
@@ -107,6 +114,7 @@ class Parcels:
             self.temperature_K[chosen],
             self.density_kg_m3[chosen],
             None if self.extent is None else self.extent.of(chosen),
+            None if self.velocity_m_s is None else self.velocity_m_s[chosen],
         )
 
     def points_m(self) -> Floats:

@@ -1,10 +1,11 @@
 """File format of a spray: an .npz with the data of `Spray`, in SI and in the project's frame.
 
 Arrays: `parcels/position_m`, `parcels/diameter_m`, ...; `parcels/box_m` (3,) if parcels fill boxes,
-`parcels/covariance_m2` if they are clouds; `vapour/lower_m`, `vapour/upper_m`,
-`vapour/number_density_m3`, `vapour/temperature_K`; and `about`, a JSON text with the version of the
-layout, the molar mass, the fuel, notes, remarks and the files read. Cells of a regular grid also
-have `vapour/grid_origin_m`, `vapour/grid_spacing_m`, `vapour/grid_shape` and `vapour/grid_index`.
+`parcels/covariance_m2` if they are clouds, `parcels/velocity_m_s` if it is known;
+`vapour/lower_m`, `vapour/upper_m`, `vapour/number_density_m3`, `vapour/temperature_K`; and `about`,
+a JSON text with the version of the layout, the molar mass, the fuel, notes, remarks and the files
+read. Cells of a regular grid also have `vapour/grid_origin_m`, `vapour/grid_spacing_m`,
+`vapour/grid_shape` and `vapour/grid_index`.
 The file is written atomically.
 """
 
@@ -69,6 +70,8 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
     arrays: dict[str, Floats] = {}
     if spray.parcels is not None:
         arrays |= {f"parcels/{name}": getattr(spray.parcels, name) for name in _PARCELS}
+        if spray.parcels.velocity_m_s is not None:
+            arrays["parcels/velocity_m_s"] = spray.parcels.velocity_m_s
         match spray.parcels.extent:
             case Box(edge_m):
                 arrays["parcels/box_m"] = edge_m
@@ -172,7 +175,8 @@ def read_spray(path: Path) -> Spray:
         parcels = vapour = None
         if any(name.startswith("parcels/") for name in arrays):
             values = {name: arrays[f"parcels/{name}"] for name in _PARCELS}
-            parcels = Parcels(**values, extent=_extent(arrays))
+            velocity = arrays.get("parcels/velocity_m_s")
+            parcels = Parcels(**values, extent=_extent(arrays), velocity_m_s=velocity)
         if any(name.startswith("vapour/") for name in arrays):
             lower, upper, number, temperature = (arrays[f"vapour/{name}"] for name in _VAPOUR)
             cells = Cells(lower, upper, _grid(arrays))

@@ -52,7 +52,8 @@ class ParcelVariants:
             both = halves(spray.parcels, seed=_SEED)
             one, other = (prepared.sources_of(replace(spray, parcels=half)) for half in both)
             return cls((one, other), None, 0.5)
-        found = variants(made, kernel=Kernel(), seed=_SEED)
+        kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)
+        found = variants(made, kernel=kernel, seed=_SEED)
         one, other = (prepared.sources_of(half) for half in found.halves)
         return cls((one, other), prepared.sources_of(found.narrower), SAMPLING)
 

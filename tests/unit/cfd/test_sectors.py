@@ -118,6 +118,12 @@ def test_sectors(tmp_path: Path, foam: Foam, angle_deg: float, kind: str) -> Non
     weight = spray.parcels.droplets * spray.parcels.diameter_m**3
     middle = weight @ spray.parcels.position_m / weight.sum()
     assert middle[:2] == pytest.approx([0.0, 0.0], abs=1e-15)
+    # and so does the momentum, with the speeds of the case
+    velocity = spray.parcels.velocity_m_s
+    assert velocity is not None
+    assert (weight @ velocity)[:2] == pytest.approx([0.0, 0.0], abs=1e-10 * weight.sum())
+    speeds = np.tile(np.linalg.norm(cloud["U"], axis=1), many)
+    np.testing.assert_allclose(np.linalg.norm(velocity, axis=1), speeds, rtol=1e-9)
     boxes = spray.vapour.cells
     molecules = spray.vapour.number_density_m3 * boxes.volume_m3
     centre = molecules @ (boxes.lower_m + boxes.upper_m) / 2 / molecules.sum()
@@ -154,8 +160,11 @@ def test_planes_of_symmetry(tmp_path: Path, foam: Foam, planes: str, kind: str) 
     assert spray.parcels is not None
     weight = spray.parcels.droplets * spray.parcels.diameter_m**3
     middle = weight @ spray.parcels.position_m / weight.sum()
+    assert spray.parcels.velocity_m_s is not None
+    flow = weight @ spray.parcels.velocity_m_s / weight.sum()
     for name in planes:
         assert middle["xy".index(name)] == pytest.approx(0.0, abs=1e-15)
+        assert flow["xy".index(name)] == pytest.approx(0.0, abs=1e-12)
     assert "parcels" in read_cfd(CfdSpray(file=case, symmetry=[], **SET)).notes
     with pytest.raises(SprayError, match="is on both sides of the plane z"):
         read_cfd(CfdSpray(file=case, symmetry=["z"], nozzle_m=(0, 0, HEIGHT_M / 2), axis="-z"))

@@ -1,0 +1,110 @@
+"""Image of an exposure, `camera.exposure: times`: the mean light of several times of the spray.
+
+The times are the Gauss-Legendre nodes of the exposure, which is centred at the spray's own time;
+that is the middle node, traced with its error. Its resolution is that of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cldit.accuracy.errors import Cause
+from cldit.errors import SceneError
+from cldit.run.mean_light import MeanLight
+from cldit.run.result import Run
+from cldit.scene import Scene
+from cldit.scene.delays import scene_at, spray_time_s
+
+EXPOSURE = "exposure times"
+
+
+def exposed(scene: Scene) -> bool:
+    """True if a scene's image is the mean light of several times of its spray.
+
+    Raises:
+        SceneError: the spray has no times, or no velocities, for the exposure that is asked for.
+    """
+    camera, model = scene.camera, scene.spray.model
+    allowed = {
+        "times": ("cone", "lagrangian"),
+        "smear": ("lagrangian", "cfd"),
+        "instant": (model,),
+    }[camera.exposure]
+    if model not in allowed:
+        lack = "no times between those of its files" if model == "cfd" else "no velocities"
+        lack = "neither times nor velocities" if model in ("grid", "none") else lack
+        other = {"cone": "times", "cfd": "smear"}.get(model, "instant")
+        raise SceneError(
+            f"camera.exposure: {camera.exposure} with spray.model {model}, which has {lack}; "
+            f"allowed: {other}"
+        )
+    return camera.exposure == "times"
+
+
+def exposed_run(
+    scene: Scene,
+    folder: Path | None,
+    like: Run | None,
+    *,
+    trace: Callable[[Scene, Path | None, Run | None], Run],
+) -> Run:
+    """The run of the mean light of a scene's exposure.
+
+    `trace` returns the run of one scene in a folder, with the resolution of another run.
+    """
+    camera = scene.camera
+    places, shares = np.polynomial.legendre.leggauss(camera.exposure_times)
+    instant = scene.model_copy(update={"camera": camera.model_copy(update={"exposure": "instant"})})
+    middle_s = spray_time_s(scene)
+    assert middle_s is not None
+    first = trace(instant, None, like)
+
+    def each() -> Iterator[Run]:
+        for place in places:
+            at_s = middle_s + 0.5 * camera.exposure_s * float(place)
+            at_middle = abs(place) < 1e-12
+            yield first if at_middle else trace(scene_at(instant, at_s), None, first)
+
+    runs = list(each())
+    light = MeanLight.of(scene, runs, first, what="times", shares=shares.tolist())
+    info = replace(first.info, integration_time_s=light.sensor.integration_time_s)
+    if info.errors is not None and not info.errors.why:
+        causes = (*info.errors.causes, _error(scene, runs, first, light, places))
+        info = replace(info, errors=replace(info.errors, causes=causes))
+    remarks = [
+        f"mean light of {len(runs)} times within {1e6 * camera.exposure_s:g} us; figures of the "
+        "spray are those of the middle one"
+    ]
+    remarks += [light.remark] if light.remark else []
+    return replace(
+        first,
+        scene=scene,
+        weights=light.weights,
+        reference=light.reference,
+        maps=light.maps,
+        info=replace(info, remarks=(*info.remarks, *remarks)),
+        quadrature=light.quadrature,
+        spectral=light.spectral,
+        folder=folder,
+    )
+
+
+def _error(
+    scene: Scene, runs: list[Run], first: Run, light: MeanLight, places: np.ndarray
+) -> Cause:
+    """Difference from the rule without the middle time, of lower order: an upper bound."""
+    outer = [number for number, place in enumerate(places) if abs(place) > 1e-12]
+    powers = np.vander(places[outer], increasing=True).T
+    integrals = [0.0 if n % 2 else 2.0 / (n + 1) for n in range(len(outer))]
+    shares = np.linalg.solve(powers, integrals).tolist()
+    some = [runs[number] for number in outer]
+    fewer = MeanLight.of(scene, some, first, what="times", shares=shares).maps
+    here = light.maps.has_temperature & fewer.has_temperature
+    apart = (light.maps.apparent_temperature_K - fewer.apparent_temperature_K)[here].astype(float)
+    rms_K = float(np.sqrt(np.mean(apart**2))) if here.any() else None
+    how = f"mean of {len(runs)} times against {len(outer)} of them, at lower order"
+    return Cause(EXPOSURE, rms_K, how, "camera.exposure_times", at_most=True)

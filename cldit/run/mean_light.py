@@ -1,0 +1,85 @@
+"""Mean light of several runs of the same pixels: injections, or times of an exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cldit.accuracy.evaluation import evaluated, sensor_of
+from cldit.camera.sensor import SensorModel
+from cldit.dit.maps import Maps
+from cldit.optics.spectral import Quadrature
+from cldit.radiance.weights import Weights, mean
+from cldit.run.result import Run
+from cldit.scene import Scene
+
+
+@dataclass(frozen=True)
+class MeanLight:
+    """Mean of runs, evaluated: weights of the whole filter, without spray and of each node.
+
+    remark: for the user, where wavelengths of the runs differ; else empty.
+    """
+
+    weights: Weights
+    reference: Weights
+    spectral: tuple[Weights, ...]
+    quadrature: Quadrature
+    sensor: SensorModel
+    maps: Maps
+    remark: str
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        runs: Iterable[Run],
+        first: Run,
+        *,
+        what: str,
+        shares: Sequence[float] | None = None,
+    ) -> MeanLight:
+        """Mean of `runs`, which are taken one by one.
+
+        Args:
+            scene: whose camera and boundary all runs have.
+            runs: with the resolution of `first`.
+            first: has the wavelengths that all should have.
+            what: the runs are, for the remark.
+            shares: in proportion to the part of each run; None: equal.
+        """
+        sharing: list[bool] = []
+
+        def each() -> Iterator[Weights]:
+            for run in runs:
+                sharing.append(run.quadrature == first.quadrature)
+                yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
+
+        mixed = mean(each(), shares)
+        nodes = len(first.spectral) if all(sharing) else 1
+        weights, reference, *spectral = (
+            mixed.map(lambda image, n=number: image[n])  # type: ignore[misc]
+            for number in range(2 + nodes)
+        )
+        quadrature, remark = first.quadrature, ""
+        if not all(sharing):
+            at_K = quadrature.reference_K
+            quadrature = Quadrature.grey(quadrature.filter_um, reference_K=at_K)
+            remark = (
+                f"{what} have different wavelengths: their mean is exact for a background of "
+                f"{at_K:g} K, and approximate for others"
+            )
+        seen = (tuple(spectral), reference)
+        sensor = sensor_of(scene, quadrature, seen)
+        maps = evaluated(scene, quadrature, *seen, sensor)
+        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark)
+
+
+def _joined(run: Run) -> Weights:
+    """All weights of a run as one, whose images are stacked."""
+    parts = (run.weights, run.reference, *run.spectral)
+    return Weights.of(
+        {name: np.stack([one.images[name] for one in parts]) for name in run.weights.images}
+    )
