@@ -174,6 +174,7 @@ class Viewer:
         """Opens a file and waits until all of it is there."""
         self.page.goto(path.resolve().as_uri())
         self.page.wait_for_selector("body[data-all=yes]", timeout=60_000)
+        self.run("cldit.look(null)")  # the whole image
 
     def run(self, code: str, given: object = None) -> Any:
         """What a line of JavaScript gives."""

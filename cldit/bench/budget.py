@@ -22,7 +22,7 @@ from cldit.io.origin import commit
 from cldit.io.plain_data import read_json
 from cldit.run import Run, simulate
 from cldit.scene import Scene
-from cldit.show.figures.style import figure_of, label_points, styled
+from cldit.show.figures.style import figure_of, plain_ticks, styled
 
 _HEAD = ("scene", "asked, K", "stated, K", "true, K", "stated / true", "held by", "core-s")
 _TABS = ("blue", "orange", "green", "red", "purple", "brown", "olive")
@@ -275,19 +275,22 @@ def budget_figure(rows: Sequence[BudgetRow]) -> Figure:
     """Figure of true and stated errors against the cost of a run, by scene."""
     figure = figure_of(5.0, 3.6)
     axes: Any = figure.subplots()
+    axes.set(xscale="log", yscale="log", xlabel="core seconds of the whole run",
+             ylabel="RMS error of apparent temperature / K")  # fmt: skip
+    asked = sorted({row.asked_K for row in rows}, reverse=True)
+    marker = {kelvin: "osD^v"[at % 5] for at, kelvin in enumerate(asked)}
+    for row in rows:
+        colour = _COLOURS.get(row.scene, "black")
+        if row.stated_K is not None:
+            axes.plot([row.core_s] * 2, [row.true_K, row.stated_K], ":", color=colour, lw=0.8)
+            axes.plot(row.core_s, row.stated_K, "x", color=colour)
+        axes.plot(row.core_s, row.true_K, marker[row.asked_K], color=colour, ms=4.5)
     for name in dict.fromkeys(row.scene for row in rows):
-        mine = [row for row in rows if row.scene == name]
-        colour = _COLOURS.get(name, "black")
-        seconds = [row.core_s for row in mine]
-        axes.plot(seconds, [row.true_K for row in mine], "o-", color=colour, label=name)
-        stated = [np.nan if row.stated_K is None else row.stated_K for row in mine]
-        axes.plot(seconds, stated, "x:", color=colour)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlabel("core seconds of the whole run")
-    axes.set_ylabel("error of T_app, K RMS")
-    figure.suptitle("dots: true; crosses: stated; labels: asked")
-    axes.legend()
+        axes.plot([], [], lw=3, color=_COLOURS.get(name, "black"), label=name)
+    for kelvin in asked:
+        axes.plot([], [], marker[kelvin], color="0.4", ms=4.5, label=f"true, {kelvin:g} K asked")
+    axes.plot([], [], "x", color="0.4", label="stated")
+    plain_ticks(axes)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     axes.grid(which="both")
-    label_points(axes, [(f"{row.asked_K:g} K", row.core_s, row.true_K) for row in rows])
     return figure

@@ -18,7 +18,7 @@ from cldit.gpu.device import Device
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.show.figures.style import WIDTH_IN, figure_of, label_points, styled
+from cldit.show.figures.style import WIDTH_IN, figure_of, label_points, plain_ticks, styled
 from cldit.transport.trace import TraceSettings
 
 Floats = NDArray[np.float64]
@@ -295,6 +295,7 @@ def error_figure(scene: Scene, rows: Sequence[Row]) -> Figure:
             ]
         axis.set_title(f"{phase} scattering" if phase == "isotropic" else phase)
         axis.set_xlabel(f"core seconds for {columns} x {height} pixels")
+        plain_ticks(axis)
         axis.grid(which="both")
         axis.legend()
         axis.margins(x=0.25, y=0.1)

@@ -18,8 +18,8 @@ from string import Template
 
 from cldit.io.files import make_folder, read_text, write_bytes, write_text
 
-_WIDE_PX = 1100  # a map with its key has some 1050
-_WIDE = 1.8  # width over height of two panels
+_WIDE_IN = 5.5  # from which labels would be too small on a phone
+_PX_PER_IN = 145  # a figure for two columns of a journal fills a page
 _SHORT = 16  # characters in the longest cell of a column that is aligned to the right
 _CODE = re.compile(r"`([^`]+)`")
 _SLIDE = """<script>
@@ -56,10 +56,11 @@ class Figure:
     file: str = ""
 
     @property
-    def wide(self) -> bool:
-        """True if labels of several panels would be too small on a phone: there it scrolls."""
-        width, height = (int.from_bytes(self.png[at : at + 4], "big") for at in (16, 20))
-        return width > _WIDE_PX or width > _WIDE * height  # from the PNG's first chunk
+    def width_in(self) -> float:
+        """Width on paper, from the PNG's first chunk and its dots per metre if it has them."""
+        width, at = int.from_bytes(self.png[16:20], "big"), self.png.find(b"pHYs", 0, 200) + 4
+        dots_m = int.from_bytes(self.png[at : at + 4], "big") if at > 4 else _PX_PER_IN / 0.0254
+        return width / (0.0254 * dots_m)
 
 
 @dataclass(frozen=True)
@@ -211,10 +212,11 @@ def _html(part: Block) -> str:
             heading = f"<h{level}>{escape(title)}</h{level}>\n" if title else ""
             return f"<section>{heading}\n{body}\n</section>" if body else ""
         case Figure(png, caption):
-            wide = ' class="wide"' if part.wide else ""
+            wide = ' class="wide" tabindex="0"' if part.width_in > _WIDE_IN else ""
+            size = f'width="{round(_PX_PER_IN * part.width_in)}"'
             source = f"data:image/png;base64,{b64encode(png).decode('ascii')}"
             return (
-                f'<figure><div{wide}><img alt="{escape(caption)}" src="{source}"></div>\n'
+                f'<figure><div{wide}><img alt="{escape(caption)}" {size} src="{source}"></div>\n'
                 f"<figcaption>{escape(caption)}</figcaption></figure>"
             )
         case Slider():
@@ -225,10 +227,10 @@ def _html(part: Block) -> str:
             items = "\n".join(f"<li>{_inline(line)}</li>" for line in lines)
             return f"<ul>\n{items}\n</ul>"
         case Code(text):
-            return f"<pre>{escape(text)}</pre>"
+            return f'<pre tabindex="0">{escape(text)}</pre>'
         case Details(summary, text, is_open):
             attribute = " open" if is_open else ""
-            inner = f"<summary>{escape(summary)}</summary><pre>{escape(text)}</pre>"
+            inner = f"<summary>{escape(summary)}</summary>{_html(Code(text))}"
             return f"<details{attribute}>{inner}</details>"
         case Html(text):
             return text
@@ -266,12 +268,12 @@ def _html_table(table: Table) -> str:
         numbers = [at for at, cells in columns if max(map(_length, cells)) <= _SHORT]
     lines = [[("td", cell) for cell in row] for row in table.rows]
     if table.titles:
-        lines.insert(0, [("th", title) for title in table.titles])
+        lines.insert(0, [("th" if title else "td", title) for title in table.titles])
     body = "\n".join(
         f"<tr>{''.join(_html_cell(*cell, at in numbers) for at, cell in enumerate(line))}</tr>"
         for line in lines
     )
-    return f'<div class="scroll"><table>\n{body}\n</table></div>'
+    return f'<div class="scroll" tabindex="0"><table>\n{body}\n</table></div>'
 
 
 def _html_cell(tag: str, cell: Cell, number: bool) -> str:

@@ -18,6 +18,13 @@ from PIL import Image
 from tests.viewed import Viewer, made_run, open_page, scene_for
 
 
+def download(viewer: Viewer, button: str) -> tuple[str, bytes]:
+    """Name and content of the file that a button saves."""
+    with viewer.page.expect_download() as told:
+        viewer.run("(button) => document.querySelector(button).click()", button)
+    return told.value.suggested_filename, Path(told.value.path()).read_bytes()
+
+
 def test_everything_by_keyboard(viewer: Viewer, tmp_path: Path) -> None:
     """Every control is reached by the tabulator, has a label, and shows that it has the focus."""
     run = made_run(scene_for())
@@ -120,9 +127,7 @@ def test_saved_files_hold_the_numbers_and_the_picture(viewer: Viewer, tmp_path: 
     viewer.page.wait_for_timeout(200)
 
     def saved(button: str) -> bytes:
-        with viewer.page.expect_download() as told:
-            viewer.run("(button) => document.querySelector(button).click()", button)
-        return Path(told.value.path()).read_bytes()
+        return download(viewer, button)[1]
 
     rows = list(csv.DictReader(io.StringIO(saved("#save-csv").decode())))
     kelvin = run.maps.apparent_temperature_K
@@ -173,3 +178,97 @@ def test_the_command_that_traces_it_anew(viewer: Viewer, tmp_path: Path) -> None
     assert viewer.page.inner_text("#command") == (
         "cldit run made.yaml --set walls.temperature_K=500 --set background.emissivity=0.8"
     )
+
+
+def test_files_say_what_was_changed(viewer: Viewer, tmp_path: Path) -> None:
+    """Title, note, file name and comment, with the run's own value; nothing without a change."""
+    open_page(viewer, tmp_path, made_run(scene_for()))
+    name, before = download(viewer, "#save-csv")
+    assert name == "made-temperature.csv" and before.startswith(b"x_mm,")
+    viewer.set({"wall_K": 1500.0})
+    said = "changed: walls 1500 K (run: 440 K)"
+    for button in ("#save-csv", "#save-svg"):
+        name, content = download(viewer, button)
+        assert "changed" in name and said in content.decode()
+    viewer.run("cldit.state.line = [[-20, 0], [20, 0]]; cldit.set('wall_K', 1500)")
+    viewer.page.wait_for_selector("#profile path.curve")
+    assert download(viewer, "#save-profile")[1].decode().startswith(f"# {said}\n")
+    assert "made (changed)" in (viewer.page.get_attribute(".map svg", "aria-label") or "")
+
+
+def test_values_beyond_the_scale_are_marked(viewer: Viewer, tmp_path: Path) -> None:
+    run = made_run(scene_for())
+    open_page(viewer, tmp_path, run)
+    kelvin = run.maps.apparent_temperature_K[np.isfinite(run.maps.apparent_temperature_K)]
+    for low, high in ((300, 700), (300, 380), (380, 390)):
+        viewer.run("(limits) => { cldit.state.limits.temperature = limits; }", [low, high])
+        viewer.set({})
+        below, above = int(np.sum(kelvin < low)), int(np.sum(kelvin > high))
+        assert viewer.page.locator(".map .beyond").count() == (below > 0) + (above > 0)
+        text = viewer.page.inner_text(".map")
+        assert (f"{above} above {high}" in text) == (above > 0)
+        assert (f"{below} below {low}" in text) == (below > 0)
+
+
+def test_zoom_and_move(viewer: Viewer, tmp_path: Path) -> None:
+    """By keys, buttons, wheel and drag; the cursor's values stay those of its place."""
+    run = made_run(scene_for())
+    open_page(viewer, tmp_path, run)
+    size = "[...document.querySelectorAll('.map canvas')].map((one) => [one.width, one.height])[0]"
+    assert viewer.run(size) == [40, 30]
+    viewer.page.click("#spray")
+    columns, rows = viewer.run(size)
+    assert 20 < columns < 40 and 20 < rows <= 30
+    viewer.page.focus(".map")
+    viewer.page.keyboard.press("0")
+    viewer.page.keyboard.press("+")
+    assert viewer.run(size)[0] < 30
+    box = viewer.page.locator(".map canvas").bounding_box()
+    assert box is not None
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    viewer.page.mouse.move(*middle)
+    viewer.page.wait_for_selector("#readout td")
+    before = viewer.page.locator("#readout tr").nth(1).inner_text()
+    viewer.page.mouse.wheel(0, -300)
+    assert viewer.run(size)[0] <= 24
+    viewer.page.mouse.move(middle[0] + 1, middle[1])
+    viewer.page.wait_for_timeout(200)
+    assert viewer.page.locator("#readout tr").nth(1).inner_text() == before
+    held = viewer.run("cldit.state.view")
+    viewer.page.click("#moving")
+    viewer.page.mouse.move(*middle)
+    viewer.page.mouse.down()
+    viewer.page.mouse.move(middle[0] + 60, middle[1], steps=3)
+    viewer.page.mouse.up()
+    assert viewer.run("cldit.state.view")[0] < held[0]
+    assert "Drag across a map" in (viewer.page.text_content("#profile") or "")
+    viewer.page.click("#whole")
+    assert viewer.run(size) == [40, 30]
+
+
+def test_sliders_span_the_run_and_numbers_more(viewer: Viewer, tmp_path: Path) -> None:
+    open_page(viewer, tmp_path, made_run(scene_for()))  # 420 to 560 K
+    low, high = (
+        float(viewer.page.get_attribute("#range-wall_K", end) or 0) for end in ("min", "max")
+    )
+    assert (low, high) == (350.0, 630.0)
+    assert viewer.set({"wall_K": 1500.0})["wall_K"] == 1500.0
+    assert float(viewer.page.get_attribute("#range-wall_K", "max") or 0) == 1500.0
+
+
+def test_the_papers_colours(viewer: Viewer, tmp_path: Path) -> None:
+    """Hue at full saturation where the spray is opaque; half of it at half the emissivity."""
+    run = made_run(scene_for(windows=[], patches=[]), depth=6.0)
+    open_page(viewer, tmp_path, run)
+    viewer.page.select_option("#colours", "hue")
+    viewer.drawn()
+    flat = viewer.run(
+        "(() => { const one = document.querySelector('.map canvas');"
+        " return [...one.getContext('2d').getImageData(0, 0, one.width, one.height).data]; })()"
+    )
+    pixels = np.array(flat).reshape(30, 40, 4)[..., :3] / 255.0
+    known = np.isfinite(run.maps.apparent_temperature_K) & (run.maps.reason == 0)
+    np.testing.assert_allclose(pixels[known].max(axis=-1), 1.0, atol=1e-6)
+    # a colour's step is 1 / 255 of its channel
+    saturation = 1.0 - pixels[known].min(axis=-1)
+    np.testing.assert_allclose(saturation, run.maps.emissivity[known], atol=2.1 / 255)

@@ -64,7 +64,7 @@ class Scale:
 
 
 def temperature_range_K(maps: Maps) -> tuple[float, float]:
-    """Percentiles 0.1 and 99.9 of the apparent temperatures, weighted by emissivity.
+    """Percentiles 0.5 and 99.5 of the apparent temperatures, weighted by emissivity.
 
     Only pixels of emissivity above 0.1 count, or all if there are none. Rounded outwards to 5 K;
     (0, 0) without any temperature.
@@ -78,7 +78,7 @@ def temperature_range_K(maps: Maps) -> tuple[float, float]:
     weight = np.maximum(maps.emissivity[chosen].astype(np.float64), 1e-12)
     order = np.argsort(temperature)
     share = np.cumsum(weight[order]) / weight.sum()
-    low, high = (float(temperature[order][np.searchsorted(share, at)]) for at in (0.001, 0.999))
+    low, high = (float(temperature[order][np.searchsorted(share, at)]) for at in (0.005, 0.995))
     low, high = 5.0 * math.floor(low / 5.0), 5.0 * math.ceil(high / 5.0)
     return (low, high) if high > low else (low, low + 5.0)
 

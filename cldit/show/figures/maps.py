@@ -53,6 +53,15 @@ def map_panel(maps: Maps, scale: Scale, *, title: str, paper: bool, **more: Any)
     )
 
 
+def map_panels(maps: Maps, scale: Scale, *, paper: bool = False, **more: Any) -> list[Panel]:
+    """Panels of T_app and emissivity (H, W)."""
+    limits = (0.0, scale.emissivity)
+    return [
+        map_panel(maps, scale, title="apparent temperature", paper=paper, **more),
+        Panel(maps.emissivity, "emissivity", "emissivity", limits, EMISSIVITY),
+    ]
+
+
 def map_legend(reasons: Iterable[int], scale: Scale, *, paper: bool) -> list[tuple[Any, str]]:
     """Colours that no colour bar shows, of pixels of these `reasons`, and their meaning."""
     found = set(reasons)
@@ -102,10 +111,7 @@ def map_figure(
     own = Scale.of([maps])
     limits = Scale(range_K or own.range_K, scale or own.emissivity)
     window = window or spray_window(maps, frame)
-    panels = [
-        map_panel(maps, limits, title="apparent temperature", paper=paper, stamp=stamp),
-        Panel(maps.emissivity, "emissivity", "emissivity", (0.0, limits.emissivity), EMISSIVITY),
-    ]
+    panels = map_panels(maps, limits, paper=paper, stamp=stamp)
     if reasons is None:
         reasons = np.unique(maps.reason[frame.slices(maps.reason.shape, window)])
     legend = map_legend(reasons, limits, paper=paper)

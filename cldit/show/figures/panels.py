@@ -163,7 +163,9 @@ def panels_figure(
         for number in range(len(panels))
     ]
     tops: list[float] = []  # of the rows, from the figure's top
-    at = _HEADING if title else 0.0
+    heading = _wrapped(plain(title), width - 0.4)
+    head = _HEADING + _LINE * heading.count("\n") if title else 0.0
+    at = head
     for row in range(rows):
         tops.append(at + above)
         own = any(labelled[row * columns : (row + 1) * columns])
@@ -171,7 +173,7 @@ def panels_figure(
     height = at + (_LINE * high_lines + 0.06 if lines else 0.0)
     figure = figure_of(width, height, layout=None)
     if title:
-        figure.suptitle(plain(title), y=1.0 - 0.4 * _HEADING / height, va="center")
+        figure.suptitle(heading, y=1.0 - (0.5 * head - 0.03) / height, va="center")
     start = 0.5 * (width - lost - columns * wide) + _LEFT
     step = wide + _GAP + (0.0 if shared else beside)
 

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from cldit.acquisition.record import open_acquisition
 from cldit.camera.view import SensorView
 from cldit.dit.maps import UNITS, Maps
 from cldit.dit.profile import Profile, profile_of
@@ -18,6 +19,7 @@ from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.plain_data import parse_json
 from cldit.run import Run
 from cldit.show import page
+from cldit.show.figures.colours import COUNTS, Scale
 from cldit.show.figures.curves import (
     budget_figure,
     profile_figure,
@@ -28,6 +30,8 @@ from cldit.show.figures.maps import (
     errors_panels,
     frame_of,
     map_figure,
+    map_legend,
+    map_panels,
     spray_window,
     weights_panels,
 )
@@ -53,9 +57,9 @@ def plot(
 
     Args:
         of: a run, a data set of `cldit.evaluate`, a spray, or a profile.
-        what: of a run `maps`, `acquired`, `errors`, `weights`, `budget`, `spectrum` or `profile`;
-            of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`, its masses
-            from the side and from below; of a profile `profile`.
+        what: of a run `maps`, `acquired`, `summary`, `errors`, `weights`, `budget`, `spectrum` or
+            `profile`; of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`,
+            its masses from the side and from below; of a profile `profile`.
         ax: axes of another figure, which get T_app alone, or with `emissivity=True` the emissivity:
             of `maps` and `acquired` with range_K and window, of `profile`.
         options: of `maps` and `acquired` range_K, scale, window and paper, as for
@@ -110,6 +114,23 @@ def _acquired(run: Run, **options: Any) -> Figure:
     return map_figure(*_recorded(run), **{"title": f"{run.scene.name}: acquired", **options})
 
 
+def _summary(run: Run) -> Figure:
+    """One camera frame, and from all of them T_app, emissivity and the error of T_app."""
+    maps, frame = _recorded(run)
+    if run.folder is None:
+        raise RunFolderError(f"{run.scene.name}: is not stored; give `out` to simulate")
+    found = open_acquisition(run.folder / "acquisition")
+    shots = [shot for shot in found.shots if shot.kind == "injection"]
+    shot = sorted(shots, key=lambda each: each.background_setpoint_K)[len(shots) // 2]
+    background = f"background {shot.background_setpoint_K:g} K"
+    scale = Scale.of([maps])
+    raw = Panel(found.load(shot), f"camera frame, {background}", "signal / counts", colours=COUNTS)
+    panels = [raw, *map_panels(maps, scale), errors_panels(maps)[0]]
+    title, window = f"{run.scene.name}: simulated recording", spray_window(maps, frame)
+    legend = map_legend(maps.count(), scale, paper=False)
+    return panels_figure(panels, frame, title=title, window=window, legend=legend)
+
+
 def _errors(run: Run) -> Figure:
     panels = error_maps_panels(run.error_maps) if run.error_maps else errors_panels(run.maps)
     return _of_trace(run, panels, "standard errors")
@@ -146,6 +167,7 @@ def _profile(run: Run, **options: Any) -> Figure:
 _OF_RUN: Mapping[str, Callable[..., Figure]] = {
     "maps": _maps,
     "acquired": _acquired,
+    "summary": _summary,
     "errors": _errors,
     "weights": _weights,
     "budget": _budget,

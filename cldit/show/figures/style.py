@@ -18,6 +18,7 @@ from matplotlib import rc_context, rcdefaults, rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.transforms import Bbox
 from PIL import Image
 
@@ -112,6 +113,14 @@ def figure_of(
 def plain(text: str) -> str:
     """User text for a figure, in which `$` starts no formula."""
     return text.replace("$", r"\$")
+
+
+def plain_ticks(axes: Axes) -> None:
+    """Writes ticks of logarithmic axes as 0.2, 0.5, 1: powers of ten are read less easily."""
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def label_points(axes: Axes, labels: Sequence[tuple[str, float, float]]) -> None:

@@ -134,7 +134,7 @@ def mass_panel(seen: Projection, title: str, view: View, *, most: float | None =
     """Panel of mass per area, three decades below `most` or the largest; white below them."""
     top = most or float(seen.image.max(initial=0.0))
     low = top / 10**_DECADES
-    image = np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan) if top > 0 else seen.image
+    image = 1e3 * np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan if top > 0 else 0.0)
     left, right, bottom, upper = seen.edges_m
     rows, columns = image.shape
     frame = Frame(
@@ -145,8 +145,8 @@ def mass_panel(seen: Projection, title: str, view: View, *, most: float | None =
     return Panel(
         image,
         title if top > 0 else f"{title}: none",
-        "mass per area / (kg/m²)",
-        (low, top) if top > 0 else (0.0, 1.0),
+        "mass per area / (g/m²)",
+        (1e3 * low, 1e3 * top) if top > 0 else (0.0, 1.0),
         MASS,
         logarithmic=top > 0,
         clear=np.isnan(image),

@@ -11,9 +11,13 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+import numpy as np
+from matplotlib import colormaps
+
 from cldit.dit.maps import Reason
 from cldit.io.files import read_text, write_text
 from cldit.scene.delays import delay_text
+from cldit.show.figures.colours import HUE
 from cldit.show.view.item import Item
 from cldit.show.view.packing import packed
 
@@ -50,6 +54,8 @@ _SEQUENTIAL = {
     "gray": "grey (for print)",
     "gray_r": "grey, dark is high",
     "inferno": "inferno",
+    "plasma": "plasma",
+    HUE.name: "hue, as in the paper (saturation: emissivity)",
 }
 _DIVERGING = {"RdBu_r": "blue to red", "PuOr_r": "purple to orange"}
 
@@ -101,7 +107,7 @@ def save_page(path: Path, items: Sequence[Item]) -> None:
 
 
 def _apart(heads: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Distinct names: with the time of the spray if it distinguishes items, else with a number."""
+    """Distinct names: with time of the spray, folder or number, the first that distinguishes."""
     names = [str(head["name"]) for head in heads]
     times = [head["time_s"] for head in heads]
     for number, (name, time_s) in enumerate(zip(list(names), times, strict=True)):
@@ -109,9 +115,19 @@ def _apart(heads: Sequence[Mapping[str, Any]]) -> list[str]:
         if len(alike) == 1:
             continue
         alone = time_s is not None and [times[at] for at in alike].count(time_s) == 1
-        more = delay_text(time_s) if alone else f"{alike.index(number) + 1} of {len(alike)}"
+        folders = [_folder(heads[at]) for at in alike]
+        more = folders[alike.index(number)]
+        if len(set(folders)) < len(folders) or not more:
+            more = f"{alike.index(number) + 1} of {len(alike)}"
+        more = delay_text(time_s) if alone else more
         names[number] = f"{name}, {more}"
     return names
+
+
+def _folder(head: Mapping[str, Any]) -> str:
+    """Name of the folder of an item."""
+    place = Path(str(head["source"]))
+    return (place.parent if head["kind"] == "run" else place).name
 
 
 @cache
@@ -122,6 +138,5 @@ def _source(name: str) -> str:
 
 def _colours(name: str) -> list[int]:
     """256 RGB triples in one list."""
-    from matplotlib import colormaps
-
-    return [int(one) for one in colormaps[name](range(256), bytes=True)[:, :3].reshape(-1)]
+    table = HUE if name == HUE.name else colormaps[name]
+    return [int(one) for one in table(np.arange(256), bytes=True)[:, :3].reshape(-1)]

@@ -26,6 +26,7 @@ from cldit.run import Run
 from cldit.run.content import trace_content
 from cldit.scene import Scene
 from cldit.scene.delays import spray_time_s
+from cldit.show.figures.maps import frame_of, spray_window
 from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
 from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
 
@@ -51,6 +52,7 @@ def traced_item(run: Run, *, source: str) -> Item:
         "source": source,
         "time_s": spray_time_s(scene),
         **place_of(run.reference.background.shape, run.pixel_m, (x, z)),
+        "window_mm": spray_window(run.maps, frame_of(run)),
         "ends": planck_ends(run.quadrature.filter_um),
         "scene": {
             "backgrounds_K": list(scene.background.temperatures_K),

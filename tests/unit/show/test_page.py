@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import io
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from cldit.errors import FileError
 from cldit.show.page import (
@@ -152,8 +154,12 @@ def test_written_whole(tmp_path: Path) -> None:
         write_page(_full("x"), tmp_path / "missing" / "report.html")
 
 
-def test_only_figures_of_several_panels_are_wide() -> None:
-    for width, height, wide in ((900, 800, False), (1500, 1400, True), (1000, 500, True)):
-        size = width.to_bytes(4, "big") + height.to_bytes(4, "big")
-        panels = Figure(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + size, "x")
-        assert ('<div class="wide">' in Page("x", [panels]).html()) is wide
+def test_figures_have_their_size_on_paper() -> None:
+    """145 px an inch; figures of two columns scroll on a phone, whatever their dots per inch."""
+    for inches, dpi, wide in ((3.0, 300, False), (6.85, 300, True), (6.85, 150, True)):
+        stream = io.BytesIO()
+        Image.new("RGB", (round(inches * dpi), 40)).save(stream, format="PNG", dpi=(dpi, dpi))
+        html = Page("x", [Figure(stream.getvalue(), "x")]).html()
+        assert ('<div class="wide"' in html) is wide
+        [width] = re.findall(r'<img alt="x" width="([0-9]+)"', html)
+        assert int(width) == pytest.approx(145 * inches, abs=1)

@@ -2,12 +2,14 @@
 
 // Pointer and keys on a map: cursor, and the line of a profile.
 function follow(figure) {
-  let from = null;
+  let from = null, held = null; // where a line, or a move of the view, began
+  figure.host.classList.toggle("moving", state.moving);
   figure.host.addEventListener("pointerdown", (event) => {
-    if (!figure.grid || event.button !== 0) return;
+    if (!figure.grid || event.button > 1) return;
     const { inside, x, z } = figure.place(event);
     if (!inside) return;
-    from = [x, z];
+    if (state.moving || event.shiftKey || event.button === 1) held = [x, z];
+    else from = [x, z];
     figure.host.setPointerCapture(event.pointerId);
     event.preventDefault();
     figure.host.focus({ preventScroll: true });
@@ -15,24 +17,40 @@ function follow(figure) {
   figure.host.addEventListener("pointermove", (event) => {
     if (!figure.grid) return;
     const { inside, x, z } = figure.place(event);
+    if (held) {
+      move([held[0] - x, held[1] - z]);
+      return;
+    }
     if (from) state.line = [from, [x, z]];
     state.cursor = inside || from ? [x, z] : null;
     moved();
   });
   for (const end of ["pointerup", "pointercancel"]) {
     figure.host.addEventListener(end, () => {
-      from = null;
+      from = held = null;
     });
   }
+  // The wheel scrolls the page, unless the map has the focus; pinching sets ctrlKey.
+  figure.host.addEventListener("wheel", (event) => {
+    if (!figure.grid || !(event.ctrlKey || document.activeElement === figure.host)) return;
+    event.preventDefault();
+    const { x, z } = figure.place(event);
+    zoom(event.deltaY > 0 ? 1.2 : 1 / 1.2, [x, z]);
+  }, { passive: false });
   figure.host.addEventListener("keydown", (event) => {
     if (!figure.grid) return;
     const step = event.shiftKey ? 10 : 1, [w, h] = figure.grid.pixel_mm;
     const ways = { ArrowLeft: [-w, 0], ArrowRight: [w, 0], ArrowUp: [0, h], ArrowDown: [0, -h] };
     if (event.key in ways) {
       const now = state.cursor ?? figure.grid.centre_mm, ahead = ways[event.key];
-      const ends = [figure.x, figure.z];
+      const ends = figure.whole(), seen = [figure.x, figure.z];
       state.cursor = now.map((one, axis) => Math.min(Math.max(one + step * ahead[axis], ends[axis].low), ends[axis].high));
       if (state.line && state.lineOpen) state.line = [state.line[0], state.cursor];
+      const beyond = state.cursor.map((one, axis) => Math.min(one - seen[axis].low, 0) + Math.max(one - seen[axis].high, 0));
+      if (beyond.some((one) => one !== 0)) move(beyond);
+    } else if ("+-0".includes(event.key)) {
+      if (event.key === "0") look(null);
+      else zoom(event.key === "+" ? 1 / 1.5 : 1.5, state.cursor);
     } else if (event.key === " ") {
       state.cursor ??= [...figure.grid.centre_mm];
       state.lineOpen = !state.lineOpen;

@@ -8,7 +8,7 @@ class Figure {
     this.host.className = "map";
     this.host.tabIndex = 0;
     this.host.setAttribute("role", "application");
-    this.host.setAttribute("aria-label", `${name}: arrows move the cursor, space begins a line, escape ends it`);
+    this.host.setAttribute("aria-label", `${name}: arrows move the cursor, space begins a line, escape ends it, plus and minus zoom`);
     this.canvas = document.createElement("canvas");
     this.svg = node("svg", { role: "img" });
     this.host.append(this.canvas, this.svg);
@@ -16,23 +16,29 @@ class Figure {
     this.grid = null;
   }
 
-  // drawn: {grid, pixels, limits} of the worker; title, label and notes: texts; bar: URL of an image.
-  show({ grid, pixels, limits }, title, label, bar, notes) {
+  // drawn: of the worker; title, label and notes: texts; bar: {url, ends} of the colours; view:
+  // left, right, bottom, top in mm, null for all.
+  show(drawn, title, label, bar, notes, view) {
+    this.shown = [drawn, title, label, bar, notes];
+    const { grid, pixels, limits, below, above } = drawn;
     this.grid = grid;
     this.host.classList.remove("empty");
-    const [wide, high] = [grid.columns * grid.pixel_mm[0], grid.rows * grid.pixel_mm[1]];
+    const [w, h] = grid.pixel_mm, [i0, i1, j0, j1] = partOf(grid, view);
+    const [wide, high] = [(i1 - i0) * w, (j1 - j0) * h];
+    const left = grid.centre_mm[0] + (i0 - grid.columns / 2) * w;
+    const top = grid.centre_mm[1] + (grid.rows / 2 - j0) * h;
     const scale = Math.min(PLOT / wide, 620 / high);
     const box = { left: LEFT, top: TOP, width: wide * scale, height: high * scale };
     const tall = TOP + box.height + BOTTOM + notes.length * NOTE;
     this.box = box;
-    this.x = { low: grid.centre_mm[0] - wide / 2, high: grid.centre_mm[0] + wide / 2, label: "x / mm" };
-    this.z = { low: grid.centre_mm[1] - high / 2, high: grid.centre_mm[1] + high / 2, label: "z / mm" };
-    if (this.canvas.width !== grid.columns || this.canvas.height !== grid.rows) {
-      this.canvas.width = grid.columns;
-      this.canvas.height = grid.rows;
+    this.x = { low: left, high: left + wide, label: "x / mm" };
+    this.z = { low: top - high, high: top, label: "z / mm" };
+    if (this.canvas.width !== i1 - i0 || this.canvas.height !== j1 - j0) {
+      this.canvas.width = i1 - i0;
+      this.canvas.height = j1 - j0;
     }
     const image = new ImageData(new Uint8ClampedArray(pixels), grid.columns, grid.rows);
-    this.canvas.getContext("2d").putImageData(image, 0, 0);
+    this.canvas.getContext("2d").putImageData(image, -i0, -j0);
     const share = (part, of) => `${100 * part / of}%`;
     Object.assign(this.canvas.style, {
       left: share(box.left, WIDE), top: share(box.top, tall),
@@ -43,13 +49,27 @@ class Figure {
     this.svg.setAttribute("aria-label", title);
     this.svg.append(node("text", { x: box.left, y: 18, class: "title" }, title));
     this.at = frame(this.svg, box, this.x, this.z);
-    this.colourBar(limits, label, bar);
+    this.colourBar(limits, label, bar, below, above);
     notes.forEach((text, n) => {
       const y = TOP + box.height + BOTTOM + n * NOTE + 6;
       this.svg.append(node("text", { x: box.left, y, class: "note" }, text));
     });
-    this.marks = node("g");
+    const [x, y] = [box.left, box.top]; // an svg inside cuts what lies beyond the view
+    this.marks = node("svg", { x, y, width: box.width, height: box.height, viewBox: `${x} ${y} ${box.width} ${box.height}` });
     this.svg.append(this.marks);
+  }
+
+  // Ends of the whole image along x and z, mm.
+  whole() {
+    const { columns, rows, pixel_mm, centre_mm } = this.grid;
+    return [columns, rows].map((count, axis) => {
+      const half = count * pixel_mm[axis] / 2;
+      return { low: centre_mm[axis] - half, high: centre_mm[axis] + half };
+    });
+  }
+
+  again(view) {
+    if (this.grid) this.show(...this.shown, view);
   }
 
   nothing(text) {
@@ -60,12 +80,18 @@ class Figure {
     this.canvas.width = this.canvas.height = 0;
   }
 
-  colourBar([low, high], label, bar) {
+  // An end beyond which values lie is pointed.
+  colourBar([low, high], label, { url, ends }, below, above) {
     const left = this.box.left + this.box.width + 14, { top, height } = this.box;
     this.svg.append(node("image", {
-      href: bar, x: left, y: top, width: BAR, height, preserveAspectRatio: "none",
+      href: url, x: left, y: top, width: BAR, height, preserveAspectRatio: "none",
     }));
     this.svg.append(node("rect", { x: left, y: top, width: BAR, height, class: "frame" }));
+    const arrows = [[below, ends[0], top + height, 11], [above, ends[1], top, -11]];
+    for (const [count, fill, y, away] of arrows.filter(([number]) => number)) {
+      const d = `M${left} ${y}h${BAR}l${-BAR / 2} ${away}Z`;
+      this.svg.append(node("path", { d, class: "frame beyond", style: `fill:${fill}` }));
+    }
     for (const value of ticks(low, high, Math.max(2, height / 45))) {
       const y = top + (high - value) / (high - low) * height;
       this.svg.append(node("line", { x1: left + BAR, x2: left + BAR + 4, y1: y, y2: y, class: "tick" }));
@@ -118,4 +144,18 @@ class Figure {
     copy.prepend(image);
     return copy;
   }
+}
+
+// Columns and rows of a grid in a view, whole pixels: first and end of each.
+function partOf({ columns, rows, pixel_mm, centre_mm }, view) {
+  if (!view) return [0, columns, 0, rows];
+  const left = centre_mm[0] - columns * pixel_mm[0] / 2, top = centre_mm[1] + rows * pixel_mm[1] / 2;
+  const held = (first, end, count) => {
+    const begin = Math.min(Math.max(Math.floor(first + 1e-6), 0), count - 1);
+    return [begin, Math.max(begin + 1, Math.min(Math.ceil(end - 1e-6), count))];
+  };
+  return [
+    ...held((view[0] - left) / pixel_mm[0], (view[1] - left) / pixel_mm[0], columns),
+    ...held((top - view[3]) / pixel_mm[1], (top - view[2]) / pixel_mm[1], rows),
+  ];
 }

@@ -16,6 +16,9 @@ class Line {
     this.noise = noise;
     this.per = this.unit * this.unit * exposures;
     this.signal = new Float64Array(x.length);
+    // Of the slope, per variance of one exposure: its variance if all signals had this variance.
+    const [sum, square] = this.scaled.reduce(([a, b], one) => [a + one, b + one * one], [0, 0]);
+    this.spread = 1 / (this.per * (square - sum * sum / x.length));
     this.slope = this.start = this.slopes = this.both = this.starts = 0;
   }
 
@@ -72,6 +75,24 @@ class Line {
     this.both = -sx / determinant * unit;
     this.starts = sxx / determinant * unit * unit;
   }
+}
+
+// Writes emissivity and temperature of pixel i without their errors, of a spray in which they are
+// surely significant: the slope's variance is at most that of the brightest signal at every
+// background. False where this does not hold.
+function solveClear(maps, i, before, slope, start, after, planck) {
+  const g = before.slope, depth = g - slope, emissivity = 1 - slope / g, x = after.x;
+  const end = x[x.length - 1], bright = start + slope * (slope > 0 ? Math.max(end, x[0]) : Math.min(end, x[0]));
+  const per = 1 / (g * g);
+  const most = per * (slope * slope * per * before.slopes + after.variance(bright) * after.spread);
+  if (!(g >= VISIBLE && emissivity > LEAST && emissivity * emissivity > DETECTION * DETECTION * most)) return false;
+  const radiance = (start - before.start) / depth;
+  if (!(radiance > 0)) return false;
+  planck.inverse.look(Math.log(radiance));
+  maps.reason[i] = REASON.ok;
+  maps.emissivity[i] = emissivity;
+  maps.temperature[i] = planck.inverse.value;
+  return true;
 }
 
 // Writes pixel i of the maps from the lines `before`, without spray, and `after`. Without objects

@@ -1,7 +1,8 @@
 // The page: its state, and reactions to the controls.
 
 // one, other: items by their number. limits: of the scales, by quantity. cursor [x, z] and line
-// [from, to] in mm; lineOpen: the keys move its end.
+// [from, to] in mm; lineOpen: the keys move its end. view: left, right, bottom, top in mm; null: all.
+// moving: dragging moves the view, and draws no line.
 const state = {
   one: 0,
   other: null,
@@ -12,6 +13,8 @@ const state = {
   cursor: null,
   line: null,
   lineOpen: false,
+  view: null,
+  moving: false,
 };
 const knows = []; // quantities that each item can show
 let figures = [], names = [], scenes = [];
@@ -62,7 +65,8 @@ async function drawOnce() {
   }
   scenes = found.scenes;
   const { text, unit } = QUANTITIES[quantity];
-  names = panels.map(({ items }) => items.map((index) => HEADS[index].name).join(" − "));
+  names = panels.map(({ items }) => items.map((index) => HEADS[index].name + (changesOf(index).length ? " (changed)" : ""))
+    .join(" − "));
   makeFigures(panels.length);
   found.drawn.forEach((drawn, number) => {
     if (drawn.nothing) {
@@ -73,7 +77,7 @@ async function drawOnce() {
     state.limits[apart ? `${quantity} apart` : quantity] ??= drawn.limits;
     const label = `${apart ? "difference" : QUANTITIES[quantity].short}${unit ? ` / ${unit}` : ""}`;
     figures[number].show(drawn, `${names[number]}: ${apart ? "difference" : text}`, label,
-      barOf(panels[number].colours), notesOf(drawn.empty));
+      barOf(panels[number].colours), [...changedLines(panels[number].items), ...notesOf(drawn)], state.view);
     figures[number].mark(state.cursor, state.line);
   });
   showSummary(found.drawn.at(-1), panels);
@@ -105,9 +109,62 @@ function barOf(name) {
       context.fillStyle = `rgb(${colours.slice(3 * c, 3 * c + 3).join(",")})`;
       context.fillRect(0, 255 - c, 1, 1);
     }
-    bars[name] = canvas.toDataURL();
+    const ends = [colours.slice(0, 3), colours.slice(-3)].map((one) => `rgb(${one.join(",")})`);
+    bars[name] = { url: canvas.toDataURL(), ends };
   }
   return bars[name];
+}
+
+function changesOf(index) {
+  return scenes[index] ? sliders.changes(HEADS[index]) : [];
+}
+
+// Lines of what is changed in items, for figures and files; none if nothing is.
+function changedLines(items) {
+  const lines = [];
+  for (const index of items) {
+    const texts = changesOf(index), of = items.length > 1 ? `${HEADS[index].name}, ` : "";
+    texts.forEach((text, n) => {
+      if (n % 2 === 0) lines.push(n ? `  ${text}` : `${of}changed: ${text}`);
+      else lines.push(`${lines.pop()}, ${text}`);
+    });
+  }
+  return lines;
+}
+
+// Shows another part of the maps; they are not computed again.
+function look(view) {
+  state.view = view;
+  for (const figure of figures) {
+    figure.again(view);
+    figure.mark(state.cursor, state.line);
+  }
+}
+
+// Zooms about a point in mm, or the middle; a factor above 1 shows more.
+function zoom(factor, about = null) {
+  const figure = figures.find((one) => one.grid);
+  if (!figure) return;
+  const ends = [figure.x, figure.z], whole = figure.whole(), pixel = figure.grid.pixel_mm;
+  const view = ends.flatMap(({ low, high }, axis) => {
+    const size = Math.min(Math.max((high - low) * factor, 8 * pixel[axis]), whole[axis].high - whole[axis].low);
+    const at = about ? about[axis] : (low + high) / 2;
+    return heldIn(at - size * (at - low) / (high - low), size, whole[axis]);
+  });
+  look(view);
+}
+
+function heldIn(low, size, whole) {
+  const begin = Math.min(Math.max(low, whole.low), whole.high - size);
+  return [begin, begin + size];
+}
+
+// Moves the view by so many mm.
+function move(by) {
+  const figure = figures.find((one) => one.grid);
+  if (!figure) return;
+  const whole = figure.whole();
+  look([figure.x, figure.z].flatMap(({ low, high }, axis) => heldIn(low + by[axis], high - low, whole[axis])));
 }
 
 function showLimits() {
@@ -189,19 +246,29 @@ function wire() {
     redraw();
   });
   on("reset", "click", () => sliders.reset());
-  const file = () => `${HEADS[state.one].name}-${state.quantity}`.replace(/[^\w.-]+/g, "-");
+  on("zoom-in", "click", () => zoom(1 / 1.5, state.cursor));
+  on("zoom-out", "click", () => zoom(1.5, state.cursor));
+  on("whole", "click", () => look(null));
+  on("spray", "click", () => look(HEADS[state.one].window_mm ?? null));
+  on("moving", "click", () => {
+    state.moving = !state.moving;
+    $("moving").setAttribute("aria-pressed", state.moving);
+    for (const figure of figures) figure.host.classList.toggle("moving", state.moving);
+  });
+  const file = () => `${names.at(-1)}-${state.quantity}`.replace(/[^\w.-]+/g, "-");
+  const comment = () => changedLines(shownItems()).map((line) => `# ${line}\n`).join("");
   on("save-svg", "click", () => saveFile(`${file()}.svg`, wholeSvg(figures, profile).text, "image/svg+xml"));
   on("save-png", "click", () => pngOf(wholeSvg(figures, profile))
     .then((data) => saveFile(`${file()}.png`, data, "image/png")).catch(problem));
   on("save-csv", "click", () => {
     const { unit } = QUANTITIES[state.quantity], suffix = unit ? `_${unit}` : "";
     const what = state.other === null ? state.quantity : `difference_of_${state.quantity}`;
-    const heading = `x_mm,z_mm,${what}${suffix},standard_error${suffix}`;
+    const heading = `${comment()}x_mm,z_mm,${what}${suffix},standard_error${suffix}`;
     const last = figures.length - 1;
     ask("csv", { panel: last, heading }).then(({ text }) => saveFile(`${file()}.csv`, text, "text/csv")).catch(problem);
   });
   on("save-profile", "click", () => {
-    if (profile.lines) saveFile(`${file()}-profile.csv`, profile.csv(), "text/csv");
+    if (profile.lines) saveFile(`${file()}-profile.csv`, comment() + profile.csv(), "text/csv");
   });
 }
 
@@ -209,6 +276,7 @@ async function begin() {
   wire();
   await ask("colours", { tables: DATA.colours });
   await loaded(0);
+  state.view = HEADS[0].window_mm ?? null;
   showControls();
   await redraw();
   document.body.dataset.ready = "yes";
@@ -228,6 +296,7 @@ window.cldit = {
   async drawn() {
     while (busy) await busy;
   },
+  look,
   scene: (index) => scenes[index],
   async numbers(given) {
     const found = await ask("numbers", given);

@@ -57,10 +57,13 @@ function showSummary(drawn, panels) {
   place.textContent = `${text}.`;
 }
 
-// Meaning of clear and grey pixels of a map.
-function notesOf(empty) {
-  return Object.entries(empty).map(([reason, count]) => {
+// Pixels of a map beyond its scale, and the meaning of clear and grey ones.
+function notesOf({ empty, below, above, limits }) {
+  const ends = [[below, "below", limits[0]], [above, "above", limits[1]]].filter(([count]) => count);
+  const beyond = ends.map(([count, where, end]) => `${count} ${where} ${tickText(end)}`).join(", ");
+  const why = Object.entries(empty).map(([reason, count]) => {
     const how = Number(reason) === DATA.thin ? "clear" : "grey";
     return `${how}: ${DATA.reasons[reason]} (${count} pixels)`;
   });
+  return beyond ? [`pixels beyond the scale: ${beyond}`, ...why] : why;
 }

@@ -1,16 +1,18 @@
 // Values that the reader may change, each by a slider and a number; reset restores the run's own.
+// low and high bound the number; a slider of temperatures covers those of the run and half of their
+// range on either side.
 
 const SLIDERS = {
   lowest_K: {
-    text: "Coldest background", unit: "K", low: 250, high: 1500, step: 1, needs: "background",
+    text: "Coldest background", unit: "K", low: 50, high: 3000, step: 1, needs: "background",
     own: (scene) => Math.min(...scene.backgrounds_K),
   },
   highest_K: {
-    text: "Hottest background", unit: "K", low: 250, high: 1500, step: 1, needs: "background",
+    text: "Hottest background", unit: "K", low: 50, high: 3000, step: 1, needs: "background",
     own: (scene) => Math.max(...scene.backgrounds_K),
   },
   wall_K: {
-    text: "Walls", unit: "K", low: 250, high: 1500, step: 1, needs: "wall",
+    text: "Walls", unit: "K", low: 50, high: 3000, step: 1, needs: "wall",
     own: (scene) => scene.wall_K,
   },
   emissivity: {
@@ -26,7 +28,7 @@ const SLIDERS = {
     own: (scene) => scene.shots,
   },
   signal_K: {
-    text: "Background of the camera signal", unit: "K", low: 250, high: 1500, step: 1,
+    text: "Background of the camera signal", unit: "K", low: 50, high: 3000, step: 1,
     own: (scene) => middleOf(scene.backgrounds_K),
   },
 };
@@ -60,7 +62,7 @@ class Sliders {
   set(name, value) {
     const row = this.rows[name];
     if (!Number.isFinite(value) || row.range.disabled) return this.show(this.heads);
-    const [low, high] = [Number(row.range.min), Number(row.range.max)];
+    const { low, high } = SLIDERS[name];
     let held = Math.min(Math.max(value, low), high);
     if (name === "lowest_K") held = Math.min(held, this.value("highest_K") - LEAST_APART_K);
     if (name === "highest_K") held = Math.max(held, this.value("lowest_K") + LEAST_APART_K);
@@ -103,13 +105,25 @@ class Sliders {
       why.textContent = reason;
       if (!this.scene) continue;
       const own = one.own(this.scene), value = this.value(name);
-      range.min = Math.min(one.low, own);
-      range.max = Math.max(one.high, own);
+      const [low, high] = one.unit === "K" ? nearOf(this.scene) : [one.low, one.high];
+      range.min = Math.min(low, own, value);
+      range.max = Math.max(high, own, value);
       range.value = value;
       number.value = Number(value.toPrecision(7));
       range.setAttribute("aria-valuetext", `${number.value} ${one.unit}`);
       row.classList.toggle("changed", name in this.asked && value !== own);
     }
+  }
+
+  // What is changed in a run, as texts with the run's own values.
+  changes(head) {
+    if (head.kind !== "run") return [];
+    return Object.entries(SLIDERS).flatMap(([name, one]) => {
+      const own = one.own(head.scene), value = this.asked[name];
+      if (value === undefined || value === own || one.needs in head.locked) return [];
+      const [now, before] = [value, own].map((number) => `${Number(number.toPrecision(6))}${one.unit && ` ${one.unit}`}`);
+      return [`${one.text.toLowerCase()} ${now} (run: ${before})`];
+    });
   }
 
   // The command that traces the requested values; null if nothing is changed.
@@ -133,4 +147,10 @@ class Sliders {
     const quoted = (text) => (/^[\w.\/=-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
     return `cldit run ${quoted(head.source)} ${parts.map((one) => `--set ${quoted(one)}`).join(" ")}`;
   }
+}
+
+function nearOf(scene) {
+  const own = [...scene.backgrounds_K, scene.wall_K], low = Math.min(...own), high = Math.max(...own);
+  const room = Math.max((high - low) / 2, 50), round = (number, way) => 10 * way(number / 10);
+  return [Math.max(round(low - room, Math.floor), 50), round(high + room, Math.ceil)];
 }

@@ -25,6 +25,7 @@ class TracedRun {
     for (const name of ["temperature", "temperature_error", "emissivity", "emissivity_error"]) {
       this.maps[name] = new Float32Array(n);
     }
+    this.one = Object.fromEntries(Object.keys(this.maps).map((name) => [name, [0]]));
     this.known = "";
   }
 
@@ -141,6 +142,7 @@ class TracedRun {
   compute(asked) {
     const key = JSON.stringify(asked);
     if (key === this.known) return;
+    this.all = null; // that adds the errors to the maps
     const scene = this.settings(asked), head = this.head;
     const reference_K = "background" in head.locked
       ? head.panes.reference_K : middleOf(scene.backgrounds_K);
@@ -159,7 +161,7 @@ class TracedRun {
     else {
       const x = scene.backgrounds_K.map(whole.leaving);
       const before = new Line(x, noise, scene.references), after = new Line(x, noise, scene.shots);
-      if (single) this.solveExact(before, after, rest);
+      if (single) this.solveExact(before, after, rest, false);
       else this.solveFitted(before, after, rest, scene.backgrounds_K.map((one) => this.shown(at(one))));
     }
     this.signal = this.signalOf(rest, at(scene.signal_K), whole, noise);
@@ -168,7 +170,8 @@ class TracedRun {
   }
 
   // One band: every pixel's signals lie on a line by themselves, and its slope is its weight.
-  solveExact(before, after, rest) {
+  // With errors only if asked: they cost more than the maps, and few of them are read.
+  solveExact(before, after, rest, errors) {
     const n = this.kind.length, palette = this.arrays.palette, w = this.width;
     const own = this.head.components.filter((one) => one.source === "background");
     const change = this.arrays[own[0].array], mix = own[0].mix[0];
@@ -177,11 +180,18 @@ class TracedRun {
       after.exact(known[c].slope, known[c].start);
       solvePixel(this.maps, n + c, known[c], after, this.planck);
     }
-    for (let i = 0; i < n; i++) {
+    const whole = (maps, at, i) => {
       const bare = known[this.kind[i]];
       after.exact(bare.slope + mix * change[i], rest[i]);
-      solvePixel(this.maps, i, bare, after, this.planck);
+      solvePixel(maps, at, bare, after, this.planck);
+    };
+    const { maps, kind, planck } = this;
+    for (let i = 0; i < n; i++) {
+      const bare = known[kind[i]], slope = bare.slope + mix * change[i];
+      if (errors || !solveClear(maps, i, bare, slope, rest[i], after, planck)) whole(maps, i, i);
     }
+    this.all = errors ? null : () => this.solveExact(before, after, rest, true);
+    this.solveOne = (i) => whole(this.one, 0, i);
   }
 
   // Several bands: the signals are nearly straight in the radiance of the whole filter.
@@ -253,6 +263,10 @@ class TracedRun {
   // One quantity of pixel p.
   pixel(name, p) {
     const at = this.place[p], own = at < 0 ? this.kind.length - 1 - at : at;
+    if (this.all && at >= 0 && name.endsWith("error") && name in this.maps) {
+      this.solveOne(own);
+      return this.one[name][0];
+    }
     if (name in this.maps) return this.maps[name][own];
     if (name in this.signal) return this.signal[name](own);
     if (at < 0 || Number.isNaN(this.maps.temperature[at])) return NaN;
@@ -263,6 +277,7 @@ class TracedRun {
   image(name) {
     const n = this.kind.length, place = this.place, out = new Float32Array(place.length);
     const map = this.maps[name];
+    if (this.all && map && name.endsWith("error")) this.all();
     for (let p = 0; p < out.length; p++) {
       const at = place[p];
       out[p] = map ? map[at < 0 ? n - 1 - at : at] : this.pixel(name, p);

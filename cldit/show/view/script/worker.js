@@ -31,11 +31,16 @@ const answers = {
       images.set(number, made);
       const diverging = shown.length === 2;
       const limits = panel.limits ?? limitsOf(made.value, diverging);
-      const { pixels, empty } = painted(made.value, made.reason, limits, colourTables[panel.colours]);
+      let share = null;
+      if (panel.colours === "hue" && panel.quantity === "temperature") {
+        const emissivity = shown[0].image("emissivity"), full = fullEmissivity(emissivity);
+        share = emissivity.map((one) => one / full);
+      }
+      const { pixels, ...counts } = painted(made.value, made.reason, limits, colourTables[panel.colours], share);
       transfer.push(pixels);
       const { columns, rows, pixel_mm, centre_mm } = made.grid;
       const summary = diverging ? { ...summaryOf(made), states: made.states } : null;
-      return { grid: { columns, rows, pixel_mm, centre_mm }, limits, pixels, summary, empty };
+      return { grid: { columns, rows, pixel_mm, centre_mm }, limits, pixels, summary, ...counts };
     });
     const scenes = items.map((item) => (item && item.scene) ?? null);
     return { drawn, scenes, transfer };

@@ -94,7 +94,7 @@ def _cover(one: Bbox, other: Bbox) -> bool:
 def kinds(tables: Path) -> Iterator[tuple[str, Figure]]:
     """One figure of every kind, with long names and crowded points."""
     run = open_run(WRITTEN)
-    for what in ("maps", "acquired", "errors", "weights", "spectrum", "profile"):
+    for what in ("maps", "acquired", "summary", "errors", "weights", "spectrum", "profile"):
         yield f"run: {what}", run.plot(what)
     yield "run: paper", run.plot("maps", paper=True)
     frame, shape = frame_of(run), run.maps.emissivity.shape
