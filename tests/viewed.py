@@ -223,13 +223,14 @@ def screenshot(page: Path, picture: Path) -> None:
 
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=chromium())
-        viewer = Viewer(browser.new_page(viewport={"width": 1180, "height": 1140}))
+        viewer = Viewer(browser.new_page(viewport={"width": 1180, "height": 1080}))
         viewer.open(page)
         viewer.set({"wall_K": 500.0})
+        viewer.page.click("#spray")
         box = viewer.page.locator(".map canvas").first.bounding_box()
         assert box is not None
-        left, right = (box["x"] + share * box["width"] for share in (0.22, 0.62))
-        height = box["y"] + 0.36 * box["height"]
+        left, right = (box["x"] + share * box["width"] for share in (0.08, 0.92))
+        height = box["y"] + 0.55 * box["height"]
         viewer.page.mouse.move(left, height)
         viewer.page.mouse.down()
         viewer.page.mouse.move(right, height, steps=5)

@@ -103,7 +103,9 @@ def test_budget_has_a_bar_a_cause() -> None:
 
 
 def test_what_is_not_there_is_named(run: Run) -> None:
-    with pytest.raises(EvaluationError, match="plot: 'map'; allowed: maps, acquired, summary, errors"):
+    with pytest.raises(
+        EvaluationError, match="plot: 'map'; allowed: maps, acquired, summary, errors"
+    ):
         run.plot("map")
     if run.errors is None:
         with pytest.raises(ClditError, match="states no error"):
