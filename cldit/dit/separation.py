@@ -43,8 +43,7 @@ Floats = NDArray[np.float64]
 LEVEL, POWER = 0.01, 0.95
 NEEDED = float(norm.isf(LEVEL) + norm.isf(1.0 - POWER))
 _LEVELS = 5  # of the lowest and of the highest background that are tried
-_FACTORS = np.geomspace(1e-2, 1e4, 49)
-_STEP = 1e-3  # of a signal's contrast, for derivatives
+_FACTORS = np.geomspace(1e-2, 1e4, 25)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +63,7 @@ class Separation:
     of_noise: float
     time_s: float | None
     rms_K: float
-    largest: str
+    largest: str = ""
 
     @property
     def order(self) -> tuple[float, float]:
@@ -130,7 +129,10 @@ class Rivals:
                 f"backgrounds: {low_K:g} K alone; two models are separated with two or more"
             )
         found = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
-        return min(found, key=lambda one: one.order)
+        best = min(found, key=lambda one: one.order)
+        test, taken = self._test(best.backgrounds_K), best.shots or MOST_SHOTS
+        each = {name: test.without(name).distance(taken) for name in (*test.setup, *test.models)}
+        return replace(best, largest=max(each, key=lambda name: each[name], default=""))
 
     def at(
         self, backgrounds_K: tuple[float, ...], blackbody: BlackBody, *, shot_s: float
@@ -145,7 +147,6 @@ class Rivals:
                 low, high = (low, middle) if test.distance(middle) >= NEEDED else (middle, high)
             shots = high
         taken = high if shots is None else shots
-        each = {name: test.without(name).distance(taken) for name in (*test.setup, *test.models)}
         waiting_s = blackbody.time_s(backgrounds_K)
         return Separation(
             delay_s=self.delay_s,
@@ -155,7 +156,6 @@ class Rivals:
             of_noise=replace(test, setup={}, models={}).distance(taken),
             time_s=shots and waiting_s + 2 * shots * len(backgrounds_K) * shot_s,
             rms_K=float(np.sqrt(np.mean(test.change_K**2))),
-            largest=max(each, key=lambda name: each[name], default=""),
         )
 
     def _test(self, backgrounds_K: tuple[float, ...]) -> _Test:
@@ -167,7 +167,7 @@ class Rivals:
             raise EvaluationError("no pixel has a T_app with both models")
         noise_K2 = calm.variances(backgrounds_K)[0].sum(axis=0)
         bare, spray = calm.both(backgrounds_K)
-        slopes = self._slopes(calm, backgrounds_K, bare, spray)
+        slopes = np.nan_to_num(calm.response(backgrounds_K))
         depth = slopes * calm.depth_response(bare, spray) * self.one.scatter / math.sqrt(2.0)
         # The simulated rig's field: a common part, and a smooth one with the correlation
         # exp(-(r / L)^2), whose integral over the image is pi L^2.
@@ -191,20 +191,6 @@ class Rivals:
             },
             models={name: kelvin[known] for name, kelvin in self.errors_K.items()},
         )
-
-    @staticmethod
-    def _slopes(
-        subject: Subject, backgrounds_K: tuple[float, ...], bare: Floats, spray: Floats
-    ) -> Floats:
-        """(K, N) derivative of T_app by the signal of the injections at each background."""
-        step = _STEP * np.max(np.abs(spray - bare), axis=0) + 1e-12 * spray[0]
-        out = []
-        for number in range(len(backgrounds_K)):
-            change = np.zeros_like(spray)
-            change[number] = step
-            up, down = (subject.temperature_K(backgrounds_K, way * change) for way in (1, -1))
-            out.append((up - down) / (2.0 * step))
-        return np.asarray(np.nan_to_num(np.array(out)))
 
     def _of_setup(self, at_K: Floats, backgrounds_K: tuple[float, ...]) -> dict[str, Floats]:
         """Change of T_app (N,) by each systematic error of a measurement."""
@@ -252,11 +238,15 @@ class _Test:
         u = np.clip(_FACTORS[:, None] * d, -size, size) / noise
         z = d / noise
         b = np.array([*self.depth / math.sqrt(shots), *self.setup.values()]) / noise
-        inner = np.linalg.inv(np.eye(len(b)) + b @ b.T)
-        alone = float(z @ z - (b @ z) @ inner @ (b @ z))
-        along = u @ z - (u @ b.T) @ inner @ (b @ z)
-        own = np.sum(u * u, axis=1) - np.sum((u @ b.T) @ inner * (u @ b.T), axis=1)
-        return math.sqrt(max(float(np.min(alone - along**2 / (1.0 + own))), 0.0))
+        # Sums of squares of what the errors of known image leave, and of their sizes; as
+        # differences they would lose all digits.
+        both = np.vstack([z, u])
+        sizes = np.linalg.solve(np.eye(len(b)) + b @ b.T, b @ both.T)
+        left = np.hstack([both - sizes.T @ b, sizes.T])
+        own = left[1:]
+        factor = (own @ left[0]) / (1.0 + np.sum(own**2, axis=1))
+        squares = np.sum((left[0] - factor[:, None] * own) ** 2, axis=1) + factor**2
+        return math.sqrt(float(np.min(squares)))
 
 
 def rivals(

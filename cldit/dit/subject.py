@@ -117,7 +117,7 @@ class Subject:
     def variances(self, backgrounds_K: Sequence[float]) -> Floats:
         """Variances (2, 2, N) of T_app [K^2] and of the emissivity, due to injections and due to
         references, with one of each per background."""
-        lines = self._fitted(backgrounds_K)
+        lines, _ = self._fitted(backgrounds_K)
         radiance, _ = apparent_radiance(lines)
         gradients = (
             radiance_gradient(lines)
@@ -135,11 +135,20 @@ class Subject:
             ]
         )
 
-    def temperature_K(self, backgrounds_K: Sequence[float], change: Floats | float = 0.0) -> Floats:
-        """T_app (N,), NaN where there is none, with a `change` (K, N) of signals with spray."""
-        lines = self._fitted(backgrounds_K, change)
-        radiance, _ = apparent_radiance(lines)
+    def temperature_K(self, backgrounds_K: Sequence[float]) -> Floats:
+        """T_app (N,), NaN where there is none."""
+        radiance, _ = apparent_radiance(self._fitted(backgrounds_K)[0])
         return self.curve.temperature(np.where(radiance > 0.0, radiance, np.nan))
+
+    def response(self, backgrounds_K: Sequence[float]) -> Floats:
+        """Derivative (K, N) of T_app by the signal with spray at each background."""
+        lines, variance = self._fitted(backgrounds_K)
+        radiance, _ = apparent_radiance(lines)
+        slope = self.curve.temperature_slope(np.maximum(radiance, 0.0))
+        row = radiance_gradient(lines)[:, 2:] * slope[:, None]
+        both = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
+        x = self.whole.leaving(backgrounds_K)[:, None]
+        return np.asarray((both[:, 0] * x + both[:, 1]) / variance / self.whole.front.transmission)
 
     def depth_response(self, bare: Floats, spray: Floats) -> Floats:
         """Change (K, N) of the injections' signals by a relative change of the optical depth of 1.
@@ -156,8 +165,9 @@ class Subject:
         bare, spray = zip(*(self.signals(kelvin) for kelvin in backgrounds_K), strict=True)
         return np.stack(bare), np.stack(spray)
 
-    def _fitted(self, backgrounds_K: Sequence[float], change: Floats | float = 0.0) -> Pair:
-        """The lines with one shot of either kind per background."""
+    def _fitted(self, backgrounds_K: Sequence[float]) -> tuple[Pair, Floats]:
+        """The lines with one shot of either kind per background, and the variance (K, N) of the
+        signals with spray, inside the front window."""
         calibration = self.exposure(max(backgrounds_K)).calibration()
         bare, spray = self.both(backgrounds_K)
         extra = (self.scatter * self.depth_response(bare, spray)) ** 2
@@ -168,12 +178,14 @@ class Subject:
         )
         transmission = self.whole.front.transmission
         source = self.whole.leaving(backgrounds_K)
-        return fit_pair(
+        calm, varied = calm / transmission**2, (varied + extra) / transmission**2
+        lines = fit_pair(
             (source, source),
-            (self.whole.inside(bare), self.whole.inside(spray + change)),
-            variance=(calm / transmission**2, (varied + extra) / transmission**2),
+            (self.whole.inside(bare), self.whole.inside(spray)),
+            variance=(calm, varied),
             usable=np.ones(bare.shape, bool),
         )
+        return lines, varied
 
 
 def _seen(view: SensorView, weights: Weights) -> Weights:

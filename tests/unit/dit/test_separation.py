@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from cldit.acquisition.plan import StabilitySection, load_plan
 from cldit.cli import main
 from cldit.dit.design import MOST_SHOTS, BlackBody
+from cldit.dit.fit import apparent_radiance, fit_pair
 from cldit.dit.separation import _FACTORS, NEEDED, Rivals, _Test, rivals
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
@@ -75,6 +76,29 @@ def _rivals(scene: Scene, *, brighter: float, error_K: float) -> Rivals:
     columns, rows = scene.camera.sensor.pixels
     errors_K = {"cells of both": np.full((rows, columns), error_K)}
     return rivals(scene, one, (scene, (other,)), injections=[], errors_K=errors_K, delay_s=None)
+
+
+def test_response_is_the_derivative_of_the_evaluation(tiny_scene: Scene) -> None:
+    """Central differences of a fit with the same weights, to second order in a step of 1e-3."""
+    subject = _rivals(tiny_scene, brighter=0.0, error_K=0.0).one
+    backgrounds = (440.0, 455.0, 480.0)
+    found = subject.response(backgrounds)
+    lines, variance = subject._fitted(backgrounds)
+    bare, spray = subject.both(backgrounds)
+    source = subject.whole.leaving(backgrounds)
+    for number in range(3):
+        each = []
+        for way in (1e-3, -1e-3):
+            moved = spray.copy()
+            moved[number] *= 1.0 + way
+            fitted = fit_pair(
+                (source, source), (bare, moved), variance=(variance, variance),
+                usable=np.ones(bare.shape, bool),
+            )  # fmt: skip
+            each.append(subject.curve.temperature(apparent_radiance(fitted)[0]))
+        slope = (each[0] - each[1]) / (2e-3 * spray[number])
+        assert found[number] == pytest.approx(slope, rel=1e-3)
+    assert lines.values.shape == (subject.places.size, 4)
 
 
 def test_the_fewest_shots(tiny_scene: Scene) -> None:
