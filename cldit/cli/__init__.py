@@ -20,6 +20,7 @@ _COMMANDS = {
     "spray": "cldit.cli.sprays:spray_command",
     "import": "cldit.cli.sprays:import_command",
     "droplet": "cldit.cli.sprays:droplet",
+    "fit": "cldit.cli.fit:fit_command",
     "plan": "cldit.cli.plan:plan_command",
     "acquire": "cldit.cli.acquire:acquire_command",
     "evaluate": "cldit.cli.evaluate:evaluate",

@@ -1,0 +1,137 @@
+"""Differences of two results in radiance, in standard errors, for least squares.
+
+A pixel has two numbers, its emissivity e and its differential radiance in front of a background,
+y = e (B(T_app) - x), x the mean radiance that leaves the backgrounds, weighted by the camera's
+noise. Unlike T_app they are linear in the light, also where the spray is thin. The estimates of
+slope and middle of a straight line are independent of each other, so that with r = B(T_app)
+
+    var(y) = e^2 var(r) - (r - x)^2 var(e)
+
+and errors of all pixels in common (`Shown.common`, `systematic`) change them by
+
+    dy = e B'(T_app) dT + (r - x) de.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.camera.curve import Curve
+from cldit.camera.sensor import SensorModel
+from cldit.comparison.difference import seen_in_both
+from cldit.comparison.pixels import together
+from cldit.comparison.shown import Shown
+from cldit.dit.budget import Part
+from cldit.errors import EvaluationError
+from cldit.optics.response import scene_filter
+from cldit.radiance.boundary import Boundary, Surroundings
+
+Floats = NDArray[np.float64]
+
+_LEAST = 0.1  # of e^2 var(r): the correlation of r and e is known from the scene's sensor alone
+_LEAST_PIXELS = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadianceData:
+    """Measured e and y (2, N) of the pixels `where` (H, W), with their errors.
+
+    error: (2, N) independent of each other, those of the model included. modes: (M, 2, N) changes
+    by one standard deviation of errors that all pixels share. middle: (N,) x of the module.
+    """
+
+    measured: Shown
+    where: NDArray[np.bool_]
+    curve: Curve
+    middle: Floats
+    values: Floats
+    error: Floats
+    modes: Floats
+
+    @classmethod
+    def of(cls, measured: Shown, model: Shown) -> RadianceData:
+        """Data in the pixels of the spray that a model sees, with its errors of T_app.
+
+        Raises:
+            EvaluationError: too few pixels are visible in both, or no error is stated.
+        """
+        scene = model.scene
+        assert scene is not None
+        first, second, _ = together(measured, model, resample=True)
+        square_K2 = first.independent_K2
+        if square_K2 is None:
+            raise EvaluationError(f"{measured.name}: no error of T_app is stated")
+        spread = first.maps.emissivity_standard_error.astype(float) ** 2
+        spread -= sum((np.nan_to_num(part.emissivity) ** 2 for part in first.common), 0.0)
+        spread = np.maximum(spread, 0.0)
+        where = seen_in_both(first, second).visible & np.isfinite(square_K2) & np.isfinite(spread)
+        if np.count_nonzero(where) < _LEAST_PIXELS:
+            raise EvaluationError(
+                f"{measured.name} and {model.name}: {np.count_nonzero(where)} pixels of the spray "
+                "are visible in both; is it the same view?"
+            )
+        curve = Curve(filter_um=scene_filter(scene))
+        around = Boundary.in_filter(
+            Surroundings.from_scene(scene),
+            curve.filter_um,
+            reference_K=float(np.median(scene.background.temperatures_K)),
+        )
+        kelvin = first.maps.apparent_temperature_K[where].astype(float)
+        emissivity = first.maps.emissivity[where].astype(float)
+        radiance = curve.radiance(kelvin)
+        leaving = around.leaving(scene.background.temperatures_K)[:, None]
+        camera = SensorModel.from_scene(scene).calibration()
+        noise = [
+            camera.variance_counts2(camera.counts(around.seen(inside)))
+            for inside in (leaving, (1.0 - emissivity) * leaving + emissivity * radiance)
+        ]
+        weight = 1.0 / (noise[0] + noise[1])
+        middle = np.sum(weight * leaving, axis=0) / np.sum(weight, axis=0)
+        over = radiance - middle
+        steep = emissivity * curve.slope(kelvin)
+        whole = steep**2 * square_K2[where]
+        of_y = np.maximum(whole - over**2 * spread[where], _LEAST * whole)
+        error_K = second.error_map_K
+        own = np.full(where.shape, second.error_K or 0.0) if error_K is None else error_K
+        of_y = of_y + (steep * np.nan_to_num(own[where])) ** 2
+
+        def modes(parts: Iterable[Part]) -> list[Floats]:
+            found = []
+            for part in parts:
+                change = np.nan_to_num(part.emissivity[where])
+                found.append(
+                    np.stack([change, steep * np.nan_to_num(part.kelvin[where]) + over * change])
+                )
+            return found
+
+        shared = modes((*first.common, *first.systematic))
+        return cls(
+            measured=first,
+            where=where,
+            curve=curve,
+            middle=middle,
+            values=np.stack([emissivity, emissivity * over]),
+            error=np.sqrt(np.stack([np.maximum(spread[where], 1e-12), of_y])),
+            modes=np.array(shared).reshape(len(shared), 2, len(kelvin)),
+        )
+
+    def residuals(self, model: Shown) -> Floats:
+        """Differences (2 N + M,) from a model in standard errors, whose sum of squares is the
+        generalised chi-square: what the shared errors leave, and their sizes.
+
+        A pixel that the model does not evaluate has no spray: e and y are 0.
+        """
+        _, seen, _ = together(self.measured, model, resample=True)
+        emissivity = np.nan_to_num(seen.maps.emissivity[self.where].astype(float))
+        kelvin = seen.maps.apparent_temperature_K[self.where].astype(float)
+        known = np.isfinite(kelvin)
+        over = self.curve.radiance(np.where(known, kelvin, 300.0)) - self.middle
+        y = np.where(known, emissivity * over, 0.0)
+        z = ((np.stack([emissivity, y]) - self.values) / self.error).ravel()
+        b = (self.modes / self.error).reshape(len(self.modes), z.size)
+        sizes = np.linalg.solve(np.eye(len(b)) + b @ b.T, b @ z)
+        return np.concatenate([z - sizes @ b, sizes])

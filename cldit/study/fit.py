@@ -1,0 +1,369 @@
+"""Fit of a scene's values to a measurement, by least squares on radiance.
+
+Every evaluation is a run in a folder of its own, with the resolution of the first one and the same
+random numbers, so that differences are smooth and a fit that was stopped continues. Errors of the
+simulation are those of the first run.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.special import chdtrc
+
+from cldit.comparison.radiance import RadianceData
+from cldit.comparison.shared import unshared
+from cldit.comparison.shown import Shown, open_shown
+from cldit.errors import SceneError, StudyError
+from cldit.gpu.device import Device
+from cldit.io.content import digest
+from cldit.io.exclusive import exclusive
+from cldit.io.files import make_folder, write_text
+from cldit.run import Run, Say, simulate
+from cldit.run.content import trace_content
+from cldit.run.simulate import reevaluated
+from cldit.scene import Scene, dump_scene
+from cldit.study.grid import ALIASES
+
+Floats = NDArray[np.float64]
+
+MOST = 6  # parameters
+_STEP = 0.02  # of a parameter's range, for derivatives
+_ENOUGH = 1e-3  # of a range, and of chi-square: steps smaller than that end the fit
+_MOST_STEPS = 15
+_UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its range
+_NO_EFFECT = 1e-6  # standard errors in any pixel, by the whole range
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A key of the scene with its bounds, start, and prior (mean and standard deviation)."""
+
+    key: str
+    low: float
+    high: float
+    start: float
+    prior: tuple[float, float] | None = None
+
+    @classmethod
+    def parse(cls, text: str, scene: Scene) -> Parameter:
+        """Reads `KEY=LOW:HIGH` or `KEY=LOW:HIGH:MEAN:DEVIATION`; it starts at the scene's value.
+
+        Raises:
+            StudyError: the text is no such parameter. SceneError: a bound is not allowed.
+        """
+        name, _, values = text.partition("=")
+        key = ALIASES.get(name.strip(), name.strip())
+        try:
+            numbers = [float(part) for part in values.split(":")]
+        except ValueError:
+            numbers = []
+        if len(numbers) not in (2, 4) or not all(map(math.isfinite, numbers)):
+            raise StudyError(
+                f"--vary {text}: allowed: KEY=LOW:HIGH, or KEY=LOW:HIGH:MEAN:DEVIATION with a "
+                "prior, such as spray.injected_mass_kg=8e-6:12e-6"
+            )
+        low, high, *prior = numbers
+        start = value_at(scene, key)
+        if isinstance(start, bool) or not isinstance(start, int | float):
+            raise StudyError(f"--vary {key}: is {start!r}; allowed: keys with a number")
+        if isinstance(start, int) and not isinstance(start, bool) and key.endswith("seed"):
+            raise StudyError(f"--vary {key}: a seed has no derivative; allowed: other numbers")
+        if not low < high or not low <= start <= high:
+            raise StudyError(
+                f"--vary {text}: the scene has {start:g}; allowed: bounds that rise and include it"
+            )
+        if prior and not prior[1] > 0.0:
+            raise StudyError(f"--vary {text}: deviation {prior[1]:g}; allowed: above 0")
+        for bound in (low, high):
+            scene.with_(**{key: bound})  # refuses what is not allowed
+        given = (prior[0], prior[1]) if prior else None
+        return cls(key=key, low=low, high=high, start=float(start), prior=given)
+
+
+def value_at(scene: Scene, key: str) -> Any:
+    """Value of a scene at a path such as `spray.plumes[2].mass_fraction`."""
+    here: Any = scene.model_dump(mode="json")
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        try:
+            here = here[int(part)] if isinstance(here, list) else here[part]
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise SceneError(f"{key}: the scene has no such key") from error
+    return here
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """A parameter after the fit.
+
+    error: standard deviation with the prior. interval: in which chi-square rises by less than 1,
+    along the best values of the others; it ends at a bound where `open` (low, high) says so.
+    determined: False if the data leave more than the uniform deviation of the range.
+    """
+
+    parameter: Parameter
+    value: float
+    error: float
+    interval: tuple[float, float]
+    open: tuple[bool, bool]
+    determined: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Result of a fit; covariance (P, P) and correlation in the order of the parameters.
+
+    chi2_reduced, p_value: over 2 numbers a pixel. run: that of the best values. evaluations: number
+    of runs that were used. weak: combination of parameters that the data determine least.
+    """
+
+    parameters: tuple[Fitted, ...]
+    covariance: Floats = field(repr=False)
+    chi2_reduced: float
+    p_value: float
+    pixels: int
+    evaluations: int
+    weak: str
+    run: Run = field(repr=False)
+    folder: Path
+
+    @property
+    def correlation(self) -> Floats:
+        """Correlation (P, P) of the parameters."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance / np.outer(sigma, sigma))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "parameters": {
+                one.parameter.key: {
+                    "value": one.value,
+                    "error": one.error,
+                    "interval": list(one.interval),
+                    "open": list(one.open),
+                    "determined": one.determined,
+                    "start": one.parameter.start,
+                    "bounds": [one.parameter.low, one.parameter.high],
+                    "prior": one.parameter.prior,
+                }
+                for one in self.parameters
+            },
+            "covariance": self.covariance.tolist(),
+            "correlation": self.correlation.tolist(),
+            "chi2_reduced": self.chi2_reduced,
+            "p_value": self.p_value,
+            "pixels": self.pixels,
+            "evaluations": self.evaluations,
+            "weak": self.weak,
+            "folder": str(self.folder),
+        }
+
+
+def fit(
+    measured: str | Path | Run | Shown,
+    scene: Scene,
+    parameters: Sequence[Parameter],
+    out: str | Path,
+    *,
+    acquired: bool = False,
+    device: Device | None = None,
+    cache: Path | None = None,
+    progress: Say | None = None,
+) -> Fit:
+    """Fits values of a scene to a measurement; the same call continues a fit that was stopped.
+
+    Raises:
+        StudyError: none or more than six parameters, one twice, or one without effect.
+        EvaluationError: the measurement has no errors, or another view.
+    """
+    keys = [one.key for one in parameters]
+    if not 1 <= len(keys) <= MOST or len(set(keys)) < len(keys):
+        raise StudyError(f"--vary: {', '.join(keys) or 'none'}; allowed: 1..{MOST} different keys")
+    folder = Path(out)
+    with exclusive(folder, "fit"):
+        model = _Model(
+            scene, tuple(parameters), folder, device, cache, progress or (lambda text: None)
+        )
+        return model.fit(open_shown(measured, acquired=acquired))
+
+
+@dataclass
+class _Model:
+    """Runs of a scene as a function of its parameters, in units u of their ranges."""
+
+    scene: Scene
+    parameters: tuple[Parameter, ...]
+    folder: Path
+    device: Device | None
+    cache: Path | None
+    say: Say
+    first: Run | None = None
+    runs: dict[str, Run] = field(default_factory=dict)
+    found: dict[tuple[float, ...], Floats] = field(default_factory=dict)
+    data: RadianceData | None = None
+
+    @property
+    def low(self) -> Floats:
+        return np.array([one.low for one in self.parameters])
+
+    @property
+    def span(self) -> Floats:
+        return np.array([one.high - one.low for one in self.parameters])
+
+    def run(self, u: Floats) -> Run:
+        """The run at u: made, read from the folder, or evaluated from one with the same trace."""
+        values = self.low + u * self.span
+        changes = {
+            one.key: float(f"{value:.12g}")
+            for one, value in zip(self.parameters, values, strict=True)
+        }
+        scene = self.scene.with_(**changes)
+        key = digest(trace_content(scene))
+        if key in self.runs:
+            return reevaluated(self.runs[key], scene)
+        place = self.folder / "runs" / (key if self.first is not None else f"first-{key}")
+        made = simulate(scene, place, device=self.device, cache=self.cache, like=self.first)
+        self.runs[key] = made
+        return made
+
+    def residuals(self, u: Floats) -> Floats:
+        """Differences in standard errors from the data and from the priors."""
+        key = tuple(np.round(u, 12).tolist())
+        if key not in self.found:
+            assert self.data is not None
+            shown = open_shown(self.run(u))
+            values = self.low + u * self.span
+            priors = [
+                (value - one.prior[0]) / one.prior[1]
+                for one, value in zip(self.parameters, values, strict=True)
+                if one.prior is not None
+            ]
+            self.found[key] = np.concatenate([self.data.residuals(shown), priors])
+            chi2 = float(self.found[key] @ self.found[key])
+            words = ", ".join(f"{value:.6g}" for value in values)
+            self.say(f"evaluation {len(self.found)}: chi-square {chi2:.6g} at {words}")
+        return self.found[key]
+
+    def jacobian(self, u: Floats) -> Floats:
+        """Derivatives by u, from steps into the range."""
+        here = self.residuals(u)
+        columns = []
+        for number in range(len(u)):
+            step = _STEP if u[number] + _STEP <= 1.0 else -_STEP
+            moved = u.copy()
+            moved[number] += step
+            columns.append((self.residuals(moved) - here) / step)
+        return np.array(columns).T
+
+    def fit(self, measured: Shown) -> Fit:
+        """The best values, with their errors."""
+        start = (np.array([one.start for one in self.parameters]) - self.low) / self.span
+        make_folder(self.folder)
+        began = time.perf_counter()
+        self.first = self.run(start)
+        self._cost(time.perf_counter() - began)
+        shown = open_shown(self.first)
+        parts = unshared(measured, shown)
+        self.data = RadianceData.of(parts.one, replace(parts.other, scene=shown.scene))
+        priors = sum(one.prior is not None for one in self.parameters)
+        of_data = slice(0, len(self.residuals(start)) - priors)
+        effect = np.max(np.abs(self.jacobian(start)[of_data]), axis=0)
+        for one, most in zip(self.parameters, effect, strict=True):
+            if most < _NO_EFFECT:
+                raise StudyError(f"--vary {one.key}: has no effect on the image; omit it")
+        solved = least_squares(
+            self.residuals,
+            np.clip(start, 1e-6, 1.0 - 1e-6),
+            jac=self.jacobian,
+            bounds=(0.0, 1.0),
+            xtol=_ENOUGH,
+            ftol=_ENOUGH**2,
+            gtol=None,
+            max_nfev=_MOST_STEPS,
+        )
+        u, chi2 = solved.x, float(2.0 * solved.cost)
+        slopes = self.jacobian(u)
+        covariance = np.asarray(np.linalg.pinv(slopes.T @ slopes), np.float64)
+        alone = slopes[of_data].T @ slopes[of_data]
+        values, vectors = np.linalg.eigh(alone)
+        with np.errstate(divide="ignore"):
+            own = np.sqrt(np.sum(vectors**2 / np.maximum(values, 1e-300), axis=1))
+        fitted = tuple(
+            self._fitted(number, u, covariance, chi2, determined=bool(own[number] < _UNIFORM))
+            for number in range(len(u))
+        )
+        count = int(np.count_nonzero(self.data.where))
+        degrees = 2 * count - len(u) + priors
+        found = Fit(
+            parameters=fitted,
+            covariance=covariance * np.outer(self.span, self.span),
+            chi2_reduced=chi2 / degrees,
+            p_value=float(chdtrc(degrees, chi2)),
+            pixels=count,
+            evaluations=len(self.found),
+            weak=self._combination(vectors[:, 0]) if values[0] < _UNIFORM**-2 else "",
+            run=self.run(u),
+            folder=self.folder,
+        )
+        write_text(self.folder / "best.yaml", dump_scene(found.run.scene))
+        write_text(self.folder / "fit.json", json.dumps(found.to_dict(), indent=1))
+        return found
+
+    def _cost(self, seconds: float) -> None:
+        count = len(self.parameters)
+        about = 4 * (count + 1) + 4 * count
+        self.say(
+            f"about {about} evaluations, of at most {seconds:.2g} s each as the first one: up to "
+            f"{about * seconds / 60:.2g} min; stored ones are read"
+        )
+
+    def _fitted(
+        self, number: int, u: Floats, covariance: Floats, chi2: float, *, determined: bool
+    ) -> Fitted:
+        """One parameter with its interval of rising chi-square."""
+        one = self.parameters[number]
+        sigma = math.sqrt(covariance[number, number])
+        # The best values of the others follow this one along the covariance.
+        along = covariance[:, number] / covariance[number, number]
+        ends, bounded = [], []
+        for way in (-1.0, 1.0):
+            room = u[number] if way < 0 else 1.0 - u[number]
+            step, rise = sigma, 0.0
+            for _ in range(2):
+                step = min(step, room)
+                place = np.clip(u + way * step * along, 0.0, 1.0)
+                there = self.residuals(place)
+                rise = max(float(there @ there) - chi2, 1e-12)
+                if step >= room and rise < 1.0:
+                    break
+                step /= math.sqrt(rise)  # a parabola through the best value
+            bounded.append(bool(step >= room))
+            ends.append(float(one.low + (u[number] + way * min(step, room)) * self.span[number]))
+        return Fitted(
+            parameter=one,
+            value=float(self.low[number] + u[number] * self.span[number]),
+            error=float(sigma * self.span[number]),
+            interval=(ends[0], ends[1]),
+            open=(bounded[0], bounded[1]),
+            determined=determined,
+        )
+
+    def _combination(self, direction: Floats) -> str:
+        """Parameters of a direction in u, by their share."""
+        parts: Mapping[str, float] = {
+            one.key: float(share)
+            for one, share in zip(self.parameters, direction, strict=True)
+            if abs(share) > 0.1
+        }
+        order = sorted(parts, key=lambda key: -abs(parts[key]))
+        return ", ".join(f"{parts[key]:+.2f} {key}" for key in order)
