@@ -38,8 +38,15 @@ def _area_mean(exponent: float) -> float:
 # Ratio of the axis to the mean of the flow: <u> / <u f> = 1.715 for f = profile and
 # u = profile^(1/Sc). The factor b = 0.41 of Siebers for the liquid length gives 1.64.
 CENTRE = _area_mean(2 / SCHMIDT) / _area_mean(2 / SCHMIDT + 2)
+# Speed on the axis over the mean speed, which is that of the momentum: <u> / <u^2>.
+_FASTEST = _area_mean(1 / SCHMIDT) / _area_mean(2 / SCHMIDT)
 # Mean of xi^2, weighted with the profile.
 MEAN_SQUARE = (1 / 4 - 2 / 5.5 + 1 / 7) / (1 / 2 - 2 / 3.5 + 1 / 5)
+
+
+def speed_profile(xi: ArrayLike) -> Floats:
+    """Speed across the plume over its mean speed, any shape."""
+    return np.asarray(_FASTEST * profile(xi) ** (1 / SCHMIDT))
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,13 @@ class Mixture:
         (content,) = _bilinear(self.kinetic, ratio, [known], kinetic, wanted)
         return np.asarray(np.exp(content))
 
+    def gas_at(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
+        """Temperature [K] of the gas at the ratio `fuel_to_gas`, any shape."""
+        with np.errstate(divide="ignore"):
+            wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
+        (gas,) = _bilinear(self.kinetic, self._logarithms[0], [self.gas_K], kinetic, wanted)
+        return gas
+
     @cached_property
     def _logarithms(self) -> tuple[Floats, Floats]:
         """Logarithms of B and of the content."""

@@ -40,12 +40,6 @@ class NozzleFlow:
         """Length of the shock barrel, in which a plume entrains no gas."""
         return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
 
-    def kinetic(self, age_s: Floats) -> Floats:
-        """Share of the fuel that has had time to evaporate after `age_s`, any shape."""
-        if self.sizes is None or self.bulb is None:
-            return np.ones(np.shape(age_s))
-        return self.sizes.kinetic(age_s, rate_m2_s=self.bulb.rate_m2_s)
-
 
 def nozzle_flow(spec: ConeSpray) -> NozzleFlow:
     """State of the fuel at the holes, and the table of its mixtures with the gas.

@@ -10,15 +10,12 @@
    is that of this fuel, mixed in that ratio and cooled by its evaporation: somewhat less than the
    given cone in hot gas, and equal to it without evaporation.
 3. The evaporated share is the smaller of two: that of equilibrium, which heat and saturation of the
-   entrained gas allow, and that of kinetics, which the d^2 law of every size class allows in the
-   travel time, with the rate of droplets at rest in the undisturbed gas (`wet_bulb.py`). Slip
-   increases evaporation, cooler gas with vapour reduces it; the rate includes neither. In an
-   integration along a hot plume (0.6 MPa, 570 K) with both they cancel on and near the axis from
-   20 mm on (within 0.1 of the fuel); at the edge, and within 15 mm of the nozzle, slip prevails,
-   and the model evaporates up to 0.2 of the fuel too little.
-4. The fuel of all plumes is added in the cells of a grid. Fuel content and evaporated share give
-   the state (`mixing.py`): the gas has the temperature that conserves enthalpy, the liquid that of
-   the wet bulb in this gas; in equilibrium both are equal.
+   entrained gas allow, and that of kinetics (`kinetics.py`): droplets of every size class, with
+   their slip, in the gas and vapour of their own plume.
+4. The fuel of all plumes is added in the cells of a lattice, which are divided near the holes
+   (`plume_cells.py`). Fuel content and evaporated share give the state (`mixing.py`): the gas has
+   the temperature that conserves enthalpy, the liquid that of the wet bulb in this gas; in
+   equilibrium both are equal.
 """
 
 from __future__ import annotations
@@ -27,31 +24,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
-from cldit.scene.spray import ConeSpray, Plume
+from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import (
     METHANE,
-    NITROGEN,
-    GAS_CONSTANT_J_mol_K,
     HEPTANE_MOLAR_MASS_kg_mol,
     heptane_density_kg_m3,
 )
-from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
+from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SOFTNESS = 0.1  # half the width of tip and tail, over the travel time
-ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
-NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated
-RESOLVED = 1.5  # smallest radius of the plume, in cells
-MOST_CELLS = 2e8  # in the boxes around all plumes
-_AT_ONCE = 1e5  # of these, processed in the cache
+_WIEN_K = 4232.0  # h c / (k lambda) at 3.4 um, of the radiance whose mean a cell's vapour has
 _AVOGADRO = 6.02214076e23
 
 
@@ -85,12 +75,13 @@ def make_cone(spec: ConeSpray) -> Spray:
     remarks = _without_effect(spec)
     if injected == 0:
         return Spray(notes=notes, remarks=remarks)
-    index, mass, content, kinetic = _grid(spec, source, injected=injected)
-    state = source.mixture.at(content, kinetic)
-    parcels, liquid = _parcels(spec, source, index, mass, state)
-    gone = mass - liquid
-    share = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
-    seen = (index[share >= 1e-3] + 0.5) * spec.lattice_m
+    cells = plume_cells(spec, source, injected=injected)
+    state = source.mixture.at(cells.content_kg_m3, cells.kinetic)
+    liquid_parts = cells.mass_kg * (1 - state.evaporated)
+    parcels, liquid = _parcels(spec, source, cells, state, liquid_parts)
+    gone = cells.total(cells.mass_kg) - liquid
+    fraction = state.evaporated * state.fuel_to_gas / (1 + state.fuel_to_gas)
+    seen = (cells.cell[cells.mean(fraction, cells.mass_kg) >= 1e-3] + 0.5) * spec.lattice_m
     notes |= source.notes
     if source.disc > 0:
         largest = max(plume.mass_fraction for plume in spec.plumes)
@@ -98,7 +89,7 @@ def make_cone(spec: ConeSpray) -> Spray:
         notes["mach_disc_m"] = source.barrel_m(largest / every * rate)
     notes |= {
         "jet_speed_m_s": source.speed_m_s,
-        "cells": float(len(index)),
+        "cells": float(len(cells.cell)),
         "coldest_K": float(state.gas_K.min()),
         "vapour_penetration_m": float(np.linalg.norm(seen, axis=1).max(initial=0.0)),
         "vapour_mass_kg": float(gone.sum()),
@@ -114,9 +105,14 @@ def make_cone(spec: ConeSpray) -> Spray:
         notes |= {
             "parcels": float(len(parcels.diameter_m)),
             "sauter_mean_diameter_m": parcels.sauter_mean_diameter_m,
-            "liquid_penetration_m": _mass_depth_m(index, liquid, 0.97, spacing_m=spec.lattice_m),
+            "liquid_penetration_m": _mass_depth_m(
+                cells.cell, liquid, 0.97, spacing_m=spec.lattice_m
+            ),
         }
-    vapour = _vapour(spec, index, gone, state.gas_K)
+    # The mean radiance of the parts; those without vapour have a millionth of their fuel.
+    weight = cells.mass_kg - (1 - 1e-6) * liquid_parts
+    gas_K = _WIEN_K / -np.log(cells.mean(np.exp(-_WIEN_K / state.gas_K), weight))
+    vapour = _vapour(spec, cells.cell, gone, gas_K)
     return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks)
 
 
@@ -130,193 +126,28 @@ def _without_effect(spec: ConeSpray) -> tuple[str, ...]:
     )
 
 
-def _grid(
-    spec: ConeSpray, source: NozzleFlow, *, injected: float
-) -> tuple[Ints, Floats, Floats, Floats]:
-    """Cells (N, 3) with fuel, counted from the nozzle, and three values (N,) of each.
-
-    These are the mass of the fuel, its content in kg/m3 in the part of the cell that plumes fill,
-    and the share that has had time to evaporate (the mean if several plumes fill the cell).
-    """
-    gas_kg_m3 = (
-        spec.ambient.pressure_Pa
-        * NITROGEN.molar_mass_kg_mol
-        / (GAS_CONSTANT_J_mol_K * spec.ambient.temperature_K)
-    )
-    total = sum(plume.mass_fraction for plume in spec.plumes)
-    indices, masses, filled, shares = [], [], [], []
-    for plume in spec.plumes:
-        share = plume.mass_fraction / total
-        jet = Jet(
-            rate_kg_s=share * spec.injected_mass_kg / spec.injection_duration_s,
-            speed_m_s=source.speed_m_s,
-            half_angle_rad=float(np.radians(plume.cone_angle_deg / 2)),
-            fuel_kg_m3=source.density_kg_m3,
-            gas_kg_m3=gas_kg_m3,
-        )
-        index, content, part, kinetic = _plume(spec, plume, jet, source)
-        indices.append(index)
-        masses.append(content * (share * injected / content.sum()))
-        filled.append(masses[-1] * part)
-        shares.append(masses[-1] * kinetic)
-    low = np.min([index.min(axis=0) for index in indices], axis=0)
-    high = np.max([index.max(axis=0) for index in indices], axis=0)
-    shape = tuple(high - low + 1)
-    runs = [np.ravel_multi_index(tuple(index.T - low[:, None]), shape) for index in indices]
-    joined = np.concatenate(runs)
-    # The cells of each plume are sorted: a stable sort merges them.
-    order = np.argsort(joined, kind="stable")
-    joined = joined[order]
-    new = np.append(True, joined[1:] != joined[:-1])
-    keys, place = joined[new], np.cumsum(new) - 1
-
-    def summed(values: list[Floats]) -> Floats:
-        return np.bincount(place, np.concatenate(values)[order]).astype(float, copy=False)
-
-    mass = summed(masses)
-    part, kinetic = summed(filled) / mass, summed(shares) / mass
-    kept = np.delete(np.arange(len(mass)), _thinnest(mass, NEGLIGIBLE * injected))
-    mass = mass[kept] * (injected / mass[kept].sum())
-    index = (np.stack(np.unravel_index(keys[kept], shape)) + low[:, None]).T
-    content = mass / (part[kept] * spec.lattice_m**3)
-    return index, mass, content, np.minimum(kinetic[kept], 1.0)
-
-
-def _thinnest(amount: Floats, most: float) -> Ints:
-    """Numbers of the smallest of amounts (N,) whose sum is at most `most`."""
-    bound = min(float(amount.max()), most)  # no single larger amount
-    fewer = amount[amount <= bound]
-    # Only the few amounts below a bound, whose sum exceeds `most`, are sorted.
-    while bound > 0 and (fewer := fewer[fewer <= bound / 2]).sum() > most:
-        bound /= 2
-    among = np.flatnonzero(amount <= bound)
-    # A stable sort chooses among equal cells independently of the processor.
-    order = among[np.argsort(amount[among], kind="stable")]
-    return np.asarray(order[np.cumsum(amount[order]) <= most])
-
-
-def _plume(
-    spec: ConeSpray, plume: Plume, jet: Jet, source: NozzleFlow
-) -> tuple[Ints, Floats, Floats, Floats]:
-    """Cells (N, 3) of one plume, and three values (N,) of each.
-
-    These are the fuel in kg/m3, the filled part, and the share that has had time to evaporate. Near
-    the hole the plume is finer than the grid. It is widened there and fills less of its cells
-    accordingly, so that a coarse grid increases neither entrainment nor evaporation.
-    """
-    h = spec.lattice_m
-    inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
-    side = np.sin(inclination)
-    axis = np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
-    reach = jet.tip_m(spec.time_s * (1 + SOFTNESS + ROUNDING * MEAN_SQUARE))
-    along = np.linspace(0.0, reach, 600)[1:]
-    edge = _edge_m(jet, source, along)
-    wide = np.hypot(edge, RESOLVED * h)
-    across = wide[-1] * np.sqrt(1 - axis**2)
-    start = source.barrel_m(jet.rate_kg_s)
-    end = (start + reach) * axis
-    least, most = np.minimum(0.0, end) - across, np.maximum(0.0, end) + across
-    finest = float(np.prod(most - least) * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
-    if not finest <= h <= reach / 2:
-        raise SprayError(
-            f"spray.spacing_m: {h:g} does not suit a plume of {reach:.3g} m, one of "
-            f"{len(spec.plumes)}; allowed: {finest:.2g}..{reach / 2:.2g}"
-        )
-    low, high = np.floor(least / h).astype(np.int64), np.ceil(most / h).astype(np.int64)
-    slabs = max(1, int(np.prod((high - low).astype(float)) / _AT_ONCE))
-    indices, contents, parts, shares = [], [], [], []
-    for x in np.array_split(np.arange(low[0], high[0]), slabs):
-        if not x.size:
-            continue
-        # Most cells are beside the plume: coordinates are combined only for those within.
-        ranges = (x, np.arange(low[1], high[1]), np.arange(low[2], high[2]))
-        centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
-        s = sum(a * c for a, c in zip(axis, centre, strict=True))
-        r2 = sum(c * c for c in centre) - s * s
-        at = np.flatnonzero((s > 0) & (s < start + reach) & (r2 < wide[-1] ** 2))
-        box = s.shape
-        s, r2 = s.reshape(-1)[at], r2.reshape(-1)[at]
-        # In the barrel the fuel is unmixed, as at the start of the jet.
-        s = np.maximum(s - start, along[0])
-        width = np.interp(s, along, wide)
-        xi2 = np.maximum(r2, 0.0) / width**2
-        near = xi2 < 1
-        at, s, xi2, width = at[near], s[near], xi2[near], width[near]
-        ratio = jet.axis_ratio(s) * profile(np.sqrt(xi2))
-        part = (np.interp(s, along, edge) / width) ** 2
-        travel = jet.travel_s(s)
-        kinetic = source.kinetic(_age_s(travel, xi2))
-        content = source.mixture.content(ratio, kinetic) * part * _present(spec, travel, xi2)
-        filled = content > 0
-        found = np.unravel_index(at[filled], box)
-        indices.append(np.stack([one[i] for one, i in zip(ranges, found, strict=True)]))
-        contents.append(content[filled])
-        parts.append(part[filled])
-        shares.append(kinetic[filled])
-    if not any(content.size for content in contents):
-        raise SprayError(
-            f"spray.spacing_m: {h:g} is so coarse that no cell's middle is in a plume; "
-            f"allowed: {finest:.2g}..{reach / 20:.2g}"
-        )
-    content, part, kinetic = (np.concatenate(each) for each in (contents, parts, shares))
-    return np.concatenate(indices, axis=1).T, content, part, kinetic
-
-
-def _age_s(travel_s: Floats, xi2: Floats) -> Floats:
-    """Time since the fuel left the hole: the edge of the plume lags behind its axis."""
-    return travel_s / (1 - ROUNDING * (xi2 - MEAN_SQUARE))
-
-
-def _edge_m(jet: Jet, source: NozzleFlow, along_m: Floats) -> Floats:
-    """Radius of the plume at distances (N,), by the fuel per length, rate / speed."""
-    xi = (np.arange(64) + 0.5) / 64
-    ratio = jet.axis_ratio(along_m)[:, None] * profile(xi)
-    kinetic = source.kinetic(_age_s(jet.travel_s(along_m)[:, None], xi * xi))
-    content = source.mixture.content(ratio, kinetic)
-    mean = np.sum(content * 2 * xi / 64, axis=1)
-    line = jet.rate_kg_s / jet.mean_speed_m_s(along_m)
-    return np.asarray(np.sqrt(line / (np.pi * mean)))
-
-
-def _present(spec: ConeSpray, travel_s: Floats, xi2: Floats) -> Floats:
-    """Share (0..1) of the fuel between tip and tail.
-
-    Both steps are symmetric in the travel time and the mean lag of the edge is 0, so that the mass
-    between tip and tail is the injected mass.
-    """
-    first = spec.time_s * (1 - ROUNDING * (xi2 - MEAN_SQUARE))
-    last = first - min(spec.injection_duration_s, spec.time_s) * (first / spec.time_s)
-    present = _smooth_step((first - travel_s) / (SOFTNESS * spec.time_s))
-    if spec.time_s <= spec.injection_duration_s:
-        return present
-    width = SOFTNESS * (spec.time_s - spec.injection_duration_s)
-    return present * _smooth_step((travel_s - last) / width)
-
-
-def _smooth_step(x: Floats) -> Floats:
-    """Smooth step: 0 below -1, 1 above 1, a cubic between."""
-    t = np.clip((x + 1) / 2, 0.0, 1.0)
-    return np.asarray(t * t * (3 - 2 * t))
-
-
 def _parcels(
-    spec: ConeSpray, source: NozzleFlow, index: Ints, mass: Floats, state: MixtureState
+    spec: ConeSpray,
+    source: NozzleFlow,
+    cells: PlumeCells,
+    state: MixtureState,
+    liquid_parts: Floats,
 ) -> tuple[Parcels | None, Floats]:
-    """Parcels of all cells, and the liquid of each cell (N,); the rest of its fuel is vapour.
+    """Parcels of all cells, and the liquid of each cell (C,); the rest of its fuel is vapour.
 
     A cell has a parcel for each size class. The classes have equal mass and fill the cell
     uniformly: nothing is random.
     """
-    liquid = mass * (1 - state.evaporated)
+    liquid = cells.total(liquid_parts)
     if source.bulb is not None:
-        liquid[_thinnest(liquid, THIN * liquid.sum())] = 0.0
+        liquid[thinnest(liquid, THIN * liquid.sum())] = 0.0
     wet = np.flatnonzero(liquid > 0)
     if source.sizes is None or not wet.size:
-        return None, np.zeros(len(mass))
+        return None, np.zeros(len(liquid))
     count = spec.classes
-    temperature = state.liquid_K[wet]
+    temperature = cells.mean(state.liquid_K, liquid_parts)[wet]
     density = heptane_density_kg_m3(temperature)
-    diameter = source.sizes.diameters_m(state.evaporated[wet], count)
+    diameter = source.sizes.diameters_m(cells.mean(state.evaporated, liquid_parts)[wet], count)
     diameter *= np.cbrt(source.density_kg_m3 / density)[:, None]
     droplets = diameter * diameter
     droplets *= diameter
@@ -335,7 +166,7 @@ def _parcels(
         return wide.reshape(-1) if every else wide[seen]
 
     place = np.empty((3, np.count_nonzero(seen)))  # rows of three would be slow
-    for row, along in zip(place, index.T, strict=True):
+    for row, along in zip(place, cells.cell.T, strict=True):
         row[:] = for_each(((along[wet] + 0.5) * spec.lattice_m)[:, None])
     parcels = Parcels(
         position_m=place.T,

@@ -2,7 +2,7 @@
 
 The film is that of `cldit.spray.droplet` (Spalding's, which is Abramzon and Sirignano's at rest),
 with the property fits of the cone's mixtures (`fluid_properties.py`), so that a droplet in
-saturated gas is in equilibrium. Slip, which increases evaporation, is neglected.
+saturated gas is in equilibrium. The d^2 law gives the sizes that remain with an evaporated share.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from cldit.spray.cone.fluid_properties import (
     heptane_latent_heat_J_kg,
     heptane_liquid_conductivity_W_m_K,
     heptane_liquid_cp_J_kg_K,
+    heptane_liquid_enthalpy_J_kg,
     heptane_saturation_pressure_Pa,
     heptane_vapour_conductivity_W_m_K,
     heptane_vapour_cp_J_kg_K,
@@ -44,7 +45,7 @@ _STEPS = 500  # of the d^2 law
 
 
 @functools.cache
-def _fluids() -> tuple[Fuel, Gas]:
+def fluids() -> tuple[Fuel, Gas]:
     """Tables of the fits, for the evaporation models."""
     cold = np.linspace(180.0, 535.0, 711)
     gas = np.linspace(100.0, 3100.0, 3001)
@@ -52,6 +53,7 @@ def _fluids() -> tuple[Fuel, Gas]:
         "ln_psat": np.log(heptane_saturation_pressure_Pa(cold)),
         "density": heptane_density_kg_m3(cold),
         "cp": heptane_liquid_cp_J_kg_K(cold),
+        "enthalpy": heptane_liquid_enthalpy_J_kg(cold),
         "latent": heptane_latent_heat_J_kg(cold),
         "conductivity": heptane_liquid_conductivity_W_m_K(cold),
     }
@@ -96,7 +98,7 @@ def still(
 
     `vapour_share` is the mass fraction of fuel in the gas.
     """
-    fuel, carrier = _fluids()
+    fuel, carrier = fluids()
     columns = np.broadcast_arrays(_SIZE_m, surface_K, gas_K, pressure_Pa, vapour_share, 0.0)
     shape = columns[0].shape
     found = spalding(Drop(fuel, carrier, *(np.ravel(each).astype(float) for each in columns)))
@@ -155,12 +157,6 @@ class D2Law:
     evaporated: Floats
     mass: Floats
     surface: Floats
-
-    def kinetic(self, age_s: ArrayLike, *, rate_m2_s: float) -> Floats:
-        """Evaporated share after `age_s`, any shape, if d^2 decreases by `rate_m2_s`."""
-        known, first = self.loss_m2, np.searchsorted(self.loss_m2, 0.0, side="right") - 1
-        loss = np.asarray(age_s, dtype=float) * rate_m2_s
-        return np.interp(loss, known[first:], self.evaporated[first:])
 
     def diameters_m(self, evaporated: ArrayLike, count: int) -> Floats:
         """Rising diameters (N, count) of equal shares of the remaining mass.

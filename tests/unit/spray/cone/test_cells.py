@@ -8,38 +8,58 @@ import numpy as np
 import pytest
 
 from cldit.scene import load_scene
-from cldit.scene.spray import ConeSpray
-from cldit.spray.cone import spray as cone
+from cldit.scene.spray import ConeSpray, Plume
+from cldit.spray.cone import plume_cells as cone
 from cldit.spray.cone.nozzle import nozzle_flow
-from cldit.spray.cone.spray import NEGLIGIBLE, _grid, _thinnest, make_cone
+from cldit.spray.cone.plume_cells import NEGLIGIBLE, plume_cells, thinnest
+from cldit.spray.cone.spray import make_cone
 
 
 def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Merged by one stable sort: the same sums, to the last bit, as by a dictionary of cells."""
+    """Merged by one stable sort: the same sums, to the last bit, as by a dictionary of parts."""
     spec = load_scene("gdi").spray.model_copy(update={"spacing_m": 1.5e-3})
     assert isinstance(spec, ConeSpray)
     made: list[Any] = []
-    plume = cone._plume
+    filled = cone._filled
 
     def kept(*given: Any) -> Any:
-        made.append(plume(*given))
+        made.append(filled(*given))
         return made[-1]
 
-    monkeypatch.setattr(cone, "_plume", kept)
-    index, mass, _, _ = _grid(spec, nozzle_flow(spec), injected=1e-6)
+    monkeypatch.setattr(cone, "_filled", kept)
+    cells = plume_cells(spec, nozzle_flow(spec), injected=1e-6)
     total = sum(one.mass_fraction for one in spec.plumes)
     found: dict[tuple[int, ...], float] = {}
-    for one, (cells, content, _, _) in zip(spec.plumes, made, strict=True):
-        share = one.mass_fraction / total * 1e-6
-        for cell, held in zip(cells.tolist(), content * (share / content.sum()), strict=True):
-            found[tuple(cell)] = found.get(tuple(cell), 0.0) + float(held)
-    assert len(found) < sum(len(cells) for cells, *_ in made)  # some cells are shared
-    cells = sorted(found)
-    all_mass = np.array([found[cell] for cell in cells])
+    for one, (cell, part, amount, _, _) in zip(spec.plumes, made, strict=True):
+        masses = amount * (one.mass_fraction / total * 1e-6 / amount.sum())
+        for *key, mass in zip(*cell.tolist(), part.tolist(), masses.tolist(), strict=True):
+            found[tuple(key)] = found.get(tuple(key), 0.0) + mass
+    assert len(found) < sum(len(part) for _, part, *_ in made)  # some parts are shared
+    parts = sorted(found)
+    all_mass = np.array([found[part] for part in parts])
     order = np.argsort(all_mass, kind="stable")
     left = np.sort(order[np.cumsum(all_mass[order]) > NEGLIGIBLE * 1e-6])
-    np.testing.assert_array_equal(index, np.array(cells)[left])
-    np.testing.assert_array_equal(mass, all_mass[left] * (1e-6 / all_mass[left].sum()))
+    np.testing.assert_array_equal(cells.mass_kg, all_mass[left] * (1e-6 / all_mass[left].sum()))
+    count = np.diff(np.append(cells.first, len(left)))
+    expected = np.array(parts)[left, :3]
+    np.testing.assert_array_equal(np.repeat(cells.cell, count, axis=0), expected)
+    assert count.max() > 100 and count.min() == 1  # in the fine part near the nozzle, and beyond
+
+
+def test_cells_near_the_nozzle_have_the_mass_of_finer_ones() -> None:
+    """Cells of 0.8 mm in the first 6 mm, against the sums of 8^3 cells of 0.1 mm: 4 % RMS, half as
+    much with each halving of the parts (49 % without them)."""
+    spec = ConeSpray(plumes=(Plume(inclination_deg=30.0, azimuth_deg=20.0),), time_s=5e-5)
+    sums: list[dict[tuple[int, ...], float]] = []
+    for h, times in ((0.8e-3, 1), (0.1e-3, 8)):
+        wanted = spec.model_copy(update={"spacing_m": h})
+        made = plume_cells(wanted, nozzle_flow(wanted), injected=1e-6)
+        sums.append({})
+        for cell, mass in zip(made.cell // times, made.total(made.mass_kg), strict=True):
+            sums[-1][tuple(cell)] = sums[-1].get(tuple(cell), 0.0) + float(mass)
+    coarse, fine = sums
+    pairs = np.array([(coarse.get(at, 0.0), fine.get(at, 0.0)) for at in {*coarse, *fine}])
+    assert np.std(pairs[:, 0] - pairs[:, 1]) < 0.06 * np.sqrt(np.mean(pairs[:, 1] ** 2))
 
 
 @pytest.mark.parametrize("most", [0.0, 1e-9, 1e-3, 0.3, 1.0])
@@ -48,8 +68,8 @@ def test_the_thinnest_are_those_of_a_whole_sort(most: float) -> None:
     order = np.argsort(amount, kind="stable")
     bound = most * amount.sum()
     expected = order[np.cumsum(amount[order]) <= bound]
-    np.testing.assert_array_equal(_thinnest(amount, bound), expected)
-    assert len(_thinnest(np.zeros(3), 0.0)) == 3
+    np.testing.assert_array_equal(thinnest(amount, bound), expected)
+    assert len(thinnest(np.zeros(3), 0.0)) == 3
 
 
 def test_liquid_depth_is_that_of_the_parcels() -> None:
