@@ -8,9 +8,10 @@ of an error that all pixels share, a mode. With z = D^-1/2 r and B = D^-1/2 U (W
     a = (1 + G)^-1 g                    the modes that fit best, in their standard deviations
 
 which is the generalised least squares sum, with the modes as nuisance parameters of variance 1.
-Two statistics are independent of each other: the sum of squares of z beside the span of B, with
-N - m degrees of freedom, and that along it, g' (G + G^2)^-1 g with m, which is large if the modes
-would have to be larger than stated. The probability combines both (Sidak 1967).
+Two statistics are independent of each other. Along the span of B and of a shift of all pixels, z
+has the covariance of the modes and of the noise: it is large if the modes would have to be larger
+than stated, or if all of a region is warmer. Beside this span it is noise alone, with N - m - 1
+degrees of freedom. The probability combines both (Sidak 1967).
 
 Errors of neighbours are correlated, which leaves the mean of chi2 unchanged and increases its
 variance to 2 sum rho_ij^2. The effective number of pixels is therefore N^2 / sum rho_ij^2
@@ -33,6 +34,7 @@ Mask = NDArray[np.bool_]
 
 _FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
 _SURE = 3.0  # standard errors by which a correlation differs from 0
+_KNOWN_SILL = 3.0  # variance of rho times pairs, of white noise with a known sill; else 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,18 +76,19 @@ def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> Chi
     residuals[where] = z - sizes @ b
     squares, products = correlation(residuals)
     effective = count / squares
-    values, vectors = np.linalg.eigh(gram)
-    own = (vectors.T @ along) ** 2
-    seen = values > 1e-9 * max(1.0, float(values.max(initial=0.0)))
-    values, own = values[seen], own[seen]
-    beside = max(total - float(np.sum(own / values)), 0.0)
-    left = count - len(values)
-    chances = []
+    # Along the modes, and a shift of all pixels, which has no error of its own.
+    span = np.concatenate([b, 1.0 / error[where][None]])
+    values, vectors = np.linalg.eigh(span @ span.T)
+    seen = values > 1e-9 * values.max()
+    unit = (vectors[:, seen] / np.sqrt(values[seen])).T @ span
+    found, of_modes = unit @ z, unit @ b.T
+    covariance = products * np.eye(len(unit)) + of_modes @ of_modes.T
+    beside = max(total - float(found @ found), 0.0)
+    left = count - len(unit)
+    chances = [float(chdtrc(len(unit), found @ np.linalg.solve(covariance, found)))]
     if left > 0:
         share = effective / count
         chances.append(float(chdtrc(left * share, beside * share)))
-    if len(values):
-        chances.append(float(chdtrc(len(values), np.sum(own / (values * products + values**2)))))
     least = min(chances)
     return ChiSquare(
         pixels=count,
@@ -120,12 +123,15 @@ def correlation(z: Floats) -> tuple[float, float]:
     square, product = sums(of_square, of_mask), sums(of_value, of_value)
     both = square + square[::-1, ::-1]
     half = 0.5 * both - product
-    sill = min(1.0, float(np.mean(z[known] ** 2)))
-    if not sill > 0.0:
+    mean = float(np.mean(z[known] ** 2))
+    if not mean > 0.0:
         return float(known.sum()), float(known.sum())  # equal: as good as one pixel
-    rho = 1.0 - half / (np.maximum(pairs, 1.0) * sill)
-    sure = rho > _SURE * np.sqrt(3.0 / np.maximum(pairs, 1.0))
-    rho = np.where(sure & (pairs > 0), np.minimum(rho, 1.0), 0.0)
+    rho = 1.0 - half / (np.maximum(pairs, 1.0) * min(mean, 1.0))
+    noise2 = (_KNOWN_SILL if mean >= 1.0 else 1.0) / np.maximum(pairs, 1.0)
+    rho = np.where(pairs > 0, np.clip(rho, 0.0, 1.0), 0.0)
     rho[far, far] = 1.0
     weight = pairs / pairs[far, far]
-    return float(np.sum(weight * rho**2)), float(np.sum(weight * rho))
+    by_chance = float(np.sum(np.where(pairs > 0, weight * noise2 / 2, 0.0)))
+    sure = rho > _SURE * np.sqrt(noise2)
+    sure[far, far] = True
+    return max(float(np.sum(weight * rho**2)) - by_chance, 1.0), float(np.sum((weight * rho)[sure]))

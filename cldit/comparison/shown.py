@@ -102,7 +102,7 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     traced = open_run(place.parent) if of_run else None
     maps = Maps.load(folder)
     parts = load_parts(folder)
-    found = _recorded(str(place), maps, opened.pixel_m, opened.centre_m, parts=parts, traced=traced)
+    found = recorded(str(place), maps, opened.pixel_m, opened.centre_m, parts=parts, traced=traced)
     filter_um = from_plain(opened.calibration["filter_um"])
     return replace(found, filter_um=edges_um(filter_um))
 
@@ -132,10 +132,10 @@ def _recorded_by(run: Run, name: str) -> Shown:
     pixel_m = SensorView.from_scene(run.scene).pixel_m
     folder = None if run.folder is None else run.folder / "acquisition" / "maps"
     parts = ((), ()) if folder is None else load_parts(folder)
-    return _recorded(name, run.measured, pixel_m, (x, z), parts=parts, scene=run.scene, traced=run)
+    return recorded(name, run.measured, pixel_m, (x, z), parts=parts, scene=run.scene, traced=run)
 
 
-def _recorded(
+def recorded(
     name: str,
     maps: Maps,
     pixel_m: tuple[float, float],

@@ -42,8 +42,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 Floats = NDArray[np.float64]
+
+_NEARBY = 3  # pixels: edge of the neighbourhood whose scatter between shots is pooled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,7 +334,12 @@ def radiance_gradient(lines: Pair) -> Floats:
 
 
 def shot_scatter(
-    difference: Floats, observed: Floats, *, camera: Floats, degrees: Floats
+    difference: Floats,
+    observed: Floats,
+    *,
+    camera: Floats,
+    degrees: Floats,
+    shape: tuple[int, ...],
 ) -> Floats:
     """Variance (K, ...) of one injection beyond the camera's noise, due to differences of shots.
 
@@ -349,17 +357,21 @@ def shot_scatter(
     All arrays are (K, ...): fitted Delta I, sample variance of one shot, the camera's part of it,
     and degrees of freedom of the sample variance; 0 excludes a background.
     """
+
+    def nearby(values: Floats) -> Floats:
+        """Mean over the neighbourhood of each pixel."""
+        return np.asarray(uniform_filter(values.reshape(shape), _NEARBY).reshape(values.shape))
+
     square = difference**2
-    largest = np.max(square, axis=0)
-    scaled = square / np.where(largest > 0, largest, 1.0)
+    scaled = square / max(float(square.max(initial=0.0)), np.finfo(float).tiny)
     extra = np.zeros_like(camera)
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(4):
             weight = degrees / (camera + extra) ** 2
             weight = np.where(np.isfinite(weight), weight, 0.0)
-            aa, ab, bb = (np.sum(weight * scaled**n, axis=0) for n in (2, 1, 0))
+            aa, ab, bb = (nearby(np.sum(weight * scaled**n, axis=0)) for n in (2, 1, 0))
             excess = weight * (observed - camera)
-            ae, be = np.sum(excess * scaled, axis=0), np.sum(excess, axis=0)
+            ae, be = nearby(np.sum(excess * scaled, axis=0)), nearby(np.sum(excess, axis=0))
             both = aa * bb - ab**2
             q, p = (ae * bb - be * ab) / both, (be * aa - ae * ab) / both
             # Where one of the two would be negative, the other is fitted alone.

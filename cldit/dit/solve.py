@@ -32,21 +32,22 @@ DETECTION = 3.0  # least emissivity in standard errors ...
 LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
 
 KINDS = ("reference", "injection")
-Cause = Literal["black body", "offset", "gain", "curvature"]
+Cause = Literal["black body", "offset", "gain", "curvature", "amount"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drift:
-    """An error that references and injections of a background share.
+    """An error that references and injections of a background share, or all pixels of injections.
 
     cause: black body, camera's offset, gain or curvature, with the factors slope, 1, signal and
-        signal^2.
+        signal^2, or the amount of spray, of injections alone.
     variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
     modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
         variance 1 for all backgrounds and causes. apart: (M, K) by how much larger it is in the
         injections; None: equal. course: (K,) of that drift, as found.
     each: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
         between successive exposures; the slow rest cancels if the kinds alternate.
+    band: share of the filter in which the spray absorbs, of an amount.
     """
 
     cause: Cause
@@ -56,6 +57,7 @@ class Drift:
     each: Floats
     jitter: Floats
     apart: Floats | None = None
+    band: float = 1.0
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
         """Factors, (N,) or (K, N), in references and in injections."""
@@ -66,7 +68,23 @@ class Drift:
             return signals
         if self.cause == "curvature":
             return signals[0] ** 2, signals[1] ** 2
+        if self.cause == "amount":
+            g, _, s, _ = np.nan_to_num(lines.values.T)
+            with np.errstate(over="ignore"):
+                through = np.divide(s, g, out=np.ones_like(s), where=g > 0.0)
+            change = by_amount(through, band=self.band) * (signals[1] - signals[0])
+            return np.zeros_like(change), change
         return np.ones(signals[0].shape[1]), np.ones(signals[0].shape[1])
+
+
+def by_amount(through: Floats, *, band: float) -> Floats:
+    """Relative change of Delta I by that of the optical depth, at a transmission `through`.
+
+    Delta I is proportional to 1 - r, with r the transmission in the share `band` of the filter in
+    which the spray absorbs.
+    """
+    r = np.clip(1.0 - (1.0 - np.clip(through, 0.0, 1.0)) / band, 1e-6, 1.0 - 1e-6)
+    return np.asarray(-np.log(r) * r / (1.0 - r))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,6 +236,7 @@ def solve(
                 observed,
                 camera=noise[1],
                 degrees=np.where(usable, spare, 0.0),
+                shape=shape,
             )
         for drift, both in zip(drifts, factors, strict=True):
             for kind, factor in enumerate(both):

@@ -18,6 +18,21 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Amount:
+    """Scatter between injections in units of a pattern.
+
+    alone: variance of each block, independent. variance: of the amount that all blocks share; each:
+    (K,) as observed among the shots of each background. explained: sum of squares that it
+    explains, radiance^2.
+    """
+
+    alone: float
+    variance: float
+    each: Floats
+    explained: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
     """Blocks that see the background and never saturate, at K backgrounds.
 
@@ -199,31 +214,45 @@ class Evidence:
         change of Delta I that all blocks of a shot share.
         """
         difference = self.mean("injection") - self.mean("reference")
+        found = self.amount(difference)
+        alone, together = found.alone, found.variance
         n = self.number("injection")[:, None]
+        return np.asarray((self.camera["injection"] + alone * difference**2) / n), together
+
+    def amount(self, pattern: Floats, *, drifting: bool = False) -> Amount:
+        """Scatter of injections in units of `pattern` (K, B), their derivative by an amount.
+
+        If they are `drifting`, the variance of the amount is that about a line, as in `jitter`.
+        """
         camera = self.camera["injection"]
-        many = [k for k, part in enumerate(self.shots["injection"]) if len(part) > 1]
-        if not many:
-            return np.asarray(camera / n), 0.0
-        alone, together, weight = 0.0, 0.0, 0.0
-        for k in many:
-            part = self.shots["injection"][k]
-            away = part - part.mean(axis=0)
-            square = float(difference[k] @ difference[k])
-            if not square > 0.0:
-                continue
-            amount = away @ difference[k] / square
-            noise = float(camera[k] @ difference[k] ** 2) / square**2
-            rest = away - amount[:, None] * difference[k]
-            fourth = float(np.sum(difference[k] ** 4))
+        alone, together, explained, weight = 0.0, 0.0, 0.0, 0.0
+        observed = np.zeros(len(camera))
+        for k, part in enumerate(self.shots["injection"]):
             spare = len(part) - 1
+            square = float(pattern[k] @ pattern[k])
+            if not (spare and square > 0.0):
+                continue
+            away = part - part.mean(axis=0)
+            amount = away @ pattern[k] / square
+            noise = float(camera[k] @ pattern[k] ** 2) / square**2
+            rest = away - amount[:, None] * pattern[k]
+            fourth = float(np.sum(pattern[k] ** 4))
             excess = np.sum(rest**2, axis=0) / spare - camera[k]
-            alone += spare * float(excess @ difference[k] ** 2) / fourth
-            together += spare * (float(np.sum(amount**2)) / spare - noise)
+            alone += spare * float(excess @ pattern[k] ** 2) / fourth
+            square_sum = float(np.sum(amount**2))
+            places = self.places["injection"][k]
+            observed[k] = _about_line(places, amount) if drifting else square_sum / spare
+            together += spare * (observed[k] - noise)
+            explained += square * square_sum
             weight += spare
         if not weight:
-            return np.asarray(camera / n), 0.0
-        alone, together = max(alone / weight, 0.0), max(together / weight, 0.0)
-        return np.asarray((camera + alone * difference**2) / n), together
+            return Amount(alone=0.0, variance=0.0, each=observed, explained=0.0)
+        return Amount(
+            alone=max(alone / weight, 0.0),
+            variance=max(together / weight, 0.0),
+            each=observed,
+            explained=explained,
+        )
 
 
 def _spare(places: Places) -> int:

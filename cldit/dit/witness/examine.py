@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.camera.calibration import Calibration
-from cldit.dit.shots import Sums
-from cldit.dit.solve import Cause, Drift, Systematic
+from cldit.dit.shots import Sums, thumbnail
+from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
 from cldit.dit.witness import backgrounds, drift, images
 from cldit.dit.witness.backgrounds import clearest, slopes
 from cldit.dit.witness.evidence import Evidence
@@ -26,6 +26,7 @@ from cldit.radiance.boundary import Boundary, Surroundings
 Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
+_BANDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # shares of the filter in which a spray absorbs
 _THIN = 0.98  # share of the background behind thin spray
 
 
@@ -147,6 +148,7 @@ def examine(
     if widened:
         spray = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
         extra["injection"] = np.maximum(spray, extra.get("injection", 0.0))
+    drifting = bool(common.drifts)
     return Examined(
         witnesses=(
             lined,
@@ -155,7 +157,11 @@ def examine(
             moved,
             *(one for one in (lying, renewed.witness, uneven) if one is not None),
         ),
-        drifts=(*given, *common.drifts),
+        drifts=(
+            *given,
+            *common.drifts,
+            *_amount(evidence, sums, setpoints, scale=scale, drifting=drifting),
+        ),
         systematic=replace(
             between.systematic,
             extra=extra,
@@ -164,6 +170,51 @@ def examine(
         ),
         terms=terms(evidence, given=given, found=common.drifts),
         through=common.through,
+    )
+
+
+def _amount(
+    evidence: Evidence,
+    sums: AllSums,
+    setpoints: Sequence[float],
+    *,
+    scale: float,
+    drifting: bool,
+) -> tuple[Drift, ...]:
+    """Scatter of the amount of spray between injections, an error that all pixels share.
+
+    The change of Delta I by the amount is averaged over blocks, since it is not linear in the
+    transmission. The share of the band is the one that explains most of the scatter.
+    """
+    source = evidence.source["reference"]
+    away = source - source.mean()
+    means = [np.stack([sums[k, kind].mean(slice(None)) for k in setpoints]) for kind in KINDS]
+    contrast = [np.tensordot(away, one, 1) for one in means]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        through = np.nan_to_num(contrast[1] / contrast[0], nan=1.0)
+
+    def pattern(band: float) -> Floats:
+        """Derivative (K, B) of the injections by the amount."""
+        change = by_amount(through, band=band) / scale
+        blocks = [thumbnail(change * one)[evidence.chosen] for one in means[1] - means[0]]
+        return np.array(blocks, float)
+
+    found = {band: evidence.amount(pattern(band), drifting=drifting) for band in _BANDS}
+    band = max(_BANDS, key=lambda one: found[one].explained)
+    variance = found[band].variance
+    if not variance > 0.0:
+        return ()
+    none = np.zeros(len(setpoints))
+    return (
+        Drift(
+            cause="amount",
+            variance=variance / evidence.number("injection"),
+            modes=none[None, :],
+            course=none,
+            each=found[band].each,
+            jitter=none,
+            band=band,
+        ),
     )
 
 
