@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2275,
     "scene": 2059,
     "show": 6840,
-    "spray": 6911,
+    "spray": 6976,
     "study": 2938,
     "testing": 1421,
     "transport": 7400,

@@ -58,7 +58,7 @@ class _GasGrid(ErrorSource):
     remedy: ClassVar = {
         "": "a smaller spray.spacing_m",
         _CONE_KEY: f"a smaller spray.spacing_m{OR_NONE}",
-        _FLOW_KEY: "a smaller spray.box.spacing_m (half takes up to 16 times as long)",
+        _FLOW_KEY: "a smaller spray.box.spacing_m (half takes 3 to 12 times as long)",
     }
     also = (ORDER,)
 

@@ -110,20 +110,27 @@ def _fuel(name: str, columns: Columns) -> Fuel:
     )
 
 
-def check_conditions(fuel: Fuel, *, temperature_K: float, gas_K: float, pressure_Pa: float) -> None:
-    """Raises SprayError if a droplet or its gas is outside the tables."""
+def check_conditions(
+    fuel: Fuel,
+    *,
+    temperature_K: float,
+    gas_K: float,
+    pressure_Pa: float,
+    names: tuple[str, str, str] = ("droplet temperature", "gas temperature", "pressure"),
+) -> None:
+    """Raises SprayError if a droplet or its gas is outside the tables; `names` are in its text."""
     low, high = fuel.liquid.low_K, fuel.liquid.high_K
     if not low <= temperature_K <= high:
         above = "supercritical or close to it" if temperature_K > high else "frozen"
         raise SprayError(
-            f"droplet temperature {temperature_K:g} K: {fuel.name} would be {above}; allowed: "
+            f"{names[0]} {temperature_K:g} K: {fuel.name} would be {above}; allowed: "
             f"{low:.0f} to {high:.1f} K"
         )
     if not 100.0 <= gas_K <= fuel.vapour.high_K:
-        raise SprayError(f"gas temperature {gas_K:g} K; allowed: 100 to {fuel.vapour.high_K:.0f} K")
+        raise SprayError(f"{names[1]} {gas_K:g} K; allowed: 100 to {fuel.vapour.high_K:.0f} K")
     if not 1e3 <= pressure_Pa <= fuel.highest_Pa:
         raise SprayError(
-            f"pressure {pressure_Pa:g} Pa; allowed: 1 kPa to {fuel.highest_Pa / 1e6:.3f} MPa, "
+            f"{names[2]} {pressure_Pa:g} Pa; allowed: 1 kPa to {fuel.highest_Pa / 1e6:.3f} MPa, "
             f"below the critical pressure of {fuel.name}, {fuel.critical_Pa / 1e6:.2f} MPa"
         )
 

@@ -19,6 +19,7 @@ The domain is closed, and its pressure follows from its energy.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,22 @@ EDDY_STEPS = 4  # between two computations of the shear
 _FIRST_STEP_S = 1e-7
 _FASTEST_M_S = 1e3  # no spray has gas faster than its liquid
 _RISE = 1.3  # of the step, at most: sources accelerate the gas within one
+
+
+@dataclass(frozen=True)
+class _Sources:
+    """Sources per volume in the cells (K,), flat, that have any; momentum (3, K)."""
+
+    cells: Ints
+    mass: Floats
+    enthalpy: Floats
+    momentum: Floats
+
+    @classmethod
+    def of(cls, mass: Floats, enthalpy: Floats, momentum: Floats) -> _Sources:
+        flat = np.concatenate([mass[None], enthalpy[None], momentum]).reshape(5, -1)
+        cells = np.flatnonzero(flat.any(axis=0))
+        return cls(cells, flat[0, cells], flat[1, cells], flat[2:, cells])
 
 
 class GasFlow:
@@ -88,15 +105,12 @@ class GasFlow:
 
         The sources are those of the whole time, as for `step`.
         """
-        left = time_s
+        sources, left = _Sources.of(mass, enthalpy, momentum), time_s
         while left > 1e-9 * time_s:
             top = kernels.renewal(self.flux, self.density * self.grid.volume_m3)
             free = min(CFL / top if top > 0 else np.inf, _RISE * self._last_s)
             self._last_s = left / math.ceil(left / free)
-            part = self._last_s / time_s
-            self.step(
-                self._last_s, mass=part * mass, enthalpy=part * enthalpy, momentum=part * momentum
-            )
+            self._step(self._last_s, sources, self._last_s / time_s)
             left -= self._last_s
         fastest = float(np.abs(self.velocity).max())
         if not fastest < _FASTEST_M_S:
@@ -117,26 +131,34 @@ class GasFlow:
         Raises:
             SprayError: the gas is in an impossible state; the flow cannot be computed.
         """
+        self._step(step_s, _Sources.of(mass, enthalpy, momentum), 1.0)
+
+    def _receive(self, sources: _Sources, part: float) -> None:
+        """Adds a part of the sources; the error of the pressure grows by it."""
+        cells = sources.cells
+        density, velocity = self.density.reshape(-1), self.velocity.reshape(3, -1)
+        before = density[cells]
+        density[cells] += part * sources.mass
+        moving = velocity[:, cells] * before + part * sources.momentum
+        velocity[:, cells] = moving / density[cells]
+        self.fuel.reshape(-1)[cells] += part * sources.mass
+        self.enthalpy.reshape(-1)[cells] += part * sources.enthalpy
+        self._amiss.reshape(-1)[cells] = self._pressures(cells) / self.pressure_Pa - 1
+
+    def _step(self, step_s: float, sources: _Sources, part: float) -> None:
         grid = self.grid
         volume = grid.volume_m3
-        moving = self.velocity * self.density + momentum
-        self.density = self.density + mass
-        self.fuel = self.fuel + mass
-        self.enthalpy = self.enthalpy + enthalpy
-        changed = np.flatnonzero(enthalpy)
-        amiss = self._amiss
-        amiss.reshape(-1)[changed] = self._pressures(changed) / self.pressure_Pa - 1
-        self.velocity = moving / self.density
+        self._receive(sources, part)
         self._eddies()
         viscosity = self.eddy * self.density
 
         weight = self.density * volume
         self.velocity = self._transported(
-            self.velocity, moving * volume, weight, viscosity, step_s, bounded=False
+            self.velocity, self.velocity * weight, weight, viscosity, step_s, bounded=False
         )
         moving = self.velocity * (weight / volume)
         kernels.fluxes(moving, grid.areas, grid.strip_m2, self._square, self.flux)
-        wanted = self._kept + self.density * amiss / step_s
+        wanted = self._kept + self.density * self._amiss / step_s
         force = self._project((wanted - np.average(wanted, weights=volume)) * volume)
         self.pushed_N_s += force.sum(axis=(1, 2, 3))
 

@@ -52,8 +52,10 @@ class Injection:
     velocity_m_s: Floats
 
 
-def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
+def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     """Draws the parcels of `spec` with its seed; their mass is the injected one to rounding.
+
+    With several `equal` plumes only the first is drawn.
 
     The speed is Bernoulli's times a velocity coefficient, constant in time. Directions fill the
     cone with the density of `jet.profile`. Raises SprayError if the pressure does not drive the
@@ -87,6 +89,10 @@ def inject(spec: LagrangianSpray, fuel: Fuel) -> Injection:
             f"spray.droplets_per_parcel: {spec.droplets_per_parcel:g} gives {wanted:.3g} parcels; "
             f"at least {least:.3g}"
         )
+    if equal > 1:
+        part = {"plumes": spec.plumes[:1], "injected_mass_kg": spec.injected_mass_kg / equal}
+        spec, shares = spec.model_copy(update=part), np.ones(1)
+        top, wanted = top / equal, wanted / equal
     random = np.random.default_rng(spec.seed)
     drawn = [
         _hole(spec, fuel, index, share, wanted * share, (times, released), random)

@@ -19,7 +19,11 @@ SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's
 LONGER = 1.0  # cells along the rays, over those across
 NOSE_m = 1e-3  # radius of the tip, in which there is no gas
 MOST_CELLS = 2e7
-_SHORTEST = 0.5  # cell along the ray, over the scene's spacing
+DEPTH_KEY = "spray.box.depth_m"
+_LEAST_DEPTH_m = 5e-3
+# Cell along the ray. Near the tip equal plumes touch: their gas is the same with half of it, not
+# with twice.
+_SHORTEST_m = 0.25e-3
 _BESIDE = 0.35  # angle beside a plume with fine cells; its edge is at half of it
 _GROWTH = 1.12  # of cells beyond
 _BEHIND = np.radians(115.0)  # of the injector's axis, up to where there is gas
@@ -48,7 +52,7 @@ def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
     h = spec.box.spacing_m / SPACING_AT_m
     axes = np.array([plume_axis(each) for each in spec.plumes])
     kind = symmetry(spec.plumes)
-    radius = _radii(spec.box.spacing_m, LONGER * h, farthest_m(spec, injection))
+    radius = _radii(LONGER * h, farthest_m(spec, injection))
     if kind == 0:
         return round_grid(axes[0], spacing_m=spec.box.spacing_m, far_m=farthest_m(spec, injection))
     if kind > 1:
@@ -83,7 +87,7 @@ def round_grid(axis: Floats, *, spacing_m: float, far_m: float) -> RayGrid:
     """Grid of one plume."""
     h, sector = spacing_m / SPACING_AT_m, np.pi / 64
     polar = _fine(0.0, _BESIDE, h, 0.0, _BEHIND)
-    radius = _radii(spacing_m, LONGER * h, far_m)
+    radius = _radii(LONGER * h, far_m)
     return RayGrid(_frame(axis), radius, polar, np.array([-sector, sector]), 0)
 
 
@@ -108,7 +112,10 @@ def farthest_m(spec: LagrangianSpray, injection: Injection) -> float:
     """Radius of the domain: half as far again as the plumes reach."""
     wide = 0.5 * (spec.box.width_m or 0.0)
     if spec.box.depth_m is not None:
-        return max(spec.box.depth_m, wide)
+        far_m = max(spec.box.depth_m, wide)
+        if far_m < _LEAST_DEPTH_m:
+            raise SprayError(f"{DEPTH_KEY}: {far_m:g}; allowed: {_LEAST_DEPTH_m:g} and more")
+        return far_m
     gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
     reach = 5e-3
     for plume, hole in zip(spec.plumes, injection.holes, strict=False):
@@ -135,10 +142,10 @@ def _frame(pole: Floats, first: Floats | None = None) -> Floats:
     return np.array([one, np.cross(pole, one), pole])
 
 
-def _radii(spacing_m: float, growth: float, far_m: float) -> Floats:
+def _radii(growth: float, far_m: float) -> Floats:
     radii = [NOSE_m]
     while radii[-1] < far_m:
-        radii.append(radii[-1] + max(_SHORTEST * spacing_m, growth * radii[-1]))
+        radii.append(radii[-1] + max(_SHORTEST_m, growth * radii[-1]))
     return np.array(radii)
 
 

@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
 from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import Injection, inject, plume_axis
-from cldit.spray.flow.measures import History, Station, measures
+from cldit.spray.flow.measures import VAPOUR_SHARE, History, Station, measures
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.flow.ray_choice import domain_time_s, ray_grid, symmetry
+from cldit.spray.flow.ray_choice import DEPTH_KEY, domain_time_s, ray_grid, symmetry
 from cldit.spray.flow.sampled import copied, sampled
 from cldit.spray.result import Parcels, Spray
 
@@ -90,18 +91,11 @@ class _State:
         self.spec = spec
         self.fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
         ambient = spec.ambient
-        check_conditions(
-            self.fuel,
-            temperature_K=spec.fuel_temperature_K,
-            gas_K=ambient.temperature_K,
-            pressure_Pa=ambient.pressure_Pa,
-        )
+        _check(spec, self.fuel)
         self.axes = np.array([plume_axis(each) for each in spec.plumes])
         # Equal plumes are computed once.
         self.alike = max(symmetry(spec.plumes), 1)
-        part = {"injected_mass_kg": spec.injected_mass_kg / self.alike, "plumes": spec.plumes[:1]}
-        one = spec.model_copy(update=part) if self.alike > 1 else spec
-        self.injection = inject(one, self.fuel)
+        self.injection = inject(spec, self.fuel, equal=self.alike)
         self.flow = GasFlow(
             ray_grid(spec, self.injection),
             gas_mixture(self.fuel, carrier, reference_K=ambient.temperature_K),
@@ -191,12 +185,41 @@ class _State:
         remarks: tuple[str, ...] = ()
         if wall_kg > 1e-3 * injected:
             remarks = (
-                f"{100 * wall_kg / injected:.2g} % of the fuel left the gas box as liquid; "
-                "increase spray.box.width_m and depth_m",
+                f"{100 * wall_kg / injected:.2g} % of the fuel left the gas as liquid, at its wall "
+                f"of {flow.grid.radius_m[-1]:.3g} m or beside it; allowed: a larger "
+                f"{DEPTH_KEY}, or smaller inclinations",
+            )
+        elif flow.share[:, :, -1].max() >= VAPOUR_SHARE:
+            remarks = (
+                f"vapour has reached the wall of the gas, {flow.grid.radius_m[-1]:.3g} m from the "
+                f"tip; allowed: a larger {DEPTH_KEY}",
             )
         notes = {name: value for name, value in notes.items() if np.isfinite(value)}
         parcels, vapour = _parcels(cloud, fuel), sampled(flow, fuel)
         return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks), history, flow
+
+
+def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
+    ambient, hot_K = spec.ambient, spec.fuel_temperature_K
+    ambient_key = "spray.ambient."
+    check_conditions(
+        fuel,
+        temperature_K=hot_K,
+        gas_K=ambient.temperature_K,
+        pressure_Pa=ambient.pressure_Pa,
+        names=(
+            "spray.fuel_temperature_K",
+            f"{ambient_key}temperature_K",
+            f"{ambient_key}pressure_Pa",
+        ),
+    )
+    boiling_K = float(fuel.boiling_K(ambient.pressure_Pa))
+    if spec.evaporation != "none" and hot_K >= boiling_K:
+        raise SprayError(
+            f"spray.fuel_temperature_K {hot_K:g} K: {fuel.name} boils at {boiling_K:.1f} K and "
+            f"{ambient_key}pressure_Pa {ambient.pressure_Pa:g}, and flash boiling is not computed; "
+            f"allowed: below {boiling_K:.1f} K"
+        )
 
 
 def _born(

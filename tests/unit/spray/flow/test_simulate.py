@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
-from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray
+from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray, Plume
 from cldit.show.report.spray_report import extent, liquid_mass, vapour_mass, write_spray
 from cldit.spray.flow import simulate
 from cldit.spray.flow.gas import GasFlow
@@ -160,7 +160,54 @@ def test_a_grid_that_is_too_fine_is_refused() -> None:
         simulate_spray(COARSE.model_copy(update=changes))
 
 
-def test_conditions_beyond_the_tables_are_refused() -> None:
-    hot = Ambient(pressure_Pa=5e6, temperature_K=570.0)
-    with pytest.raises(SprayError, match="pressure"):
-        simulate_spray(COARSE.model_copy(update={"ambient": hot}))
+@pytest.mark.parametrize(
+    ("changes", "wanted"),
+    [
+        (
+            {"ambient": Ambient(pressure_Pa=5e6, temperature_K=570.0)},
+            r"spray\.ambient\.pressure_Pa 5e\+06 Pa; allowed: .*2\.\d+ MPa",
+        ),
+        (
+            {"ambient": Ambient(pressure_Pa=5e4, temperature_K=400.0)},
+            r"spray\.fuel_temperature_K 370 K: .* boils at 349\..*allowed: below 349",
+        ),
+        ({"fuel_temperature_K": 545.0}, r"spray\.fuel_temperature_K 545 K.*supercritical.*allowed"),
+        ({"box": FlowBox(depth_m=1e-6)}, r"spray\.box\.depth_m: 1e-06; allowed: 0.005"),
+        # Of all eight holes, though one is computed.
+        ({"injected_mass_kg": 1e-4}, r"injected_mass_kg: 0\.0001 is .*8 holes.*at most 1\.\d+e-05"),
+    ],
+)
+def test_impossible_input_is_refused(changes: dict[str, Any], wanted: str) -> None:
+    with pytest.raises(SprayError, match=wanted):
+        simulate_spray(COARSE.model_copy(update=changes))
+
+
+def test_a_spray_that_meets_the_wall_says_so() -> None:
+    near = {"box": FlowBox(spacing_m=4e-3, depth_m=6e-3)}
+    spray = simulate_spray(COARSE.model_copy(update={**near, "time_s": 1.5e-4}))[0]
+    assert "left the gas as liquid" in spray.remarks[0]
+    assert "spray.box.depth_m" in spray.remarks[0]
+
+
+@pytest.mark.parametrize(
+    "plumes",
+    [
+        tuple(Plume(inclination_deg=33.0, azimuth_deg=12.0 * k) for k in range(30)),
+        tuple(Plume(inclination_deg=20.0 + k % 7, azimuth_deg=11.0 * k) for k in range(30)),
+        (Plume(inclination_deg=89.0, azimuth_deg=0.0),),
+        # One axis twice, and one across.
+        tuple(Plume(inclination_deg=80.0, azimuth_deg=a) for a in (0.0, 0.0, 180.0)),
+    ],
+    ids=["30-equal", "30", "sideways", "same-axis"],
+)
+def test_any_holes_keep_the_fuel(plumes: tuple[Plume, ...]) -> None:
+    changes = {
+        "plumes": plumes,
+        "time_s": 5e-5,
+        "injected_mass_kg": 5e-7 * len(plumes),
+        "box": FlowBox(spacing_m=4e-3),
+    }
+    notes = simulate_spray(COARSE.model_copy(update=changes))[0].notes
+    found = notes["liquid_mass_kg"] + notes["vapour_mass_kg"]
+    assert found == pytest.approx(notes["injected_mass_kg"], rel=1e-10)
+    assert notes["injected_mass_kg"] > 0
