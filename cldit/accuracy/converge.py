@@ -21,6 +21,7 @@ from cldit.accuracy.errors import Cause, Errors, Estimate
 from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.accuracy.expected_cost import expected
 from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.lens_omission import lens_omission
 from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
 from cldit.accuracy.phase_spread import phase_spread
 from cldit.accuracy.predict import predict
@@ -127,16 +128,17 @@ def converge(problem: Problem, tolerance_K: float) -> Result:
 
 
 def _model_spread(problem: Problem, result: Result) -> tuple[Cause, ...]:
-    """Spread by the phase function, where anything scatters into a pixel with a T_app."""
+    """Change by a lens, and the spread by the phase function, where anything scatters into a pixel
+    with a T_app."""
     scene, depth = problem.scene, result.resolution.depth
     if depth is None or not result.estimates or scene.transport.order == 0:
-        return ()
+        return result.model
     if not result.traces.scatters:
-        return ()
+        return result.model
     with problem.stages.stage("phase function") as note:
         found = phase_spread(problem.tracer(result.resolution)[1], depth)
         note.append(found.text)
-    return (found,)
+    return (*result.model, found)
 
 
 def _trace_K(result: Result) -> float:
@@ -222,7 +224,7 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     if pixels_K is not None and asked_K is not None and pixels_K > _CLOSE * asked_K:
         result = result.limited("pixel sampling", MOST_RAYS)
     maps = error_maps(result.errors, maps_K, result.maps.has_temperature)
-    return replace(result, error_maps=maps)
+    return replace(result, error_maps=maps, model=lens_omission(tracer.prepared, image))
 
 
 def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, Allocation] | None]:

@@ -26,6 +26,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
+from scipy.special import j1
 
 from cldit.optics.planck import part_radiance
 from cldit.optics.response import edges_um, scene_filter
@@ -46,6 +47,12 @@ def airy(frequency: Floats) -> Floats:
     return np.asarray(2.0 / np.pi * (np.arccos(f) - f * np.sqrt(1.0 - f**2)))
 
 
+def _disc(phase: Floats) -> Floats:
+    """MTF of an even disc, 2 J1(x) / x, any shape; x is 2 pi times radius and frequency."""
+    safe = np.where(phase > 1e-6, phase, 1.0)
+    return np.where(phase > 1e-6, 2.0 * j1(safe) / safe, 1.0)
+
+
 def _aliases(count: int, size_m: float) -> list[tuple[Floats, Floats]]:
     """Frequencies (N + 1,) along a side of N pixels, 1/m, and their aliases; with their shares."""
     per_pixel = np.arange(count + 1) / (2.0 * count)
@@ -58,14 +65,16 @@ def _aliases(count: int, size_m: float) -> list[tuple[Floats, Floats]]:
 class PointSpread:
     """MTF of a lens for the pixels of the traced image.
 
-    light: share of each wavelength [m] of the filter. camera: with a lens.
+    light: share of each wavelength [m] of the filter. camera: with a lens. discs_m: radii in the
+    plane of the target of discs out of focus, of equal light; none where rays sample the aperture.
     """
 
     camera: Camera
     light: tuple[tuple[float, float], ...]
+    discs_m: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, scene: Scene) -> PointSpread:
+    def of(cls, scene: Scene, discs_m: tuple[float, ...] = ()) -> PointSpread:
         """The point spread of a scene's camera, which has a lens."""
         filter_um = scene_filter(scene)
         middle_K = reference_temperature_K(scene.background.temperatures_K)
@@ -77,7 +86,7 @@ class PointSpread:
         ]
         middles_m = 0.5e-6 * (edges[:-1] + edges[1:])
         light = [(float(m), part / sum(parts)) for m, part in zip(middles_m, parts, strict=True)]
-        return cls(scene.camera, tuple(light))
+        return cls(scene.camera, tuple(light), discs_m)
 
     def mtf(self, per_m: Floats) -> Floats:
         """MTF at spatial frequencies in the plane of the target, 1/m, any shape."""
@@ -87,6 +96,8 @@ class PointSpread:
         if lens.diffraction:
             cutoff = camera.aperture_m / camera.distance_m  # times the wavelength
             out *= sum(share * airy(per_m * long_m / cutoff) for long_m, share in self.light)
+        if self.discs_m:
+            out *= np.mean([_disc(2.0 * np.pi * radius_m * per_m) for radius_m in self.discs_m], 0)
         on_sensor = per_m * camera.pixel_m / camera.sensor.pitch_m
         if lens.spread_m is not None:
             out *= np.exp(-2.0 * (np.pi * lens.spread_m * on_sensor) ** 2)

@@ -94,7 +94,7 @@ class Camera(Section):
     exposure_times: Literal[3, 5, 7, 9] = 3
     """Number of sprays of `exposure: times`, each solved."""
     lens: Lens | None = None
-    """Aperture of the lens. Default: none, a pinhole, before which everything is in focus."""
+    """Aperture of the lens. Default: none, a pinhole, with everything in focus."""
 
     @field_validator("pixels", mode="before", json_schema_input_type=Pixels | tuple[Pixels, Pixels])
     @classmethod

@@ -7,12 +7,15 @@ D, its radius is R |D / s - D / F|, for an aperture of radius R in focus at F.
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import cldit
 from cldit.errors import SceneError, TransportError
+from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.scene.camera import Camera
 from cldit.transport.view import View
@@ -206,3 +209,34 @@ def test_only_source_has_a_lens(run_block: Callable[..., Run]) -> None:
             camera={"pixels": 4, "lens": {}},
             transport={"method": "path"},
         )
+
+
+def test_stated_effect_of_a_lens(device: Device, tables: Path) -> None:
+    """The change that a pinhole's run states, against a run with the lens.
+
+    The estimate blurs the pinhole's image by the discs of all depths alike, which moves a square by
+    up to a third where one side of the spray is nearer.
+    """
+    scene = cldit.load_scene("gdi").with_(
+        **{
+            "camera.pixels": [100, 100],
+            "camera.field_m": [0.12, 0.12],
+            "camera.sensor.f_number": 1.5,
+            "transport.accuracy_K": 3.0,
+            "transport.order": 0,
+        }
+    )
+    lenses: tuple[Any, ...] = (None, {})
+    pinhole, lens = (
+        cldit.simulate(scene.with_(**{"camera.lens": one}), device=device, cache=tables)
+        for one in lenses
+    )
+    assert pinhole.errors is not None and lens.errors is not None
+    (stated,) = (one for one in pinhole.errors.model if one.name == "lens")
+    assert not [one for one in lens.errors.model if one.name == "lens"]
+    both = pinhole.maps.has_temperature & lens.maps.has_temperature
+    apart = lens.maps.apparent_temperature_K - pinhole.maps.apparent_temperature_K
+    rms_K = float(np.sqrt(np.mean(apart[both].astype(float) ** 2)))
+    assert stated.error_K == pytest.approx(rms_K, rel=0.3)
+    assert rms_K > 0.3
+    assert "f/1.5" in stated.how

@@ -1,0 +1,75 @@
+"""Change of T_app by the lens that a pinhole omits, estimated from the pinhole's image.
+
+The image is blurred by diffraction at the f-number of the sensor, and by the mean disc of the
+depths at which droplets or gas are. So the estimate needs no trace, and takes light of all depths
+as equal in each pixel. Which lens a camera has is no numerical error: it is stated beside the
+errors, and never in their sum.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cldit.accuracy.errors import NO_PIXEL, Cause
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.variant_tracer import temperature_of
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.prepare.medium import Prepared
+from cldit.radiance.point_spread import PointSpread
+from cldit.scene.camera import Camera, Lens
+from cldit.spray.result import Spray
+
+Floats = NDArray[np.float64]
+
+NAME = "lens"
+_DEPTHS = 16  # that stand for the distribution of depths
+
+
+def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
+    """Change by a lens, of an `image` (H, W) of a pinhole; none for cameras of another model."""
+    scene = prepared.scene
+    if scene.camera.lens is not None or scene.camera.model != "pinhole":
+        return ()
+    camera = scene.camera.model_copy(update={"lens": Lens()})
+    radii_m = blur_radii_m(camera, depths_m(prepared.spray) - scene.target_m[1])
+    seen = scene.model_copy(update={"camera": camera})
+    blurred = PointSpread.of(seen, radii_m)(image.weights)
+    temperature = temperature_of(scene, prepared)
+    apart = temperature(blurred) - temperature(image.weights)
+    fainter = 1.0 - np.maximum(blurred.background, image.weights.background)
+    known = np.isfinite(apart) & (fainter > VISIBLE_EMISSIVITY)
+    how = f"a pinhole's image against one blurred as by f/{camera.f_number:g} and by diffraction"
+    if not known.any():
+        return (Cause(NAME, None, f"not known: {NO_PIXEL}"),)
+    rms_K = float(np.sqrt(np.mean(apart[known] ** 2)))
+    return (Cause(NAME, rms_K, f"{how}; camera.lens traces it"),)
+
+
+def blur_radii_m(camera: Camera, behind_m: Floats) -> tuple[float, ...]:
+    """Radii, in the plane of the target, of the discs of points so far behind it."""
+    away_m = np.maximum(camera.distance_m + behind_m, 1e-3 * camera.distance_m)
+    sizes = np.abs(camera.distance_m / away_m - camera.distance_m / camera.focus_m)
+    return tuple((camera.aperture_m / 2 * sizes).tolist())
+
+
+def depths_m(spray: Spray) -> Floats:
+    """Depths y of equal parts of the droplets' area, of the vapour, or of given coefficients."""
+    y, part = np.zeros(1), np.ones(1)
+    if spray.parcels is not None and spray.parcels.droplets.any():
+        y = spray.parcels.position_m[:, 1]
+        part = spray.parcels.droplets * spray.parcels.diameter_m**2
+    elif spray.vapour is not None and spray.vapour.masses_kg.any():
+        cells = spray.vapour.cells
+        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, spray.vapour.masses_kg
+    elif (given := spray.prescribed) is not None:
+        cells = given.cells
+        whole = given.vapour_absorption_per_m + given.droplet_absorption_per_m
+        whole = whole + given.droplet_scattering_per_m
+        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, whole * cells.volume_m3
+    order = np.argsort(y)
+    sums = np.cumsum(part[order])
+    if not sums[-1] > 0.0:
+        return np.zeros(1)
+    places = (np.arange(_DEPTHS) + 0.5) / _DEPTHS * sums[-1]
+    return np.asarray(y[order][np.searchsorted(sums, places)])
