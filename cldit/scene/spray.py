@@ -189,8 +189,8 @@ class GridSpray(Section):
     model: Literal["grid"] = "grid"
     """Name of the model."""
     file: Path
-    """.npz file of `origin_m`, `spacing_m` and coefficients in 1/m (docs/spray.md), relative to the
-    scene."""
+    """.npz file of `origin_m`, `spacing_m` and coefficients in 1/m (docs/importing.md), relative to
+    the scene."""
     scatter: OpticalScatter = Scatter()
     """Differences between injections."""
 

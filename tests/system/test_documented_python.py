@@ -16,6 +16,7 @@ import yaml
 from cldit.acquisition.frames import open_stack
 from cldit.acquisition.pictures.source import Source
 from cldit.errors import EvaluationError
+from cldit.prepare.spray_factory import make_spray
 from cldit.run import simulate
 from cldit.scene import dump_scene, load_scene, parse_scene
 from tests.laboratory import laboratory
@@ -124,6 +125,22 @@ def test_readme(here: Path) -> None:
     assert (here / "runs" / "traced" / "scene.yaml").is_file()
 
 
+@pytest.mark.usefixtures("here")
+def test_importing() -> None:
+    """The file of the page's script is read as it says."""
+    run_of = run("docs/importing.md")
+    spray = make_spray(run_of["scene"].spray)
+    assert spray.prescribed is not None
+    cells = spray.prescribed.cells
+    places_m = (cells.lower_m + cells.upper_m) / 2
+    filled = run_of["inside"]
+    assert spray.notes["voxels_filled"] == filled.sum() > 1000
+    assert np.all(np.hypot(places_m[:, 0], places_m[:, 1]) < 0.3 * np.abs(places_m[:, 2]))
+    # 57 mm below the tip the cone is 34 mm thick: 100 per m
+    most = 1.0 - np.exp(-100.0 * 0.034)
+    assert np.nanmax(run_of["run"].maps.emissivity) == pytest.approx(most, abs=0.03)
+
+
 @pytest.mark.usefixtures("here")  # the rig's run is beside it
 def test_rig(tiny_rig: dict[str, Any]) -> None:
     Path("rig.yaml").write_text(yaml.safe_dump(tiny_rig), encoding="utf-8")
@@ -171,7 +188,7 @@ def test_no_page_is_forgotten() -> None:
     found = [*(_ROOT / "docs").rglob("*.md"), _ROOT / "README.md", _ROOT / "CONTRIBUTING.md"]
     pages = [str(page.relative_to(_ROOT)) for page in found]
     run_here = {"README.md", "docs/dit.md", "docs/errors.md", "docs/extending.md", "docs/rig.md"}
-    run_here.add("docs/view.md")
+    run_here |= {"docs/importing.md", "docs/view.md"}
     run_here.add("docs/sharing.md")
     run_here.add("docs/ten-things.md")
     run_here.add("docs/studies.md")  # after its sweep: test_documented_commands_run.py

@@ -7,6 +7,7 @@ reader's own files, a CFD case and a measurement, is made here.
 
 from __future__ import annotations
 
+import faulthandler
 import importlib.util
 import os
 import re
@@ -93,6 +94,7 @@ def _run(words: list[str] | str, folder: Path, python: Path) -> str:
     path = f"{python.parent}{os.pathsep}{os.environ['PATH']}"
     hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    faulthandler.dump_traceback_later(1200.0, exit=True)  # of each command, not of the tour
     done = subprocess.run(
         words,
         shell=isinstance(words, str),
