@@ -91,9 +91,12 @@ def imported(spec: CfdSpray, out: Path | None, *, watch: Watch = silent) -> Spra
     return spray
 
 
-def case_lines(spec: CfdSpray, spray: Spray) -> list[str]:
-    """Describes the `spray` that was read from the case `spec`, a line each."""
-    lines = [f"{spec.file}: {find_format(spec)}", *(f"  {file.text}" for file in spray.files)]
+def case_lines(spec: CfdSpray, spray: Spray, *, files: bool = False) -> list[str]:
+    """Describes the `spray` that was read from the case `spec`, a line each, with its files too."""
+    size = sum(file.bytes for file in spray.files)
+    read = f"{len(spray.files)} files read, {size / 1e6:.3g} MB"
+    lines = [f"{spec.file}: {find_format(spec)}, {read}"]
+    lines += [f"  {file.text}" for file in spray.files if files]
     for name, (text, unit, factor) in _SHOWN.items():
         if name in spray.notes:
             if name == "time_s" and abs(spray.notes[name]) >= 1.0:  # degrees of crank angle

@@ -146,7 +146,7 @@ def run(
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    short = short_changes(quick=quick, accuracy_K=accuracy_K)
+    short = short_changes(chosen, quick=quick, accuracy_K=accuracy_K)
     chosen = chosen.with_(**{**short, **_camera_changes(chosen, pixels, field_mm)})
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     if members is not None:

@@ -78,6 +78,9 @@ def spray_command(scene: str, out: Path | None) -> None:
     metavar="[SCENE.yaml]",
     help="Write a scene that fits the case; default: CASE.yaml.",
 )
+@click.option(
+    "-v", "--verbose", is_flag=True, help="List every file read, with size, date and SHA-256."
+)
 @case_options
 @json_option
 @plain_errors
@@ -86,6 +89,7 @@ def import_command(
     out: Path | None,
     write_mapping: Path | None,
     fit: str | None,
+    verbose: bool,
     file: Path,
     **options: Any,
 ) -> Outcome:
@@ -116,7 +120,7 @@ def import_command(
             if scene is not None:
                 write_text(scene, fitted_scene(spec, spray, name=scene.stem))
                 written.append(scene)
-            lines = case_lines(spec, spray)
+            lines = case_lines(spec, spray, files=verbose)
             data = {
                 "case": spec.file,
                 "figures": spray.notes,

@@ -60,7 +60,7 @@ def simulate(
         scene: or the name of a shipped one (`gdi`), or the path of a YAML file.
         out: folder to store the run in; None keeps it in memory. A folder that holds the same
             scene, finished, is read instead of traced again.
-        quick: True for a preview: 128 x 128 pixels and a tolerance of 4 K.
+        quick: True for a preview: 128 pixels along the longer side and a tolerance of 4 K.
         pixels: columns and rows, or one number for both; None: those of the scene.
         device: OpenCL device; None lets `open_device` choose (the run says which and why).
         cache: folder for tables and computed sprays; None is `default_cache()`.

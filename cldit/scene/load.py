@@ -15,7 +15,7 @@ from cldit.scene.checks import shortened
 from cldit.scene.schema import Scene
 
 _LIBRARY = "cldit.scene.library"
-_QUICK_PIXELS = (128, 128)
+_QUICK_PIXELS = 128  # along the longer side
 _QUICK_K = 4.0
 
 
@@ -30,15 +30,21 @@ def shipped_scenes() -> dict[str, str]:
 
 
 def short_changes(
+    scene: Scene | None = None,
     *,
     quick: bool = False,
     pixels: int | Sequence[int] | None = None,
     accuracy_K: float | None = None,
 ) -> dict[str, Any]:
-    """Changes for `Scene.with_` by the short options of a run; `quick` keeps what is given."""
+    """Changes for `Scene.with_` by the short options of a run.
+
+    `quick` keeps what is given, and the proportions of the image of a `scene`.
+    """
     made: dict[str, Any] = {}
     if quick:
-        made = {"camera.pixels": list(_QUICK_PIXELS), "transport.accuracy_K": _QUICK_K}
+        shape = (1, 1) if scene is None else scene.camera.pixels
+        few = [max(1, round(_QUICK_PIXELS * side / max(shape))) for side in shape]
+        made = {"camera.pixels": few, "transport.accuracy_K": _QUICK_K}
     if pixels is not None:
         made["camera.pixels"] = pixels if isinstance(pixels, int) else list(pixels)
     if accuracy_K is not None:
@@ -57,7 +63,7 @@ def chosen_scene(
     Raises SceneError as `load_scene`.
     """
     found = scene if isinstance(scene, Scene) else load_scene(scene)
-    changes = short_changes(quick=quick, pixels=pixels)
+    changes = short_changes(found, quick=quick, pixels=pixels)
     return found.with_(**changes) if changes else found
 
 

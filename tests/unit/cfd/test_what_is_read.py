@@ -48,7 +48,7 @@ def test_import_prints_and_keeps_them(tmp_path: Path, foam: Foam) -> None:
     case = foam.write(tmp_path / "case", block, gas=gas, cloud=cloud)
     (case / "0.001" / "unused").write_text("not read")
     out = tmp_path / "spray.npz"
-    done = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out)])
+    done = CliRunner().invoke(main, ["import", str(case), *PLACE, "--out", str(out), "-v"])
     assert done.exit_code == 0, done.output
     kept = read_cfd(CfdSpray(file=out)).files
     assert Path(kept[0].path) == out

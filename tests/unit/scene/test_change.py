@@ -172,6 +172,8 @@ def test_short_options_are_those_of_the_command_line() -> None:
     quick = chosen_scene("gdi", quick=True, pixels=64)
     assert quick.camera.pixels == (64, 64) and quick.transport.accuracy_K == 4.0
     assert chosen_scene("gdi", quick=True).camera.pixels == (128, 128)
+    wide = load_scene("gdi").with_(**{"camera.pixels": [1000, 800]})
+    assert chosen_scene(wide, quick=True).camera.pixels == (128, 102)
     assert chosen_scene(quick, pixels=(30, 20)).camera.pixels == (30, 20)
     with pytest.raises(SceneError, match=r"camera\.pixels: 0 is outside"):
         chosen_scene("gdi", pixels=0)
