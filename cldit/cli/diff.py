@@ -12,7 +12,13 @@ from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_err
 from cldit.cli.options import device_option, within_option
 from cldit.cli.program import Exit
 from cldit.comparison.compare import compare
-from cldit.comparison.difference import Difference, MapDifference, RegionDifference, difference
+from cldit.comparison.difference import (
+    Align,
+    Difference,
+    MapDifference,
+    RegionDifference,
+    difference,
+)
 from cldit.gpu.device import open_device
 
 _LARGE = 2.0  # standard errors of an error of all pixels, to be named
@@ -22,17 +28,23 @@ _LARGE = 2.0  # standard errors of an error of all pixels, to be named
 @click.argument("one", type=click.Path(path_type=Path))
 @click.argument("others", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
+@click.option(
+    "--align",
+    type=click.Choice(["metadata", "images"]),
+    default="metadata",
+    help="Find the view from the images; default: by pixel size and injector tip.",
+)
 @within_option
 @json_option
 @plain_errors
 def compare_command(
-    one: Path, others: tuple[Path, ...], acquired: bool, within_K: float | None
+    one: Path, others: tuple[Path, ...], acquired: bool, align: Align, within_K: float | None
 ) -> Outcome:
     """Compare ONE with OTHERS, with the errors of both: measured data, evaluations, runs.
 
     The exit status is 3 if the errors do not explain the difference.
     """
-    found = compare(one, *others, acquired=acquired, within_K=within_K)
+    found = compare(one, *others, acquired=acquired, within_K=within_K, align=align)
     for each in found.differences:
         print_difference(each)
     return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
@@ -62,6 +74,8 @@ def print_difference(found: Difference) -> None:
     OUT.print(escaped(f"{found.other} minus {found.one}:"))
     if found.averaged:
         OUT.print(escaped(f"  {found.averaged}"), style="dim")
+    if found.view:
+        OUT.print(escaped(f"  view by the images: {found.view}"), style="dim")
     table = folded_table("", "RMS", "mean", "worst", "at x, z / mm", "pixels")
     for one in found.maps:
         table.add_row(one.name.removesuffix("_K").replace("_", " "), *_cells(one))

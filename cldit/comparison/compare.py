@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.comparison.difference import Difference, difference
+from cldit.comparison.difference import Align, Difference, difference
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.dit.maps import Reason
 from cldit.errors import EvaluationError
@@ -36,7 +36,11 @@ class Comparison:
 
 
 def compare(
-    one: Openable, *others: Openable, acquired: bool = False, within_K: float | None = None
+    one: Openable,
+    *others: Openable,
+    acquired: bool = False,
+    within_K: float | None = None,
+    align: Align = "metadata",
 ) -> Comparison:
     """Compares a result, measured or simulated, with others in the same view.
 
@@ -45,6 +49,8 @@ def compare(
         others: likewise.
         acquired: of runs, compare the recordings of their rigs, not the traces.
         within_K: RMS allowed in T_app; None: explained by the errors of both.
+        align: scale, rotation, shift and mirror from the `metadata` (pixel size and position of the
+            injector's tip), or from the `images`, with an error of their own.
 
     Raises:
         RunFolderError: there are no maps.
@@ -56,7 +62,9 @@ def compare(
     first = open_shown(one, acquired=acquired)
     shown = [open_shown(each, acquired=acquired) for each in others]
     _check([first, *shown])
-    found = [difference(first, each, resample=True, within_K=within_K) for each in shown]
+    found = [
+        difference(first, each, resample=True, within_K=within_K, align=align) for each in shown
+    ]
     for each in found:
         if not each.regions["all"].pixels and not each.same:
             raise EvaluationError(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from cldit.comparison.chi_square import ChiSquare, chi_square
 from cldit.comparison.pixels import together
 from cldit.comparison.regions import Spray2D, positions_m
+from cldit.comparison.registration import aligned
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.dit.budget import Part
 from cldit.scene import Scene
 
 Image = NDArray[np.float64]
+Align = Literal["metadata", "images"]
 
 LEVEL = 0.01  # probability below which two results differ
 _ROUNDED_K = 2e-3  # single precision on different devices
@@ -105,8 +107,9 @@ class Difference:
     shared: names of sources whose errors they share; tested: of those by keys that omit physics in
     one alone, which no error explains. regions: `all` pixels that are visible in both, and the
     parts of the spray. modes: errors that all pixels share. averaged: description of an average
-    onto the other's pixels. keys: that differ between the scenes. change_K, residuals: (H, W), the
-    latter in standard errors, less the modes that fit best.
+    onto the other's pixels. view: as found from the images, with its errors. keys: that differ
+    between the scenes. seen: both in one view. change_K, residuals: (H, W), the latter in standard
+    errors, less the modes that fit best.
     """
 
     one: str
@@ -122,6 +125,7 @@ class Difference:
     regions: Mapping[str, RegionDifference]
     modes: tuple[Mode, ...]
     averaged: str
+    view: str
     keys: tuple[KeyDifference, ...]
     seen: tuple[Shown, Shown] = field(repr=False)
     change_K: Image = field(repr=False)
@@ -198,23 +202,32 @@ def difference(
     acquired: bool = False,
     resample: bool = False,
     within_K: float | None = None,
+    align: Align = "metadata",
 ) -> Difference:
     """Difference of two results: runs, or folders of runs, of acquisitions or measured data.
 
     `acquired` takes recordings of runs, not their traces. `resample` averages a trace onto the
-    pixels of the other one. `within_K` is the RMS allowed in T_app in place of the errors. Raises
+    pixels of the other one. `within_K` is the RMS allowed in T_app in place of the errors. `align`
+    finds the view from the images, or takes it from the metadata. Raises
     RunFolderError without maps, EvaluationError if the pixels differ.
     """
     first, second = (open_shown(each, acquired=acquired) for each in (one, other))
     stated_K = first.error_K, second.error_K
     parts = unshared(first, second)
-    first, second, averaged = together(parts.one, parts.other, resample=resample)
+    by_images = align == "images"
+    first, second, averaged = together(
+        parts.one, parts.other, resample=resample, centred=not by_images
+    )
+    view, of_view = "", list[Image]()
+    if by_images:
+        first, second, found, of_view = aligned(first, second)
+        view = found.text
     t_one, t_other = (
         each.maps.apparent_temperature_K.astype(np.float64) for each in (first, second)
     )
     has = np.isfinite(t_one), np.isfinite(t_other)
     change_K = t_other - t_one
-    regions, modes, residuals = _tested(change_K, first, second)
+    regions, modes, residuals = _tested(change_K, first, second, of_view)
     return Difference(
         one=first.name,
         other=second.name,
@@ -233,6 +246,7 @@ def difference(
         regions=regions,
         modes=modes,
         averaged=averaged,
+        view=view,
         keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
         seen=(first, second),
         change_K=change_K,
@@ -261,12 +275,14 @@ def _of(
 
 
 def _tested(
-    change_K: Image, one: Shown, other: Shown
+    change_K: Image, one: Shown, other: Shown, of_view: Sequence[Image]
 ) -> tuple[dict[str, RegionDifference], tuple[Mode, ...], Image]:
     """Regions, modes with their best sizes, and standardised residuals."""
     spray = seen_in_both(one, other)
     regions = spray.regions
-    modes = _modes(one, other)
+    modes = _modes(one, other) + tuple(
+        Mode(f"view {number}", kelvin) for number, kelvin in enumerate(of_view, start=1)
+    )
     squares = [each.independent_K2 for each in (one, other)]
     nothing = np.full(change_K.shape, np.nan)
     if squares[0] is None or squares[1] is None:

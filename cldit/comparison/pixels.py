@@ -23,8 +23,8 @@ _SAME = 0.01  # of a pixel, over the whole image
 Image = NDArray[np.float64]
 
 
-def same_pixels(one: Shown, other: Shown) -> bool:
-    """True if the pixels of both have the same positions."""
+def same_pixels(one: Shown, other: Shown, *, centred: bool = True) -> bool:
+    """True if the pixels of both have the same positions, or sizes if not `centred`."""
     shape = one.maps.emissivity.shape
     if shape != other.maps.emissivity.shape:
         return False
@@ -32,7 +32,7 @@ def same_pixels(one: Shown, other: Shown) -> bool:
         abs(a - b) * count / b
         for a, b, count in zip(one.pixel_m, other.pixel_m, reversed(shape), strict=True)
     ]
-    return bool(max(*drift, *_offsets(one, other)) < _SAME)
+    return bool(max(*drift, *(_offsets(one, other) if centred else ())) < _SAME)
 
 
 def _offsets(one: Shown, other: Shown) -> list[float]:
@@ -42,14 +42,16 @@ def _offsets(one: Shown, other: Shown) -> list[float]:
     ]
 
 
-def together(one: Shown, other: Shown, *, resample: bool) -> tuple[Shown, Shown, str]:
+def together(
+    one: Shown, other: Shown, *, resample: bool, centred: bool = True
+) -> tuple[Shown, Shown, str]:
     """Both on the same pixels, and a description of an average, empty if there was none.
 
     resample: average a trace onto the pixels of a recording, as a rig does; of two traces, the
-    finer onto the pixels of the coarser one. Raises EvaluationError if that is not allowed or not
-    possible.
+    finer onto the pixels of the coarser one. centred: their centres must be the same. Raises
+    EvaluationError if that is not allowed or not possible.
     """
-    if same_pixels(one, other):
+    if same_pixels(one, other, centred=centred):
         return one, other, ""
     what = f"{one.name} has {one.grid}; {other.name} has {other.grid}"
     if not resample:
@@ -61,15 +63,15 @@ def together(one: Shown, other: Shown, *, resample: bool) -> tuple[Shown, Shown,
         other.run is not None and np.prod(one.pixel_m) > np.prod(other.pixel_m)
     )
     trace, onto = (other, one) if swap else (one, other)
-    averaged = _averaged(trace, onto, what)
+    averaged = _averaged(trace, onto, what, centred=centred)
     first, second = (onto, averaged) if swap else (averaged, onto)
     return first, second, f"{trace.name} averaged onto {onto.grid}"
 
 
-def _averaged(trace: Shown, onto: Shown, what: str) -> Shown:
+def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
     if trace.run is None:
         raise EvaluationError(f"{what}; both were recorded: only a trace can be averaged")
-    if max(_offsets(trace, onto)) > _SAME:
+    if centred and max(_offsets(trace, onto)) > _SAME:
         raise EvaluationError(f"{what}; the centres must be the same")
     rows, columns = onto.maps.emissivity.shape
     high, wide = trace.maps.emissivity.shape
