@@ -16,7 +16,6 @@ from cldit.comparison.difference import (
     Align,
     Difference,
     MapDifference,
-    RegionDifference,
     difference,
 )
 from cldit.gpu.device import open_device
@@ -34,11 +33,17 @@ _LARGE = 2.0  # standard errors of an error of all pixels, to be named
     default="metadata",
     help="Find the view from the images; default: by pixel size and injector tip.",
 )
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of a page and regions.csv.")
 @within_option
 @json_option
 @plain_errors
 def compare_command(
-    one: Path, others: tuple[Path, ...], acquired: bool, align: Align, within_K: float | None
+    one: Path,
+    others: tuple[Path, ...],
+    acquired: bool,
+    align: Align,
+    out: Path | None,
+    within_K: float | None,
 ) -> Outcome:
     """Compare ONE with OTHERS, with the errors of both: measured data, evaluations, runs.
 
@@ -47,6 +52,10 @@ def compare_command(
     found = compare(one, *others, acquired=acquired, within_K=within_K, align=align)
     for each in found.differences:
         print_difference(each)
+    if out is not None:
+        from cldit.show.report.comparison_page import write_comparison  # needs matplotlib
+
+        OUT.print(escaped(str(write_comparison(found, out))))
     return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
 
 
@@ -94,7 +103,7 @@ def print_difference(found: Difference) -> None:
     if found.p_value is not None:
         regions = folded_table("T_app", "RMS", "mean", "chi-square", "p", "pixels")
         for name, region in found.regions.items():
-            regions.add_row(name, *_region_cells(region))
+            regions.add_row(name, *region.cells)
         OUT.print(regions)
     large = [f"{one.name} {one.size:+.1f}" for one in found.modes if abs(one.size) > _LARGE]
     if large:
@@ -102,18 +111,6 @@ def print_difference(found: Difference) -> None:
     for key in found.keys:
         OUT.print(escaped(f"  {key.text}"), style="dim")
     OUT.print(f"  {found.verdict}", style="bold")
-
-
-def _region_cells(one: RegionDifference) -> list[str]:
-    if one.p_value is None or one.chi2_reduced is None:
-        return ["-", "-", "-", "cannot be told", str(one.pixels)]
-    return [
-        f"{one.rms_K:.3g} K",
-        f"{one.mean_K:+.2g} ± {one.mean_error_K:.2g} K",
-        f"{one.chi2_reduced:.2f}",
-        f"{one.p_value:.2g}",
-        str(one.pixels),
-    ]
 
 
 def _cells(one: MapDifference) -> list[str]:

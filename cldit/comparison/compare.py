@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,12 @@ from cldit.comparison.difference import Align, Difference, difference
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.dit.maps import Reason
 from cldit.errors import EvaluationError
+from cldit.io.presented import xarray_module
 from cldit.optics.response import edges_um, scene_filter
+from cldit.run.labelled import labelled_maps
+
+if TYPE_CHECKING:
+    import xarray
 
 _SAME_FILTER_UM = 0.02  # at either edge: twice the usual uncertainty of a filter
 
@@ -27,6 +32,30 @@ class Comparison:
     def differs(self) -> bool:
         """True if the errors do not explain one of the differences."""
         return not all(one.within for one in self.differences)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Change of T_app and standardised residuals (other, z, x) over z and x in mm.
+
+        Raises:
+            ClditError: xarray is not installed.
+        """
+        xr = xarray_module()
+        parts = []
+        for each in self.differences:
+            _, seen = each.seen
+            data = labelled_maps(
+                seen.maps,
+                title=each.one,
+                pixel_m=seen.pixel_m,
+                centre_m=seen.centre_m,
+                more={
+                    "change_K": (each.change_K, "K", "T_app less that of the first"),
+                    "residuals": (each.residuals, "1", "change in standard errors"),
+                },
+            )
+            parts.append(data[["change_K", "residuals"]].expand_dims(other=[each.other]))
+        found: xarray.Dataset = xr.concat(parts, dim="other")
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON: that of the difference, or of a list of several."""

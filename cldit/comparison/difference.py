@@ -14,6 +14,7 @@ from cldit.comparison.chi_square import ChiSquare, chi_square
 from cldit.comparison.pixels import together
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.registration import aligned
+from cldit.comparison.shape import Value, shape_of
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.dit.budget import Part
@@ -84,6 +85,19 @@ class RegionDifference:
         """True if the errors do not explain the difference."""
         return self.p_value is not None and self.p_value < LEVEL
 
+    @property
+    def cells(self) -> list[str]:
+        """RMS, mean, reduced chi-square, p and number of pixels, as texts."""
+        if self.p_value is None or self.chi2_reduced is None:
+            return ["-", "-", "-", "cannot be told", str(self.pixels)]
+        return [
+            f"{self.rms_K:.3g} K",
+            f"{self.mean_K:+.2g} ± {self.mean_error_K:.2g} K",
+            f"{self.chi2_reduced:.2f}",
+            f"{self.p_value:.2g}",
+            str(self.pixels),
+        ]
+
 
 @dataclass(frozen=True)
 class Mode:
@@ -135,6 +149,12 @@ class Difference:
     def t_app(self) -> MapDifference:
         """Difference of T_app."""
         return self.maps[0]
+
+    @property
+    def shapes(self) -> dict[str, tuple[Value, Value]]:
+        """Penetration, angle and areas of both, each with its error."""
+        one, other = (shape_of(each) for each in self.seen)
+        return {name: (value, other[name]) for name, value in one.items()}
 
     @property
     def same(self) -> bool:
@@ -191,6 +211,7 @@ class Difference:
         data["keys"] = [asdict(one) for one in self.keys]
         data["regions"] = {name: asdict(one) for name, one in self.regions.items()}
         data["modes"] = {one.name: one.size for one in self.modes}
+        data["shapes"] = self.shapes
         more = {"same": self.same, "within": self.within, "where": self.where}
         return {**data, **more, "verdict": self.verdict}
 

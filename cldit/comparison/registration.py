@@ -6,19 +6,21 @@ A pixel at o from the centre of the fixed image shows what the moved image has a
 
 with the first coordinate reversed if it is mirrored. The start is the maximum of the phase
 correlation (Kuglin and Hines 1975); least squares over a, t and s follow, first of blurred images.
-Their covariance is that of the Jacobian with the variance of the residuals.
+Their covariance is that of the Jacobian with the squares of the residuals and their correlation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import affine_transform, gaussian_filter
 from scipy.optimize import least_squares
 
+from cldit.comparison.chi_square import correlation
 from cldit.comparison.shown import Shown
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
@@ -62,7 +64,7 @@ class Alignment:
         mirror = "mirrored, " if self.mirrored else ""
         return f"{mirror}scale {scale} %, rotation {turn}°, shift {right} and {down} pixels"
 
-    def moved(self, image: NDArray[np.floating], *, order: int = 1) -> Floats:
+    def moved(self, image: NDArray[np.floating], *, order: Literal[1, 3] = 1) -> Floats:
         """The moved image (H, W) on the pixels of the fixed one; NaN beyond its edge."""
         scale, turn, right, down = self.values
         cos, sin = np.cos(turn) / (1.0 + scale), np.sin(turn) / (1.0 + scale)
@@ -102,7 +104,8 @@ def align(fixed: Floats, moving: Floats) -> Alignment:
 def _aligned(fixed: Floats, moving: Floats, *, mirrored: bool) -> tuple[Alignment, float]:
     shown = moving[:, ::-1] if mirrored else moving
     down, right = _shift(fixed, shown)
-    unit = np.array([1.0 / max(fixed.shape), 1.0 / max(fixed.shape), 0.5, 0.5]) * 2.0
+    edge = float(max(fixed.shape))
+    unit = np.array([2.0 / edge, 2.0 / edge, 1.0, 1.0])
     none = np.zeros((4, 4))
     values = np.array([0.0, 0.0, right, down])
     for blur_px in _BLURS_px:
@@ -113,13 +116,15 @@ def _aligned(fixed: Floats, moving: Floats, *, mirrored: bool) -> tuple[Alignmen
             seen = view.moved(other, order=3)
             return np.asarray(np.where(np.isfinite(seen), seen - one, 0.0).ravel())
 
-        solved = least_squares(residuals, values / unit, diff_step=_STEP, x_scale=1.0)
+        solved = least_squares(residuals, values / unit, diff_step=np.full(4, _STEP))
         values = solved.x * unit
     left = solved.fun
-    variance = float(left @ left) / max(np.count_nonzero(left) - 4, 1)
     jacobian = np.asarray(solved.jac, float)
     inverse = np.linalg.pinv(jacobian.T @ jacobian)
-    covariance = variance * inverse * unit[:, None] * unit
+    weighed = inverse @ (jacobian * left[:, None]).T  # White 1980: residuals differ in size
+    size = float(np.sqrt(np.mean(left**2)))
+    alike_nearby = correlation((left / size).reshape(fixed.shape))[1] if size > 0.0 else 1.0
+    covariance = alike_nearby * (weighed @ weighed.T) * unit[:, None] * unit
     view = Alignment(values=values, covariance=covariance, mirrored=mirrored)
     seen = view.moved(moving)
     both = np.isfinite(seen)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from cldit.accuracy.errors import OMISSION, Cause, Errors
 from cldit.comparison import Shown, compare, difference, open_shown
 from cldit.comparison.difference import key_differences
+from cldit.comparison.regions import positions_m
+from cldit.comparison.shape import shape_of
 from cldit.comparison.shared import unshared
 from cldit.dit.budget import Part
 from cldit.dit.maps import Maps
@@ -21,6 +23,7 @@ from cldit.errors import EvaluationError, RunFolderError
 from cldit.radiance.weights import Weights
 from cldit.run import Run, open_run
 from cldit.scene import load_scene
+from cldit.show.report.comparison_page import write_comparison
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 PIXEL_M = (1e-3, 2e-3)
@@ -294,3 +297,31 @@ def test_a_recording_has_the_errors_of_its_trace_in_every_pixel(tmp_path: Path) 
     assert recorded.error_map_K is not None
     counted = unshared(open_shown(other), recorded).other
     assert counted.error_map_K == pytest.approx(np.hypot(recorded.error_map_K, 0.5), nan_ok=True)
+
+
+def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    warm = 400.0 + noise(5)
+    one, other = shown(0 * warm + 400.0, error_K=1.0), shown(warm, name="b", error_K=0.0)
+    found = compare(one, other, other)
+    page = write_comparison(found, tmp_path / "out").read_text()
+    assert "b minus a" in page and found.differences[0].verdict in page
+    table = (tmp_path / "out" / "regions.csv").read_text().splitlines()
+    assert len(table) == 1 + 2 * 5 and table[1].startswith("a,b,all,1600,")
+    assert len(found.to_dict()["comparisons"]) == 2
+    data = found.to_xarray()
+    assert isinstance(data, xarray.Dataset) and dict(data.sizes) == {"other": 2, "z": 40, "x": 40}
+    np.testing.assert_allclose(data.change_K[0], found.differences[0].change_K)
+
+
+def test_area_and_penetration_of_a_disc() -> None:
+    """Around a tip in the middle: 97 % of a disc of radius R lie within 0.985 R."""
+    x_m, z_m = positions_m((80, 80), pixel_m=(1e-3, 1e-3), centre_m=(0.0, 0.0))
+    inside = np.hypot(x_m, z_m) < 0.03
+    found = shape_of(shown(np.where(inside, 400.0, np.nan), pixel_m=(1e-3, 1e-3)))
+    assert found["penetration_mm"][0] == pytest.approx(30 * 0.97**0.5, abs=0.5)
+    assert found["penetration_mm"][1] == 0.5
+    wedge = inside & (np.abs(x_m) < -z_m)  # a quarter
+    found = shape_of(shown(np.where(wedge, 400.0, np.nan), pixel_m=(1e-3, 1e-3)))
+    assert found["angle_deg"][0] == pytest.approx(0.95 * 90.0, abs=3.0)
+    assert found["visible_area_mm2"][0] == 6400.0  # emissivity 0.5 everywhere

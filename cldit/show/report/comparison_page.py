@@ -1,0 +1,99 @@
+"""Page of a comparison: maps of both, their difference, regions, profiles; tables as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure as Drawing
+
+from cldit.comparison.compare import Comparison
+from cldit.comparison.difference import Difference, RegionDifference
+from cldit.io.files import make_folder, write_text
+from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
+from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
+from cldit.show.figures.style import png_of
+from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
+
+PAGE, REGIONS = "report.html", "regions.csv"
+_RESIDUAL = 4.0  # standard errors at the ends of the colours
+
+
+def comparison_figure(found: Difference) -> Drawing:
+    """T_app of both, their difference, and the residuals in standard errors."""
+    one, other = found.seen
+    warm = [each.maps.apparent_temperature_K for each in found.seen]
+    visible = np.isfinite(found.residuals)
+    both = np.concatenate([image[visible] for image in warm])
+    limits = robust_limits(both) if both.size else None
+    change = np.where(visible, found.change_K, np.nan)
+    most = float(np.percentile(np.abs(change[visible]), 99)) if both.size else 1.0
+    frame = Frame(pixel_m=one.pixel_m, centre_m=one.centre_m)
+    panels = [
+        Panel(image, each.name, "T_app / K", limits=limits, colours=TEMPERATURE)
+        for image, each in zip(warm, (one, other), strict=True)
+    ]
+    panels += [
+        Panel(change, "difference", "K", limits=(-most, most), colours=CHANGE),
+        Panel(
+            found.residuals,
+            "residual",
+            "standard errors",
+            limits=(-_RESIDUAL, _RESIDUAL),
+            colours=CHANGE,
+        ),
+    ]
+    window = window_around(np.where(visible, one.maps.emissivity, 0.0), frame)
+    return panels_figure(panels, frame, title=found.verdict, window=window)
+
+
+def write_comparison(found: Comparison, folder: Path) -> Path:
+    """Writes the page of a comparison and `regions.csv` into a folder; returns the page's path."""
+    make_folder(folder)
+    write_text(folder / REGIONS, regions_csv(found.differences))
+    content: list[Block] = []
+    for each in found.differences:
+        content.append(Section(f"{each.other} minus {each.one}", _sections(each)))
+    return write_page(Page("Comparison", content), folder / PAGE)
+
+
+def _sections(found: Difference) -> list[Block]:
+    figure = Figure(
+        png_of(comparison_figure(found)),
+        "Apparent temperature of both, their difference, and the difference in standard errors, "
+        "less the errors of all pixels that fit best.",
+    )
+    large = [[one.name, f"{one.size:+.2f}"] for one in found.modes]
+    return [
+        found.verdict,
+        figure,
+        Table(
+            ("region", "RMS", "mean", "chi-square", "p", "pixels"),
+            [[name, *region.cells] for name, region in found.regions.items()],
+        ),
+        Table(
+            ("shape", found.one, found.other),
+            [
+                [name, *(f"{value:.4g} ± {error:.2g}" for value, error in values)]
+                for name, values in found.shapes.items()
+            ],
+        ),
+        Table(("error of all pixels", "best fit in standard errors"), large),
+        Bullets([key.text for key in found.keys]),
+    ]
+
+
+def regions_csv(differences: Sequence[Difference]) -> str:
+    """Table of all regions of all differences."""
+    stream = io.StringIO()
+    names = [one.name for one in fields(RegionDifference)]
+    table = csv.writer(stream, lineterminator="\n")
+    table.writerow(["one", "other", "region", *names])
+    for each in differences:
+        for name, region in each.regions.items():
+            table.writerow([each.one, each.other, name, *asdict(region).values()])
+    return stream.getvalue()
