@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cldit.run import Run
 from cldit.show.figures.colours import CHANGE, Scale
-from cldit.show.figures.maps import frame_of, map_legend, map_panel, spray_window
+from cldit.show.figures.maps import frame_of, map_legend, map_panel, reasons_in, spray_window
 from cldit.show.figures.panels import GREY, Frame, Panel, joined, panels_figure, window_around
 from cldit.show.figures.style import png_of
 
@@ -24,7 +24,7 @@ def maps_png(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) ->
         map_panel(run.maps, scale, title=name, paper=False, frame=frame_of(run))
         for name, run in runs.items()
     ]
-    reasons = {reason for run in runs.values() for reason in run.maps.count()}
+    reasons = set().union(*(reasons_in(run.maps, frame_of(run), window) for run in runs.values()))
     legend = map_legend(reasons, scale, paper=False)
     figure = panels_figure(
         panels, title=title, window=window, columns=columns, shared=True, legend=legend

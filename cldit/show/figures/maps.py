@@ -62,6 +62,11 @@ def map_panels(maps: Maps, scale: Scale, *, paper: bool = False, **more: Any) ->
     ]
 
 
+def reasons_in(maps: Maps, frame: Frame, window: Window) -> set[int]:
+    """Reasons that occur in a part of maps."""
+    return set(np.unique(maps.reason[frame.slices(maps.reason.shape, window)]).tolist())
+
+
 def map_legend(reasons: Iterable[int], scale: Scale, *, paper: bool) -> list[tuple[Any, str]]:
     """Colours that no colour bar shows, of pixels of these `reasons`, and their meaning."""
     found = set(reasons)
@@ -112,9 +117,7 @@ def map_figure(
     limits = Scale(range_K or own.range_K, scale or own.emissivity)
     window = window or spray_window(maps, frame)
     panels = map_panels(maps, limits, paper=paper, stamp=stamp)
-    if reasons is None:
-        reasons = np.unique(maps.reason[frame.slices(maps.reason.shape, window)])
-    legend = map_legend(reasons, limits, paper=paper)
+    legend = map_legend(reasons or reasons_in(maps, frame, window), limits, paper=paper)
     return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 

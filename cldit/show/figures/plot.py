@@ -32,6 +32,7 @@ from cldit.show.figures.maps import (
     map_figure,
     map_legend,
     map_panels,
+    reasons_in,
     spray_window,
     weights_panels,
 )
@@ -127,7 +128,7 @@ def _summary(run: Run) -> Figure:
     raw = Panel(found.load(shot), f"camera frame, {background}", "signal / counts", colours=COUNTS)
     panels = [raw, *map_panels(maps, scale), errors_panels(maps)[0]]
     title, window = f"{run.scene.name}: simulated recording", spray_window(maps, frame)
-    legend = map_legend(maps.count(), scale, paper=False)
+    legend = map_legend(reasons_in(maps, frame, window), scale, paper=False)
     return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 
