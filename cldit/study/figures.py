@@ -18,13 +18,14 @@ _COLUMNS = 3
 
 def maps_png(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) -> bytes:
     """PNG of several maps of T_app in one scale, paler where the emissivity is low."""
-    scale = Scale.of(run.maps for run in runs.values())
-    window = joined([spray_window(run.maps, frame_of(run)) for run in runs.values()])
+    shown = {name: (run.maps, frame_of(run.scene)) for name, run in runs.items()}
+    scale = Scale.of(maps for maps, _ in shown.values())
+    window = joined([spray_window(*each) for each in shown.values()])
     panels = [
-        map_panel(run.maps, scale, title=name, paper=False, frame=frame_of(run))
-        for name, run in runs.items()
+        map_panel(maps, scale, title=name, paper=False, frame=frame)
+        for name, (maps, frame) in shown.items()
     ]
-    reasons = set().union(*(reasons_in(run.maps, frame_of(run), window) for run in runs.values()))
+    reasons = set().union(*(reasons_in(*each, window) for each in shown.values()))
     legend = map_legend(reasons, scale, paper=False)
     figure = panels_figure(
         panels, title=title, window=window, columns=columns, shared=True, legend=legend

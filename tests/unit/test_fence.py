@@ -41,9 +41,9 @@ BUDGETS: dict[str, int] = {
     "rig": 1764,
     "run": 2275,
     "scene": 2065,
-    "show": 6939,
+    "show": 6934,
     "spray": 6976,
-    "study": 2938,
+    "study": 2939,
     "testing": 1421,
     "transport": 7400,
 }

@@ -11,9 +11,10 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps, Reason
 from cldit.radiance.weights import Weights, compose
-from cldit.run import Run
+from cldit.scene import Scene
 from cldit.show.figures.colours import (
     COUNTS,
     EMISSIVITY,
@@ -27,10 +28,12 @@ from cldit.show.figures.colours import (
 from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
 
 
-def frame_of(run: Run, pixel_m: tuple[float, float] | None = None) -> Frame:
-    """Axes of the traced images of a run, or of others in its field with pixels of `pixel_m`."""
-    x, _, z = run.scene.target_m
-    return Frame(pixel_m=pixel_m or run.pixel_m, centre_m=(x, z))
+def frame_of(scene: Scene, *, sensor: bool = False) -> Frame:
+    """Axes of the traced images of a scene, or of those of its sensor."""
+    (width, height), (columns, rows) = scene.camera.field_m, scene.camera.pixels
+    pixel_m = SensorView.from_scene(scene).pixel_m if sensor else (width / columns, height / rows)
+    x, _, z = scene.target_m
+    return Frame(pixel_m, (x, z))
 
 
 def spray_window(maps: Maps, frame: Frame) -> Window:

@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cldit.acquisition.record import open_acquisition
-from cldit.camera.view import SensorView
 from cldit.dit.maps import UNITS, Maps
 from cldit.dit.profile import Profile, profile_of
 from cldit.errors import EvaluationError, RunFolderError
@@ -94,7 +93,7 @@ def _onto(ax: Axes, of: Any, what: str, **options: Any) -> Figure:
             f"plot: ax with {what!r}; allowed: maps, acquired or profile, of a run or an evaluation"
         )
     if isinstance(of, Run):
-        maps, frame = _recorded(of) if what == "acquired" else (of.maps, frame_of(of))
+        maps, frame = _recorded(of) if what == "acquired" else (of.maps, frame_of(of.scene))
     else:
         maps, frame = maps_of(of)
     draw_map(ax, maps, frame, **own, **options)
@@ -102,13 +101,13 @@ def _onto(ax: Axes, of: Any, what: str, **options: Any) -> Figure:
 
 
 def _maps(run: Run, **options: Any) -> Figure:
-    return map_figure(run.maps, frame_of(run), **{"title": run.scene.name, **options})
+    return map_figure(run.maps, frame_of(run.scene), **{"title": run.scene.name, **options})
 
 
 def _recorded(run: Run) -> tuple[Maps, Frame]:
     if run.measured is None:
         raise RunFolderError(f"{run.scene.name}: has no acquisition; run it without --trace-only")
-    return run.measured, frame_of(run, SensorView.from_scene(run.scene).pixel_m)
+    return run.measured, frame_of(run.scene, sensor=True)
 
 
 def _acquired(run: Run, **options: Any) -> Figure:
@@ -138,7 +137,7 @@ def _errors(run: Run) -> Figure:
 
 
 def _of_trace(run: Run, panels: Sequence[Panel], what: str) -> Figure:
-    frame = frame_of(run)
+    frame = frame_of(run.scene)
     window = spray_window(run.maps, frame)
     return panels_figure(panels, frame, title=f"{run.scene.name}: {what}", window=window)
 

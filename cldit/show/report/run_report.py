@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from cldit.accuracy.errors import Cause
 from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
-from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -61,7 +60,7 @@ def _folder(run: Run) -> Path:
 
 def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     """Names, figures and captions of a stored run; the first one is the main figure."""
-    traced, sensor = frame_of(run), _sensor_frame(run)
+    traced, sensor = frame_of(run.scene), frame_of(run.scene, sensor=True)
     name, delays = run.scene.name, run.scene.plan.delays_s
     window = spray_window(run.maps, traced)
     if run.measured is not None:
@@ -108,10 +107,6 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
             nodes_figure(run.info.spectral.errors_K, chosen=chosen, title=title),
             "Estimated error in T_app: lines of sight through this spray, against a fine spectrum.",
         )
-
-
-def _sensor_frame(run: Run) -> Frame:
-    return frame_of(run, SensorView.from_scene(run.scene).pixel_m)
 
 
 def write_figures(run: Run, *, suffix: str = ".png") -> dict[str, Figure]:
@@ -172,7 +167,7 @@ def _evaluation(run: Run) -> list[Section]:
     delays = run.scene.plan.delays_s
     return evaluation_sections(
         maps_folder(_folder(run) / "acquisition", delays, _delay_number(run, delays)),
-        _sensor_frame(run),
+        frame_of(run.scene, sensor=True),
         title=run.scene.name,
     )
 
@@ -190,7 +185,7 @@ def _origin(run: Run) -> list[Block]:
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
     title = f"{run.scene.name}: origin of the signal"
-    frame = frame_of(run)
+    frame = frame_of(run.scene)
     window = spray_window(run.maps, frame)
     figure = panels_figure(shares.panels(), frame, title=title, window=window)
     caption = f"Shares of the radiance in front of a background of {middle_K:g} K."

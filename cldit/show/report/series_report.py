@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
 from cldit.io.plain_data import dump_yaml
@@ -21,7 +20,7 @@ from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
 from cldit.show.figures.colours import Scale
 from cldit.show.figures.film import write_film
-from cldit.show.figures.maps import map_figure, spray_window
+from cldit.show.figures.maps import frame_of, map_figure, spray_window
 from cldit.show.figures.panels import Frame, Window, joined
 from cldit.show.figures.style import (
     SCREEN_DPI,
@@ -126,12 +125,7 @@ def _acquired(time: SeriesTime) -> bool:
 
 
 def _frame(scene: Scene, time: SeriesTime) -> Frame:
-    width, height = scene.camera.field_m
-    pixel_m = width / scene.camera.pixels[0], height / scene.camera.pixels[1]
-    if _acquired(time):
-        pixel_m = SensorView.from_scene(scene).pixel_m
-    x, _, z = scene.target_m
-    return Frame(pixel_m, (x, z))
+    return frame_of(scene, sensor=_acquired(time))
 
 
 @styled

@@ -52,7 +52,7 @@ def traced_item(run: Run, *, source: str) -> Item:
         "source": source,
         "time_s": spray_time_s(scene),
         **place_of(run.reference.background.shape, run.pixel_m, (x, z)),
-        "window_mm": spray_window(run.maps, frame_of(run)),
+        "window_mm": spray_window(run.maps, frame_of(run.scene)),
         "ends": planck_ends(run.quadrature.filter_um),
         "scene": {
             "backgrounds_K": list(scene.background.temperatures_K),

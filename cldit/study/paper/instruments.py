@@ -13,11 +13,12 @@ from cldit.optics.droplets import droplet_table
 from cldit.optics.liquid import liquid
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run
+from cldit.scene import Scene
 from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.colours import COUNTS
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
-from cldit.show.figures.panels import Frame, Panel, joined, panels_figure
+from cldit.show.figures.panels import Panel, joined, panels_figure
 from cldit.show.figures.style import png_of
 from cldit.show.report.optics_summary import FIG4, scene_optics
 from cldit.show.report.spray_report import liquid_mass, mass_panel
@@ -212,17 +213,16 @@ def camera(lab: Lab) -> Found:
                 "their T_app / K": invisible_K,
             }
         ],
-        pngs={"images": _exposure(raw, traced, Frame(view.pixel_m, view.centre_m), frame_of(run))},
+        pngs={"images": _exposure(raw, traced, run.scene)},
     )
 
 
-def _exposure(
-    raw: NDArray[np.uint16], traced: NDArray[np.float64], sensor: Frame, ray: Frame
-) -> bytes:
+def _exposure(raw: NDArray[np.uint16], traced: NDArray[np.float64], scene: Scene) -> bytes:
     low, high = (float(value) for value in np.percentile(traced, [0.1, 99.9]))
+    sensor, label = frame_of(scene, sensor=True), "signal / counts"
     panels = [
-        Panel(raw, "camera, one exposure", "signal / counts", (low, high), COUNTS, frame=sensor),
-        Panel(traced, "traced", "signal / counts", (low, high), COUNTS, frame=ray),
+        Panel(raw, "camera, one exposure", label, (low, high), COUNTS, frame=sensor),
+        Panel(traced, "traced", label, (low, high), COUNTS, frame=frame_of(scene)),
     ]
     window = sensor.extent_mm(raw.shape)
     return png_of(panels_figure(panels, title="camera", window=window, shared=True))

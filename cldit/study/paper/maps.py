@@ -271,7 +271,7 @@ def order(lab: Lab) -> Found:
         for time_ms in _TIMES_MS
     }
     title = "T_app with few orders minus T_app with all"
-    frame = frame_of(every[0.95])
+    frame = frame_of(every[0.95].scene)
     return Found(
         values={
             "orders": ", ".join(str(number) for number in _ORDERS),

@@ -67,7 +67,7 @@ def change_figures(
     about = sentences()[study]["about"]
     images = {name: Change.of(case, reference).image for name, case in cases.items()}
     title = f"T_app minus that of {reference_name}"
-    frame, every = frame_of(reference), {reference_name: reference, **cases}
+    frame, every = frame_of(reference.scene), {reference_name: reference, **cases}
     return {
         "changes": Figure(
             changes_png(images, frame, title=title, limit_K=limit_K),
@@ -275,7 +275,7 @@ def evaporation(lab: Lab) -> Found:
         f"{model}, {p:g} MPa, {t:g} K": changes[p, model].image
         for p, t, model in [*shown, (0.6, 570.0, _CHANCE)]
     }
-    frame = frame_of(reference)
+    frame = frame_of(reference.scene)
     title = f"T_app minus that with {_REFERENCE}"
     hot_K = max(changes[0.6, model].rms() for model in _MODELS)
     return Found(

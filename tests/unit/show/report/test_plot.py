@@ -56,7 +56,7 @@ def test_maps_are_those_of_the_run(run: Run) -> None:
     shown = axes.images[-1].get_array()
     assert shown is not None
     values = np.ma.filled(shown, np.nan)
-    frame = frame_of(run)
+    frame = frame_of(run.scene)
     part = frame.slices(run.maps.reason.shape, spray_window(run.maps, frame))
     np.testing.assert_allclose(values, run.maps.emissivity_standard_error[part])
 
@@ -73,7 +73,7 @@ def test_one_quantity_goes_into_other_axes(run: Run, emissivity: bool) -> None:
         values = run.maps.emissivity if emissivity else run.maps.apparent_temperature_K
         image = left.images[0]
         np.testing.assert_allclose(np.ma.filled(image.get_array(), np.nan), values)
-        assert tuple(image.get_extent()) == frame_of(run).extent_mm(values.shape)
+        assert tuple(image.get_extent()) == frame_of(run.scene).extent_mm(values.shape)
         shown = profile.emissivity if emissivity else profile.apparent_temperature_K
         np.testing.assert_allclose(right.lines[0].get_ydata(), shown)
         np.testing.assert_allclose(right.lines[0].get_xdata(), 1e3 * profile.distance_m)

@@ -97,7 +97,7 @@ def kinds(tables: Path) -> Iterator[tuple[str, Figure]]:
     for what in ("maps", "acquired", "summary", "errors", "weights", "spectrum", "profile"):
         yield f"run: {what}", run.plot(what)
     yield "run: paper", run.plot("maps", paper=True)
-    frame, shape = frame_of(run), run.maps.emissivity.shape
+    frame, shape = frame_of(run.scene), run.maps.emissivity.shape
     whole = frame.extent_mm(shape)
     yield "run: whole", map_figure(run.maps, frame, title="whole " * 9, window=whole, stamp="1 ms")
     yield "camera", camera_figures({400.0: 1e4 * run.maps.emissivity}, frame, title="old")[400.0]
