@@ -59,7 +59,7 @@ class Result:
 
     trace_error: None if nothing scatters. estimates: by source, empty without audit.
     error_maps: of `errors` (H, W), by source. unstated: why no error is stated, if none is. model:
-    spread of the model itself, as far as it is traced.
+    change by a lens and spread of the model itself, as far as they are known.
     """
 
     resolution: Resolution

@@ -99,7 +99,7 @@ class Estimate:
 class Errors:
     """Errors of the simulation by source, independent of each other: their squares add up.
 
-    model: the spread of the model itself (evaporation, n and k), which is never in the sum. why:
+    model: changes by a lens and by the model itself (n and k), which are never in the sum. why:
     reason why there is no error to state, although there are sources of it; empty otherwise.
     """
 

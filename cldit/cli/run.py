@@ -302,7 +302,7 @@ def _print_causes(errors: Errors) -> None:
     if errors.causes:
         OUT.print(table)
     if errors.model:
-        OUT.print("spread of the model itself, not in the sum:")
+        OUT.print("model and camera, not in the sum:")
         for cause in errors.model:
             OUT.print(f"  {cause.name}: {cause.text} ({cause.how})", style="dim")
 

@@ -144,13 +144,26 @@ class Camera(Section):
         return (self.lens and self.lens.focus_m) or self.distance_m
 
     @property
+    def focal_length_m(self) -> float:
+        """Focal length of the lens, by default that which images the field onto the sensor."""
+        sensor_m = self.distance_m * self.sensor.pitch_m / self.pixel_m  # behind the lens
+        given = self.lens and self.lens.focal_length_m
+        return given or 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
+
+    @property
     def aperture_m(self) -> float:
         """Diameter of the lens' aperture; 0 for a pinhole."""
+        return 0.0 if self.lens is None else self.focal_length_m / self.f_number
+
+    @property
+    def seen_through(self) -> str:
+        """The lens, or the pinhole or parallel lines of sight in its place, for reports."""
         if self.lens is None:
-            return 0.0
-        sensor_m = self.distance_m * self.sensor.pitch_m / self.pixel_m  # behind the lens
-        focal_m = self.lens.focal_length_m or 1.0 / (1.0 / self.focus_m + 1.0 / sensor_m)
-        return focal_m / self.f_number
+            return f"none ({self.model})"
+        return (
+            f"f/{self.f_number:g}, focal length {1e3 * self.focal_length_m:.4g} mm, in focus at "
+            f"{self.focus_m:g} m"
+        )
 
     @property
     def rays_across(self) -> int | None:

@@ -228,6 +228,7 @@ def _spray(run: Run) -> dict[str, str]:
 
 def _trace(run: Run) -> dict[str, str]:
     rows = {name.replace("_", " "): str(value) for name, value in run.info.counts.items()}
+    rows["lens"] = run.scene.camera.seen_through
     rows["integration time"] = f"{run.info.integration_time_s * 1e6:.4g} µs"
     rows |= _spectral(run)
     rows["phase function"] = run.info.phase
