@@ -222,7 +222,8 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     result = replace(result, trace_error=trace_error, estimates=estimates)
     pixels_K, asked_K = at.error_K(PIXEL_SAMPLING), result.resolution.pixels_K
     if pixels_K is not None and asked_K is not None and pixels_K > _CLOSE * asked_K:
-        result = result.limited("pixel sampling", MOST_RAYS)
+        why = next(iter(traces.short), MOST_RAYS)
+        result = result.limited("pixel sampling", why)
     maps = error_maps(result.errors, maps_K, result.maps.has_temperature)
     return replace(result, error_maps=maps, model=lens_omission(tracer.prepared, image))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,20 @@ from cldit.transport.view import View, upload_directory
 
 Floats = NDArray[np.float64]
 Reals = NDArray[np.floating]  # of the device's precision
-# Maps pixels (N,), rays across each, their weights so far (C, N), and the number of other pixels
-# that have a T_app to the terms to add to each image, (images, C + 1, N).
-Gathered = Callable[[NDArray[np.int64], int, Reals, int], Floats]
-
 _GROUP = 64
+
+
+class Gathered(Protocol):
+    """Adds the light that thick cells scatter."""
+
+    def __call__(
+        self, pixels: NDArray[np.int64], across: int, seen: Reals, other: int, /
+    ) -> Floats:
+        """Maps pixels (N,), rays across each, their weights so far (C, N), and the number of other
+        pixels that have a T_app to the terms to add to each image, (images, C + 1, N)."""
+
+    def affords(self, rays: int, /) -> bool:
+        """True if the scatterings that an image may have suffice for so many more rays."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +178,10 @@ class Rays:
             return self._gathered(self._listed(some, each), some, each)
 
         return by_number(traced, pixels, across)
+
+    def affords(self, rays: int) -> bool:
+        """True if paths in thick cells allow so many more rays."""
+        return self.gather is None or self.gather.affords(rays)
 
     def _gathered(self, planes: Reals, pixels: NDArray[np.int64], across: int) -> Reals:
         """Images (images, C + 1, N) of the kernel's planes (P, N), and what thick cells scatter."""

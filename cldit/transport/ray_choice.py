@@ -218,7 +218,7 @@ class RayChoice:
                 break
             wanted = allocated(square, self.across, allowed=_SAFE * count * error_K**2)
             more = np.flatnonzero(wanted > self.across)
-            if not len(more):
+            if not len(more) or not self.rays.affords(int(np.sum(4 * self.across[more] ** 2))):
                 break
             if np.all(self.across == 1):
                 self._widen()

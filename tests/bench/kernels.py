@@ -130,12 +130,16 @@ class Kernels:
         gather = Gather(image, cells.box(), region, camera.cell_sources, settings, flags)
         found: list[NDArray[np.int64]] = []
 
-        def collect(pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
-            found.append(pixels)
-            return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
+        class Collect:
+            def __call__(self, pixels: NDArray[np.int64], _: int, seen: Reals, __: int) -> Floats:
+                found.append(pixels)
+                return np.zeros((image.at_once, len(seen) + 1, len(pixels)))
+
+            def affords(self, _: int) -> bool:
+                return True
 
         rays = image.with_sources(
-            list(camera.halves), camera.defect, collect, gradient=camera.gradient
+            list(camera.halves), camera.defect, Collect(), gradient=camera.gradient
         )
         rays.middle()
         pixels = np.concatenate([np.zeros(0, np.int64), *found])

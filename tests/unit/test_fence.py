@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3894,
+    "accuracy": 3895,
     "acquisition": 5549,
     "api": 1138,
     "bench": 1038,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6976,
     "study": 2939,
     "testing": 1421,
-    "transport": 7400,
+    "transport": 7426,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

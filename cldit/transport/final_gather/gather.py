@@ -245,6 +245,7 @@ class Gather:
             )
         self.samples, self.seconds = 0, 0.0
         self._segments, self._diffusive = 0.0, thick.diffusive
+        self._spent, self._rays = 0.0, 0  # of all calls
         self.short = ""
 
     def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
@@ -327,7 +328,7 @@ class Gather:
             ideal = neyman_allocation(energy, had_of, size_of, allowed=allowed)[tiles]
             limit = np.minimum(tuning.growth * samples, most // (2 * across**2))
             longest = self._segments / samples.sum()  # mean number in a path of either half
-            allowed_samples = tuning.path_segments / max(longest, 1.0)
+            allowed_samples = (tuning.path_segments - self._spent) / max(longest, 1.0)
             wanted_of = np.maximum(np.minimum(ideal, limit), samples)
             while wanted_of.sum() > allowed_samples and not np.array_equal(wanted_of, samples):
                 wanted_of = np.maximum(wanted_of // 2, samples)
@@ -342,9 +343,21 @@ class Gather:
                     "increase transport.max_samples or transport.accuracy_K"
                 )
                 break
+        self._spent, self._rays = self._spent + self._segments, self._rays + count * across**2
         self.samples = self.samples or int(2 * samples.mean() * across**2)
         self.seconds += time.perf_counter() - start
         return means
+
+    def affords(self, rays: int) -> bool:
+        """True if the scatterings that an image may have suffice for so many more rays."""
+        most = self._settings.tuning.path_segments
+        enough = not self._rays or self._spent * (1 + rays / self._rays) <= most
+        if not enough:
+            self.short = self.short or (
+                f"paths in thick cells: no more rays for pixels, as an image may have {most:.0e} "
+                "scatterings; allowed: more camera.pixels, or a larger transport.accuracy_K"
+            )
+        return enough
 
     def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
         """Numbers (N,) of the image tiles of the pixels."""

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
+from cldit.transport.final_gather.gather import Gather
 from cldit.transport.ray_choice import MOST_ACROSS, allocated, as_shared, evaluated
 from cldit.transport.sobol import net
+from cldit.transport.tuning import Tuning
 
 ONE = np.ones(1000, np.int64)
 
@@ -70,3 +75,12 @@ def test_few_rays_stand_for_the_exact_share_of_the_background() -> None:
     # DIT subtracts the wall's light without the spray, and divides by the background's share.
     wanted = [0.3, (0.3 - 1.0) * 0.421 / 0.579, 0.5 / 0.579]
     assert evaluated(few, seen, exact)[:, 0] == pytest.approx(wanted)
+
+
+def test_rays_through_thick_cells_share_the_paths_of_an_image() -> None:
+    """A thousand rays took half of the scatterings that an image may have."""
+    gather = object.__new__(Gather)
+    gather._settings = cast(Any, SimpleNamespace(tuning=Tuning(path_segments=1e6)))
+    gather._spent, gather._rays, gather.short = 5e5, 1000, ""
+    assert gather.affords(1000) and not gather.short
+    assert not gather.affords(1001) and "1e+06 scatterings" in gather.short
