@@ -15,8 +15,10 @@ from cldit.comparison.difference import Difference, difference
 from cldit.comparison.shown import open_shown
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
+from cldit.io.files import read_text
 from cldit.io.origin import FileRead
 from cldit.run import Run, Say, open_run, simulate
+from cldit.run.folder import SCENE_FILE
 from cldit.scene import dump_scene
 
 
@@ -58,8 +60,10 @@ def inputs_that_changed(run: Run) -> tuple[str, ...]:
     found = []
     origin = run.info.origin
     if origin is not None and origin.scene_sha256:
-        here = hashlib.sha256(dump_scene(run.scene).encode()).hexdigest()
-        if here != origin.scene_sha256:
+        texts = [dump_scene(run.scene)]
+        if run.folder is not None:  # another version has other keys, and wrote other text
+            texts.append(read_text(run.folder / SCENE_FILE))
+        if origin.scene_sha256 not in (hashlib.sha256(text.encode()).hexdigest() for text in texts):
             found.append(f"{run.folder or run.scene.name}/scene.yaml: has changed since the run")
     for was in run.info.files if origin is None else origin.inputs:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +37,7 @@ def test_the_record_says_how(run: Run) -> None:
     assert run.folder is not None
     data = json.loads((run.folder / "run.json").read_text())
     origin = data["origin"]
-    assert origin["seeds"] == {"transport.seed": 1, "rig.seed": 1}
+    assert origin["seeds"] == {"transport.seed": 1, "rig.seed": 1, "spray.scatter.seed": 1}
     assert origin["date"].endswith("+00:00") and origin["command"] and origin["processor"]
     assert {"cldit", "numpy", "numba", "pyopencl", "python", "opencl"} <= set(data["versions"])
     assert open_run(run.folder).info == run.info
@@ -62,6 +63,19 @@ def test_what_differs_is_told(run: Run, tmp_path: Path) -> None:
     done = command("repeat", copy)
     assert done.exit_code == 3, done.output
     assert "no pixel has a T_app in both" in done.output
+
+
+def test_a_scene_of_another_version_has_not_changed(run: Run, tmp_path: Path) -> None:
+    """Its text has other keys; what counts is the file that the run wrote."""
+    run.save(tmp_path / "old")
+    file = tmp_path / "old" / "scene.yaml"
+    file.write_text(file.read_text(encoding="utf-8") + "# of an older version\n", encoding="utf-8")
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    stored = open_run(tmp_path / "old")
+    origin = replace(Origin.now(inputs=[]), scene_sha256=digest)
+    assert inputs_that_changed(replace(stored, info=replace(stored.info, origin=origin))) == ()
+    file.write_text(file.read_text(encoding="utf-8") + "#\n", encoding="utf-8")
+    assert inputs_that_changed(replace(stored, info=replace(stored.info, origin=origin)))
 
 
 def test_inputs_are_named(run: Run, tmp_path: Path) -> None:
