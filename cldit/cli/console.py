@@ -78,7 +78,7 @@ class ProgressBar:
             TimeRemainingColumn(),
             console=OUT,
             transient=True,
-            disable=not OUT.is_terminal,  # else it leaves empty lines in a file or pipe
+            disable=not (OUT.is_terminal and OUT.file.isatty()),  # FORCE_COLOR is set in notebooks
         )
         self._task: Any = None
 

@@ -8,7 +8,7 @@ import click
 
 from cldit.acquisition.export import FORMATS, ExportError, export
 from cldit.acquisition.record import acquisition_in, open_acquisition
-from cldit.cli.console import OUT, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, plain_errors
 
 _OCTREE = ("vtkhdf", "vtu")
 
@@ -52,15 +52,16 @@ def _octree(
     from cldit.run.folder import open_run
     from cldit.run.octree_export import export_octree
 
-    written = export_octree(
-        open_run(folder),
-        form,
-        out,
-        device=open_device(device),
-        cache=default_cache(),
-        node=node,
-        own_frame=own_frame,
-        say=say,
-    )
+    with ProgressBar() as bar:
+        written = export_octree(
+            open_run(folder),
+            form,
+            out,
+            device=open_device(device),
+            cache=default_cache(),
+            node=node,
+            own_frame=own_frame,
+            say=bar.say,
+        )
     for path in written:
         OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

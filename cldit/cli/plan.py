@@ -10,7 +10,7 @@ import numpy as np
 
 from cldit.acquisition.plan import StabilitySection, plan_from_scene
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, folded_table, plain_errors, say
+from cldit.cli.console import OUT, ProgressBar, folded_table, plain_errors, say
 from cldit.cli.options import KELVIN, SCENE, device_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_next
@@ -107,7 +107,8 @@ def plan_command(
         raise click.UsageError("allowed: SCENE --error K, or --separate A B with --delays")
     loaded = load_scene(scene)
     folder = out or Path("runs") / f"{loaded.name}-plan"
-    run = simulate(loaded, folder, device=open_device(device), progress=say)
+    with ProgressBar() as bar:
+        run = simulate(loaded, folder, device=open_device(device), progress=bar.say)
     subject = Subject.of(
         loaded, run.quadrature, run.spectral, run.reference, least_emissivity=least_emissivity
     )
