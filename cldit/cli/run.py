@@ -9,6 +9,7 @@ import click
 from rich.table import Table
 
 from cldit.accuracy.errors import Errors
+from cldit.acquisition.progress import Progress
 from cldit.api.experiment import run_experiment
 from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
@@ -32,14 +33,16 @@ from cldit.cli.results import (
     print_reach,
 )
 from cldit.errors import SceneError
-from cldit.gpu.device import open_device
+from cldit.gpu.device import Device, open_device
 from cldit.io.extras import install_line
 from cldit.run import Run, simulate
 from cldit.run.folder import SCENE_FILE, free_folder
 from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
+from cldit.scene.delays import SAME_s, alone, delay_folder, scene_at, spray_time_s
 from cldit.scene.load import short_changes
+from cldit.scene.scatter import members_of
 from cldit.show.figures.film import mp4_possible
 from cldit.show.figures.readable import human_figures
 
@@ -108,6 +111,12 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
     type=click.IntRange(1, 1000),
     help="Number of injections, which differ by spray.scatter; the image is their mean.",
 )
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 1024),
+    help="Processes that trace injections side by side; default: one after the other.",
+)
+@click.option("--scheduler", help="Address of a dask scheduler for the injections.")
 @click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @verbose_option
@@ -128,6 +137,8 @@ def run(
     field_mm: str | None,
     times: str | None,
     members: int | None,
+    workers: int | None,
+    scheduler: str | None,
     quick: bool,
     trace_only: bool,
     verbose: bool,
@@ -161,6 +172,10 @@ def run(
     if verbose:
         OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
     with ProgressBar(stages=verbose) as bar:
+        if workers is not None or scheduler is not None:
+            if times is not None:
+                raise SceneError("--workers, --scheduler: allowed without --times")
+            _side_by_side(chosen, folder, bar, opened, workers, scheduler)
         if times is not None:
             series = run_series(
                 chosen,
@@ -183,6 +198,35 @@ def run(
         _print_stages(result)
     _print_run(result)
     return Outcome(_data(result))
+
+
+def _side_by_side(
+    scene: Scene,
+    folder: Path,
+    bar: ProgressBar,
+    device: Device,
+    workers: int | None,
+    scheduler: str | None,
+) -> None:
+    """Traces the injections of a scene, and of its delays, before the run finds them."""
+    from cldit.study.side_by_side import trace_members  # brings the extra `studies`
+
+    if members_of(scene) == 1:
+        raise SceneError("--workers, --scheduler: one injection; allowed: with --ensemble N")
+    places = {folder: scene}
+    for delay_s in scene.plan.delays_s:
+        if abs(delay_s - (spray_time_s(scene) or 0.0)) > SAME_s:
+            places[folder / delay_folder(delay_s)] = alone(scene_at(scene, delay_s))
+    for place, one in places.items():
+        trace_members(
+            one,
+            place,
+            workers=workers,
+            scheduler=scheduler,
+            device=device,
+            progress=bar.say,
+            watch=lambda at: bar.watch(Progress("injections", at.done, at.total, at.remaining_s)),
+        )
 
 
 def _data(result: Run) -> dict[str, Any]:
@@ -266,7 +310,7 @@ def _print_run(result: Run) -> None:
     """Prints the result: maps, error, reach of the spray, files and the next command."""
     print_maps(result.maps if result.measured is None else result.measured)
     if result.ensemble is not None:
-        _print_ensemble(result)
+        OUT.print(f"{result.ensemble.members} injections, {result.ensemble.text(result)}")
     if result.errors is not None:
         print_error(result.errors)
     elif result.info.accuracy_K is not None:
@@ -277,22 +321,6 @@ def _print_run(result: Run) -> None:
         names = ("pictures/maps.png", "report.html") if result.measured is not None else ("maps",)
         print_files(*(result.folder / name for name in names))
         print_next("cldit", "view", result.folder)
-
-
-def _print_ensemble(result: Run) -> None:
-    """Prints how much injections differ, RMS over the pixels with a T_app."""
-    assert result.ensemble is not None
-    OUT.print(f"{result.ensemble.members} injections, T_app, RMS:")
-    for name, kelvin in result.ensemble.figures(result).items():
-        OUT.print(f"  {_FIGURES[name]}: {kelvin:.2g} K")
-
-
-_FIGURES = {
-    "deviation_K": "standard deviation of one injection",
-    "standard_error_K": "standard error of the mean light",
-    "mean_less_mean_light_K": "mean of T_app less T_app of the mean light",
-    "mean_light_less_nominal_K": "mean light less the nominal injection",
-}
 
 
 def _print_causes(errors: Errors) -> None:

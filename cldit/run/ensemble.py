@@ -2,7 +2,7 @@
 
 The nominal scene is traced first, with its error; its resolution is that of all members. Every run
 has a folder of its own in that of the mean, `nominal` and `members/0001`, .., so that a run that
-was stopped continues, and members can be traced side by side (`cldit.study.sweep`).
+was stopped continues, and members can be traced side by side (`cldit.study.side_by_side`).
 """
 
 from __future__ import annotations
@@ -63,14 +63,30 @@ class Ensemble:
         """Writes a TIFF for each map, for pixels of `pixel_m`."""
         make_folder(folder)
         for name, image in self.maps.items():
-            words = name.removesuffix("_K").replace("_", " ")
             path, unit = folder / f"{name}.tif", _UNITS[name]
-            write_image(path, image, name=words, unit=unit, pixel_m=pixel_m)
+            write_image(path, image, name=_words(name), unit=unit, pixel_m=pixel_m)
 
     @classmethod
     def load(cls, folder: Path, members: int) -> Ensemble:
         """Reads the files of `save`; raises RunFolderError if one is missing or damaged."""
         return cls(members, {name: read_image(folder / f"{name}.tif")[0] for name in _UNITS})
+
+    @property
+    def labelled(self) -> dict[str, tuple[Image, str, str]]:
+        """Image, unit and description of each map, for `cldit.run.labelled`."""
+        return {
+            f"ensemble_{name}": (
+                image,
+                _UNITS[name],
+                f"{_words(name)} of {self.members} injections",
+            )
+            for name, image in self.maps.items()
+        }
+
+    def text(self, run: Run) -> str:
+        """The figures on one line."""
+        each = (f"{_FIGURES[name]} {kelvin:.2g} K" for name, kelvin in self.figures(run).items())
+        return f"T_app, RMS: {', '.join(each)}"
 
     def figures(self, run: Run) -> dict[str, float]:
         """RMS over pixels where all members and `run` have a T_app: deviation of one injection,
@@ -89,6 +105,18 @@ class Ensemble:
             for name, image in found.items()
             if (here := seen & np.isfinite(image)).any()
         }
+
+
+_FIGURES = {
+    "deviation_K": "standard deviation of one injection",
+    "standard_error_K": "standard error of the mean light",
+    "mean_less_mean_light_K": "mean of T_app less T_app of the mean light",
+    "mean_light_less_nominal_K": "mean light less the nominal injection",
+}
+
+
+def _words(name: str) -> str:
+    return name.removesuffix("_K").replace("_", " ")
 
 
 @dataclass
@@ -164,8 +192,7 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
     `trace` returns the run of one scene in a folder, with the resolution of another run.
     """
     if folder is not None:
-        make_folder(folder)
-        write_text(folder / "scene.yaml", dump_scene(scene))  # first: it says what the folder is
+        begin(scene, folder)
     first = trace(nominal(scene), folder and folder / NOMINAL, like)
     members = members_of(scene)
     sums = _Sums(Curve(filter_um=first.quadrature.filter_um))
@@ -199,6 +226,12 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
         ensemble=statistics,
         folder=folder,
     )
+
+
+def begin(scene: Scene, folder: Path) -> None:
+    """Writes the scene into the folder of an ensemble, first of all: it says what the folder is."""
+    make_folder(folder)
+    write_text(folder / "scene.yaml", dump_scene(scene))
 
 
 def member_folder(folder: Path, number: int) -> Path:

@@ -48,6 +48,7 @@ def labelled(
     pixel_m: tuple[float, float],
     weights: Weights | None = None,
     error_maps: Mapping[str, NDArray[np.float32]] | None = None,
+    more: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
 ) -> xarray.Dataset:
     """Maps, and weights where they are given, over x and z of the plane of the target.
@@ -58,12 +59,13 @@ def labelled(
         pixel_m: width and height of their pixels in the plane of the target.
         weights: (H, W) of the trace; None omits them.
         error_maps: (H, W) standard error of the simulation's T_app by source, and `total`.
+        more: further variables, as in `labelled_maps`.
         attrs: of the data set, in addition to the scene.
 
     Returns:
         As `labelled_maps`; raises as it.
     """
-    variables: dict[str, Any] = {}
+    variables: dict[str, Any] = dict(more or {})
     if weights is not None:
         for name, image in weights.images.items():
             unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"

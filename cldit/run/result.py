@@ -197,6 +197,7 @@ class Run(Presented):
                 pixel_m=self.pixel_m,
                 weights=self.weights,
                 error_maps=self.error_maps,
+                more={} if self.ensemble is None else self.ensemble.labelled,
                 attrs=attrs,
             )
         if self.measured is None:

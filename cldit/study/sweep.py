@@ -100,7 +100,7 @@ def run_sweep(
         failed: list[tuple[int, str]] = []
         start, come = time.perf_counter(), 0
         if groups:
-            with _client(scheduler, min(workers or len(groups), len(groups)), workers) as client:
+            with client_of(scheduler, min(workers or len(groups), len(groups)), workers) as client:
                 for finished in _results(client, list(groups.values()), cache):
                     for point, result, worker, seconds in finished:
                         if isinstance(result, str):
@@ -179,7 +179,7 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
         start = time.perf_counter()
         try:
             run = runs.run(
-                point.scene, device=_device(), spray=None if spray is None else lambda: spray
+                point.scene, device=worker_device(), spray=None if spray is None else lambda: spray
             )
             found: Result | str = Result.of(run)
         except ClditError as error:
@@ -189,7 +189,7 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
 
 
 @cache
-def _device() -> Device:
+def worker_device() -> Device:
     """Device of this worker, whose number chooses among the GPUs."""
     gpus = [info.index for info in list_devices() if info.kind == "gpu"]
     name = extra("distributed").get_worker().name
@@ -205,7 +205,8 @@ def local_workers(groups: int) -> tuple[int, int]:
 
 
 @contextmanager
-def _client(scheduler: str | None, groups: int, workers: int | None) -> Iterator[Any]:
+def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterator[Any]:
+    """Client of a running scheduler, or of workers on this machine for so many groups."""
     distributed, dask = extra("distributed"), extra("dask")
     settings = {
         "distributed.scheduler.allowed-failures": _DEATHS,

@@ -18,6 +18,7 @@ from cldit.run import RunCache, reevaluated
 from cldit.scene import Scene, parse_scene
 from cldit.study.dataset import open_folder
 from cldit.study.grid import Grid
+from cldit.study.side_by_side import trace_members
 from cldit.study.sweep import Progress, run_sweep
 from tests.extras import needs
 
@@ -157,3 +158,26 @@ def test_a_sweep_killed_in_its_first_seconds_goes_on(
     assert open_folder(out, scene, grid).done() == set()
     study = cldit.open_study(out)
     assert study.sizes["walls.temperature_K"] == 2 and bool(np.isnan(study.emissivity).all())
+
+
+@pytest.mark.slow
+def test_injections_side_by_side(scene: Scene, cluster: Any, tmp_path: Path) -> None:
+    """Traced by two workers, an ensemble is the one that is traced in sequence; a second call
+    traces what is missing alone."""
+    keys = {"spray.scatter.members": 4, "spray.scatter.mass": 0.1}
+    several = scene.with_(**keys)
+    seen: list[Progress] = []
+    out = tmp_path / "out"
+    count = trace_members(
+        several, out, scheduler=cluster.scheduler_address, cache=tmp_path, watch=seen.append
+    )
+    assert count == 4 and (seen[-1].done, seen[-1].total) == (4, 4)
+    (out / "members" / "0002" / "run.json").unlink()
+    again = trace_members(several, out, scheduler=cluster.scheduler_address, cache=tmp_path)
+    assert again == 1
+    run = cldit.simulate(several, out, cache=tmp_path)
+    alone = cldit.simulate(several, tmp_path / "alone", cache=tmp_path)
+    assert run.ensemble is not None and alone.ensemble is not None
+    for name, image in alone.ensemble.maps.items():
+        assert run.ensemble[name] == pytest.approx(image, nan_ok=True, abs=1e-2, rel=1e-3)
+    assert trace_members(several, out, cache=tmp_path) == 0

@@ -183,6 +183,19 @@ def errors_panels(maps: Maps) -> list[Panel]:
     ]
 
 
+def injections_panels(run: Run) -> list[Panel]:
+    """Panels of how injections differ: the deviation of one, and the mean's standard error."""
+    assert run.ensemble is not None
+    deviation = run.ensemble["apparent_temperature_deviation_K"]
+    error = run.ensemble["apparent_temperature_standard_error_K"]
+    limits = (0.0, robust_limits(deviation)[1])
+    titles = ("standard deviation of one injection", "standard error of the mean light")
+    return [
+        Panel(image, title, "T_app / K", limits, ERROR)
+        for image, title in zip((deviation, error), titles, strict=True)
+    ]
+
+
 def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
     """Panels of the standard error of T_app, (H, W) by cause: the total, and the largest."""
 

@@ -28,6 +28,7 @@ from cldit.show.figures.maps import (
     error_maps_panels,
     errors_panels,
     frame_of,
+    injections_panels,
     map_figure,
     spray_window,
     weights_panels,
@@ -99,6 +100,13 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
             "simulation_errors",
             panels_figure(panels, traced, title=title, window=window),
             "Standard error of the simulation itself; errors/ has a map of every cause.",
+        )
+    if run.ensemble is not None:
+        title = f"{name}: {run.ensemble.members} injections"
+        yield (
+            "injections",
+            panels_figure(injections_panels(run), traced, title=title, window=window),
+            f"Differences between injections; {run.ensemble.text(run)}.",
         )
     if run.info.spectral is not None and run.info.spectral.errors_K:
         chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"
@@ -300,7 +308,7 @@ def write_run_report(run: Run) -> Path:
     if run.measured is not None:
         shown.append(figures["maps_noise_free"])
     shown += [figure for name, figure in figures.items() if name.startswith("maps_delay_")]
-    more = ("simulation_errors", "errors", "weights", "wavelengths")
+    more = ("injections", "simulation_errors", "errors", "weights", "wavelengths")
     origin = {} if run.info.origin is None else run.info.origin.text
     computed = {"device": f"{run.info.device}: {run.info.device_reason}"}
     content: list[Block] = [

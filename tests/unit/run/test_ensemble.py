@@ -16,6 +16,7 @@ from cldit.run.ensemble import ensemble_run
 from cldit.run.result import Run
 from cldit.scene import Scene, load_scene
 from cldit.scene.scatter import member
+from cldit.show.report.run_report import _figures
 
 _MEMBERS = 5
 
@@ -134,3 +135,12 @@ def test_it_continues_where_it_stopped(made: Run, device: Device, tables: Path) 
     for name, image in made.ensemble.maps.items():
         assert again.ensemble[name] == pytest.approx(image, nan_ok=True, abs=2e-2, rel=1e-3)
         assert np.array_equal(read.ensemble[name], again.ensemble[name], equal_nan=True)
+
+
+def test_its_maps_are_labelled_and_drawn(made: Run) -> None:
+    data = made.to_xarray()
+    found = data["ensemble_apparent_temperature_deviation_K"]
+    assert found.dims == ("z", "x") and found.attrs["units"] == "K"
+    assert found.attrs["long_name"] == "apparent temperature deviation of 5 injections"
+    captions = {name: caption for name, _, caption in _figures(made)}
+    assert "standard deviation of one injection" in captions["injections"]
