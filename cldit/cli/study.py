@@ -54,7 +54,8 @@ def study(
     \b
     Names, or figures of the paper (fig12):
       methane, optics, visible, camera, conditions, order, walls,
-      sizes, index, vapour, evaporation, fuel-temperature
+      sizes, index, vapour, evaporation, models,
+      fuel-temperature
 
     --grid "walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370": all combinations;
     start:stop:step includes the stop.

@@ -13,6 +13,7 @@ from cldit.accuracy.errors import OMISSION, PARTS, Cause
 from cldit.comparison.shown import Image, Shown
 from cldit.run import Run
 from cldit.scene import Scene
+from cldit.scene.scatter import without_scatter
 
 _LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
 
@@ -64,7 +65,7 @@ def _same_parts(one: Run, other: Run) -> set[str]:
         return all(plans[0].get(key) == plans[1].get(key) for key in keys)
 
     files = [[file.sha256 for file in run.info.files] for run in (one, other)]
-    same = first.spray == second.spray and files[0] == files[1]
+    same = without_scatter(first) == without_scatter(second) and files[0] == files[1]
     spray, classes = same and planned(_LATTICE), same and planned(_CLASSES)
     both = spray and classes
     optics = both and first.optics == second.optics and one.quadrature == other.quadrature

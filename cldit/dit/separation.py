@@ -43,7 +43,8 @@ Floats = NDArray[np.float64]
 LEVEL, POWER = 0.01, 0.95
 NEEDED = float(norm.isf(LEVEL) + norm.isf(1.0 - POWER))
 _LEVELS = 5  # of the lowest and of the highest background that are tried
-_FACTORS = np.geomspace(1e-2, 1e4, 25)
+_FACTORS = np.geomspace(1e-4, 1e4, 25)
+_BETWEEN = np.geomspace(0.47, 2.15, 17)  # to the next of these: z to 5 %
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,6 +134,14 @@ class Rivals:
         test, taken = self._test(best.backgrounds_K), best.shots or MOST_SHOTS
         each = {name: test.without(name).distance(taken) for name in (*test.setup, *test.models)}
         return replace(best, largest=max(each, key=lambda name: each[name], default=""))
+
+    def distance(self, backgrounds_K: tuple[float, ...], shots: int) -> float:
+        """z with so many injections, and references, at each background."""
+        return self._test(backgrounds_K).distance(shots)
+
+    def rms_K(self, backgrounds_K: tuple[float, ...]) -> float:
+        """RMS of the difference of T_app."""
+        return float(np.sqrt(np.mean(self._test(backgrounds_K).change_K ** 2)))
 
     def at(
         self, backgrounds_K: tuple[float, ...], blackbody: BlackBody, *, shot_s: float
@@ -234,19 +243,25 @@ class _Test:
         """z with so many injections and references per background."""
         noise = np.sqrt(self.noise_K2 / shots)
         size = np.sqrt(self.varied_K2 / shots + sum(one**2 for one in self.models.values()))
-        d = self.change_K
-        u = np.clip(_FACTORS[:, None] * d, -size, size) / noise
-        z = d / noise
+        z = self.change_K / noise
         b = np.array([*self.depth / math.sqrt(shots), *self.setup.values()]) / noise
-        # Sums of squares of what the errors of known image leave, and of their sizes; as
-        # differences they would lose all digits.
-        both = np.vstack([z, u])
-        sizes = np.linalg.solve(np.eye(len(b)) + b @ b.T, b @ both.T)
-        left = np.hstack([both - sizes.T @ b, sizes.T])
-        own = left[1:]
-        factor = (own @ left[0]) / (1.0 + np.sum(own**2, axis=1))
-        squares = np.sum((left[0] - factor[:, None] * own) ** 2, axis=1) + factor**2
-        return math.sqrt(float(np.min(squares)))
+        inner = np.eye(len(b)) + b @ b.T
+
+        def squares(factors: Floats) -> Floats:
+            """z^2 with the image of each factor.
+
+            It is a sum of squares of what the errors of known image leave, and of their sizes; as a
+            difference it would lose all digits.
+            """
+            both = np.vstack([z, np.clip(factors[:, None] * self.change_K, -size, size) / noise])
+            sizes = np.linalg.solve(inner, b @ both.T)
+            left = np.hstack([both - sizes.T @ b, sizes.T])
+            own = left[1:]
+            best = (own @ left[0]) / (1.0 + np.sum(own**2, axis=1))
+            return np.asarray(np.sum((left[0] - best[:, None] * own) ** 2, axis=1) + best**2)
+
+        nearest = _FACTORS[np.argmin(squares(_FACTORS))]
+        return math.sqrt(float(np.min(squares(nearest * _BETWEEN))))
 
 
 def rivals(

@@ -77,6 +77,11 @@ def nominal(scene: Scene) -> Scene:
     return scene.model_copy(update={"spray": scene.spray.model_copy(update={"scatter": scatter})})
 
 
+def without_scatter(scene: Scene) -> Any:
+    """The spray as such, without what differs from injection to injection."""
+    return scene.spray.model_copy(update={"scatter": Scatter()})
+
+
 def member(scene: Scene, number: int) -> Scene:
     """The scene of one injection, `number` 1, 2, ..: the same for any number of members.
 

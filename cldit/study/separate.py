@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from cldit.camera.view import SensorView
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import open_shown
 from cldit.dit.design import BlackBody, shot_time_s
-from cldit.dit.separation import Separation, rivals
+from cldit.dit.separation import Rivals, Separation, rivals
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.gpu.device import Device
@@ -85,16 +85,20 @@ def check_rivals(one: Scene, other: Scene) -> None:
 
 
 def separated(
-    one: Model,
-    other: Model,
-    blackbody: BlackBody,
-    *,
-    least_emissivity: float = 0.2,
-    sets: Sequence[tuple[float, ...]] = (),
+    one: Model, other: Model, blackbody: BlackBody, *, least_emissivity: float = 0.2
 ) -> Separation:
-    """The fastest plan that separates two models at the time of their runs.
+    """The fastest plan that separates two models at the time of their runs."""
+    errors_K = dict(_errors(one.run, other.run))
+    found = rivals_of(one, other, errors_K=errors_K, least_emissivity=least_emissivity)
+    return found.best(blackbody, shot_s=shot_time_s(one.run.scene))
 
-    `sets` are the backgrounds to choose from; without any, those within the black body's limits.
+
+def rivals_of(
+    one: Model, other: Model, *, errors_K: Mapping[str, Floats], least_emissivity: float = 0.2
+) -> Rivals:
+    """Two models in the pixels of the sensor that see at least this emissivity of the first one.
+
+    errors_K has the errors of both simulations by source, (H, W) of the trace.
     """
     scene = one.run.scene
     subject = Subject.of(
@@ -110,23 +114,23 @@ def separated(
             "optics: the models have different wavelengths; allowed: optics.preset paper, or one "
             "number in optics.wavelengths"
         )
+    view = SensorView.from_scene(scene)
     return rivals(
         scene,
         subject,
         (scene, other.run.spectral),
         injections=[(scene, each.spectral) for each in one.injections],
-        errors_K=dict(_errors(one.run, other.run)),
+        errors_K={name: view.image(image) for name, image in errors_K.items()},
         delay_s=spray_time_s(scene),
-    ).best(blackbody, shot_s=shot_time_s(scene), sets=sets)
+    )
 
 
 def _errors(one: Run, other: Run) -> Iterator[tuple[str, Floats]]:
-    """Errors of both simulations by source on the sensor; those that they share count once.
+    """Errors (H, W) of both simulations by source; those that they share count once.
 
     An error by a key that one of them alone omits is part of the difference.
     """
     parts = unshared(open_shown(one), open_shown(other))
-    view = SensorView.from_scene(one.scene)
     for run, skipped in ((one, parts.tested), (other, (*parts.tested, *parts.shared))):
         for cause in () if run.errors is None else run.errors.causes:
             if cause.error_K is None or cause.name in (*skipped, TOTAL):
@@ -135,5 +139,5 @@ def _errors(one: Run, other: Run) -> Iterator[tuple[str, Floats]]:
             image = run.error_maps.get(cause.name, np.full(shape, cause.error_K, np.float32))
             yield (
                 f"{cause.name} of {'both' if cause.name in parts.shared else run.scene.name}",
-                view.image(np.nan_to_num(image)),
+                np.nan_to_num(image).astype(float),
             )

@@ -12,12 +12,14 @@ import pytest
 from click.testing import CliRunner
 
 from cldit.cli import main
+from cldit.dit.separation import NEEDED
 from cldit.errors import EvaluationError
 from cldit.run import RunCache, reevaluated
 from cldit.study.lab import Lab
 from cldit.study.page import write_page
 from cldit.study.paper import STUDIES, run_study
 from cldit.study.paper.maps import all_round
+from cldit.study.paper.rivals import models
 
 # An analytic spray of few cells.
 _TINY = {
@@ -114,3 +116,21 @@ def test_all_quick(tmp_path: Path) -> None:
     for name in STUDIES:
         assert (tmp_path / f"{name}.html").is_file()
     assert all(path.stat().st_size < 400_000 for path in tmp_path.glob("*.png"))
+
+
+@pytest.mark.slow
+def test_models_are_not_told_apart(tmp_path: Path) -> None:
+    """Ten coarse sprays: errors of the simulations keep the models from being separated, and
+    without them noise and injections alone would not."""
+    coarse = {
+        "camera.pixels": [60, 60],
+        "domain.leaf_edge_m": 3e-3,
+        "spray.box.spacing_m": 4e-3,
+        "spray.droplets_per_parcel": 1e5,
+        "transport.directions": 8,
+    }
+    lab = Lab(RunCache(tmp_path), quick=True, always=coarse)
+    found = models(lab)
+    assert len(lab.runs.computed) == 10 and len(found.table) == 3
+    assert float(found.values["most"]) < NEEDED < float(found.values["exact"])
+    assert found.values["many"] == pytest.approx(found.values["most"], rel=0.05)

@@ -13,6 +13,7 @@ from cldit.study.page import OPEN, StudyPage
 from cldit.study.paper.found import Found, page_of, sentences
 from cldit.study.paper.instruments import camera, optics, visible_light
 from cldit.study.paper.maps import conditions, methane, order, walls
+from cldit.study.paper.rivals import models
 from cldit.study.paper.variants import evaporation, fuel_temperature, index, sizes, vapour
 from cldit.study.paper.variation import Repeated, repeat
 
@@ -30,6 +31,7 @@ STUDIES: dict[str, Callable[[Lab], Found]] = {
     "index": index,
     "vapour": vapour,
     "evaporation": evaporation,
+    "models": models,
     "fuel-temperature": fuel_temperature,
 }
 

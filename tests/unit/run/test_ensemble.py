@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.camera.curve import Curve
+from cldit.comparison.shared import _same_parts
 from cldit.gpu.device import Device
 from cldit.optics.response import scene_filter
 from cldit.run import open_run, simulate
@@ -144,3 +145,11 @@ def test_its_maps_are_labelled_and_drawn(made: Run) -> None:
     assert found.attrs["long_name"] == "apparent temperature deviation of 5 injections"
     captions = {name: caption for name, _, caption in _figures(made)}
     assert "standard deviation of one injection" in captions["injections"]
+
+
+def test_a_mean_and_its_nominal_injection_have_one_spray(made: Run) -> None:
+    """Their difference does not contain the errors of cells and size classes."""
+    assert made.folder is not None
+    parts = _same_parts(made, open_run(made.folder / "nominal"))
+    assert {"spray", "classes", "cells"} <= parts
+    assert "spray" not in _same_parts(made, _members(made)[0])
