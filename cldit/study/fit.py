@@ -41,7 +41,7 @@ _STEP = 0.02  # of a parameter's range, for derivatives
 _ENOUGH = 1e-3  # of a range, and of chi-square: steps smaller than that end the fit
 _MOST_STEPS = 15
 _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its range
-_NO_EFFECT = 1e-6  # standard errors in any pixel, by the whole range
+_NO_EFFECT = 0.05  # standard errors in any pixel, by the whole range: T_app in float32 has 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,7 +280,9 @@ class _Model:
         effect = np.max(np.abs(self.jacobian(start)[of_data]), axis=0)
         for one, most in zip(self.parameters, effect, strict=True):
             if most < _NO_EFFECT:
-                raise StudyError(f"--vary {one.key}: has no effect on the image; omit it")
+                raise StudyError(
+                    f"--vary {one.key}: has no effect on the image; omit it, or widen its bounds"
+                )
         solved = least_squares(
             self.residuals,
             np.clip(start, 1e-6, 1.0 - 1e-6),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cldit.camera.view import SensorView
 from cldit.dit.maps import Maps, Reason
 from cldit.radiance.weights import Weights, compose
+from cldit.run.ensemble import Ensemble
 from cldit.scene import Scene
 from cldit.show.figures.colours import (
     COUNTS,
@@ -183,11 +184,10 @@ def errors_panels(maps: Maps) -> list[Panel]:
     ]
 
 
-def injections_panels(run: Run) -> list[Panel]:
+def injections_panels(ensemble: Ensemble) -> list[Panel]:
     """Panels of how injections differ: the deviation of one, and the mean's standard error."""
-    assert run.ensemble is not None
-    deviation = run.ensemble["apparent_temperature_deviation_K"]
-    error = run.ensemble["apparent_temperature_standard_error_K"]
+    deviation = ensemble["apparent_temperature_deviation_K"]
+    error = ensemble["apparent_temperature_standard_error_K"]
     limits = (0.0, robust_limits(deviation)[1])
     titles = ("standard deviation of one injection", "standard error of the mean light")
     return [

@@ -105,7 +105,7 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
         title = f"{name}: {run.ensemble.members} injections"
         yield (
             "injections",
-            panels_figure(injections_panels(run), traced, title=title, window=window),
+            panels_figure(injections_panels(run.ensemble), traced, title=title, window=window),
             f"Differences between injections; {run.ensemble.text(run)}.",
         )
     if run.info.spectral is not None and run.info.spectral.errors_K:
