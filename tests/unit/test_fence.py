@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2311,
     "scene": 2083,
     "show": 6956,
-    "spray": 6976,
+    "spray": 6977,
     "study": 3124,
     "testing": 1421,
     "transport": 7426,

@@ -31,6 +31,7 @@ _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
 _FIRST_TIME_S = 1.25e-3
 _FEWEST = 3  # cells between planes of symmetry
+_AROUND = 1.5  # cells there, over those of the spacing: plumes touch there near the hole
 
 
 def symmetry(plumes: tuple[Plume, ...]) -> int:
@@ -59,7 +60,7 @@ def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
         down = np.array([0.0, 0.0, -1.0])
         lean = float(np.arccos(axes[0] @ down))
         polar = _fine(max(lean - _BESIDE, 0.0), lean + _BESIDE, h, 0.0, max(_BEHIND, lean + 0.4))
-        count = max(_FEWEST, int(np.ceil(np.pi / kind * np.sin(lean) / h)))
+        count = max(_FEWEST, int(np.ceil(_AROUND * np.pi / kind * np.sin(lean) / h)))
         azimuth = np.linspace(0.0, np.pi / kind, count + 1)
         return _checked(RayGrid(_frame(down, axes[0]), radius, polar, azimuth, kind), spec)
     # The pole across the injector's axis that is farthest from all plumes.
