@@ -33,6 +33,13 @@ _LARGE = 2.0  # standard errors of an error of all pixels, to be named
     default="metadata",
     help="Find the view from the images; default: by pixel size and injector tip.",
 )
+@click.option(
+    "--line",
+    "lines",
+    multiple=True,
+    metavar="NAME=RUN",
+    help="Run with one quantity changed by its spread, an error that simulations share.",
+)
 @click.option("--out", type=click.Path(path_type=Path), help="Folder of a page and regions.csv.")
 @within_option
 @json_option
@@ -42,6 +49,7 @@ def compare_command(
     others: tuple[Path, ...],
     acquired: bool,
     align: Align,
+    lines: tuple[str, ...],
     out: Path | None,
     within_K: float | None,
 ) -> Outcome:
@@ -49,9 +57,14 @@ def compare_command(
 
     The exit status is 3 if the errors do not explain the difference.
     """
-    found = compare(one, *others, acquired=acquired, within_K=within_K, align=align)
+    if wrong := [text for text in lines if not all(text.partition("="))]:
+        raise click.BadParameter(f"{wrong[0]!r}; allowed: NAME=RUN", param_hint="--line")
+    named = {name: run for name, _, run in (text.partition("=") for text in lines)}
+    found = compare(one, *others, acquired=acquired, within_K=within_K, align=align, lines=named)
     for each in found.differences:
         print_difference(each)
+    if found.verdict:
+        OUT.print(escaped(found.verdict), style="bold")
     if out is not None:
         from cldit.show.report.comparison_page import write_comparison  # needs matplotlib
 

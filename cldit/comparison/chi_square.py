@@ -8,6 +8,7 @@ of an error that all pixels share, a mode. With z = D^-1/2 r and B = D^-1/2 U (W
     a = (1 + G)^-1 g                    the modes that fit best, in their standard deviations
 
 which is the generalised least squares sum, with the modes as nuisance parameters of variance 1.
+Where neighbours are correlated, a has the sum of their correlations in place of 1.
 Two statistics are independent of each other. Along the span of B and of a shift of all pixels, z
 has the covariance of the modes and of the noise: it is large if the modes would have to be larger
 than stated, or if all of a region is warmer. Beside this span it is noise alone, with N - m - 1
@@ -70,11 +71,12 @@ def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> Chi
     z = change[where] / error[where]
     b = modes[:, where] / error[where]
     gram, along = b @ b.T, b @ z
-    sizes = np.asarray(np.linalg.solve(np.eye(len(b)) + gram, along), float)
     total = float(z @ z)
     residuals = np.full(change.shape, np.nan)
-    residuals[where] = z - sizes @ b
+    residuals[where] = z - np.linalg.solve(np.eye(len(b)) + gram, along) @ b
     squares, products = correlation(residuals)
+    sizes = np.asarray(np.linalg.solve(products * np.eye(len(b)) + gram, along), float)
+    residuals[where] = z - sizes @ b
     effective = count / squares
     # Along the modes, and a shift of all pixels, which has no error of its own.
     span = np.concatenate([b, 1.0 / error[where][None]])
@@ -94,7 +96,7 @@ def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> Chi
         pixels=count,
         effective=effective,
         correlated=products,
-        reduced=(total - float(along @ sizes)) / count,
+        reduced=float(np.sum(residuals[where] ** 2) + sizes @ sizes) / count,
         p_value=least if len(chances) < 2 else 1.0 - (1.0 - least) ** 2,
         sizes=sizes,
         residuals=residuals,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cldit.comparison.difference import Align, Difference, difference
+from cldit.comparison.lines import with_lines
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.dit.maps import Reason
 from cldit.errors import EvaluationError
@@ -32,6 +33,18 @@ class Comparison:
     def differs(self) -> bool:
         """True if the errors do not explain one of the differences."""
         return not all(one.within for one in self.differences)
+
+    @property
+    def verdict(self) -> str:
+        """Simulations that the errors rule out, on one line; empty for one."""
+        if len(self.differences) < 2:
+            return ""
+        out = [one.other for one in self.differences if not one.within]
+        left = [one.other for one in self.differences if one.within]
+        if not out:
+            return f"cannot be told: the errors explain all {len(left)}"
+        kept = f"not ruled out: {', '.join(left)}" if left else "none explains the first"
+        return f"ruled out: {', '.join(out)}; {kept}"
 
     def to_xarray(self) -> xarray.Dataset:
         """Change of T_app and standardised residuals (other, z, x) over z and x in mm.
@@ -61,7 +74,8 @@ class Comparison:
         """Plain data for JSON: that of the difference, or of a list of several."""
         if len(self.differences) == 1:
             return self.differences[0].to_dict()
-        return {"comparisons": [one.to_dict() for one in self.differences]}
+        each = [one.to_dict() for one in self.differences]
+        return {"comparisons": each, "verdict": self.verdict}
 
 
 def compare(
@@ -70,6 +84,7 @@ def compare(
     acquired: bool = False,
     within_K: float | None = None,
     align: Align = "metadata",
+    lines: Mapping[str, Openable] | None = None,
 ) -> Comparison:
     """Compares a result, measured or simulated, with others in the same view.
 
@@ -80,6 +95,8 @@ def compare(
         within_K: RMS allowed in T_app; None: explained by the errors of both.
         align: scale, rotation, shift and mirror from the `metadata` (pixel size and position of the
             injector's tip), or from the `images`, with an error of their own.
+        lines: runs by name, each the first run of the others with one quantity changed by its
+            spread (k, vapour, sizes, gas grid): an error that all simulations share.
 
     Raises:
         RunFolderError: there are no maps.
@@ -90,7 +107,10 @@ def compare(
         raise EvaluationError("one result alone; allowed: two or more")
     first = open_shown(one, acquired=acquired)
     shown = [open_shown(each, acquired=acquired) for each in others]
-    _check([first, *shown])
+    variants = {name: open_shown(each) for name, each in (lines or {}).items()}
+    _check([first, *shown, *variants.values()])
+    base = next((each for each in shown if each.run is not None), None)
+    shown = [with_lines(each, onto=first, base=base, variants=variants) for each in shown]
     found = [
         difference(first, each, resample=True, within_K=within_K, align=align) for each in shown
     ]

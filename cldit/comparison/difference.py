@@ -385,7 +385,11 @@ def seen_in_both(one: Shown, other: Shown) -> Spray2D:
 
 
 def _modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
-    """Errors that all pixels share; a systematic error of the same name is the same in both."""
+    """Errors that all pixels share; a systematic error of the same name is the same in both.
+
+    With both corrected for a quantity that is larger by s of its spreads they are equal if other +
+    s change(other) = one + s change(one).
+    """
     found = [Mode(f"{part.name} of {one.name}", -part.kelvin) for part in one.common]
     found += [Mode(f"{part.name} of {other.name}", part.kelvin) for part in other.common]
     first, second = ({part.name: part for part in each.systematic} for each in (one, other))
@@ -394,7 +398,7 @@ def _modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
         return parts[name].kelvin if name in parts else 0.0
 
     for name in dict.fromkeys((*first, *second)):
-        change = np.asarray(kelvin(second, name)) - kelvin(first, name)
+        change = np.asarray(kelvin(first, name)) - kelvin(second, name)
         found.append(Mode(name, np.nan_to_num(change)))
     return tuple(found)
 

@@ -32,7 +32,7 @@ class Shown:
     it does not contain, of one stated spread each. run: the run of a trace; None for a recording.
     traced: the run whose errors the maps contain, that which was recorded included; None if
     unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of
-    the filter; None: as the scene, or unknown.
+    the filter; None: as the scene, or unknown. walls_spread_K: of their temperature, as stated.
     """
 
     name: str
@@ -46,6 +46,7 @@ class Shown:
     systematic: tuple[Part, ...] = ()
     noisy: bool = False
     filter_um: tuple[float, float] | None = None
+    walls_spread_K: float = 0.0
     scene: Scene | None = None
     run: Run | None = None
     traced: Run | None = None
@@ -104,7 +105,8 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     parts = load_parts(folder)
     found = recorded(str(place), maps, opened.pixel_m, opened.centre_m, parts=parts, traced=traced)
     filter_um = from_plain(opened.calibration["filter_um"])
-    return replace(found, filter_um=edges_um(filter_um))
+    spread_K = opened.surroundings.uncertainty.wall_temperature_K if traced is None else 0.0
+    return replace(found, filter_um=edges_um(filter_um), walls_spread_K=spread_K)
 
 
 def _traced(run: Run, name: str) -> Shown:

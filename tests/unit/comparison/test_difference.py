@@ -115,7 +115,7 @@ def test_an_error_of_all_pixels_explains_what_they_share() -> None:
     other = shown(image + 2.0, error_K=0.0)
     assert not difference(one, other).within
     found = difference(one, replace(other, systematic=(part,)))
-    assert found.within and found.modes[0].size == pytest.approx(2.0, abs=0.1)
+    assert found.within and found.modes[0].size == pytest.approx(-2.0, abs=0.1)
     assert found.regions["all"].mean_error_K == pytest.approx(1.0, abs=0.01)
     both = difference(replace(one, systematic=(part,)), replace(other, systematic=(part,)))
     assert not both.within  # the same black body: it cancels
@@ -297,6 +297,31 @@ def test_a_recording_has_the_errors_of_its_trace_in_every_pixel(tmp_path: Path) 
     assert recorded.error_map_K is not None
     counted = unshared(open_shown(other), recorded).other
     assert counted.error_map_K == pytest.approx(np.hypot(recorded.error_map_K, 0.5), nan_ok=True)
+
+
+def test_a_line_is_a_run_with_one_quantity_changed() -> None:
+    """A measurement that lies between a run and its variant is explained by half a spread."""
+    run = open_run(WRITTEN)
+    errors = Errors((Cause("trace", 0.2, ""),))
+    run = replace(run, folder=None, info=replace(run.info, errors=errors), error_maps={})
+    warm = run.maps.apparent_temperature_K
+    variant = replace(run, maps=replace(run.maps, apparent_temperature_K=warm + np.float32(8.0)))
+    x, _, z = run.scene.target_m
+    given: dict[str, Any] = {"pixel_m": run.pixel_m, "centre_m": (x, z), "error_K": 0.5}
+    measured = Shown(
+        name="measured",
+        maps=replace(run.maps, apparent_temperature_K=warm + np.float32(4.0)),
+        noisy=True,
+        walls_spread_K=3.0,
+        **given,
+    )
+    assert compare(measured, run).differs
+    found = compare(measured, run, lines={"k": variant})
+    assert not found.differs
+    sizes = {one.name: one.size for one in found.differences[0].modes}
+    assert sizes["k"] == pytest.approx(0.5, abs=0.1) and "walls by 3 K" in sizes
+    with pytest.raises(EvaluationError, match="line k: measured is no run"):
+        compare(measured, run, lines={"k": measured})
 
 
 def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
