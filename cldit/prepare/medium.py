@@ -13,6 +13,7 @@ from cldit.gpu.device import Device
 from cldit.io.origin import FileRead
 from cldit.medium.cloud import Kernel, smeared
 from cldit.medium.frame import Frame
+from cldit.medium.gas_reconstruction import reconstructed
 from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import emitters
 from cldit.optics.scene_phase import scene_phase
@@ -26,7 +27,7 @@ from cldit.prepare.spray_factory import AnySpray, make_spray
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.optics import MOST_WAVELENGTHS, Optics
-from cldit.scene.spray import CfdSpray, ConeSpray, GridSpray
+from cldit.scene.spray import CfdSpray, ConeSpray, GridSpray, LagrangianSpray
 from cldit.spray.result import Spray
 from cldit.transport.phase import ScatteringTable
 
@@ -119,8 +120,10 @@ def deposited(scene: Scene, spray: Spray) -> Spray:
     """The spray with its parcels spread as the scene wants it: as clouds, or in points.
 
     Parcels that come with an extent, boxes or clouds, keep it, and are smeared along their
-    velocity as the camera's exposure asks for.
+    velocity as the camera's exposure asks for. Computed and imported gas is linear in its cells.
     """
+    if spray.vapour is not None and isinstance(scene.spray, CfdSpray | LagrangianSpray):
+        spray = replace(spray, vapour=reconstructed(spray.vapour))
     if spray.parcels is None:
         return spray
     exposure_s = scene.camera.smear_s

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.medium.frame import BRICK
+from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
 from cldit.transport.discrete_ordinates.limiter import limit
 
@@ -88,20 +89,6 @@ class LinearCoefficients:
         """Extinction-weighted mean less the middle value (P,), of gradients (P, 3)."""
         product = np.einsum("pi,pi->p", self.extinction, gradient)
         return np.asarray(product * self.edge**2 * np.float32(_MEAN))
-
-
-def limited(middle: Reals, below: Reals, above: Reals, *, down: Reals, up: Reals) -> Reals:
-    """Limited slope along one axis, per edge of the cell.
-
-    Args:
-        middle, below, above: values of a cell and its two neighbours, of one shape.
-        down, up: distances to the neighbours' middles in edges of the cell.
-    """
-    first, second = (middle - below) / down, (above - middle) / up
-    central = (first * up + second * down) / (down + up)
-    # The face is half an edge from the middle; no neighbour's value is exceeded there.
-    most = 2.0 * np.minimum(np.abs(middle - below), np.abs(above - middle))
-    return np.where((first > 0) == (second > 0), np.clip(central, -most, most), 0.0)
 
 
 def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:

@@ -7,13 +7,17 @@ independent: images of the same seed differ as much as those of different ones. 
 difference contains the square of that error twice, which is subtracted. If the error is C h^p, the
 rest of both steps has the ratio 2^p and the same sign everywhere. During injection this is often
 not so: then no order is inferred, and the finer step alone is stated, as a lower bound. A gas that
-is read comes on one grid alone.
+is read comes on one grid alone: what is stated is the error of its linear reconstruction
+(`cldit.medium.gas_reconstruction`), by the same gas in cells twice and four
+times as large.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -25,6 +29,7 @@ from cldit.accuracy.richardson import RichardsonEstimate
 from cldit.accuracy.sources.base import OR_NONE, ErrorSource, Excess, Measurement
 from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
+from cldit.medium.gas_reconstruction import coarsened, reconstructed
 from cldit.medium.octree import Sources
 from cldit.medium.resolution import within
 from cldit.prepare.medium import Prepared
@@ -84,7 +89,9 @@ class _GasGrid(ErrorSource):
     def estimate(self, at: Measurement) -> list[Estimate]:
         cone = at.prepared.cone
         if cone is None:
-            return self.predict(at)
+            imported = not isinstance(at.scene.spray, LagrangianSpray)
+            known = self._imported(at) if imported and self.applies(at.prepared) else []
+            return [*known, *self.predict(at)]
         if self.name in at.predicted:
             return [at.predicted[self.name].at(cone.lattice_m)]
         if at.prepared.on_lattice or at.prepared.is_empty:
@@ -130,7 +137,7 @@ class _GasGrid(ErrorSource):
         fixed, spec = self.key(at.scene), at.scene.spray
         if not isinstance(spec, LagrangianSpray):
             why = "the gas comes on one grid alone; compare with a run from a finer one"
-            return [Estimate.unknown(self.name, why, fixed)]
+            return [Estimate.unknown(ORDER, why, fixed)]
         first = self._traced(at, spec, 2)
         if isinstance(first, str):
             return [Estimate.unknown(self.name, first, fixed)]
@@ -153,6 +160,29 @@ class _GasGrid(ErrorSource):
             return [Estimate.of(self.name, found, how, fixed, order=order)]
         stated = Estimate.of(self.name, last, how, fixed, at_most=last is whole)
         return [stated, Estimate.unknown(ORDER, order, fixed)]
+
+    def _imported(self, at: Measurement) -> list[Estimate]:
+        """The error of linear cells, by the same gas in cells twice and four times as large."""
+        gas, images = at.prepared.made.vapour, [at.tracer.level(at.depth)]
+        for times in _TIMES.values():
+            gas = None if gas is None else coarsened(gas)
+            if gas is None:
+                return [Estimate.unknown(self.name, "its cells are on no lattice")]
+            name = f"gas averaged over cells {times} as large"
+            at.stages.tell(f"errors: {name}")
+            larger = replace(at.prepared.spray, vapour=reconstructed(gas))
+            try:
+                made = at.tracer.variant(name, partial(at.prepared.sources_of, larger), at.depth)
+            except (MediumError, TransportError) as error:  # larger cells reach further
+                return [Estimate.unknown(self.name, f"{name}: {error}")]
+            images.append(made)
+        last, before = (at.tracer.difference(*pair) for pair in pairwise(images))
+        found = RichardsonEstimate.of(before, last)
+        how = (
+            "gas averaged over cells twice and four times as large, linear in all; extrapolated by "
+        )
+        how += f"order {found.order:.2g}"
+        return [Estimate.of(self.name, found.difference, how, "", order=found.order)]
 
     def _traced(self, at: Measurement, spec: LagrangianSpray, up: int) -> ImagePair | str:
         """Image of the spray on cells of gas `up` times as large, or why there is none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -247,6 +247,29 @@ def test_the_error_is_stated() -> None:
     assert cause.error_K is None and cause.how == "one grid alone"
     (cause,) = errors_of(SPRAY, MediumError("more than memory holds")).causes
     assert cause.error_K is None and "more than memory holds" in cause.how
+
+
+def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
+    """509 and 545 K on cells twice and four times as large: 9 and 36 K are of order 2, so 3 K."""
+
+    def stated(gas: Vapour) -> Errors:
+        made = SimpleNamespace(vapour=gas, parcels=None)
+        case = Spray(vapour=gas)
+        prepared = SimpleNamespace(cone=None, made=made, spray=case, sources_of=lambda one: one)
+        averaged = "gas averaged over cells {} as large"
+        images: Any = {averaged.format("twice"): 509.0, averaged.format("four times"): 545.0}
+        of: Any = SimpleNamespace(spray=None)
+        tracer: Any = Tracer(prepared, images)
+        at = Measurement(of, tracer, Stages(None), depth=6, coarse=5)
+        return Errors.of(one.cause for one in GAS_GRID.estimate(at))
+
+    cause, order = stated(vapour()).causes
+    assert cause.error_K == pytest.approx(3.0) and "order 2" in cause.how
+    assert order.name == ORDER and order.error_K is None and "one grid alone" in order.how
+    cells = vapour().cells
+    odd = replace(vapour(), cells=Cells(cells.lower_m, cells.upper_m + 1e-2 * cells.lower_m))
+    cause, order = stated(odd).causes
+    assert cause.error_K is None and "no lattice" in cause.how
 
 
 @pytest.mark.parametrize(("more", "twice_K"), [("too few", 0.0), (SPRAY, 491.0), (SPRAY, 518.0)])

@@ -7,9 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.medium.frame import Frame
+from cldit.medium.limiter import limited
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.linear_coefficients import LEAST, limited, relative_gradient
+from cldit.transport.linear_coefficients import LEAST, relative_gradient
 
 Floats = NDArray[np.float64]
 CELLS = 64
