@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3895,
+    "accuracy": 3925,
     "acquisition": 5549,
     "api": 1142,
     "bench": 1038,
@@ -34,9 +34,9 @@ BUDGETS: dict[str, int] = {
     "gpu": 1046,
     "io": 1823,
     "kernels": 2960,
-    "medium": 1668,
+    "medium": 1853,
     "optics": 3634,
-    "prepare": 1045,
+    "prepare": 1048,
     "radiance": 765,
     "rig": 1764,
     "run": 2311,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6977,
     "study": 3124,
     "testing": 1421,
-    "transport": 7426,
+    "transport": 7413,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
