@@ -14,14 +14,12 @@ from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.files import write_text
 from cldit.io.plain_data import read_mapping
 from cldit.run import Run, Say, StageLine, simulate
-from cldit.run.folder import stored_run
+from cldit.run.folder import ANOTHER_FOLDER, stored_run
 from cldit.run.series import SeriesTime, run_times
 from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.scene.load import chosen_scene
 from cldit.show.report.series_report import write_series
-
-_ANOTHER = "give another folder (--out), or remove this one"
 
 
 @dataclass(frozen=True)
@@ -113,13 +111,14 @@ def _check_folder(folder: Path, scene: Scene) -> None:
     if is_empty(folder):
         return
     if not (folder / SERIES_FILE).is_file():
-        raise RunFolderError(f"{folder}: is not empty and contains no series; {_ANOTHER}")
+        raise RunFolderError(f"{folder}: is not empty and contains no series; {ANOTHER_FOLDER}")
     known = parse_scene(
         read_mapping(folder / SERIES_FILE), source=str(folder / SERIES_FILE), finished=True
     )
     if known != scene:
         raise RunFolderError(
-            f"{folder}: contains a series of another scene, or with other settings; {_ANOTHER}"
+            f"{folder}: contains a series of another scene, or with other settings; "
+            f"{ANOTHER_FOLDER}"
         )
 
 

@@ -35,7 +35,7 @@ from cldit.scene.scatter import members_of
 from cldit.scene.spray import CfdSpray
 
 SCENE_FILE = "scene.yaml"
-_ANOTHER = "give another folder (--out), or remove this one"
+ANOTHER_FOLDER = "give another folder (--out), or remove this one"
 _QUADRATURE = "quadrature.json"
 
 
@@ -95,11 +95,12 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
         return None
     known = folder / SCENE_FILE
     if not known.is_file():
-        raise RunFolderError(f"{folder}: is not empty and holds no run; {_ANOTHER}")
+        raise RunFolderError(f"{folder}: is not empty and holds no run; {ANOTHER_FOLDER}")
     before = _stored_scene(known)
     if before != scene:
         raise RunFolderError(
-            f"{folder}: holds a run of another scene ({before.name}, or other settings); {_ANOTHER}"
+            f"{folder}: holds a run of another scene ({before.name}, or other settings); "
+            f"{ANOTHER_FOLDER}"
         )
     if not (folder / "run.json").is_file():
         return None
