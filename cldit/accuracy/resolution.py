@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cldit.prepare.cell_choice import lattice_per_cell
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
 
@@ -22,10 +21,10 @@ class Resolution:
     wavelengths. size_classes, spacing_m: classes of droplet size and lattice of a cone; None: the
     spray is no cone. domain_m: edge of the domain. depth: number of times that the cube is halved;
     None: not chosen yet. cube_m: edge of the cube whose cells are the cone's lattice as well, where
-    the scene leaves both to choice; spacing_m then follows depth, and a cell has per_cell steps of
-    it. more_ordinates: ordinates over those of ordinates_K, for an error that only the audit shows.
-    pixels_K: error asked of the rays that sample a pixel; None: the scene has their number. limits:
-    why a source cannot be made smaller, and what would help, by its name.
+    the scene leaves both to choice; spacing_m then follows depth. more_ordinates: ordinates over
+    those of ordinates_K, for an error that only the audit shows. pixels_K: error asked of the rays
+    that sample a pixel; None: the scene has their number. limits: why a source cannot be
+    made smaller, and what would help, by its name.
     """
 
     ordinates_K: float
@@ -35,7 +34,6 @@ class Resolution:
     domain_m: float
     depth: int | None = None
     cube_m: float | None = None
-    per_cell: int = 1
     more_ordinates: float = 1.0
     pixels_K: float | None = None
     limits: Mapping[str, str] = field(default_factory=dict)
@@ -45,12 +43,10 @@ class Resolution:
         """The resolution before anything is known of the spray."""
         cone = scene.spray if isinstance(scene.spray, ConeSpray) else None
         classes, spacing_m = (None, None) if cone is None else (cone.classes, cone.lattice_m)
-        edge_m = scene.domain.edge_m
-        found = cls(ordinates_K, spectral_K, classes, spacing_m, edge_m)
-        if cone is None or not lattice_is_cells(scene):
-            return found
-        per_cell = lattice_per_cell(cone)  # on a first lattice, to learn from
-        return replace(found, spacing_m=_FIRST_LATTICE_m, cube_m=edge_m, per_cell=per_cell)
+        edge_m, cube_m = scene.domain.edge_m, None
+        if lattice_is_cells(scene):  # a first lattice, to learn from
+            cube_m, spacing_m = edge_m, _FIRST_LATTICE_m
+        return cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
 
     @property
     def prepared_key(self) -> tuple[Any, ...]:
@@ -67,17 +63,18 @@ class Resolution:
     def at_depth(self, depth: int) -> Resolution:
         """The cube halved `depth` times, and the lattice that goes with it."""
         if self.cube_m is not None:
-            return self.on_lattice(math.ldexp(self.cube_m, -depth) / self.per_cell)
+            return self.on_lattice(math.ldexp(self.cube_m, -depth))
         return replace(self, depth=depth)
 
     def on_lattice(self, spacing_m: float) -> Resolution:
         """A lattice, and the cells that go with it.
 
         The cube may become larger than the domain, by less than twice, so that halving it ends in
-        cells of the chosen size.
+        cells of the lattice.
         """
         assert self.cube_m is not None
-        edge_m, depth = self.per_cell * spacing_m, 0
+        edge_m = spacing_m
+        depth = 0
         while edge_m < self.domain_m * (1 - 1e-9):
             edge_m, depth = 2 * edge_m, depth + 1
         return replace(self, depth=depth, spacing_m=spacing_m, cube_m=edge_m)

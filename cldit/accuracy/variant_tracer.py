@@ -23,7 +23,7 @@ from cldit.gpu.device import Device
 from cldit.medium.octree import Sources, build_octrees
 from cldit.medium.resolution import on_grid, swept_cells
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-from cldit.prepare.cell_choice import finest_lattice_m, lattice_per_cell
+from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
@@ -151,9 +151,8 @@ class VariantTracer:
     def cone_at(self, depth: int) -> ConeSpray:
         """The cone on the lattice of the cells."""
         assert self.prepared.cone is not None
-        cone = self.prepared.cone
-        spacing_m = self.prepared.cube.at(depth).cell_m / lattice_per_cell(cone)
-        return cone.model_copy(update={"spacing_m": spacing_m})
+        spacing_m = self.prepared.cube.at(depth).cell_m
+        return self.prepared.cone.model_copy(update={"spacing_m": spacing_m})
 
     def variant(self, name: str, make: Callable[[], Sources], depth: int) -> ImagePair:
         """Image of other sources in the same cube, made and traced once for a name and depth."""

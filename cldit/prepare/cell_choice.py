@@ -16,7 +16,6 @@ from cldit.medium.resolution import (
     on_grid,
     refuse_outside,
 )
-from cldit.scene.spray import ConeSpray
 from cldit.scene.vessel import Domain
 
 # Bytes of a cell in which droplets scatter, at the peak of a run of a full cube of 128^3 cells: 440
@@ -101,22 +100,12 @@ def chosen_frame(
     )
 
 
-def lattice_per_cell(cone: ConeSpray) -> int:
-    """Steps of a cone's lattice along a cell, where the cells are chosen with the lattice.
-
-    Gas alone is sampled twice as finely: near the hole its plume is narrower than a cell, and the
-    mean of 8 samples leaves 0.3 K of an error of 1 K (methane-jet, cells of 0.56 mm). Droplets
-    would take 8 times the memory for a sixth of their error.
-    """
-    return 2 if cone.droplets is None else 1
-
-
 def lattice_frames(
-    domain: Domain, sources: Sources, *, edge_m: float, cell_m: float
+    domain: Domain, sources: Sources, *, edge_m: float, spacing_m: float
 ) -> tuple[Frame, Frame]:
-    """The domain's cube in cells of `cell_m`, and the cube that is aligned with the boxes on it.
+    """The domain's cube in cells of a lattice, and the cube that is aligned with the boxes on it.
 
-    `edge_m` of the first is at least that of the domain, and `cell_m` times a power of 2.
+    `edge_m` of the first is at least that of the domain, and `spacing_m` times a power of 2.
 
     Raises:
         MediumError: something is outside the domain.
@@ -125,5 +114,5 @@ def lattice_frames(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m
     )
     refuse_outside(whole, sources)
-    cube = Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=cell_m * (1 + 1e-9))
-    return cube, on_grid(cube, sources, voxel_m=cell_m) or cube
+    cube = Frame.around(centre_m=domain.centre_m, edge_m=edge_m, leaf_edge_m=spacing_m * (1 + 1e-9))
+    return cube, on_grid(cube, sources, voxel_m=spacing_m) or cube

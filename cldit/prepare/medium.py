@@ -20,7 +20,7 @@ from cldit.optics.scene_phase import scene_phase
 from cldit.optics.spectral import SpectralNode
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.prepare.case_fit import misfits
-from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames, lattice_per_cell
+from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.prepare.motion import motion_remarks
 from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
 from cldit.prepare.spray_factory import AnySpray, make_spray
@@ -301,10 +301,7 @@ def prepare(
     if cube_m is not None:
         assert cone is not None
         cube, frame = lattice_frames(
-            scene.domain,
-            found.sources[0],
-            edge_m=cube_m,
-            cell_m=lattice_per_cell(cone) * cone.lattice_m,
+            scene.domain, found.sources[0], edge_m=cube_m, spacing_m=cone.lattice_m
         )
     else:
         frame, remarks = chosen_frame(
