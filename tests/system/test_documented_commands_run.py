@@ -40,6 +40,8 @@ NOT = {
     "cldit bench --only budget --out docs": "hours; tests/unit/bench runs it on a small scene",
     "cldit bench --only error --scene gdi": "an hour; tests/unit/bench runs it on a small scene",
     "cldit study all": "an hour; the same with --quick is run",
+    "cldit plan --separate": "two scenes of the reader; tests/unit/dit runs it",
+    "cldit fit": "a measurement of the reader's scene; tests/unit/study runs it on a twin",
     "cldit check-driver line_blackbody": "the reader's own rig; tests/drivers runs it",
     "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
 }
