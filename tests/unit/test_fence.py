@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1764,
     "run": 2312,
     "scene": 2083,
-    "show": 6956,
+    "show": 6959,
     "spray": 6977,
     "study": 3124,
     "testing": 1421,

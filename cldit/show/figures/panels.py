@@ -283,6 +283,10 @@ def _label(axes: Axes, panel: Panel, *, first: bool, last: bool) -> None:
 
 def _key(axes: Axes, panels: Sequence[Panel]) -> None:
     """Draws a colour bar; an end beyond which values lie is pointed."""
+    if not any(np.isfinite(panel.image.astype(np.float64)).any() for panel in panels):
+        axes.set_axis_off()
+        axes.text(0.5, 0.5, "no value", rotation=90, ha="center", va="center")
+        return
     low, high = panels[0].limits or (0.0, 1.0)
     below = any(bool(np.any(panel.image.astype(np.float64) < low)) for panel in panels)
     above = any(bool(np.any(panel.image.astype(np.float64) > high)) for panel in panels)

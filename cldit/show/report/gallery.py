@@ -15,10 +15,9 @@ from cldit.show.figures.style import png_of
 from cldit.show.page import Block, Code, Figure, Page, Section, write_page
 
 _ABOUT = (
-    "Made by `cldit gallery`. The "
-    "seconds are those of one run on `{device}`, including what was not yet in the cache: tables "
-    "of droplets and vapour, computed sprays. The error is the one that the run states for its "
-    "image ([definition](errors.md))."
+    "Made by `cldit gallery`. The core seconds are those of one run on `{device}`, including what "
+    "was not yet in the cache: tables of droplets and vapour, computed sprays. The error is that "
+    "which the run states for its image ([definition](errors.md))."
 )
 
 
@@ -30,7 +29,7 @@ def write_gallery(
     changes: dict[str, object],
     device: Device,
     progress: Say | None = None,
-    clock: Callable[[], float] = time.perf_counter,
+    clock: Callable[[], float] = time.process_time,
 ) -> Path:
     """Simulates scenes one after the other and writes `gallery.md` with a figure of each.
 
@@ -41,7 +40,7 @@ def write_gallery(
         changes: effect of the options, as for `Scene.with_`.
         device: OpenCL device.
         progress: called with lines of text.
-        clock: seconds.
+        clock: seconds of all cores.
 
     Raises:
         SceneError: there is no such scene.
@@ -63,7 +62,7 @@ def write_gallery(
             f"{scene.description}.",
             Figure(png, caption, f"gallery/{scene.name}.png"),
             Code(" ".join(["cldit run", name, *options.split()])),
-            f"{seconds:.1f} s; error of T_app: {error}.",
+            f"{seconds:.1f} core-s; error of T_app: {error}.",
         ]
         sections.append(Section(scene.name, content))
     page = Page("Gallery", [_ABOUT.format(device=device.info.name), *sections])

@@ -16,7 +16,7 @@ def test_a_gallery(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     page = (tmp_path / "gallery.md").read_text(encoding="utf-8")
     assert "## empty\n" in page and "\ncldit run empty --quick --pixels 24 --trace-only\n" in page
-    assert " s; error of T_app: " in page and "(gallery/empty.png)" in page
+    assert " core-s; error of T_app: " in page and "(gallery/empty.png)" in page
     with Image.open(tmp_path / "gallery" / "empty.png") as picture:
         assert picture.width > 300
 
