@@ -166,6 +166,7 @@ class _Sums:
             own += black**2 * ee[here] - 2.0 * black * covariance("e", "E", "eE")[here]
             error_K = np.full(count.shape, np.nan)
             error_K[here] = np.sqrt(np.maximum(own, 0.0) / n) / (slope * maps.emissivity[here])
+            error_K[count < 2.0] = np.nan  # one member alone says nothing of the others
             found: dict[str, NDArray[np.floating]] = {
                 "apparent_temperature_nominal_K": of_nominal.apparent_temperature_K,
                 "apparent_temperature_mean_K": mean_K,

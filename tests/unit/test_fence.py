@@ -39,7 +39,7 @@ BUDGETS: dict[str, int] = {
     "prepare": 1034,
     "radiance": 765,
     "rig": 1764,
-    "run": 2312,
+    "run": 2313,
     "scene": 2083,
     "show": 6959,
     "spray": 6977,

@@ -97,6 +97,8 @@ def test_its_statistics(made: Run) -> None:
     jackknife = np.sqrt((_MEMBERS - 1) * without.var(axis=0))
     stated = found["apparent_temperature_standard_error_K"][every].astype(float)
     assert np.mean(stated**2) == pytest.approx(np.mean(jackknife**2), rel=0.1)
+    few = seen.sum(axis=0) < 2
+    assert np.isnan(found["apparent_temperature_standard_error_K"][few]).all()
 
 
 def test_equal_injections_have_no_deviation(scene: Scene, made: Run) -> None:
