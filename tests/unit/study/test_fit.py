@@ -27,10 +27,7 @@ _VARY = ("spray.fuel_temperature_K=350:390", "spray.injected_mass_kg=15e-6:25e-6
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """Droplets on coarse cells, as in the truth: half a second a trace, without scatter.
-
-    With three shots the evaluation states variances of the noise that are 1.2 times too large.
-    """
+    """Droplets on coarse cells, as in the truth: half a second a trace, without scatter."""
     return load_scene("droplets-only").with_(
         **{
             "camera.pixels": [40, 40],
@@ -60,7 +57,7 @@ def recorded(scene: Scene, device: Device, tmp_path_factory: pytest.TempPathFact
 
 def test_the_errors_of_radiance_are_those_of_the_data(recorded: Run) -> None:
     """Chi-square of the truth is that of 2 N numbers, to 4 standard deviations of (2 / 2 N)^1/2;
-    0.1 less is allowed, as few shots state the noise with an error of their own."""
+    0.1 less is allowed: a scatter between shots that is 0 is never estimated below 0."""
     parts = unshared(open_shown(recorded, acquired=True), open_shown(recorded))
     data = RadianceData.of(parts.one, parts.other)
     residuals = data.residuals(parts.other)
