@@ -16,7 +16,7 @@ from cldit.io.extras import needed
 
 def _opened(file: Path) -> Any:
     hint = ", or save the table as CSV"
-    needed("pyarrow", extra="parquet", what=f"{file}: Parquet", error=SprayError, hint=hint)
+    needed("pyarrow.parquet", extra="parquet", what=f"{file}: Parquet", error=SprayError, hint=hint)
     from pyarrow.lib import ArrowException
     from pyarrow.parquet import ParquetFile
 

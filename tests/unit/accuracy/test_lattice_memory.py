@@ -57,11 +57,11 @@ def test_lattice_as_fine_as_memory_holds(memory: Any) -> None:
     assert "0.2 mm cells exceed memory" in coarser.limits["cells"]
 
 
-def test_a_spray_that_was_made_is_kept(memory: Any) -> None:
+def test_a_spray_that_was_made_is_kept(memory: Any, tables: Path) -> None:
     """Memory is less once its octrees are there: that makes no other spray for the estimates."""
     memory(0.4e-3)
     device: Any = None
-    problem = Problem(load_scene("gdi"), device, Stages(None), Path(), None)
+    problem = Problem(load_scene("gdi"), device, Stages(None), tables, None)
     fine, spray = resolution(0.3e-3), made()
     problem._prepared = fine.prepared_key, spray
     assert problem.prepared(fine) == (fine, spray)

@@ -289,5 +289,5 @@ def test_without_pyarrow(tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyP
 
     other = in_parquet(write_tables(tmp_path, foam.sample()))
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(SprayError, match=r"needs pyarrow; .*\[parquet\].* save the table as CSV"):
+    with pytest.raises(SprayError, match=r"needs pyarrow; .*pyarrow>=.* save the table as CSV"):
         masses(other)

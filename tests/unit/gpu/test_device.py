@@ -47,13 +47,13 @@ def test_no_platform_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> No
         raise cl.LogicError("clGetPlatformIDs failed: PLATFORM_NOT_FOUND_KHR")
 
     monkeypatch.setattr(cl, "get_platforms", none)
-    with pytest.raises(DeviceError, match=r"cldit\[pocl\]"):
+    with pytest.raises(DeviceError, match=r"pyopencl\[pocl\]"):
         list_devices()
 
 
 def test_platform_without_devices(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cl, "get_platforms", lambda: [])
-    with pytest.raises(DeviceError, match=r"cldit\[pocl\]"):
+    with pytest.raises(DeviceError, match=r"pyopencl\[pocl\]"):
         open_device()
 
 

@@ -35,10 +35,14 @@ def test_pictures_and_files(tmp_path: Path, spray: str, history: bool) -> None:
     assert "vapour mass: " in result.output
 
 
-@pytest.mark.parametrize("command", [["spray", "empty"], ["droplet"]])
-def test_a_place_that_cannot_be_written_is_a_message(tmp_path: Path, command: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("command", "name"), [(["spray", "empty"], "out"), (["droplet"], "out.png")]
+)
+def test_a_place_that_cannot_be_written_is_a_message(
+    tmp_path: Path, command: list[str], name: str
+) -> None:
     (tmp_path / "file").touch()
-    result = CliRunner().invoke(main, [*command, "--out", str(tmp_path / "file" / "out")])
+    result = CliRunner().invoke(main, [*command, "--out", str(tmp_path / "file" / name)])
     assert result.exit_code == 1
     assert isinstance(result.exception, SystemExit)  # no traceback
     assert "Not a directory" in result.output
