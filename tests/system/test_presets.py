@@ -34,4 +34,4 @@ def test_spectral_run_says_how_far_it_is_from_the_paper(tmp_path: Path) -> None:
     difference = run.info.spectral.from_paper
     assert difference is not None
     assert 0.1 < difference.rms_K < 50
-    assert np.nanmax(run.maps.emissivity) > 0.9
+    assert np.nanmax(run.maps.emissivity) > 0.85

@@ -30,9 +30,11 @@ def test_a_run_explains_its_own_recording(gdi: Run) -> None:
     One chi-square scatters by 0.05, with 1700 effective pixels and variances from 5 shots each.
     """
     found = [difference(open_shown(gdi), recording(gdi, seed=n), resample=True) for n in range(100)]
-    chances = np.array([one.p_value for one in found])
+    chances = np.array([one.regions["all"].p_value for one in found])
     reduced = np.array([one.regions["all"].chi2_reduced for one in found])
     assert 1 <= np.sum(chances < 0.05) <= 9
+    # 1 of 100 is meant to differ; variances from 5 shots have longer tails (6 here).
+    assert sum(not one.within for one in found) <= 10
     assert np.mean(reduced) == pytest.approx(1.0, abs=0.05)
     assert np.mean((reduced > 0.9) & (reduced < 1.1)) >= 0.9
     for name in ("root", "plumes", "tips", "halo"):
