@@ -18,6 +18,7 @@ import cldit
 from cldit.bench.budget import budget_figure, stored_rows
 from cldit.cli import main
 from cldit.show.figures.style import write_figure
+from cldit.show.report.comparison_page import comparison_figure
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -57,6 +58,14 @@ def _flow(work: Path) -> None:
     copyfile(work / "views.png", DOCS / "gdi-flow.png")
 
 
+def _compare(work: Path) -> None:
+    runs = {"all orders": (), "order 1": ("--order", "1")}
+    for name, words in runs.items():
+        _cldit("run", "gdi", "--pixels", "200", "--trace-only", *words, "--out", work / name)
+    found = cldit.compare(*(work / name for name in runs)).differences[0]
+    write_figure(comparison_figure(found), DOCS / "compare.png")
+
+
 def _budget(_: Path) -> None:
     folder = DOCS / "benchmarks"
     rows = [row for row in stored_rows(folder, pixels=100) if row.seed == 1]
@@ -70,6 +79,7 @@ MADE: dict[str, Callable[[Path], None]] = {
     "wavelengths": _wavelengths,
     "plan": _plan,
     "gdi-flow": _flow,
+    "compare": _compare,
     "optics": lambda _: _cldit("optics", "gdi", "--out", DOCS / "optics-gdi.png"),
     "budget": _budget,
     "gallery": lambda _: _cldit("gallery", "--pixels", "500", "--out", DOCS),

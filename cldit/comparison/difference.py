@@ -94,7 +94,7 @@ class RegionDifference:
             f"{self.rms_K:.3g} K",
             f"{self.mean_K:+.2g} ± {self.mean_error_K:.2g} K",
             f"{self.chi2_reduced:.2f}",
-            f"{self.p_value:.2g}",
+            _probability(self.p_value).removeprefix("= "),
             str(self.pixels),
         ]
 
@@ -206,9 +206,9 @@ class Difference:
         errors = "errors that are not shared" if self.shared else "errors"
         known = ", as far as they are known" if self.at_least else ""
         if self.within:
-            return f"explained by the {errors}{known}: p = {p_value:.2g}"
+            return f"explained by the {errors}{known}: p {_probability(p_value)}"
         parts = f", in {', '.join(self.where)}" if self.where else ""
-        return f"not explained by the {errors}{known}: p = {p_value:.2g}{parts}"
+        return f"not explained by the {errors}{known}: p {_probability(p_value)}{parts}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -221,6 +221,10 @@ class Difference:
         data["shapes"] = self.shapes
         more = {"same": self.same, "within": self.within, "where": self.where}
         return {**data, **more, "verdict": self.verdict}
+
+
+def _probability(value: float) -> str:
+    return f"= {value:.2g}" if value > 1e-9 else "< 1e-9"
 
 
 def difference(

@@ -38,7 +38,7 @@ def comparison_figure(found: Difference) -> Drawing:
         for image, each in zip(warm, (one, other), strict=True)
     ]
     panels += [
-        Panel(change, "difference", "K", limits=(-most, most), colours=CHANGE),
+        Panel(change, "difference", "change of T_app / K", limits=(-most, most), colours=CHANGE),
         Panel(
             found.residuals,
             "residual",
