@@ -74,7 +74,7 @@ def measured(case: Case, *, pixels: int, rays: int) -> Sampled:
     apart = one.temperature_K(result.weights) - one.temperature_K(true)
     both = np.isfinite(apart) & visible(result.weights) & visible(true)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pixel_sampling, "temperature_of", lambda *_: one._temperature)
+        patch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: one._temperature)
         found = pixel_sampling.pixel_error(one.scene, _NO_MEDIUM, ImagePair.of(result))
     assert found.error_K is not None
     true_K = float(np.sqrt(np.mean(apart[both] ** 2)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 import pytest
@@ -25,18 +24,6 @@ from tests.viewed import Viewer, chromium, made_run, scene_for
 pytestmark = pytest.mark.slow
 SMALL = {"camera.pixels": [80, 80], "transport.accuracy_K": 8.0, "plan.shots": 2}
 MOST_BYTES = 15e6
-_MOVE = """async (kelvin) => {
-  const start = performance.now();
-  await cldit.set("wall_K", kelvin);
-  await new Promise((done) => requestAnimationFrame(done));
-  return performance.now() - start;
-}"""
-_LOGARITHMS = """() => {
-  const start = performance.now();
-  let sum = 0;
-  for (let n = 1; n <= 1e7; n++) sum += Math.log(n);
-  return sum > 0 ? performance.now() - start : 0;
-}"""
 
 
 @pytest.fixture
@@ -166,21 +153,3 @@ def test_a_million_pixels_of_spray_can_be_mailed() -> None:
     item = million(0.05)
     assert item.arrays["covered"].mean() > 0.99
     assert len(page_html([item])) < MOST_BYTES
-
-
-def test_a_slider_moves_a_million_pixels_soon(viewer: Viewer, tmp_path: Path) -> None:
-    """Spray in a quarter of them; in gdi in a twelfth.
-
-    A move ends when the frame with the picture begins. A core takes some 100 ms for ten million
-    logarithms, the limit of a move; both are timed by turns, so a busy machine slows both.
-    """
-    item = million(0.16)
-    assert 0.2 < item.arrays["covered"].mean() < 0.3
-    page = tmp_path / "page.html"
-    page.write_text(page_html([item]), encoding="utf-8")
-    viewer.open(page)
-    moves, yardstick = [], []
-    for step in range(21):
-        moves.append(viewer.run(_MOVE, 440.0 + 5.0 * step))
-        yardstick.append(viewer.run(_LOGARITHMS))
-    assert median(moves) < median(yardstick), (moves, yardstick)
