@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from cldit.errors import TransportError
+from cldit.scene.camera import square_pixel_m
 from cldit.scene.schema import Scene
 
 
@@ -59,7 +60,7 @@ class SensorView:
     @property
     def pixel_m(self) -> tuple[float, float]:
         """Width and height of a sensor pixel on the object; pixels are square."""
-        edge = min(self.field_m[0] / self.pixels[0], self.field_m[1] / self.pixels[1])
+        edge = square_pixel_m(self.field_m, self.pixels)
         return edge, edge
 
     def image(self, traced: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -13,8 +13,7 @@ the temperature
 
 The omega_j follow from a trace of a model of the spray (`scattered_by`), where the amount of fuel
 nearly cancels; or without a model from the same spray in different enclosures, since B(T_app) is
-linear in the L_j (`medium_of_enclosures`). Only a model can separate vapour and droplets
-(`droplet_radiance`).
+linear in the L_j (`medium_of_enclosures`). Only a model can separate vapour and droplets.
 """
 
 from __future__ import annotations
@@ -272,22 +271,3 @@ def medium_of_enclosures(
         error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / own
     share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
     return _medium(curve, medium, error=error, share=share, share_error=share_error)
-
-
-def droplet_radiance(
-    maps: Maps,
-    spray: Weights,
-    liquid_share: Floats,
-    scattered: Scattered,
-    curve: Curve,
-) -> Floats:
-    """B of the droplets, (H, W): B(T_app) minus scattered light and vapour of a model.
-
-    The model gives weights with an unobstructed background, the weight `liquid_share` (H, W) of the
-    droplets' emission, and the light that is `scattered`.
-    """
-    epsilon = 1.0 - spray.background.astype(float)
-    radiance, _ = apparent(maps, curve)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        own = (epsilon * (radiance - scattered.radiance) - spray.vapour) / liquid_share
-    return np.where((liquid_share >= LEAST_OWN * epsilon) & (own > 0.0), own, np.nan)

@@ -50,6 +50,11 @@ class Sensor(Section):
     """Number of defective pixels, stuck at 0 or at full scale."""
 
 
+def square_pixel_m(field_m: tuple[float, float], pixels: tuple[int, int]) -> float:
+    """Edge of the square pixels of a sensor whose footprint is the largest within the field."""
+    return min(size / count for size, count in zip(field_m, pixels, strict=True))
+
+
 class Lens(Section):
     """Lens of finite aperture: what is out of focus is blurred."""
 
@@ -129,9 +134,7 @@ class Camera(Section):
     @property
     def pixel_m(self) -> float:
         """Edge of a pixel of the sensor on the target; pixels are square."""
-        return min(
-            size / count for size, count in zip(self.field_m, self.sensor.pixels, strict=True)
-        )
+        return square_pixel_m(self.field_m, self.sensor.pixels)
 
     @property
     def f_number(self) -> float:

@@ -1,8 +1,8 @@
 """README's tour, docs/ten-things.md and the gallery, walked in one folder, in this order.
 
 Every command and Python block runs as it is written, with README's own installation: a virtual
-environment that sees the packages of `pip install ".[pocl]"` and no others. What stands in for a
-reader's own files, a CFD case and a measurement, is made here.
+environment that sees the packages of `pip install ".[pocl]"` and no others. A CFD case and a
+measurement are made here, in place of the reader's own files.
 """
 
 from __future__ import annotations

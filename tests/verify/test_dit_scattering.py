@@ -22,7 +22,6 @@ from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps
 from cldit.dit.scattering import (
     Medium,
-    droplet_radiance,
     enclosure,
     measured_share,
     medium_of_enclosures,
@@ -42,6 +41,7 @@ from cldit.scene import load_scene, parse_scene
 from cldit.scene.schema import Scene
 from cldit.scene.spray import EmptySpray
 from cldit.scene.vessel import Patch
+from tests.bench.scattering.estimators import droplet_radiance
 from tests.bench.scattering.models import RIGHT, wrong_models
 from tests.bench.scattering.page import scattering_page
 from tests.bench.scattering.run import scattering_study

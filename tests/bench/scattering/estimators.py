@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.dit.scattering import (
+    LEAST_OWN,
     WALL,
     Medium,
     Scattered,
     apparent,
-    droplet_radiance,
     measured_share,
     medium_of_enclosures,
     medium_temperature,
 )
 from cldit.optics.response import scene_filter
+from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from tests.bench.scattering.models import LARGER, RIGHT
 from tests.bench.scattering.truth import PLATES, SECOND_FILTER_UM, Traced, solid_angles
@@ -293,3 +294,22 @@ def _with_model(models: Mapping[str, Traced], second: Mapping[str, Traced]) -> I
     for name in (RIGHT, LARGER):
         say = partial(medium, model=second[name], name="second filter")
         yield Estimator(method, f"model: {name}", say, Knows.OTHER_BAND, "droplets")
+
+
+def droplet_radiance(
+    maps: Maps,
+    spray: Weights,
+    liquid_share: Floats,
+    scattered: Scattered,
+    curve: Curve,
+) -> Floats:
+    """B of the droplets, (H, W): B(T_app) minus scattered light and vapour of a model.
+
+    The model gives weights with an unobstructed background, the weight `liquid_share` (H, W) of the
+    droplets' emission, and the light that is `scattered`.
+    """
+    epsilon = 1.0 - spray.background.astype(float)
+    radiance, _ = apparent(maps, curve)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = (epsilon * (radiance - scattered.radiance) - spray.vapour) / liquid_share
+    return np.where((liquid_share >= LEAST_OWN * epsilon) & (own > 0.0), own, np.nan)

@@ -136,7 +136,7 @@ def test_other_views_are_refused(key: str, value: object, message: str) -> None:
 
 
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fuel that is 30 K colder is told apart, the same scene never; the exit status says which."""
+    """Fuel 30 K colder is distinguished, the same scene never; the exit status reports it."""
     monkeypatch.chdir(tmp_path)
     Path("a.yaml").write_text(
         "base: droplets-only\ncamera: {pixels: 40, rays_per_pixel: 1}\n"
