@@ -5,7 +5,7 @@ that two of them have in common, `lines.py` adds systematic errors of simulation
 brings both onto the same pixels, and `registration.py` finds the view from the images.
 `difference.py` subtracts them, by region (`regions.py`), and tests the difference
 (`chi_square.py`). `compare.py` does so for several, and refuses what has no meaning; `shape.py`
-measures penetration and areas.
+measures penetration and areas, `keys.py` lists the keys that differ.
 """
 
 from cldit.comparison.compare import Comparison, compare

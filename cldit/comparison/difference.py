@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from typing import Any, Literal
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.comparison.chi_square import ChiSquare, chi_square
+from cldit.comparison.keys import KeyDifference, key_differences
 from cldit.comparison.pixels import together
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.registration import aligned
@@ -18,7 +19,6 @@ from cldit.comparison.shape import Value, shape_of
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
 from cldit.dit.budget import Part
-from cldit.scene import Scene
 
 Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]
@@ -28,20 +28,6 @@ _ROUNDED_K = 2e-3  # single precision on different devices
 _CLEAR = 5.0  # standard errors of the emissivity, in pixels that count
 _MOST_MODES = 10
 _LEAST_PIXELS = 4  # of a region
-
-
-@dataclass(frozen=True)
-class KeyDifference:
-    """A key of the scene and its two values; None if a scene does not have the key."""
-
-    key: str
-    one: Any
-    other: Any
-
-    @property
-    def text(self) -> str:
-        """`walls.temperature_K: 450 and 500`."""
-        return f"{self.key}: {_value(self.one)} and {_value(self.other)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -412,32 +398,3 @@ def _modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
         change = np.asarray(kelvin(first, name)) - kelvin(second, name)
         found.append(Mode(name, np.nan_to_num(change)))
     return tuple(found)
-
-
-def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:
-    """Keys whose values differ between two scenes, in the order of the scene file."""
-    first, second = (dict(_leaves(each.model_dump(mode="json"))) for each in (one, other))
-    return tuple(
-        KeyDifference(key, first.get(key), second.get(key))
-        for key in dict.fromkeys((*first, *second))
-        if first.get(key) != second.get(key)
-    )
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Values by their paths; a list of numbers or texts is a value."""
-    if isinstance(value, Mapping):
-        for key, part in value.items():
-            yield from _leaves(part, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list) and any(isinstance(part, Mapping) for part in value):
-        for number, part in enumerate(value):
-            yield from _leaves(part, f"{path}[{number}]")
-    else:
-        yield path, value
-
-
-def _value(value: Any) -> str:
-    if value is None:
-        return "nothing"
-    text = f"{value:g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

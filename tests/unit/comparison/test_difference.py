@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.errors import OMISSION, Cause, Errors
 from cldit.comparison import Shown, compare, difference, open_shown
-from cldit.comparison.difference import key_differences
+from cldit.comparison.keys import key_differences
 from cldit.comparison.regions import positions_m
 from cldit.comparison.shape import shape_of
 from cldit.comparison.shared import unshared

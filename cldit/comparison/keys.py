@@ -1,0 +1,52 @@
+"""Keys of scenes whose values differ."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from cldit.scene import Scene
+
+
+@dataclass(frozen=True)
+class KeyDifference:
+    """A key of the scene and its two values; None if a scene does not have the key."""
+
+    key: str
+    one: Any
+    other: Any
+
+    @property
+    def text(self) -> str:
+        """`walls.temperature_K: 450 and 500`."""
+        return f"{self.key}: {_value(self.one)} and {_value(self.other)}"
+
+
+def key_differences(one: Scene, other: Scene) -> tuple[KeyDifference, ...]:
+    """Keys whose values differ between two scenes, in the order of the scene file."""
+    first, second = (dict(_leaves(each.model_dump(mode="json"))) for each in (one, other))
+    return tuple(
+        KeyDifference(key, first.get(key), second.get(key))
+        for key in dict.fromkeys((*first, *second))
+        if first.get(key) != second.get(key)
+    )
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Values by their paths; a list of numbers or texts is a value."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _leaves(part, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and any(isinstance(part, Mapping) for part in value):
+        for number, part in enumerate(value):
+            yield from _leaves(part, f"{path}[{number}]")
+    else:
+        yield path, value
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
