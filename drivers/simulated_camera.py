@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.sensor import SensorModel
 from cldit.rig.checks import check_exposure, check_format, check_roi, check_trigger
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
@@ -60,7 +60,7 @@ class SimulatedCamera(Linked):
         self._faults = settings
         self._rate_Hz = _FRAME_RATE_Hz
         self._warm_until_s = -np.inf
-        self._pattern: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+        self._pattern: tuple[Floats, Floats] | None = None
         self._torn: set[int] = set()
         self._exposed = 0
         self._clock = context.clock
@@ -141,7 +141,7 @@ class SimulatedCamera(Linked):
             )
         self._clock.sleep(max(left_s, 0.0))
 
-    def _non_uniformity(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _non_uniformity(self) -> tuple[Floats, Floats]:
         """Gain and offset in counts of each pixel, the same after every start."""
         columns, rows = self._bench.scene.camera.sensor.pixels
         gain, offset = np.random.default_rng([self._seed, 0xF1A7]).normal(size=(2, rows, columns))

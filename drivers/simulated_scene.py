@@ -16,6 +16,7 @@ from typing import Annotated, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.view import SensorView
 from cldit.errors import RunFolderError, SceneError
 from cldit.optics.response import scene_filter
@@ -150,7 +151,7 @@ class SimulatedScene:
         microseconds = round((self._clock.epoch_s() + since_s) * 1e6)
         return np.random.default_rng([self._seed, microseconds, *stream])
 
-    def radiance(self, pulse: Pulse) -> NDArray[np.float64]:
+    def radiance(self, pulse: Pulse) -> Floats:
         """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
         here = self._at(pulse)
         background_K = here.scene.rig.background_start_K
@@ -174,7 +175,7 @@ class _Loaded:
     boundaries: tuple[Boundary, ...]
     spray: tuple[Weights, ...]
     reference: Weights
-    transmission: tuple[NDArray[np.float64], ...]
+    transmission: tuple[Floats, ...]
     pixel_m: tuple[float, float]
 
     @classmethod
@@ -225,9 +226,7 @@ class _Loaded:
             for spray, transmission in zip(self.spray, self.transmission, strict=True)
         ]
 
-    def _changed(
-        self, spray: Weights, transmission: NDArray[np.float64], g: NDArray[np.float64]
-    ) -> Weights:
+    def _changed(self, spray: Weights, transmission: Floats, g: Floats) -> Weights:
         missing = 1.0 - transmission
         thin = np.abs(missing) < 1e-6  # there s -> g
         scale = np.where(thin, g, (1.0 - transmission**g) / np.where(thin, 1.0, missing))
@@ -274,7 +273,7 @@ def _changed_scene(scene: Scene, settings: SceneSettings) -> Scene:
     return scene.model_copy(update={"spray": spray, "windows": hotter})
 
 
-def _transmission(spray: Weights, reference: Weights) -> NDArray[np.float64]:
+def _transmission(spray: Weights, reference: Weights) -> Floats:
     """Transmission of the boundary that fills most of each pixel."""
     names = ("background", "wall", *reference.patches)
     bare = np.stack([reference.images[name] for name in names])
@@ -312,7 +311,7 @@ def _scatter(
     sigma: float,
     length_m: float,
     pixel_m: tuple[float, float],
-) -> NDArray[np.float64]:
+) -> Floats:
     """Lognormal field of mean 1: a smooth part correlated as exp(-(r/length)^2), and a global one.
 
     White noise is filtered in Fourier space, where exp(-(r/L)^2) has the amplitude

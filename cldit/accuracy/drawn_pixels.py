@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Image
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-
-Floats = NDArray[np.float64]
 
 _WHOLE = 90_000  # pixels of an image, up to which all of them are traced
 _MOST = 10_000  # else so many are drawn: the squares of a hundredth of them are known to a seventh
@@ -37,7 +36,7 @@ class DrawnPixels:
 
     @classmethod
     def of(
-        cls, sees_background: NDArray[np.bool_], emissivity: NDArray[np.floating], *, seed: int
+        cls, sees_background: Mask, emissivity: NDArray[np.floating], *, seed: int
     ) -> DrawnPixels:
         """Draws pixels.
 
@@ -61,12 +60,12 @@ class DrawnPixels:
         return self.sample.chance[None]
 
     @property
-    def places(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def places(self) -> tuple[Ints, Ints]:
         """Row and column in the image, each (N,)."""
         row, column = np.divmod(self.sample.pixels, self.shape[1])
         return row, column
 
-    def pick(self, image: Image | NDArray[np.bool_]) -> Any:
+    def pick(self, image: Image | Mask) -> Any:
         """Picks these pixels (1, N) of an image (H, W)."""
         return self.sample.pick(image)
 

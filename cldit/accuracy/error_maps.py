@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from cldit.accuracy.errors import Errors
-from cldit.accuracy.image_pair import Floats
+from cldit.arrays import Floats
 
 Image = NDArray[np.float32]
 TOTAL = "total"

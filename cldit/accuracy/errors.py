@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from cldit.accuracy.image_pair import Floats, ImageDifference
+from cldit.accuracy.image_pair import ImageDifference
+from cldit.arrays import Floats
 
 PARTS = ("spray", "classes", "optics", "cells", "pixels", "seed")  # that two runs may share
 OMISSION = "key"  # a bias by a key that omits physics, and no random error

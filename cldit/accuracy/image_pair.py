@@ -17,14 +17,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.accuracy.drawn_pixels import DrawnPixels
+from cldit.arrays import Floats, Ints, Mask
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Image, Weights
 from cldit.transport.result import Subpixels, Trace
-
-Floats = NDArray[np.float64]
 
 _NEARBY = 0.05  # of the image's edge: size of a block whose pixels may have a common error
 
@@ -41,7 +39,7 @@ class ImagePair:
     weights: Weights
     difference: Weights | None = None
     subpixels: Subpixels | None = None
-    rays: NDArray[np.int64] | None = None
+    rays: Ints | None = None
 
     @classmethod
     def of(cls, result: Trace) -> ImagePair:
@@ -56,7 +54,7 @@ class ImagePair:
             return cls.of(result)
         return cls(result.middle, result.middle_difference)
 
-    def visible(self, temperature: NodeTemperature) -> NDArray[np.bool_]:
+    def visible(self, temperature: NodeTemperature) -> Mask:
         """(H, W) pixels whose emissivity at this wavelength is that of a pixel with a T_app."""
         return np.asarray(1.0 - self.weights.background > temperature.visible)
 

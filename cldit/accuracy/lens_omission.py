@@ -9,18 +9,16 @@ errors, and never in their sum.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.accuracy.errors import NO_PIXEL, Cause
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.variant_tracer import temperature_of
+from cldit.arrays import Floats
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
 from cldit.radiance.point_spread import PointSpread
 from cldit.scene.camera import Camera, Lens
 from cldit.spray.result import Spray
-
-Floats = NDArray[np.float64]
 
 NAME = "lens"
 _DEPTHS = 16  # that stand for the distribution of depths

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Ints
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.stages import Stage
 from cldit.radiance.effective import effective_weights
@@ -59,7 +59,7 @@ class NodeTraces:
         return max(found, key=lambda one: abs(one.largest), default=None)
 
     @property
-    def rays(self) -> NDArray[np.int64] | None:
+    def rays(self) -> Ints | None:
         """(H, W) rays across each pixel, the same for all nodes; None: those of the scene."""
         return self.traces[0].rays
 

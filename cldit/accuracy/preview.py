@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.accuracy.image_pair import Floats
+from cldit.arrays import Floats
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
 from cldit.medium.octree import build_octrees

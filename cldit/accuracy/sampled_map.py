@@ -8,11 +8,10 @@ in the image, of similar emissivity and of similar contrast.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.stats import rankdata
 
-from cldit.accuracy.image_pair import Floats
+from cldit.arrays import Floats, Mask
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 _ALIKE = 16  # sampled pixels: their mean square is known to a third
@@ -20,7 +19,7 @@ _EVEN = 0.1  # of the mean square, which all pixels have: sampled pixels are ali
 
 
 def sampled_square(
-    sample: PixelSample, square: Floats, features: tuple[Floats, ...], counted: NDArray[np.bool_]
+    sample: PixelSample, square: Floats, features: tuple[Floats, ...], counted: Mask
 ) -> Floats:
     """Mean square (H, W) of the error in pixels like each pixel; NaN in pixels that do not count.
 

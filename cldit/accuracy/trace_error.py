@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.accuracy.image_pair import Floats
 from cldit.accuracy.node_traces import NodeTraces
 from cldit.accuracy.sampled_map import sampled_square
+from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
 from cldit.optics.response import scene_filter
 from cldit.radiance.apparent_temperature import temperature_errors_K
@@ -52,7 +51,7 @@ class TraceError:
         if not count:
             return cls(None, unknown="no pixel has an apparent temperature")
 
-        def errors_K(error: Weights, pixels: NDArray[np.int64] | slice = slice(None)) -> Floats:
+        def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> Floats:
             return temperature_errors_K(
                 error,
                 emissivity=maps.emissivity.reshape(-1)[pixels],

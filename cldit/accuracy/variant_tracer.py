@@ -11,13 +11,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cldit.accuracy.coarse_cost import CoarseCost
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.preview import previewed
+from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Sources, build_octrees
@@ -185,7 +183,7 @@ class VariantTracer:
         depth: int,
         settings: TraceSettings,
         split: float | None = None,
-        rays: NDArray[np.int64] | None = None,
+        rays: Ints | None = None,
     ) -> ImagePair:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:

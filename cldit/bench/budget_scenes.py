@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.io.files import write_text
 from cldit.scene import Scene, load_scene, parse_scene
-
-Floats = NDArray[np.float64]
 
 FOLDER = Path(__file__).parent / "references"
 STEP_K = 0.01  # of stored temperatures, in 16 bits

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import ClditError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
@@ -25,7 +25,6 @@ from cldit.transport.phase import ScatteringTable
 from cldit.transport.trace import Trace, TraceSettings, settings_for, trace
 from cldit.transport.view import View
 
-Floats = NDArray[np.float64]
 Say = Callable[[str], None]
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.bench import ACCURACIES_K
 from cldit.bench.case import BenchError, Case, Cost, Lattice, Say, changed, one_pixel
 from cldit.bench.report import Part, Table, number
@@ -20,8 +20,6 @@ from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.show.figures.style import WIDTH_IN, figure_of, label_points, plain_ticks, styled
 from cldit.transport.trace import TraceSettings
-
-Floats = NDArray[np.float64]
 
 SAMPLES = (128, 256, 512)  # of `path`, per pixel
 PLAIN_K = 0.3  # accuracy of `source` without final gather
@@ -45,7 +43,7 @@ class Truth:
     """
 
     temperature_K: tuple[Floats, Floats]
-    visible: NDArray[np.bool_]
+    visible: Mask
     noise_K: float
     samples: int
 

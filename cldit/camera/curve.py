@@ -12,9 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from cldit.arrays import Floats
 from cldit.errors import EvaluationError
 from cldit.optics.planck import (
     band_radiance,
@@ -23,8 +24,6 @@ from cldit.optics.planck import (
     temperature_slope_of_radiance,
 )
 from cldit.optics.response import Filter, edges_um
-
-Floats = NDArray[np.float64]
 
 _FARTHEST = 0.3  # largest relative stretch of the wavelengths
 _POOREST_K = 5.0  # largest residual of the references

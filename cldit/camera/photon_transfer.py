@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from cldit.arrays import Floats
 from cldit.errors import EvaluationError
-
-Floats = NDArray[np.float64]
 
 _BINS = 24  # of equal numbers of pixels
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.errors import EmptyCloud, SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Floats
 
 CLOUD_FIELDS = ("d", "nParticle", "T", "rho")
 NO_CLOUD = "none"  # name of a cloud by which a user asks for gas alone
@@ -29,7 +28,7 @@ class Column:
 
     label: str
     values: AnyFloats
-    undefined: NDArray[np.bool_] | None = None
+    undefined: Mask | None = None
 
 
 @dataclass(frozen=True)

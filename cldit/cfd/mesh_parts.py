@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, joined
 from cldit.cfd.mapping.columns import Source, gas_columns
 from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names
@@ -16,7 +17,6 @@ from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.cfd.mesh.elements import ElementMesh
 from cldit.cfd.mesh.faces import join
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Cloud, Column, triple
 from cldit.cfd.mesh.cells import Boxes, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 _TIMES = set(
     "time times timevalue timestep timeindex step iteration cycle flowtime physicaltime "

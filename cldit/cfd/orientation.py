@@ -9,14 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.cfd.case import CfdCase, Cloud, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Floats, Parcels
+from cldit.spray.result import Parcels
 
 _SNAP_DEG = 10.0  # the mean velocity of a noisy spray is no better known than that
 _ONE_NOZZLE_M = 5e-3  # holes of one injector lie closer together than that
@@ -75,9 +75,7 @@ def _unknown(
     return SprayError(f"{case.source}: {what} cannot be inferred ({why}); set {keys}")
 
 
-def _finite(
-    cloud: Cloud, names: Sequence[str], share: float, remarks: list[str]
-) -> NDArray[np.bool_]:
+def _finite(cloud: Cloud, names: Sequence[str], share: float, remarks: list[str]) -> Mask:
     """True for parcels with finite values; of a field, one or `share` of all may be undefined."""
     known = np.ones(len(cloud.position_m.values), dtype=bool)
     for column in (cloud.position_m, *(cloud.fields[name] for name in names)):

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.cfd.case import Cloud, Column, triple
 from cldit.errors import SprayError
-from cldit.spray.result import Floats, Parcels
+from cldit.spray.result import Parcels
 
-Mask = NDArray[np.bool_]
 # a falling drop of water breaks up beyond some 5 mm; a larger value has another unit
 _LIMITS = {
     "d": (1e-9, 5e-3, "d is the diameter of a droplet in metres"),

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Floats
 
 _MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
 _LONGEST_m = 1.0

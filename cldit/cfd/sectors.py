@@ -8,13 +8,14 @@ from itertools import chain, product
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import CellMesh
 from cldit.cfd.orientation import Frame
 from cldit.cfd.parcels import copied
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
-from cldit.spray.result import Floats, Parcels
+from cldit.spray.result import Parcels
 
 _PART_DEG = 185.0  # a mesh that spans less about its axis is a part; a box of few cells spans 270
 _NEAR_AXIS = 1e-3  # share of the mesh's width

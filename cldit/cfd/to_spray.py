@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, Column
 from cldit.cfd.formats import find_format, read_case
@@ -23,7 +24,7 @@ from cldit.io.origin import files_read
 from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.penetration import liquid_figures
-from cldit.spray.result import Cells, Floats, Parcels, Spray, Vapour
+from cldit.spray.result import Cells, Parcels, Spray, Vapour
 from cldit.spray.spray_file import read_spray
 
 AVOGADRO_MOL = 6.02214076e23

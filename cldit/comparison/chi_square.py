@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.special import chdtrc
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from cldit.arrays import Floats, Mask
 
 _FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
 _SURE = 3.0  # standard errors by which a correlation differs from 0

@@ -18,8 +18,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.comparison.difference import seen_in_both
@@ -29,8 +29,6 @@ from cldit.dit.budget import Part
 from cldit.errors import EvaluationError
 from cldit.optics.response import scene_filter
 from cldit.radiance.boundary import Boundary, Surroundings
-
-Floats = NDArray[np.float64]
 
 _LEAST = 0.1  # of e^2 var(r): the correlation of r and e is known from the scene's sensor alone
 _LEAST_PIXELS = 4
@@ -45,7 +43,7 @@ class RadianceData:
     """
 
     measured: Shown
-    where: NDArray[np.bool_]
+    where: Mask
     curve: Curve
     middle: Floats
     values: Floats

@@ -5,13 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.dit.maps import Maps
 from cldit.optics.visible import VISIBLE_EMISSIVITY
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _ROOT_M = (1e-3, 8e-3)  # below the tip, where the plumes overlap and are hardly heated
 _CONTAINED = 0.97  # share of the visible spray within its reach

@@ -20,12 +20,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import affine_transform, gaussian_filter
 from scipy.optimize import least_squares
 
+from cldit.arrays import Floats
 from cldit.comparison.chi_square import correlation
 from cldit.comparison.shown import Shown
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
-
-Floats = NDArray[np.float64]
 
 _BLURS_px = (4.0, 1.5, 0.0)
 _STEP = 1e-3  # of a derivative, in pixels at the edge of the image

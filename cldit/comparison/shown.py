@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.acquisition.measured import Measured, open_recorded
+from cldit.arrays import Floats
 from cldit.camera.view import SensorView
 from cldit.dit.budget import Part, load_parts
 from cldit.dit.maps import Maps
@@ -18,7 +18,7 @@ from cldit.optics.response import edges_um, from_plain
 from cldit.run import Run, open_run
 from cldit.scene import Scene
 
-Image = NDArray[np.float64]
+Image = Floats
 
 
 @dataclass(frozen=True, kw_only=True)

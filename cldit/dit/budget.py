@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps, Reason
@@ -33,8 +33,6 @@ from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import Pane, band_pane
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.scene.vessel import Window
-
-Floats = NDArray[np.float64]
 
 PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels

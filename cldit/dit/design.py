@@ -19,14 +19,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.acquisition.plan import Plan, StabilitySection, plan_from_scene
+from cldit.arrays import Floats
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.scene.schema import Scene
-
-Floats = NDArray[np.float64]
 
 MOST_SHOTS = 10_000  # of a kind, per background
 LEAST_SHOTS = 3  # needed to detect an outlier

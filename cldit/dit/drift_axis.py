@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats, Mask
 
 BREAK_s = 3600.0  # the default of a plan's stability.timeout_s: then it ends with an error
 
@@ -48,7 +48,7 @@ class Places:
         at, lag, part, since = np.array(places, float).T
         return cls(at, lag, part.astype(int), since)
 
-    def __getitem__(self, which: slice | NDArray[np.bool_]) -> Places:
+    def __getitem__(self, which: slice | Mask) -> Places:
         return Places(self.at[which], self.lag[which], self.part[which], self.since[which])
 
     @property
@@ -123,8 +123,8 @@ def drift_axis(shots: Sequence[Any]) -> DriftAxis:
 
 def _placed(
     shots: Sequence[Any],
-    at: NDArray[np.float64],
-    whole: NDArray[np.float64],
+    at: Floats,
+    whole: Floats,
     part: NDArray[np.int_],
     *,
     unit_s: float | None,

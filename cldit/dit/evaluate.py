@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
@@ -18,8 +18,6 @@ from cldit.optics.response import Filter
 from cldit.optics.spectral import SpectralNode, reference_temperature_K
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiances
 from cldit.radiance.weights import Weights
-
-Floats = NDArray[np.float64]
 
 _BLOCK = 1 << 16  # pixels times backgrounds solved at once: 20 MB, twice as fast as 16 times that
 _TOGETHER = 2  # blocks at a time, one a thread

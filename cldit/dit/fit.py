@@ -41,10 +41,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats, Mask
 
 _NEARBY = 3  # pixels: edge of the neighbourhood whose scatter between shots is pooled
 
@@ -103,7 +102,7 @@ def fit_pair(
     mean: tuple[Floats, Floats],
     *,
     variance: tuple[Floats, Floats],
-    usable: NDArray[np.bool_],
+    usable: Mask,
     common: Sequence[CommonError] = (),
     steady: Sequence[SteadyError] = (),
     with_shared: bool = False,

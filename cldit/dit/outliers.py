@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.shots import Sums
 from cldit.errors import EvaluationError
-
-Floats = NDArray[np.float64]
 
 HUBER = 2.5  # deviations beyond which a shot counts less
 OUTLIER_DEVIATIONS = 6.0  # ... and beyond which it is reported and does not count

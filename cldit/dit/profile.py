@@ -12,12 +12,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
 from cldit.io.files import write_text
 from cldit.io.presented import Presented
-
-Floats = NDArray[np.float64]
 
 _ANGLES = 721  # directions tried for the plume: a quarter of a degree apart
 
@@ -130,7 +129,7 @@ def _places(
     centre_m: tuple[float, float],
     start_m: tuple[float, float],
     angle_deg: float,
-) -> tuple[Floats, Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Floats, Floats, Floats, Ints, Ints]:
     """Distance, x, z, row and column of each point in the image, up to its edge."""
     rows, columns = shape
     step_m = min(pixel_m)

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.camera.photon_transfer import photon_transfer
@@ -33,7 +33,6 @@ from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import band_pane
 from cldit.radiance.boundary import Boundary
 
-Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 Watch = Callable[[int, int], None]
 
@@ -277,7 +276,7 @@ def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, floa
                 group.reweigh(acquisition.load(shots[name]), number, weights[name])
 
 
-def _defective(sums: AllSums, named: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+def _defective(sums: AllSums, named: Mask | None) -> Mask:
     """Pixels (rows, columns) that are named, or that have one value, not saturated, in all images,
     where others have noise.
     """
@@ -293,7 +292,7 @@ def _defective(sums: AllSums, named: NDArray[np.bool_] | None) -> NDArray[np.boo
     return bad if named is None else bad | named
 
 
-def _seeing(sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _seeing(sums: AllSums, setpoints: Sequence[float], bad: Mask) -> Mask:
     """Pixels with a high contrast between references of two backgrounds, never saturated."""
     cold, hot = (sums[k, "reference"].mean(slice(None)) for k in (setpoints[0], setpoints[-1]))
     good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0) & ~bad)
@@ -305,9 +304,7 @@ def _seeing(sums: AllSums, setpoints: Sequence[float], bad: NDArray[np.bool_]) -
     return np.asarray(good & (contrast > _SEES * np.percentile(contrast[good], 95)))
 
 
-def _complete(
-    given: Mapping[str, Any], sums: AllSums, sees: NDArray[np.bool_], seen: Floats
-) -> Calibration:
+def _complete(given: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats) -> Calibration:
     """The calibration, with missing values from references that show radiances `seen` (K,)."""
     rounded = all(group.rounded for group in sums.values())
     data = {"step_counts": 1.0 if rounded else 0.0, **given}
@@ -402,7 +399,7 @@ def _solved(
     )
 
 
-def _without(maps: Maps, bad: NDArray[np.bool_]) -> Maps:
+def _without(maps: Maps, bad: Mask) -> Maps:
     images = {
         item.name: np.where(bad, np.float32(np.nan), getattr(maps, item.name))
         for item in fields(Maps)

@@ -22,15 +22,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights, background_radiance
-
-Floats = NDArray[np.float64]
 
 LEAST_OWN = 0.1  # least share of epsilon of the medium's own light for a result
 _APART = 1e-6  # relative difference of radiances from which enclosures differ

@@ -26,9 +26,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from cldit.arrays import Floats
 from cldit.dit.budget import budget
 from cldit.dit.design import MOST_SHOTS, BlackBody, temperatures_K
 from cldit.dit.maps import Maps, Reason
@@ -37,8 +37,6 @@ from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
-
-Floats = NDArray[np.float64]
 
 LEVEL, POWER = 0.01, 0.95
 NEEDED = float(norm.isf(LEVEL) + norm.isf(1.0 - POWER))

@@ -10,11 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.dit.drift_axis import Place
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
-
-Floats = NDArray[np.float64]
 
 _LEAST_PIXELS = 16  # fewer may be equal by chance
 _ALL = 0.95  # share of saturated pixels at which a background is ignored
@@ -55,7 +54,7 @@ class Acquisition(Protocol):
         """Walls, windows and patches around the spray."""
 
     @property
-    def bad_pixels(self) -> NDArray[np.bool_] | None:
+    def bad_pixels(self) -> Mask | None:
         """Mask (rows, columns) of pixels that are not used; None: all are used."""
 
     @property
@@ -99,7 +98,7 @@ class Sums:
         return cls([], zero, zero.copy(), zero.copy(), low, saturation_counts, [], [], [], [], [])
 
     @property
-    def full(self) -> NDArray[np.bool_]:
+    def full(self) -> Mask:
         """Pixels (h, w) that were saturated at least once."""
         return np.asarray(self.largest >= self.saturation_counts)
 
@@ -314,9 +313,7 @@ def _with_flat(
     return ignored
 
 
-def ignore_saturated(
-    sums: dict[tuple[float, str], Sums], bad: NDArray[np.bool_] | None
-) -> list[str]:
+def ignore_saturated(sums: dict[tuple[float, str], Sums], bad: Mask | None) -> list[str]:
     """Removes backgrounds at which nearly all pixels are saturated, and returns their remarks."""
     lines: list[str] = []
     for setpoint in sorted({setpoint for setpoint, _ in sums}):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from cldit.arrays import Floats, Mask
 from cldit.camera.curve import Curve
 from cldit.dit.fit import (
     CommonError,
@@ -24,8 +25,6 @@ from cldit.dit.fit import (
 )
 from cldit.dit.maps import Maps, Reason
 from cldit.optics.visible import VISIBLE_DISC
-
-Floats = NDArray[np.float64]
 
 _AGAIN = 2  # iterations for a drifting gain: the error falls by a factor of the drift with each
 DETECTION = 3.0  # least emissivity in standard errors ...
@@ -166,7 +165,7 @@ def solve(
     reference: Signals,
     injection: Signals,
     *,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     curve: Curve,
     drifts: Sequence[Drift] = (),
     systematic: Systematic | None = None,

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
@@ -24,8 +25,6 @@ from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
-
-Floats = NDArray[np.float64]
 
 _PIXELS = 2000  # a sample of all: its 90 % quantile is good to 1 %
 

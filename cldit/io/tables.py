@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.io.files import make_folder, write_bytes
 
-Floats = NDArray[np.float64]
 Arrays = dict[str, Floats]
 
 

@@ -15,14 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from cldit.arrays import Floats
 from cldit.errors import MediumError
 from cldit.spray.extent import Cloud
 from cldit.spray.result import Parcels, Spray
-
-Floats = NDArray[np.float64]
 
 NEIGHBOURS = 16
 WIDTH = 1.4

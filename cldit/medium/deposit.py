@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.errors import MediumError
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Extent
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposition: about 60 bytes a pair
 _BOXES_AT_ONCE = 20_000  # boxes whose bricks are marked while they are in the cache
@@ -38,7 +36,7 @@ class Touched:
         local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
         return np.asarray(slot * CELLS_PER_BRICK + local)
 
-    def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+    def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, Mask]:
         """Storage addresses (S,) of the stored finest cells of a layer z, and their mask (Y, X).
 
         The cells are those of the rows y (Y,) and columns x (X,).
@@ -145,13 +143,13 @@ class PlacedBoxes:
             share *= (high - low) / (self.upper[box, axis] - self.lower[box, axis])
         return box, cell, share
 
-    def mark(self, mark: NDArray[np.bool_]) -> None:
+    def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that the boxes touch."""
         for start in range(0, len(self.lower), _BOXES_AT_ONCE):
             part = slice(start, start + _BOXES_AT_ONCE)
             self._mark(mark, part)
 
-    def _mark(self, mark: NDArray[np.bool_], part: slice) -> None:
+    def _mark(self, mark: Mask, part: slice) -> None:
         first, count = PlacedBoxes(self.lower[part], self.upper[part]).span()
         low = first // BRICK
         high = np.minimum((first + count - 1) // BRICK, len(mark) - 1)
@@ -201,7 +199,7 @@ class PlacedPoints:
     cell: NDArray[np.signedinteger]
     shared: Ints | None = None
 
-    def mark(self, mark: NDArray[np.bool_]) -> None:
+    def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that contain a point."""
         brick = self.cell // BRICK
         mark[brick[:, 2], brick[:, 1], brick[:, 0]] = True
@@ -221,7 +219,7 @@ class PlacedClouds:
     covariance: Floats
     cells: int
 
-    def mark(self, mark: NDArray[np.bool_]) -> None:
+    def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that a cloud reaches."""
         none = np.zeros((len(self.place), 0))
         directory, target = np.zeros(mark.shape, np.int32), np.zeros((0, 0))
@@ -240,7 +238,7 @@ class PlacedClouds:
         self,
         amount: Floats,
         directory: NDArray[np.int32],
-        mark: NDArray[np.bool_],
+        mark: Mask,
         target: Floats,
         *,
         marking: bool,

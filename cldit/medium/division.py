@@ -8,10 +8,9 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.medium.deposit import Touched
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
-
-Floats = NDArray[np.float64]
 
 
 def _blocks(values: NDArray[np.generic], edge: int) -> NDArray[np.generic]:
@@ -37,11 +36,11 @@ class Division:
     touched: Touched
     directory: NDArray[np.int32]
     keep: NDArray[np.int32]
-    whole: NDArray[np.bool_]
-    member: NDArray[np.int64]
-    filled: NDArray[np.bool_]
+    whole: Mask
+    member: Ints
+    filled: Mask
     coarse_level: NDArray[np.int32]
-    unsplit: list[tuple[int, NDArray[np.bool_]]]
+    unsplit: list[tuple[int, Mask]]
     leaves: tuple[int, ...]
 
     @classmethod
@@ -130,10 +129,10 @@ def _inside(frame: Frame) -> tuple[slice, slice, slice, slice]:
 def _coarse_levels(
     frame: Frame,
     vapour: Floats,
-    droplets: NDArray[np.bool_],
+    droplets: Mask,
     bound: float,
     leaves: list[int],
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.bool_]]:
+) -> tuple[Ints, NDArray[np.int32], Mask]:
     """Divides from the cube down to bricks.
 
     Returns (nb, nb, nb) arrays: number and level of the leaf that covers a brick, and the mask of
@@ -170,16 +169,16 @@ def _coarse_levels(
 def _merge_in_bricks(
     frame: Frame,
     vapour: Floats,
-    droplets: NDArray[np.bool_],
+    droplets: Mask,
     keep: NDArray[np.int32],
     bound: float,
     leaves: list[int],
-) -> list[tuple[int, NDArray[np.bool_]]]:
+) -> list[tuple[int, Mask]]:
     """Blocks of 4^3 and 2^3 cells in divided bricks that are one leaf: (edge, mask)."""
     edge = min(BRICK, frame.cells)
     level = frame.depth - edge.bit_length() + 1
-    open_: NDArray[np.bool_] | None = None
-    merged: list[tuple[int, NDArray[np.bool_]]] = []
+    open_: Mask | None = None
+    merged: list[tuple[int, Mask]] = []
     side = edge // 2
     while side >= 1:
         level += 1

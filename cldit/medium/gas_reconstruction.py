@@ -12,13 +12,10 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.medium.limiter import limited
 from cldit.spray.result import Cells, Vapour
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FINEST_m = 0.5e-3  # boxes of at most this edge are not divided
 _MOST = 4  # parts along an edge

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats, Ints
 
 _FEWEST = 1000  # boxes; with fewer, pairs are as fast
 _SPARSEST = 16  # lattice points per box; with more, the dense lattice is slower than the pairs
@@ -27,7 +27,7 @@ class Lattice:
     sum to 1. first: first cell along x, y, z.
     """
 
-    place: NDArray[np.int64]
+    place: Ints
     shape: tuple[int, int, int]
     shares: tuple[csr_array, csr_array, csr_array]
     first: tuple[int, int, int]

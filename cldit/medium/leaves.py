@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Ints, Mask
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
 
@@ -22,9 +23,9 @@ class Leaves:
     address: (N,) of the leaf's value in the tree's fields.
     """
 
-    corner: NDArray[np.int64]
-    edge: NDArray[np.int64]
-    address: NDArray[np.int64]
+    corner: Ints
+    edge: Ints
+    address: Ints
 
     @classmethod
     def of(cls, tree: Octree, values: Sequence[NDArray[np.generic]]) -> Leaves:
@@ -36,7 +37,7 @@ class Leaves:
         fine, coarse = _stored(tree, values), _coarse(tree)
         return cls(*(np.concatenate(pair) for pair in zip(fine, coarse, strict=True)))
 
-    def nodes(self, cells: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def nodes(self, cells: int) -> tuple[Ints, Ints]:
         """Corners (P, 3; x, y, z) of the leaves, in finest cells, and those of each leaf (N, 8).
 
         They are in the order of VTK's hexahedron; the cube has `cells` finest cells along an edge.
@@ -53,7 +54,7 @@ _HEXAHEDRON = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
 )
 
-_Parts = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+_Parts = tuple[Ints, Ints, Ints]
 
 
 def _stored(tree: Octree, values: Sequence[NDArray[np.generic]]) -> _Parts:
@@ -77,9 +78,7 @@ def _stored(tree: Octree, values: Sequence[NDArray[np.generic]]) -> _Parts:
     return brick[slot] + inside, edge[first], address
 
 
-def _blocks_alike(
-    tree: Octree, values: Sequence[NDArray[np.generic]], side: int
-) -> NDArray[np.bool_]:
+def _blocks_alike(tree: Octree, values: Sequence[NDArray[np.generic]], side: int) -> Mask:
     """Mask (S, 8, 8, 8) of the cells whose block of `side`^3 cells has equal values."""
     count = BRICK // side
     shape = (tree.slots, count, side, count, side, count, side)

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.medium.deposit import Placed, Touched, place_boxes, place_droplets, touched_bricks
 from cldit.medium.division import Division
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.spray.extent import Extent
 
-Floats = NDArray[np.float64]
 _TOGETHER = 4  # trees that are filled at a time, one per thread
 # Absorption below this optical depth across the whole cube is set to 0: it is far below rounding in
 # any image, and its denormal numbers would slow down all kernels.
@@ -105,7 +105,7 @@ class Octree:
     shares: NDArray[np.uint8] | None = None
 
     @property
-    def filled(self) -> NDArray[np.bool_]:
+    def filled(self) -> Mask:
         """Mask (nb, nb, nb) of bricks that are not empty space."""
         return (self.directory >= 0) | (self.directory < -1 - self.frame.depth)
 

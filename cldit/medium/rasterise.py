@@ -12,11 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.medium.frame import BRICK
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 REACH = 6.0**0.5  # half the width of the profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
@@ -53,7 +51,7 @@ def rasterise(
     directory: NDArray[np.int32],
     cells: int,
     marking: bool,
-    mark: NDArray[np.bool_],
+    mark: Mask,
     target: Floats,
 ) -> None:
     """Adds each cloud's amounts to the stored cells, or marks the bricks that clouds reach.

@@ -13,14 +13,12 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.errors import MediumError
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.octree import Sources, placed_sources
 from cldit.spray.extent import Box, Cloud
-
-Floats = NDArray[np.float64]
 
 DEEPEST = 12  # halvings of a cube
 MOST_CELLS = 60_000_000
@@ -314,7 +312,7 @@ def _outside(amount: Floats, inside: Floats) -> float:
     return float(np.sum(amount * (1.0 - inside))) / total if total > 0.0 else 0.0
 
 
-def _taken(source: Any, chosen: NDArray[np.bool_]) -> Any:
+def _taken(source: Any, chosen: Mask) -> Any:
     """Some parcels or boxes of a source."""
 
     def some(value: Any) -> Any:

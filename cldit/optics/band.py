@@ -11,16 +11,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.medium.octree import CellSource, PointSource
 from cldit.optics.droplets import DropletTable, droplet_table
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.scene.optics import Optics
 from cldit.spray.result import Parcels, Prescribed, Spray, Vapour
-
-Floats = NDArray[np.float64]
 
 AVOGADRO_PER_MOL = 6.02214076e23
 

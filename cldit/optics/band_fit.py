@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import wofz
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.optics.liquid import Bands, Table
-
-Floats = NDArray[np.float64]
 
 STRONG_K = 0.005
 _REFERENCE_PER_CM = 3000.0  # of the background, as in `liquid`

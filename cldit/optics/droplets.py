@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from cldit.arrays import Floats
 from cldit.errors import DropletError
 from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
-
-Floats = NDArray[np.float64]
 
 SMALLEST_M = 0.05e-6
 LARGEST_M = 500e-6

@@ -10,11 +10,10 @@ the anchor. Between its points k is taken linear in v, and each piece is integra
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
-
-Floats = NDArray[np.float64]
 
 _ROWS = 256  # wavenumbers at a time, which bounds the memory
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import Filter
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature
 from cldit.scene.schema import Scene
 
-Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 

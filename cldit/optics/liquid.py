@@ -17,13 +17,13 @@ from importlib import resources
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import wofz
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
 
-Floats = NDArray[np.float64]
 Status = Literal["measured", "estimate", "user"]
 
 _DATA = "cldit.optics.data"

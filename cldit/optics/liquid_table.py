@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import FileError, OpticsError
 from cldit.io.files import read_text
 from cldit.io.plain_data import parse_yaml
 from cldit.optics.liquid import Liquid, Table
-
-Floats = NDArray[np.float64]
 
 _UNIT_UM = (0.1, 200.0)  # wavelengths outside this are in another unit
 _COLUMNS = ("wavelength_um", "n", "k")

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import DropletError
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 SIZE_PARAMETERS = (1e-4, 1e4)

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.errors import DropletError
 from cldit.io.tables import Arrays, cached
 from cldit.optics import mie
-
-Floats = NDArray[np.float64]
 
 SMALLEST_M = 0.05e-6
 _SIZES = 192

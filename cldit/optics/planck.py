@@ -21,14 +21,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.optics.response import Filter, cut, edges_um
 
 if TYPE_CHECKING:  # half of a second, for tables that few processes make
     from scipy.interpolate import CubicHermiteSpline
-
-Floats = NDArray[np.float64]
 
 LIGHT_SPEED_m_s = 299792458.0  # exact in the SI
 SECOND_RADIATION_CONSTANT_m_K = 6.62607015e-34 * 299792458.0 / 1.380649e-23  # h c / k, exact
@@ -97,7 +96,7 @@ def _log_band(temperature_K: Floats, pieces: tuple[_Piece, ...]) -> tuple[Floats
 
 def part_radiance(
     temperature_K: Floats, *, filter_um: Filter, low_um: float, high_um: float
-) -> NDArray[np.float64]:
+) -> Floats:
     """Photon radiance (N,) of a black body in a part of a filter, photons s-1 m-2 sr-1.
 
     Args:
@@ -112,7 +111,7 @@ def part_radiance(
         return np.asarray(np.exp(_log_band(temperature_K, pieces)[0]))
 
 
-def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> NDArray[np.float64]:
+def _evaluate(temperature_K: ArrayLike, filter_um: Filter, *, slope: bool) -> Floats:
     pieces = _pieces(filter_um)
     temperature = np.asarray(temperature_K, dtype=np.float64)
     flat = temperature.ravel()
@@ -170,7 +169,7 @@ def _looked_up(
     return log_band, np.where(beyond == 0.0, spline(inside, 1), 1.0) if slope else 1.0
 
 
-def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
+def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> Floats:
     """Photon radiance of a black body in a filter, photons s-1 m-2 sr-1.
 
     The result has the shape of `temperature_K`. Its relative error is below 5e-11 for normal
@@ -180,7 +179,7 @@ def band_radiance(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.
     return _evaluate(temperature_K, filter_um, slope=False)
 
 
-def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
+def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> Floats:
     """d B / d T at `temperature_K`, any shape, in `filter_um`; otherwise as `band_radiance`.
 
     In photons s-1 m-2 sr-1 K-1.
@@ -201,7 +200,7 @@ def _inverse(filter_um: Filter) -> tuple[CubicHermiteSpline, Floats]:
     return spline, np.array([log_band[-1], np.log(temperature[-1])])
 
 
-def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> NDArray[np.float64]:
+def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> Floats:
     spline, (top, log_temperature) = _inverse(filter_um)
     value = np.asarray(radiance, dtype=np.float64)
     out = np.where(value == 0.0, np.inf if slope else 0.0, np.nan)
@@ -220,7 +219,7 @@ def _invert(radiance: ArrayLike, filter_um: Filter, *, slope: bool) -> NDArray[n
     return np.asarray(out)
 
 
-def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
+def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> Floats:
     """Temperature in K at which a black body has this radiance: the inverse of `band_radiance`.
 
     The result has the shape of `radiance`, in photons s-1 m-2 sr-1. It comes from a table of ln T
@@ -230,7 +229,7 @@ def temperature_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArra
     return _invert(radiance, filter_um, slope=False)
 
 
-def temperature_slope_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> NDArray[np.float64]:
+def temperature_slope_of_radiance(radiance: ArrayLike, *, filter_um: Filter) -> Floats:
     """d T / d B at `radiance`, any shape, in `filter_um`; otherwise as `temperature_of_radiance`.
 
     In K per photons s-1 m-2 sr-1; infinite at 0.

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.errors import SceneError
 from cldit.scene.curves import check_curve
 from cldit.scene.schema import Scene
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

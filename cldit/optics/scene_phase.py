@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from typing import Literal, assert_never
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.scene.schema import Scene
 from cldit.scene.transport import HenyeyGreenstein, Phase
 from cldit.spray.result import Spray
 
-Floats = NDArray[np.float64]
 Cumulative = Callable[[Floats], Floats]
 
 

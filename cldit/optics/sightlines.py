@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.medium.deposit import PlacedBoxes
 from cldit.medium.lattice import Lattice
 from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray, Vapour
-
-Floats = NDArray[np.float64]
 
 _ACROSS = 256  # beams each way at most: 50 MB for each amount
 _LINES = 192
@@ -149,7 +148,7 @@ class Beams:
                 rows, columns = plane.shape
                 total.reshape(nz, ny, nx)[z, y : y + rows, x : x + columns] += plane
 
-    def _place(self, cell: NDArray[np.generic]) -> NDArray[np.int64]:
+    def _place(self, cell: NDArray[np.generic]) -> Ints:
         """Flat indices (N,) in [z, y, x] of cells (N, 3), clipped to the beams."""
         x, y, z = np.clip(cell.astype(np.int64), 0, np.array(self.shape) - 1).T
         return np.asarray((z * self.shape[1] + y) * self.shape[0] + x)
@@ -198,7 +197,7 @@ class _Drops:
         )
 
 
-def _half_edges(parcels: Parcels, held: NDArray[np.bool_]) -> Floats:
+def _half_edges(parcels: Parcels, held: Mask) -> Floats:
     """Half edges (N, 3) of the parcels' boxes; a cloud's box has the variance of the cloud along
     each axis, that of a uniform box of edge h being h^2 / 12."""
     count = int(np.count_nonzero(held))

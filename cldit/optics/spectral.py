@@ -15,16 +15,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from cldit.arrays import Floats
 from cldit.errors import SceneError
 from cldit.optics.planck import band_radiance, part_radiance
 from cldit.optics.response import Filter, edges_um, from_plain, to_plain
 from cldit.optics.windows import Pane, mean_pane
 from cldit.scene.vessel import Window
-
-Floats = NDArray[np.float64]
 
 _KNOTS_K = np.geomspace(50.0, 5000.0, 256)  # shares are smooth; constant below 50 K
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.optics.liquid import Liquid, liquid
 from cldit.optics.liquid_table import read_liquid_table
 from cldit.optics.response import Filter, edges_um
@@ -21,8 +22,6 @@ from cldit.optics.vapour import KDistribution, VapourBand, vapour_band
 from cldit.optics.xsc import read_xsc
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
-
-Floats = NDArray[np.float64]
 
 _STEP_per_cm = 2.0  # a sixth of the narrowest bands of n-heptane, liquid and vapour
 _MOST = 400

@@ -26,10 +26,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.io.plain_data import parse_yaml
 
-Floats = NDArray[np.float64]
 Status = Literal["measured", "estimate", "user"]
 
 HEPTANE_AREA_KM_MOL = 503.0  # rule of Williams et al., JQSRT 129, 298 (2013); RadCal's is 761

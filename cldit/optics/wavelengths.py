@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from cldit.arrays import Floats
 from cldit.errors import OpticsError
 from cldit.io.tables import Arrays, cached, digest
 from cldit.optics import mie
@@ -34,7 +35,6 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
-Floats = NDArray[np.float64]
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more

@@ -26,14 +26,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.errors import SceneError
 from cldit.optics.planck import part_radiance
 from cldit.optics.response import Filter, edges_um
 from cldit.scene.vessel import Window
-
-Floats = NDArray[np.float64]
 
 _PARTS = 64  # into which a filter is divided for the mean over it
 

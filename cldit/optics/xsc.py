@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import FileError, OpticsError
 from cldit.io.files import read_text
 from cldit.optics.vapour import VapourBand
-
-Floats = NDArray[np.float64]
 
 _M2_MOL = 6.02214076e23 * 1e-4  # of 1 cm2 per molecule
 _NOISE = 0.02  # of the largest value: negative cross sections up to this are taken as 0

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.camera.view import SensorView
 from cldit.scene import Scene
-from cldit.spray.result import Floats, Spray
+from cldit.spray.result import Spray
 
 _CUT = 1e-3  # share of the fuel outside the field that is worth a remark
 _SMALL = 0.4  # of the field's width and height: a smaller spray has few pixels

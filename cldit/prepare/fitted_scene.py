@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.io.plain_data import yaml_line
 from cldit.prepare.case_fit import Fuel
 from cldit.scene.camera import Camera, Sensor
 from cldit.scene.spray import CfdSpray
 from cldit.scene.vessel import FINEST
-from cldit.spray.result import Floats, Spray
+from cldit.spray.result import Spray
 
 _ROOM = 1.15  # of the field and the cube, over what they must contain
 _BACKGROUNDS = 6

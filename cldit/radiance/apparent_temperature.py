@@ -17,6 +17,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.optics.planck import band_radiance, band_radiance_slope, temperature_of_radiance
 from cldit.optics.response import Filter, scene_filter
 from cldit.optics.spectral import SpectralNode, reference_temperature_K
@@ -25,12 +26,8 @@ from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights, background_radiance, compose
 from cldit.scene.schema import Scene
 
-Floats = NDArray[np.float64]
 
-
-def has_temperature(
-    emissivity: NDArray[np.floating], temperature_K: NDArray[np.floating]
-) -> NDArray[np.bool_]:
+def has_temperature(emissivity: NDArray[np.floating], temperature_K: NDArray[np.floating]) -> Mask:
     """Pixels, any shape, that have a T_app and an emissivity above 0.05."""
     return np.asarray(np.isfinite(temperature_K) & (emissivity > VISIBLE_EMISSIVITY))
 
@@ -188,7 +185,7 @@ class NodeTemperature:
     radiance: Floats
     wall: float
     patches: Mapping[str, float]
-    sees_background: NDArray[np.bool_]
+    sees_background: Mask
     visible: float = VISIBLE_EMISSIVITY
 
     @classmethod
@@ -196,7 +193,7 @@ class NodeTemperature:
         cls,
         scene: Scene,
         node: SpectralNode,
-        sees_background: NDArray[np.bool_],
+        sees_background: Mask,
         *,
         visible: float = VISIBLE_EMISSIVITY,
     ) -> NodeTemperature:
@@ -210,7 +207,7 @@ class NodeTemperature:
         around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
         return cls(grid_K, radiance, around.wall, around.patches, sees_background, visible)
 
-    def picked(self, pixels: NDArray[np.int64]) -> NodeTemperature:
+    def picked(self, pixels: Ints) -> NodeTemperature:
         """The same for pixels (N,), flat numbers, whose weights are one row (1, N)."""
         return replace(self, sees_background=self.sees_background.reshape(1, -1)[:, pixels])
 

@@ -17,16 +17,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.optics.windows import Pane, band_pane
 from cldit.radiance.weights import Weights, background_radiance, compose
 from cldit.scene.schema import Scene
 from cldit.scene.vessel import Patch, Window
-
-Floats = NDArray[np.float64]
 
 Radiance = Callable[[ArrayLike], Floats]
 

@@ -24,18 +24,16 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 from scipy.special import j1
 
+from cldit.arrays import Floats
 from cldit.optics.planck import part_radiance
 from cldit.optics.response import edges_um, scene_filter
 from cldit.optics.spectral import reference_temperature_K
 from cldit.radiance.weights import Image, Weights
 from cldit.scene.camera import Camera
 from cldit.scene.schema import Scene
-
-Floats = NDArray[np.float64]
 
 _COLDEST_K = 100.0  # colder light has no share in most filters
 _PARTS = 8  # of the filter, whose Airy discs differ in size by 1 % in one of 0.3 um at 3.4 um

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.accuracy.errors import Cause, Errors
+from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
@@ -27,8 +28,6 @@ from cldit.scene import Scene, dump_scene
 from cldit.scene.scatter import member, members_of, nominal
 
 Image = NDArray[np.float32]
-Floats = NDArray[np.float64]
-
 NOMINAL, MEMBERS, STATISTICS = "nominal", "members", "ensemble"
 INJECTIONS = "injections"
 UNSTATED = "one of several injections, traced with the resolution of the nominal one"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.orientation import Frame
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
@@ -24,8 +25,6 @@ from cldit.run.rebuilt import Rebuilt, rebuilt
 from cldit.run.result import Run
 from cldit.spray.vtk_export import parcel_points
 from cldit.transport.source_iteration import source_function
-
-Floats = NDArray[np.float64]
 
 FORMATS = ("vtkhdf", "vtu")
 _FRAME = tuple(f"{name}_{letter}" for name in ("nozzle", "axis") for letter in "xyz")
@@ -167,7 +166,7 @@ def case_frame(notes: dict[str, float]) -> Frame | None:
 
 
 def _blocks(made: Rebuilt, fields: CellFields, frame: Frame | None) -> dict[str, Grid | Points]:
-    def placed(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def placed(points_m: Floats) -> Floats:
         return points_m if frame is None else points_m @ frame.rotation + frame.nozzle_m
 
     cube = made.tree.frame

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.errors import SprayError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Box:
         if not np.all((self.edge_m >= 1e-9) & (self.edge_m <= 1e3)):
             raise SprayError(f"box.edge_m: {self.edge_m.tolist()} is outside 1e-9..1e3")
 
-    def of(self, _: NDArray[np.bool_]) -> Box:
+    def of(self, _: Mask) -> Box:
         """Extent of some of the parcels (N,)."""
         return self
 
@@ -47,7 +45,7 @@ class Cloud:
         if np.any(bad):
             raise SprayError(f"cloud.covariance_m2: entry {int(np.argmax(bad))} is no covariance")
 
-    def of(self, chosen: NDArray[np.bool_]) -> Cloud:
+    def of(self, chosen: Mask) -> Cloud:
         """Extent of the `chosen` parcels (N,)."""
         return Cloud(self.covariance_m2[chosen])
 

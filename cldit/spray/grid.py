@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.scene.spray import GridSpray
-from cldit.spray.result import Cells, Floats, Prescribed, Spray
+from cldit.spray.result import Cells, Prescribed, Spray
 from cldit.spray.spray_file import UNREADABLE, check_members
 
 _COEFFICIENTS = (

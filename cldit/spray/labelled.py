@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from cldit.arrays import Floats
 from cldit.io.presented import xarray_module
 from cldit.spray.result import Cells, Spray
 
@@ -68,7 +66,7 @@ def _units(name: str, unit: str) -> dict[str, str]:
     return {"units": unit, "long_name": name}
 
 
-def _places(coords: dict[str, Any], dimension: str, position_m: NDArray[np.float64]) -> None:
+def _places(coords: dict[str, Any], dimension: str, position_m: Floats) -> None:
     for number, axis in enumerate(_AXES):
         about = {"units": "mm", "long_name": f"{axis}, from the injector's tip"}
         coords[f"{dimension}_{axis}"] = (dimension, 1e3 * position_m[:, number], about)

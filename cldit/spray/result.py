@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.errors import SprayError
 from cldit.io.origin import FileRead
 from cldit.io.presented import Presented
@@ -18,8 +18,6 @@ from cldit.spray.extent import Box, Cloud, Extent
 
 if TYPE_CHECKING:
     import xarray
-
-Floats = NDArray[np.float64]
 
 
 def _checked(what: str, values: Floats, *, low: float, high: float) -> None:
@@ -105,7 +103,7 @@ class Parcels:
         """True if the parcels are a sample of the droplets, and not the field itself."""
         return not isinstance(self.extent, Box)
 
-    def take(self, chosen: NDArray[np.bool_]) -> Parcels:
+    def take(self, chosen: Mask) -> Parcels:
         """Some of the parcels, chosen (N,)."""
         return Parcels(
             self.position_m[chosen],
@@ -143,7 +141,7 @@ class RegularGrid:
     origin_m: Floats
     spacing_m: Floats
     shape: tuple[int, int, int]
-    index: NDArray[np.int64]
+    index: Ints
 
     def __post_init__(self) -> None:
         if self.origin_m.shape != (3,) or self.spacing_m.shape != (3,):
@@ -199,7 +197,7 @@ class Cells:
         origin_m: Floats,
         spacing_m: Floats,
         shape: tuple[int, int, int],
-        index: NDArray[np.int64] | None = None,
+        index: Ints | None = None,
     ) -> Cells:
         """Voxels of a regular grid.
 

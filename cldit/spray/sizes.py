@@ -11,13 +11,13 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammainc, gammaincinv, gammaln, ndtr, ndtri
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.scene.sizes import Histogram, LogNormal, Monodisperse, NukiyamaTanasawa, RosinRammler
 
-Floats = NDArray[np.float64]
 Sizes = NukiyamaTanasawa | Monodisperse | LogNormal | RosinRammler | Histogram
 Weight = Literal["number", "mass"]
 

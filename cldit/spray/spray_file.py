@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.errors import FileError, SprayError
 from cldit.io.data_streams import DataStream
 from cldit.io.files import open_regular, whole
@@ -26,7 +27,7 @@ from cldit.io.free_memory import free_bytes
 from cldit.io.origin import FileRead
 from cldit.io.progress import Watch, silent
 from cldit.spray.extent import Box, Cloud, Extent
-from cldit.spray.result import Cells, Floats, Parcels, RegularGrid, Spray, Vapour
+from cldit.spray.result import Cells, Parcels, RegularGrid, Spray, Vapour
 
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds

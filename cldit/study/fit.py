@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import chdtrc
 
+from cldit.arrays import Floats
 from cldit.comparison.radiance import RadianceData
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Shown, open_shown
@@ -33,8 +33,6 @@ from cldit.run.content import trace_content
 from cldit.run.simulate import reevaluated
 from cldit.scene import Scene, dump_scene
 from cldit.study.grid import ALIASES
-
-Floats = NDArray[np.float64]
 
 MOST = 6  # parameters
 _STEP = 0.02  # of a parameter's range, for derivatives

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.comparison.regions import Spray2D
 from cldit.run import Run
 from cldit.spray.result import Spray
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _SCATTERED = 0.02  # smallest weight of the walls with droplets
 _ABSORBED = 0.02  # smallest share of a phase in the light of a pixel

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
+from cldit.arrays import Floats
 from cldit.camera.view import SensorView
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import open_shown
@@ -23,8 +23,6 @@ from cldit.run import Run, Say, open_run, simulate
 from cldit.run.ensemble import member_folder
 from cldit.scene import Scene
 from cldit.scene.delays import alone, delay_folder, scene_at, spray_time_s
-
-Floats = NDArray[np.float64]
 
 _SAME = ("camera", "background", "walls", "windows", "patches")
 

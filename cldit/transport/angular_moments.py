@@ -11,9 +11,8 @@ yy, xy, xz and yz suffice. A phase function of Legendre moments 1, g, h gives th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats
 
 MOMENTS = 9  # the mean, three of the first order, five of the second
 

@@ -14,12 +14,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.medium.frame import Frame
 from cldit.scene.vessel import Patch
-
-Floats = NDArray[np.float64]
 
 NONE: Floats = np.zeros((0, 4, 4))
 _UPRIGHT = 0.999  # cosine to the z axis above which a patch faces up or down
@@ -57,7 +55,7 @@ def shifted(rows: Floats, by: Floats) -> Floats:
     return out
 
 
-def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -> NDArray[np.bool_]:
+def sees_disc(point: Floats, toward: Floats, *, centre: Floats, radius: float) -> Mask:
     """True (N,) for lines that hit a disc which faces -y; arguments as in `boundary_seen`."""
     forward = toward[:, 1] > 0
     s = (centre[1] - point[:, 1]) / np.where(forward, toward[:, 1], 1.0)
@@ -74,7 +72,7 @@ def boundary_seen(
     radius: float,
     patches: Floats,
     start: float = 0.0,
-) -> NDArray[np.int64]:
+) -> Ints:
     """Component of the boundary (N,) that lines hit: 0 the disc, 1 the walls, 2.. the patches.
 
     Args:

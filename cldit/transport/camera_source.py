@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.program import Program
 from cldit.transport.cell_phases import class_weights
 from cldit.transport.cells import OpticalCells
@@ -27,7 +28,6 @@ from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.final_gather.cell_sources import CellSources, records
 from cldit.transport.phase import PHASE_STEPS
 
-Floats = NDArray[np.float64]
 Reals = NDArray[np.floating]  # of the device's precision
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import TransportError
 from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
-
-Floats = NDArray[np.float64]
 
 
 def class_shares(cells: OpticalCells, phase: ScatteringTable | None) -> NDArray[np.uint8] | None:

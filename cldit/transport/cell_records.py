@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.linear_coefficients import MOST
 
-Floats = NDArray[np.float64]
 _TOGETHER = 2**18  # cells
 
 
@@ -28,7 +28,7 @@ class CellRecords:
     """
 
     cells: OpticalCells
-    at: NDArray[np.int64]
+    at: Ints
     number: NDArray[np.int32]
     linear: bool = False
 
@@ -46,7 +46,7 @@ class CellRecords:
         self,
         listed: list[NDArray[np.floating] | None],
         gradient: NDArray[np.floating] | None,
-        thick: NDArray[np.int64] | None,
+        thick: Ints | None,
     ) -> tuple[list[NDArray[np.floating] | None], NDArray[np.floating]]:
         """Sources in the middles of cells and their gradients, where coefficients are linear.
 
@@ -98,7 +98,7 @@ class CellRecords:
         self,
         listed: list[NDArray[np.floating] | None],
         defect: Floats,
-        thick: NDArray[np.int64] | None,
+        thick: Ints | None,
         real: type[np.floating],
     ) -> NDArray[np.floating]:
         """Records (F, R) of the cells, in the type `real`.

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
@@ -21,7 +22,6 @@ from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
 from cldit.transport.view import View, upload_directory
 
-Floats = NDArray[np.float64]
 Reals = NDArray[np.floating]  # of the device's precision
 _GROUP = 64
 
@@ -29,9 +29,7 @@ _GROUP = 64
 class Gathered(Protocol):
     """Adds the light that thick cells scatter."""
 
-    def __call__(
-        self, pixels: NDArray[np.int64], across: int, seen: Reals, other: int, /
-    ) -> Floats:
+    def __call__(self, pixels: Ints, across: int, seen: Reals, other: int, /) -> Floats:
         """Maps pixels (N,), rays across each, their weights so far (C, N), and the number of other
         pixels that have a T_app to the terms to add to each image, (images, C + 1, N)."""
 
@@ -66,7 +64,7 @@ class FormalSolution:
     cell_records: CellRecords
     parts: tuple[_DeviceRows, ...]
     at_once: int
-    thick: NDArray[np.int64] | None
+    thick: Ints | None
 
     @classmethod
     def of(
@@ -77,7 +75,7 @@ class FormalSolution:
         device: Device,
         defines: dict[str, Define],
         *,
-        thick: NDArray[np.int64] | None = None,
+        thick: Ints | None = None,
         at_once: int = 1,
         linear: bool = False,
     ) -> FormalSolution:
@@ -171,10 +169,10 @@ class Rays:
         columns, rows = self.solution.view.pixels
         return self._gathered(self._whole(), np.arange(columns * rows), 1)
 
-    def through(self, pixels: NDArray[np.int64], across: NDArray[np.int64]) -> Reals:
+    def through(self, pixels: Ints, across: Ints) -> Reals:
         """Mean weights (images, C + 1, N) of `across`^2 (N,) rays through each of `pixels` (N,)."""
 
-        def traced(some: NDArray[np.int64], each: int) -> Reals:
+        def traced(some: Ints, each: int) -> Reals:
             return self._gathered(self._listed(some, each), some, each)
 
         return by_number(traced, pixels, across)
@@ -183,7 +181,7 @@ class Rays:
         """True if paths in thick cells allow so many more rays."""
         return self.gather is None or self.gather.affords(rays)
 
-    def _gathered(self, planes: Reals, pixels: NDArray[np.int64], across: int) -> Reals:
+    def _gathered(self, planes: Reals, pixels: Ints, across: int) -> Reals:
         """Images (images, C + 1, N) of the kernel's planes (P, N), and what thick cells scatter."""
         solution = self.solution
         parts = len(solution.cells.needs.components) + 1
@@ -228,7 +226,7 @@ class Rays:
                 download(part.device, out, plane[mine], first=first)
         return planes
 
-    def _listed(self, pixels: NDArray[np.int64], across: int) -> Reals:
+    def _listed(self, pixels: Ints, across: int) -> Reals:
         """Planes (P, N): means of across^2 rays through each of the listed pixels."""
         solution = self.solution
         outs, places = [], solution.view.places(across)
@@ -263,9 +261,9 @@ class Rays:
 
 
 def by_number(
-    made: Callable[[NDArray[np.int64], int], NDArray[Any]],
-    pixels: NDArray[np.int64],
-    numbers: NDArray[np.int64],
+    made: Callable[[Ints, int], NDArray[Any]],
+    pixels: Ints,
+    numbers: Ints,
 ) -> NDArray[Any]:
     """Results (..., N) of `made` for pixels (N,) with a number (N,) each, equal numbers at once."""
     out: NDArray[Any] | None = None

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.optics import mie
 from cldit.transport.phase import BINS, PhaseError, ScatteringTable, cosine_bounds
-
-Floats = NDArray[np.float64]
 
 _SIZES = 64  # bins of the droplets' size parameter, evenly spaced in its logarithm
 _NEGLIGIBLE = 1e-6  # share of a bin that is not solved; the sum over bins is below 1e-4
@@ -71,7 +70,7 @@ class SizeBins:
         return cls(edges, share, within)
 
     @property
-    def solved(self) -> NDArray[np.bool_]:
+    def solved(self) -> Mask:
         """Mask (S,) of the bins that have a phase function."""
         return np.asarray(self.share > _NEGLIGIBLE)
 

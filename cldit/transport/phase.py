@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
+from cldit.arrays import Floats
 from cldit.errors import ClditError
-
-Floats = NDArray[np.float64]
 
 BINS = 1024
 PHASE_STEPS = 1024  # of tables in equal steps of the sine of half the angle

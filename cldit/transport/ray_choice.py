@@ -16,16 +16,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.transport.image import Rays, Reals, by_number
 from cldit.transport.view import View
 
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
+Counts = Ints
 
 MOST_ACROSS = 16
 SHARES = 32  # rays across, without a medium, by which the share of the background is exact
@@ -48,7 +47,7 @@ class PixelTemperature:
 
     view: View
     temperature: TraceTemperature
-    rim: NDArray[np.bool_]
+    rim: Mask
 
     @classmethod
     def of(cls, view: View, temperature: TraceTemperature) -> PixelTemperature:
@@ -153,7 +152,7 @@ class RayChoice:
         self._ratio, self._scale, self._contrast = _FIRST, 1.0, self._contrasts()
 
     @property
-    def _seen(self) -> NDArray[np.bool_]:
+    def _seen(self) -> Mask:
         """(H W,) pixels with a T_app."""
         return np.asarray(np.isfinite(self._kelvin).all(axis=0))
 

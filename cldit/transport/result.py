@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Ints
 from cldit.gpu.program import Define, Program
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
@@ -19,7 +20,6 @@ from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View
 
-Floats = NDArray[np.float64]
 Method = Literal["source", "path", "branching"]
 
 
@@ -118,7 +118,7 @@ class Subpixels:
     """
 
     sample: PixelSample
-    across: NDArray[np.int64]
+    across: Ints
     weights: Weights
     difference: Weights | None
     references: tuple[Weights, Weights] | None = None
@@ -158,7 +158,7 @@ class Trace:
     standard_error: Weights | None = None
     middle: Weights | None = None
     middle_difference: Weights | None = None
-    rays: NDArray[np.int64] | None = None
+    rays: Ints | None = None
     audit: Audit | None = None
     unaudited: str = ""
     scatters: bool = True

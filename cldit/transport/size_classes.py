@@ -18,10 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import ScatteringTable, SizeClasses, cosine_bounds
-
-Floats = NDArray[np.float64]
 
 MOST_CLASSES = 8
 # Tolerated RMS distance of the groups' phase functions. For two sprays with droplets of 18 and 2 um

@@ -24,6 +24,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.radiance.weights import Weights
@@ -42,8 +43,6 @@ from cldit.transport.thick_region import ThickRegion
 from cldit.transport.traced_pixels import Across, traced_pixels
 from cldit.transport.view import View, check_boundary
 
-Floats = NDArray[np.float64]
-
 
 def trace_source(
     cells: OpticalCells,
@@ -52,7 +51,7 @@ def trace_source(
     device: Device,
     settings: TraceSettings,
     report: Callable[[str], None] | None,
-    pixels: NDArray[np.int64] | None = None,
+    pixels: Ints | None = None,
     rays: Across | None = None,
 ) -> Trace:
     """Weights by source iteration.

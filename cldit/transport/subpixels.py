@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
@@ -33,8 +34,6 @@ from cldit.transport.ray_choice import (
 from cldit.transport.result import Subpixels, TraceSettings, weights_of
 from cldit.transport.tuning import Tuning
 
-Floats = NDArray[np.float64]
-
 # Ratio of rays across a pixel: the error is a 16th of the image's where light is smooth, and an 8th
 # at edges, whose square adds a 64th. Twice the rays of a pixel that has many adds an 8th.
 _MORE, _TWICE = 4, 2
@@ -43,7 +42,7 @@ _MORE, _TWICE = 4, 2
 def sampled_subpixels(
     rays: Rays,
     image: NDArray[np.floating],
-    across: NDArray[np.int64],
+    across: Ints,
     temperature: PixelTemperature,
     settings: TraceSettings,
 ) -> Subpixels | None:
@@ -91,9 +90,7 @@ def measured_subpixels(
     return found, error_K
 
 
-def many_rays(
-    rays: Rays, sample: PixelSample, across: NDArray[np.int64], more: NDArray[np.int64]
-) -> tuple[Subpixels, Reals]:
+def many_rays(rays: Rays, sample: PixelSample, across: Ints, more: Ints) -> tuple[Subpixels, Reals]:
     """Pixels of a sample (N,) by `more` (N,) rays across each, and their halves' weights.
 
     The rays sample the medium; how much of the boundary a pixel sees is exact. `across` (H W,) are

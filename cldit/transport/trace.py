@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Ints
 from cldit.errors import NotConvergedError, TransportError
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
@@ -120,8 +120,8 @@ def trace(
     *,
     report: Callable[[str], None] | None = None,
     audit_sample: PixelSample | None = None,
-    pixels: NDArray[np.int64] | None = None,
-    rays: NDArray[np.int64] | None = None,
+    pixels: Ints | None = None,
+    rays: Ints | None = None,
 ) -> Trace:
     """Weights of every pixel.
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Ints
 from cldit.scene.schema import Scene
 from cldit.transport.image import Rays, Reals
 from cldit.transport.ray_choice import PixelTemperature, RayChoice
 from cldit.transport.result import Subpixels, TraceSettings
 from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
 
-Across = NDArray[np.int64]
+Across = Ints
 _LENS = 4  # rays across a pixel behind a lens, where neither scene nor error choose them
 _SAMPLES = 7  # that measure the error
 _CLOSE = 1.1  # of the allowed error
@@ -39,7 +39,7 @@ def traced_pixels(
     rays: Rays,
     scene: Scene,
     settings: TraceSettings,
-    pixels: NDArray[np.int64] | None = None,
+    pixels: Ints | None = None,
     given: Across | None = None,
 ) -> TracedPixels:
     """Traces all pixels, or those of the flat numbers `pixels` (N,) as an image of one row.

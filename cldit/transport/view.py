@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.errors import TransportError
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
@@ -21,7 +22,6 @@ from cldit.transport.boundary import boundary_seen, patch_rows
 from cldit.transport.cells import OpticalCells
 from cldit.transport.sobol import net, on_disc
 
-Floats = NDArray[np.float64]
 _TILE = 8
 _AT_ONCE = 2**14  # lines of sight that are followed together, to bound memory
 
@@ -109,13 +109,13 @@ class View:
         return (columns, all_rows if rows is None else rows), (edge, edge)
 
     @cached_property
-    def sees_background(self) -> NDArray[np.bool_]:
+    def sees_background(self) -> Mask:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
         return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
 
     @cached_property
-    def sees_background_alone(self) -> NDArray[np.bool_]:
+    def sees_background_alone(self) -> Mask:
         """Mask (H, W) of pixels all of whose rays end on the background, without the medium."""
         return np.asarray(minimum_filter(self.sees_background, 1 + 2 * self.edge_pixels))
 
@@ -130,19 +130,17 @@ class View:
         radius = self.aperture * np.abs(self.distance / away - self.distance / self.focus)
         return int(np.ceil(radius.max() / min(self.pitch)))
 
-    def on_background(self, pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def on_background(self, pixels: Ints) -> Mask:
         """Mask (N,) of pixels in front of the background, by flat number (N,)."""
         return np.asarray(self.boundary_shares(pixels, 1)[0] > 0)
 
-    def has_temperature(
-        self, emissivity: NDArray[np.floating], pixels: NDArray[np.int64]
-    ) -> NDArray[np.bool_]:
+    def has_temperature(self, emissivity: NDArray[np.floating], pixels: Ints) -> Mask:
         """Pixels (N,) that see the background, with an emissivity (N,) above `visible`."""
         out = np.asarray(emissivity > self.visible)
         out[out] = self.on_background(pixels[out])
         return out
 
-    def boundary_shares(self, pixels: NDArray[np.int64], across: int) -> Floats:
+    def boundary_shares(self, pixels: Ints, across: int) -> Floats:
         """Shares (B, N) of background, wall and patches in pixels (N,), without the medium.
 
         across^2 lines of sight go through each pixel.

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import NullFormatter
 
+from cldit.arrays import Floats
 from cldit.io.files import write_bytes, write_text
 from cldit.run import default_cache
 from cldit.show.figures.style import WIDTH_IN, figure_of, png_of
-from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.follow import follow

@@ -34,7 +34,7 @@ FILES = [
     for path in sorted(ROOT.rglob("*.py"))
     if path.name == "__init__.py" or not path.name.startswith("_")
 ]
-ARRAY = re.compile(r"NDArray|ArrayLike|\b(Floats|Ints|Bools|Reals|Array)\b")
+ARRAY = re.compile(r"NDArray|ArrayLike|\b(Floats|Ints|Mask|Reals|Array)\b")
 SEVERAL = re.compile(r"\b(tuple|list|dict|set|Mapping|Sequence|Iterator|Generator)\b")
 SHAPE = re.compile(
     r"\((\.\.\.|[A-Z0-9hn]\w{0,2}|rows|cells|intervals)([ *+-]+\w+)*,[^()]*\)|\bshaped?\b"

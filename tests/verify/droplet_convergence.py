@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from cldit.spray.droplet.curves import Floats
+from cldit.arrays import Floats
 from cldit.spray.droplet.evaporation import MODELS, Drop, Model
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.spray.droplet.curves import Floats
+from cldit.arrays import Floats
 from cldit.spray.droplet.evaporation import Drop, Model
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.follow import Life, follow

@@ -10,9 +10,9 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.acquisition.pictures.source import ArrayStack, Source
+from cldit.arrays import Floats
 from cldit.io.text_tables import NumberRow, number_table, read_table_text
 
 _UNIT = re.compile(
@@ -54,7 +54,7 @@ class TextImages(ArrayStack):
         self.notes = tuple(notes)
 
 
-def _images(rows: list[NumberRow]) -> NDArray[np.float64]:
+def _images(rows: list[NumberRow]) -> Floats:
     """Images (N, H, W): a label such as `Frame 1` begins one, or blank lines separate them."""
     numbers = np.array([row.values for row in rows])
     begins = [n for n, row in enumerate(rows) if row.label and "frame" in row.label.lower()]
@@ -69,10 +69,10 @@ def _images(rows: list[NumberRow]) -> NDArray[np.float64]:
     return numbers.reshape(len(begins), -1, numbers.shape[1])
 
 
-def _evenly(image: NDArray[np.float64]) -> bool:
+def _evenly(image: Floats) -> bool:
     """True if only the first row (or column) has evenly spaced numbers: no pixels, but places."""
 
-    def even(row: NDArray[np.float64]) -> bool:
+    def even(row: Floats) -> bool:
         steps = np.diff(row)
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             return False

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.inputs import regular, text_of
 from cldit.cfd.mesh.cells import Labels, narrowed
 from cldit.errors import FileError, SprayError
 from cldit.io.files import read_text
-from cldit.spray.result import Floats
 
 
 @dataclass(frozen=True)

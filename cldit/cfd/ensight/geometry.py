@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Mask
 from cldit.cfd.ensight.file import Reader
 from cldit.cfd.ensight.variable import Block, Elements, Part, Parts
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
@@ -140,9 +140,7 @@ def _ragged(file: Reader, sizes: Labels) -> Labels:
     return np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
 
 
-def _structured(
-    file: Reader, words: list[str], number: int
-) -> tuple[AnyFloats, Labels, NDArray[np.bool_]]:
+def _structured(file: Reader, words: list[str], number: int) -> tuple[AnyFloats, Labels, Mask]:
     """Points (P, 3), corners of the cells (N, 8), and a mask of those not blanked (N,)."""
     shape = [int(n) for n in file.integers(3, a_line=3)]
     allowed = {"curvilinear", "rectilinear", "uniform", "iblanked"}

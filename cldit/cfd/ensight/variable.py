@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.case import Column
 from cldit.cfd.ensight.file import Reader
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.mesh.elements import ElementMesh
 from cldit.cfd.mesh.faces import Mesh
-from cldit.spray.result import Floats
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.inputs import module, regular
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.errors import FileError, SprayError
 from cldit.io.hdf_files import check_links, check_sources
-from cldit.spray.result import Floats
 
 
 @contextmanager

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
-from cldit.spray.result import Floats
 
 Labels = NDArray[np.signedinteger]
 AnyFloats = NDArray[np.floating]

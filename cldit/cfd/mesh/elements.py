@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.mesh.cells import (
     ORIGIN,
     TURN,
@@ -24,7 +25,6 @@ from cldit.cfd.mesh.cells import (
     slices,
 )
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 # Faces of vtk's linear cells, normals outwards (VTK file formats, figure "Linear cell types").
 FACES: dict[int, tuple[tuple[int, ...], ...]] = {

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels, PointMesh, Polyhedra, check_labels
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.spray.numba_typing import compiled
 
-Floats = NDArray[np.float64]
 AnyFloats = NDArray[np.floating]
 AnyLabels = NDArray[np.signedinteger]
 
@@ -138,7 +138,7 @@ def measure(
 
 @compiled
 def sides_of_cells(
-    owner: AnyLabels, neighbour: AnyLabels, first: NDArray[np.int64], sides: NDArray[np.int32]
+    owner: AnyLabels, neighbour: AnyLabels, first: Ints, sides: NDArray[np.int32]
 ) -> None:
     """Sorts faces by cell, from owner and neighbour (F,); a neighbour of -1 is none.
 
@@ -163,7 +163,7 @@ def sides_of_cells(
 
 
 @compiled
-def walk_faces(numbers: AnyLabels, place: NDArray[np.int64]) -> int:
+def walk_faces(numbers: AnyLabels, place: Ints) -> int:
     """Finds faces that are stored one after the other, each as its size and its corners.
 
     Written: place (F + 1,), the index of each face's size, and the end of the last face, which is

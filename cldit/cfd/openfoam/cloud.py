@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import Column
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import particles, scalars, vectors, whole
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 
 def cloud_names(time_folder: Path) -> list[str]:

@@ -14,10 +14,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.cfd.openfoam.collated import GAP
 from cldit.cfd.openfoam.file import FoamFile
-from cldit.spray.result import Floats
 
 _LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(?:(\d++)(?:\s*+([({]))?+|(\())", re.DOTALL)
 _UNIFORM = re.compile(rb"\buniform\s+([^;]+);")

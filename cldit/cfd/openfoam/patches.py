@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import Boundary
 from cldit.cfd.inputs import regular
 from cldit.cfd.mesh.faces import Mesh
@@ -15,7 +16,6 @@ from cldit.cfd.openfoam.collated import Root
 from cldit.cfd.openfoam.file import find_foam, read_foam
 from cldit.cfd.openfoam.injectors import dictionary, dictionary_blocks
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 CUTS = ("wedge", "symmetry", "symmetryPlane", "cyclic", "cyclicAMI", "empty")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, complete_cloud
 from cldit.cfd.mapping.columns import Source, cloud_columns, gas_columns
 from cldit.cfd.mapping.file import (
@@ -27,7 +28,6 @@ from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
-from cldit.spray.result import Floats
 
 
 def read_tables(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:

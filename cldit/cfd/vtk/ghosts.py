@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.cfd.vtk.datasets import GHOSTS, as_numpy, cell_lists, dimension, points_of
-from cldit.spray.result import Floats
 
 # bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
 # finer ones replace, one outside, one that is hidden; a copied and a hidden point
@@ -90,9 +90,7 @@ def _places(data: Any) -> Floats:
     return np.asarray(sums / np.diff(start)[:, None])
 
 
-def _owned_by_none(
-    places: Sequence[Floats], bits: Sequence[NDArray[np.integer]]
-) -> list[NDArray[np.bool_]]:
+def _owned_by_none(places: Sequence[Floats], bits: Sequence[NDArray[np.integer]]) -> list[Mask]:
     """First of the copies at each place at which several are and no entry is unmarked."""
     every, marks = np.concatenate(list(places)), np.concatenate(list(bits))
     step = _SAME * max(float(np.ptp(every, axis=0).max()), 1e-12)

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.cfd.case import NO_CLOUD
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.vtk.datasets import as_numpy, cell_lists, dimension
 from cldit.cfd.vtk.ghosts import as_points
 from cldit.cfd.vtk.reading import Loaded
 from cldit.errors import SprayError
-from cldit.spray.result import Floats
 
 
 def parcels_of(piece: Loaded, drops: Sequence[str]) -> Loaded:

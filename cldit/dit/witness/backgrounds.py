@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.acquisition.witness_names import Acceptable
+from cldit.arrays import Floats, Mask
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 from cldit.dit.witness.lines import OffLine, off_line, squares
-
-Floats = NDArray[np.float64]
 
 FLOOR_K = 0.005  # error of mean shares of windows
 CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
@@ -69,7 +67,7 @@ def fitted_over(
     )
 
 
-def clearest(evidence: Evidence) -> NDArray[np.bool_]:
+def clearest(evidence: Evidence) -> Mask:
     """Blocks (B,) with the least spray, 30 % of all, by the slope of the injections."""
     slope = slopes(evidence)
     return np.asarray(slope >= np.quantile(slope, 1.0 - _CLEAREST))
@@ -88,7 +86,7 @@ def slopes(evidence: Evidence) -> Floats:
 
 
 def _judge(
-    evidence: Evidence, kind: str, chosen: NDArray[np.bool_], *, stated_K: Floats
+    evidence: Evidence, kind: str, chosen: Mask, *, stated_K: Floats
 ) -> tuple[Witness, OffLine | None]:
     of = f"{kind}s against each other"
     name: Acceptable = "backgrounds" if kind == "reference" else "injections"

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.dit.shots import Sums
 from cldit.dit.witness.finding import Witness
 
-Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
 _SEES = 0.5  # share of the strongest change at which a pixel sees the background
@@ -24,7 +23,7 @@ _FACTORS = (1.0, 10.0, 25.0, 100.0, 1000.0)  # in which programs store temperatu
 
 
 def brightness(
-    sums: AllSums, setpoints: Sequence[float], *, bad: NDArray[np.bool_], source: Floats
+    sums: AllSums, setpoints: Sequence[float], *, bad: Mask, source: Floats
 ) -> Witness | None:
     """Witness of references whose levels are no counts of a camera that sees hotter backgrounds.
 

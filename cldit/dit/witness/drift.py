@@ -16,16 +16,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.solve import KINDS, Cause, Drift
 from cldit.dit.witness.backgrounds import references, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
 from cldit.dit.witness.lines import OffLine
 from cldit.dit.witness.trend import Trends, steady, unit, without
-
-Floats = NDArray[np.float64]
 
 _BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
 _TOLD = 1e-4  # of the best determined direction: less is undetermined

@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.dit.drift_axis import Places
 from cldit.dit.shots import Sums, thumbnail, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.radiance.boundary import Boundary
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +52,7 @@ class Evidence:
     own_radiance: Callable[[Floats], Floats]
     warmest: float
     shape: tuple[int, int]
-    chosen: NDArray[np.bool_]
+    chosen: Mask
 
     @classmethod
     def of(
@@ -62,7 +60,7 @@ class Evidence:
         sums: Mapping[tuple[float, str], Sums],
         setpoints: Sequence[float],
         *,
-        sees: NDArray[np.bool_],
+        sees: Mask,
         whole: Boundary,
         calibration: Calibration,
         warmest_K: float,
@@ -116,12 +114,12 @@ class Evidence:
         )
 
     @staticmethod
-    def of_blocks(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def of_blocks(sees: Mask) -> Mask:
         """Blocks of a thumbnail whose pixels all see the background, else most of them."""
         share = thumbnail(sees.astype(float))
         return share >= 1.0 if np.any(share >= 1.0) else share > 0.5
 
-    def pixels(self, blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def pixels(self, blocks: Mask) -> Mask:
         """Pixels (h, w) of these `blocks` (B,)."""
         image = np.zeros(self.chosen.shape, bool)
         image[self.chosen] = blocks
@@ -176,11 +174,11 @@ class Evidence:
         """Means (K, B) over the shots of a kind."""
         return np.array([part.mean(axis=0) for part in self.shots[kind]])
 
-    def series(self, kind: str, chosen: NDArray[np.bool_]) -> list[Floats]:
+    def series(self, kind: str, chosen: Mask) -> list[Floats]:
         """Means (n,) of each shot of a kind over the `chosen` blocks (B,), by background."""
         return [part[:, chosen].mean(axis=1) for part in self.shots[kind]]
 
-    def jitter(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
+    def jitter(self, kind: str, chosen: Mask) -> Floats:
         """Variance (K,) of one shot's mean over the `chosen` blocks (B,), without slow changes.
 
         It is that about a straight line over the places of the shots, which restarts after a break,
@@ -194,7 +192,7 @@ class Evidence:
             ]
         )
 
-    def variance(self, kind: str, chosen: NDArray[np.bool_]) -> Floats:
+    def variance(self, kind: str, chosen: Mask) -> Floats:
         """Variance (K,) of the mean of a kind's shots over the `chosen` blocks (B,).
 
         It is the largest of the camera's noise, the jitter at this background and that at all of

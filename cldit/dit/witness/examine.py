@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.dit.shots import Sums, thumbnail
 from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
@@ -23,7 +23,6 @@ from cldit.dit.witness.shift import shift
 from cldit.dit.witness.trend import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings
 
-Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
 _BANDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # shares of the filter in which a spray absorbs
@@ -64,7 +63,7 @@ def examine(
     sums: AllSums,
     setpoints: Sequence[float],
     *,
-    sees: NDArray[np.bool_],
+    sees: Mask,
     whole: Boundary,
     around: Surroundings,
     calibration: Calibration,

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Mask
 from cldit.dit.shots import Sums
 from cldit.dit.witness.finding import Witness
 
-Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
@@ -74,7 +73,7 @@ def _stuck(sums: AllSums) -> Witness | None:
 
     A camera that corrects its images saturates at another count in each pixel.
     """
-    still: dict[tuple[float, str], NDArray[np.bool_]] = {}
+    still: dict[tuple[float, str], Mask] = {}
     usual: list[float] = []
     for key, group in sums.items():
         if group.spare() > 0.0:

@@ -12,15 +12,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cldit.arrays import Floats, Mask
 from cldit.dit.solve import KINDS, Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
-
-Floats = NDArray[np.float64]
 
 _DENSE = 0.3  # share of the blocks, those with the most spray, that give its temperature
 _EXPLAINED = 0.1  # largest remaining share of the squares for a cause that explains them
@@ -102,13 +100,13 @@ def _both(variance: Mapping[str, Floats]) -> Floats:
     return np.asarray(sum(variance[kind] for kind in KINDS))
 
 
-def _difference(evidence: Evidence, chosen: NDArray[np.bool_]) -> Floats:
+def _difference(evidence: Evidence, chosen: Mask) -> Floats:
     """Injections minus references (K,) in the `chosen` blocks (B,)."""
     found = evidence.mean("injection") - evidence.mean("reference")
     return np.asarray(found[:, chosen].mean(axis=1))
 
 
-def _gain(evidence: Evidence, chosen: NDArray[np.bool_]) -> float:
+def _gain(evidence: Evidence, chosen: Mask) -> float:
     x = evidence.source["reference"]
     y = evidence.mean("reference")[:, chosen].mean(axis=1)
     gain = float(np.polyfit(x / x.max(), y / x.max(), 1)[0])

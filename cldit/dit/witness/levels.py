@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.backgrounds import clearest, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, Witness
-
-Floats = NDArray[np.float64]
 
 _INJECTIONS = 3.0  # the amount of spray scatters too
 _THIN = 0.9  # share of the background behind spray that cannot change the level much

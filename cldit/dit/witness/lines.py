@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats
 
 _EXPLAINED = 0.1  # largest remaining share of squares for a cause that explains them
 

@@ -11,12 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.shots import Sums
 from cldit.dit.witness.finding import Witness
-
-Floats = NDArray[np.float64]
 
 _LEAST = 8  # pixels along an axis
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)

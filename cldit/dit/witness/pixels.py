@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.dit.shots import Sums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 
-Floats = NDArray[np.float64]
 AllSums = Mapping[tuple[float, str], Sums]
 
 _BLOCKS = 32  # along either axis, at most
@@ -52,7 +52,7 @@ class Patterns:
     high: Mapping[str, Floats]
     mean: Mapping[str, Floats]
     noise: Mapping[str, Floats]
-    sees: NDArray[np.bool_]
+    sees: Mask
     source: Floats
 
     @classmethod
@@ -61,7 +61,7 @@ class Patterns:
         sums: AllSums,
         setpoints: Sequence[float],
         *,
-        sees: NDArray[np.bool_],
+        sees: Mask,
         source: Floats,
         calibration: Calibration,
         amount2: float,
@@ -101,7 +101,7 @@ def _around(image: Floats) -> Floats:
     return np.asarray(sides / 4.0)
 
 
-def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _inside(sees: Mask) -> Mask:
     return np.asarray(sees & (_around(sees.astype(float)) == 1.0))
 
 
@@ -111,11 +111,11 @@ class _Blocks:
     see the background."""
 
     number: NDArray[np.intp]
-    sees: NDArray[np.bool_]
+    sees: Mask
     counts: Floats
 
     @classmethod
-    def of(cls, sees: NDArray[np.bool_]) -> _Blocks:
+    def of(cls, sees: Mask) -> _Blocks:
         parts = [max(1, min(_BLOCKS, n // _EDGE)) for n in sees.shape]
         rows, columns = (
             np.arange(n) * part // n for n, part in zip(sees.shape, parts, strict=True)
@@ -248,8 +248,8 @@ class Renewed:
 def between_kinds(
     patterns: Patterns,
     *,
-    clear: NDArray[np.bool_],
-    wide: NDArray[np.bool_],
+    clear: Mask,
+    wide: Mask,
     thin: float,
     warmest: float,
     rise_counts: Floats,
@@ -306,7 +306,7 @@ class _Difference:
     gain: float
 
     @classmethod
-    def of(cls, patterns: Patterns, here: NDArray[np.bool_]) -> _Difference | None:
+    def of(cls, patterns: Patterns, here: Mask) -> _Difference | None:
         """The difference in the pixels `here` (h, w); None where they are few or without noise."""
         if np.count_nonzero(here) < 8 * _EDGE:
             return None

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.dit.shots import Sums
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
-
-Floats = NDArray[np.float64]
 
 _TILES = 4  # along either axis: their scatter is the noise of the shift
 _WORTH_PIXELS = 0.1
@@ -25,7 +23,7 @@ def shift(
     sums: Mapping[tuple[float, str], Sums],
     setpoints: Sequence[float],
     *,
-    sees: NDArray[np.bool_],
+    sees: Mask,
     source: Floats,
     counts_per_kelvin: Floats,
 ) -> tuple[Witness, dict[float, Floats]]:
@@ -91,7 +89,7 @@ def shift(
     )
 
 
-def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _inside(sees: Mask) -> Mask:
     """Pixels with four neighbours that see the background."""
     inner = np.zeros_like(sees)
     inner[1:-1, 1:-1] = (
@@ -100,7 +98,7 @@ def _inside(sees: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inner
 
 
-def _fit(slope: Floats, left: Floats, where: NDArray[np.bool_]) -> tuple[Floats, Floats, float]:
+def _fit(slope: Floats, left: Floats, where: Mask) -> tuple[Floats, Floats, float]:
     """Shift (rows, columns) by least squares, its standard errors, and the explained squares.
 
     The errors are a jackknife over tiles, since residuals are correlated if the spray differs
@@ -167,7 +165,7 @@ def _wander(
     return found, int(spare.sum())
 
 
-def _kelvin(delta: Floats, moved: Floats, inner: NDArray[np.bool_]) -> float:
+def _kelvin(delta: Floats, moved: Floats, inner: Mask) -> float:
     rows, columns = np.gradient(delta)
     with np.errstate(invalid="ignore"):
         change = (moved[0] * rows + moved[1] * columns)[inner]

@@ -16,14 +16,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.solve import Cause, Drift
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
 from cldit.dit.witness.lines import squares
-
-Floats = NDArray[np.float64]
 
 _AGAIN = 3  # iterations; each reduces the error by the relative drift, a tenth at most
 _NEAR = 0.5  # largest relative deviation of a course from that of the rates

@@ -8,15 +8,13 @@ from textwrap import fill
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
 from cldit.spray.droplet.follow import Life
-
-Floats = NDArray[np.float64]
 
 
 @styled

@@ -7,16 +7,14 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.optics.planck import LIGHT_SPEED_m_s, SECOND_RADIATION_CONSTANT_m_K
 from cldit.optics.response import Response
 from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
 from cldit.show.report.optics_summary import FIG4, SceneOptics
 from cldit.spray.sizes import density_per_m, mean_diameter_m
-
-Floats = NDArray[np.float64]
 
 _BLUE, _RED, _GREEN, _GREY, _BLACK = "#1f5fa8", "#c0392b", "#2e8b57", "#8a8a8a", "#222222"
 _FILTER = "#f3e3b3"

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.optics.droplets import DropletTable, droplet_table, table_error
 from cldit.optics.liquid import Liquid, liquid, liquids
@@ -21,8 +21,6 @@ from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.spray.cone.fluid_properties import GAS_CONSTANT_J_mol_K
 from cldit.spray.sizes import Sizes, mean_diameter_m, strata_m
-
-Floats = NDArray[np.float64]
 
 _STRATA = 400
 _WAVELENGTHS = 400

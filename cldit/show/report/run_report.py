@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure as Drawn
-from numpy.typing import NDArray
 
 from cldit.accuracy.errors import Cause
 from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
+from cldit.arrays import Floats
 from cldit.dit.delay_table import DelayRow
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
@@ -143,7 +143,7 @@ def _camera(run: Run) -> Slider:
     if len(acquisition.plan.delays) > 1 and spray_time_s(run.scene) is not None:
         acquisition = acquisition.at_delay(_delay_number(run, acquisition.plan.delays))
     frame = Frame(pixel_m=acquisition.pixel_m, centre_m=acquisition.centre_m)
-    sums: dict[float, tuple[NDArray[np.float64], int]] = {}
+    sums: dict[float, tuple[Floats, int]] = {}
     for shot in acquisition.shots:
         if shot.kind == "injection":
             total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
 from cldit.io.plain_data import dump_yaml
@@ -139,7 +139,7 @@ def curves(plan: SeriesPlan, times: Sequence[SeriesTime], *, title: str) -> Figu
     figure = figure_of(WIDTH_IN, 7.5)
     reach, mass, size, warm = figure.subplots(4, 1, sharex=True)
 
-    def values(name: str, factor: float) -> NDArray[np.float64]:
+    def values(name: str, factor: float) -> Floats:
         none = 0.0 if name.endswith("mass_kg") else np.nan
         return factor * np.array(
             [each.spray.get(name, none if each.state == "no spray" else np.nan) for each in known]

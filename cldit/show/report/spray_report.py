@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from cldit.arrays import Floats
 from cldit.io.files import make_folder, write_text
 from cldit.show.figures.colours import MASS
 from cldit.show.figures.panels import Frame, Panel, panels_figure
@@ -23,7 +23,6 @@ from cldit.spray.flow.measures import History
 from cldit.spray.result import Spray
 from cldit.spray.vtk_export import write_vtk
 
-Floats = NDArray[np.float64]
 View = Literal["side", "below"]
 
 _DECADES = 3.0  # of the colours

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
+from cldit.arrays import Floats
 from cldit.camera.sensor import SensorModel
 from cldit.optics.windows import Pane, band_panes
 from cldit.radiance.boundary import Boundary, Surroundings
@@ -29,8 +30,6 @@ from cldit.scene.delays import spray_time_s
 from cldit.show.figures.maps import frame_of, spray_window
 from cldit.show.view.item import Item, place_of, planck_ends, planck_tables
 from cldit.show.view.packing import ERROR_BITS, MANTISSA_BITS, rounded
-
-Floats = NDArray[np.float64]
 
 _NOTHING = 1e-7  # change of a weight, or emission in backgrounds, that is negligible
 _LEFT = 1e-7  # share of the light that a projection may lose

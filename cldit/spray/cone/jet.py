@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from math import gamma, sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats
 
 SPREADING = 0.66  # a: ratio of the uniform jet to the visible one (Naber and Siebers)
 SCHMIDT = 0.7  # turbulent Schmidt number of a round jet: its speed profile is the narrower

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile, speed_profile
 from cldit.spray.cone.mixing import Mixture
@@ -22,8 +22,6 @@ from cldit.spray.cone.wet_bulb import fluids
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
 from cldit.spray.sizes import strata_m
-
-Floats = NDArray[np.float64]
 
 ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
 _RINGS = 9  # of equal area

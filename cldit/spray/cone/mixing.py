@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
@@ -30,8 +31,6 @@ from cldit.spray.cone.fluid_properties import (
     heptane_vapour_enthalpy_J_kg,
 )
 from cldit.spray.cone.wet_bulb import still
-
-Floats = NDArray[np.float64]
 
 _HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
 _ZOOMS = 7  # each by 299: 1e15, down to rounding
@@ -151,7 +150,7 @@ def _bilinear(
     return found
 
 
-def _between(axis: Floats, x: Floats) -> tuple[NDArray[np.int64], Floats]:
+def _between(axis: Floats, x: Floats) -> tuple[Ints, Floats]:
     held = np.clip(x, axis[0], axis[-1])
     i = np.clip(np.searchsorted(axis, held) - 1, 0, len(axis) - 2)
     return i, (held - axis[i]) / (axis[i + 1] - axis[i])

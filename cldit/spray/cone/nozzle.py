@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray
@@ -16,8 +15,6 @@ from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.cone.underexpanded_jet import expand
 from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, wet_bulb
 from cldit.spray.sizes import strata_m
-
-Floats = NDArray[np.float64]
 
 VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
 _CLASSES = 1024  # of the droplets' sizes

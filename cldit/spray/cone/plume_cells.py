@@ -11,17 +11,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray, Plume
 from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Rule, age_s, at_once, plume_kinetics
 from cldit.spray.cone.nozzle import NozzleFlow
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SOFTNESS = 0.1  # half the width of tip and tail, over the travel time
 NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive

@@ -21,8 +21,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import (
@@ -35,9 +35,6 @@ from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 THIN = 2e-4  # share of the liquid in the thinnest cells, which counts as evaporated
 SMALLEST_m = 1e-7  # smaller droplets count as evaporated

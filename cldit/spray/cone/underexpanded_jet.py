@@ -16,8 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.spray.cone.fluid_properties import METHANE
-from cldit.spray.cone.mixing import Floats, rising_root
+from cldit.spray.cone.mixing import rising_root
 
 MACH_DISC = 0.67  # times sqrt(p0/p), in hole diameters, for any gas
 

@@ -11,8 +11,9 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     HEPTANE_DIFFUSION_VOLUME,
@@ -35,8 +36,6 @@ from cldit.spray.cone.fluid_properties import (
 from cldit.spray.droplet.curves import curves
 from cldit.spray.droplet.evaporation import Drop, Rates, spalding
 from cldit.spray.droplet.fluids import Fuel, Gas
-
-Floats = NDArray[np.float64]
 
 _SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
 _HALVINGS = 40

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from cldit.arrays import Floats
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
 
 
 @compiled

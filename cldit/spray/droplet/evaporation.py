@@ -16,7 +16,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from cldit.spray.droplet.curves import Floats
+from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.gasfilm import (
     CONDUCTIVITY,

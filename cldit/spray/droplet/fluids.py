@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
-from cldit.spray.droplet.curves import Curves, Floats, curves
+from cldit.spray.droplet.curves import Curves, curves
 from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
 
 _FORM = "fluid table 2"

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
-from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from cldit.spray.droplet.curves import Floats, cubic, place
+from cldit.arrays import Floats
+from cldit.spray.droplet.curves import cubic, place
 from cldit.spray.droplet.fluids import Fuel, Gas, diffusivity_m2_s
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.numba_typing import compiled

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
-from cldit.spray.droplet.curves import Floats
 from cldit.spray.droplet.evaporation import Model
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.gasfilm import tables

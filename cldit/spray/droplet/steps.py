@@ -15,9 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from cldit.spray.droplet.curves import Floats
+from cldit.arrays import Floats, Ints
 from cldit.spray.droplet.evaporation import RULE, Rule
 from cldit.spray.droplet.gasfilm import (
     CP,
@@ -61,7 +60,7 @@ def _follow(
     velocity_m_s: Floats,
     gone_s: Floats,
     path_m: Floats,
-    rounds: NDArray[np.int64],
+    rounds: Ints,
 ) -> None:
     """Integrates each droplet over the duration; arrays from `mass_kg` on are changed in place.
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
-from cldit.spray.droplet.curves import Floats, integral
+from cldit.spray.droplet.curves import integral
 
 GAS_CONSTANT_J_mol_K = 8.31446261815324
 GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
@@ -200,5 +200,5 @@ def _iso_octane() -> Columns:
     return _finished(constants, liquid_K, liquid, vapour_K, vapour)
 
 
-def _einstein(ratio: Floats, function: Any) -> NDArray[np.float64]:
+def _einstein(ratio: Floats, function: Any) -> Floats:
     return np.asarray((ratio / function(ratio)) ** 2)

@@ -15,11 +15,9 @@ rows are along the radius.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
 
 
 @compiled

@@ -22,16 +22,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
 from cldit.spray.flow import advection, kernels
 from cldit.spray.flow.mixture import GasMixture
 from cldit.spray.flow.projection import Projection
 from cldit.spray.flow.rays import RayGrid
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 HALF_WIDTH = 0.085  # of a free jet, over the distance
 MIXING_LENGTH = (HALF_WIDTH / 1.24) ** 1.5  # of the distance from the injector

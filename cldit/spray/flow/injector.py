@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.nozzle import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.sizes import mean_diameter_m, quantile_m
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOST_PARCELS = 2_000_000
 

@@ -8,11 +8,9 @@ of unit radius times the strip of their cell.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
 
 
 @compiled

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.coupling import FlyingParcels
 from cldit.spray.flow.exchange import gather, places, unfolded
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.projected import projected_reach_m
-
-Floats = NDArray[np.float64]
 
 VAPOUR_SHARE = 1e-3  # the vapour's edge, as a mass fraction
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
 
 _LOW_K, _HIGH_K = 150.0, 1200.0
 _DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K

@@ -9,12 +9,10 @@ injection shows the same as the mean of many, for any number of parcels and any 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.spray.flow.gas import HALF_WIDTH
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
 
 PROJECTED_m = 2.0e-6  # 2.0e-3 mm3/mm2
 THIN_PROJECTED_m = 0.2e-6

@@ -7,13 +7,11 @@ angle separate it into one tridiagonal system along the radius for each pair of 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from cldit.arrays import Floats
 from cldit.spray.flow.rays import RayGrid
 from cldit.spray.numba_typing import compiled
-
-Floats = NDArray[np.float64]
 
 _BLOCK = 256  # entries of a row, so that rows of one block stay in the cache
 

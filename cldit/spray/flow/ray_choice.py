@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import Jet
 from cldit.spray.flow.injector import Injection, plume_axis
 from cldit.spray.flow.rays import RayGrid
-
-Floats = NDArray[np.float64]
 
 SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's spacing
 LONGER = 1.0  # cells along the rays, over those across

@@ -20,10 +20,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from cldit.arrays import Floats, Ints, Mask
 
 
 @dataclass(frozen=True)
@@ -132,7 +130,7 @@ class RayGrid:
         )
         return np.asarray(local @ self.frame)
 
-    def contains(self, position_m: Floats) -> NDArray[np.bool_]:
+    def contains(self, position_m: Floats) -> Mask:
         """True for positions (N, 3) that the walls enclose, the tip included."""
         local = position_m @ self.frame.T
         found = np.linalg.norm(position_m, axis=1) < self.radius_m[-1]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.coupling import FlyingParcels
 from cldit.spray.flow.exchange import between, corners, turn_of
@@ -14,8 +14,6 @@ from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.rays import RayGrid
 from cldit.spray.numba_typing import compiled
 from cldit.spray.result import Cells, Vapour
-
-Floats = NDArray[np.float64]
 
 NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
 SPACING_m = 0.5e-3  # of the lattice, whatever the grid is
@@ -91,7 +89,7 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     )
 
 
-def _bounds(grid: RayGrid, rich: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def _bounds(grid: RayGrid, rich: Mask) -> tuple[Floats, Floats]:
     """Corners of a box around the cells that are rich (A, P, R), and their copies."""
     far = np.where(rich, grid.radius_m[1:], 0.0).max(axis=2)
     rays = grid.directions @ grid.frame.T * far[:, :, None]

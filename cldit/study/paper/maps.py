@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
+from cldit.arrays import Mask
 from cldit.io.files import make_folder, read_text, write_text
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.vapour import vapour_band
@@ -20,7 +21,6 @@ from cldit.study.figures import changes_png, maps_png
 from cldit.study.lab import Lab
 from cldit.study.measures import (
     Change,
-    Mask,
     Phases,
     droplets_K,
     mean_emissivity,

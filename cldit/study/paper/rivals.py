@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Cause, Errors
+from cldit.arrays import Floats
 from cldit.dit.design import temperatures_K
 from cldit.dit.separation import NEEDED
 from cldit.run import Run
@@ -17,8 +17,6 @@ from cldit.study.lab import Lab
 from cldit.study.page import Row
 from cldit.study.paper.found import Found
 from cldit.study.separate import Model, rivals_of
-
-Floats = NDArray[np.float64]
 
 _REFERENCE = "abramzon-sirignano"
 _MODELS = ("spalding", "dukowicz", "frolov-type")

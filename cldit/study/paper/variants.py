@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cldit.arrays import Mask
 from cldit.optics.liquid import liquid
 from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
@@ -16,17 +17,7 @@ from cldit.show.page import Figure
 from cldit.show.report.optics_summary import FIG4
 from cldit.study.figures import changes_png, maps_png
 from cldit.study.lab import CAPTION_WALLS_K, Lab
-from cldit.study.measures import (
-    Change,
-    Mask,
-    Phases,
-    droplets_K,
-    mean_K,
-    root,
-    spray_of,
-    tips,
-    visible,
-)
+from cldit.study.measures import Change, Phases, droplets_K, mean_K, root, spray_of, tips, visible
 from cldit.study.page import Row
 from cldit.study.paper.found import Found, sentences
 from cldit.study.paper.maps import all_round

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.transport.boundary import boundary_seen, shifted
@@ -27,8 +27,6 @@ from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.view import View
-
-Floats = NDArray[np.float64]
 
 SIDE = 8  # places along a side of a map
 _ANGLES, _TURNS = 24, 8  # of the peak: bins of the sine of half the angle, and azimuths

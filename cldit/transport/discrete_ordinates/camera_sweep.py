@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.buffers import upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.program import Program
@@ -31,7 +31,7 @@ class CameraSweep:
     real: type[np.float32] | type[np.float64]
     program: Program
     phase: Any
-    place: NDArray[np.float64]
+    place: Floats
     shares: dict[bool, Any]
     seen: dict[bool, dict[str, Any]]
 
@@ -45,9 +45,9 @@ class CameraSweep:
         medium: OpticalCells,
         packets: Mapping[bool, CellPackets],
         *,
-        phase: NDArray[np.float64],
-        place: NDArray[np.float64],
-        classes: NDArray[np.float64] | None = None,
+        phase: Floats,
+        place: Floats,
+        classes: Floats | None = None,
     ) -> CameraSweep:
         """Uploads the weights.
 
@@ -61,7 +61,7 @@ class CameraSweep:
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}
-        views: dict[str, NDArray[np.float64]] = {}
+        views: dict[str, Floats] = {}
         if "VIEW_TRANSMISSION" in program.defines:
             views = {"seen": medium.depth, "inverse_mean": 1.0 / mean_transmission(medium.depth)}
         if "BLURRED_BOUNDARY" in program.defines:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
 from cldit.transport.cells import SweptBox
@@ -32,7 +32,7 @@ class DeviceOrdinates:
         device: Device,
         box: SweptBox,
         directions: Ordinates,
-        starts: NDArray[np.float64],
+        starts: Floats,
         *,
         together: int,
         edge: int,

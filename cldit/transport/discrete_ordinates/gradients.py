@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.tuning import Tuning
 
-Floats = NDArray[np.float64]
 Numbers = NDArray[np.int32]
 
 
@@ -109,7 +109,7 @@ def spatial_gradients(
 
 
 def _beside(
-    cells: OpticalCells, box: SweptBox, offsets: Sequence[int], chosen: NDArray[np.bool_]
+    cells: OpticalCells, box: SweptBox, offsets: Sequence[int], chosen: Mask
 ) -> Iterator[list[Numbers]]:
     """Yields for x, y and z the numbers (N,) of the chosen cells at these offsets; -1: none."""
     far = max(offsets)

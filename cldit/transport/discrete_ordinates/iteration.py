@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cell_phases import phase_moments
@@ -28,7 +29,6 @@ from cldit.transport.discrete_ordinates.gmres import (
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
-Floats = NDArray[np.float64]
 Report = Callable[[str], None]
 
 

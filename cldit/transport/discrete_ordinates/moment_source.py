@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import phase_coefficients
 from cldit.transport.cell_phases import phase_moments
@@ -29,8 +30,6 @@ from cldit.transport.discrete_ordinates.iteration import Moments, SolvedSource
 from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

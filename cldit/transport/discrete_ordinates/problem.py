@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Mask
 from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
@@ -30,8 +30,6 @@ from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import TraceSettings
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class SweepProblem:
     defines: Mapping[str, Define]
     update: Program
     solver_defines: Mapping[str, Define]
-    linear_cells: NDArray[np.bool_] | None
+    linear_cells: Mask | None
     final_program: Program
     forward_peak: ForwardPeak | None
 
@@ -144,7 +142,7 @@ class SweepProblem:
         return self.program(flags)
 
     def sweeper(
-        self, cells: OpticalCells, sweep: Program, linear_cells: NDArray[np.bool_] | None = None
+        self, cells: OpticalCells, sweep: Program, linear_cells: Mask | None = None
     ) -> Sweeper:
         """Sweeper of `cells` by the program `sweep`; `linear_cells` (N,) as in `Sweeper`."""
         return Sweeper(
@@ -247,9 +245,7 @@ def _forward_peak(settings: TraceSettings, view: View) -> ForwardPeak | None:
     return ForwardPeak.of(settings.phase) if wanted else None
 
 
-def _source_defines(
-    settings: TraceSettings, linear_cells: NDArray[np.bool_] | None
-) -> dict[str, Define]:
+def _source_defines(settings: TraceSettings, linear_cells: Mask | None) -> dict[str, Define]:
     """Defines of the sources after the solver."""
     flags: dict[str, Define] = {}
     if settings.phase is not None:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.transport.phase import ScatteringTable
 
-Floats = NDArray[np.float64]
 _GOLDEN = (1 + 5**0.5) / 2
 _CURVE_BITS = 10  # of either coordinate on the square of the Hilbert curve
 NEAREST_SIDE = 32  # entries of the table of nearest ordinates along a side of an octant

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats, Ints, Mask
 
 _SHORTEST = 1e-6  # of a layer: a shorter segment is merged into its neighbour
 _LEAST_VISIBLE = 0.5  # share of a gradient, in `visible_gradient`; less would amplify noise
@@ -45,19 +45,17 @@ class Segments:
     basis_scale: (K, 3) 1 / `visible_gradient` along u and v, 1 along l.
     """
 
-    ordinate: NDArray[np.int64]
+    ordinate: Ints
     layer_share: Floats
-    layer: NDArray[np.int64]
-    shift: NDArray[np.int64]
+    layer: Ints
+    shift: Ints
     midpoint: Floats
-    exits: NDArray[np.bool_]
+    exits: Mask
     basis: Floats
     basis_scale: Floats
 
     @classmethod
-    def of(
-        cls, slopes: Floats, starts: Floats, *, layers: int, backwards: NDArray[np.bool_]
-    ) -> Segments:
+    def of(cls, slopes: Floats, starts: Floats, *, layers: int, backwards: Mask) -> Segments:
         """Segments of K ordinates.
 
         Args:
@@ -104,7 +102,7 @@ class Segments:
         return np.column_stack([self.shift, since]).astype(np.int32)
 
 
-def _cuts(slopes: Floats, starts: Floats, layers: int) -> tuple[NDArray[np.int64], Floats]:
+def _cuts(slopes: Floats, starts: Floats, layers: int) -> tuple[Ints, Floats]:
     """Ordinates and positions, 0 to `layers`, of the ends of segments, ordinate by ordinate."""
     end = starts + slopes * layers
     low, high = np.ceil(np.minimum(starts, end)), np.floor(np.maximum(starts, end))

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints, Mask
 from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.segments import Segments
-
-Floats = NDArray[np.float64]
 
 COLUMNS = 8  # of the table of tiles
 
@@ -57,8 +56,8 @@ class SweepSchedule:
     back: Floats
     path_per_layer: Floats
     weight: Floats
-    rightwards: NDArray[np.bool_]
-    upwards: NDArray[np.bool_]
+    rightwards: Mask
+    upwards: Mask
 
     def __len__(self) -> int:
         return len(self.number)
@@ -67,7 +66,7 @@ class SweepSchedule:
     def of(
         cls,
         layout: AxisOrder,
-        number: NDArray[np.int64],
+        number: Ints,
         directions: Ordinates,
         starts: Floats,
         *,
@@ -137,7 +136,7 @@ def _cuts(count: int, edge: int) -> NDArray[np.int32]:
 
 
 def kba_tiles(
-    rows: int, layers: int, quadrants: NDArray[np.int64], edge: int
+    rows: int, layers: int, quadrants: Ints, edge: int
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Tiles of all quadrants, in the order of kernel launches.
 

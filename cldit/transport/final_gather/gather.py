@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats, Ints
 from cldit.gpu.buffers import download, unset, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
@@ -36,8 +37,6 @@ from cldit.transport.result import TraceSettings
 from cldit.transport.sobol import points
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import upload_tree
-
-Floats = NDArray[np.float64]
 
 _GROUP = 16
 _PENDING = 8  # concurrent reads of stored radiance; GPUs hide the latency by other paths
@@ -83,9 +82,7 @@ class GatherPaths:
         self.device.queue.flush()  # the next device starts while this one works
 
 
-def neyman_allocation(
-    energy: Floats, had: NDArray[np.int64], size: NDArray[np.int64], *, allowed: float
-) -> NDArray[np.int64]:
+def neyman_allocation(energy: Floats, had: Ints, size: Ints, *, allowed: float) -> Ints:
     """Samples per pixel (T,) of each tile that reach a total variance at the lowest cost.
 
     They are proportional to the root of energy x had / size, since the variance is proportional to
@@ -258,7 +255,7 @@ class Gather:
 
     def __call__(
         self,
-        pixels: NDArray[np.int64],
+        pixels: Ints,
         across: int,
         seen: NDArray[np.floating],
         other: int,
@@ -359,7 +356,7 @@ class Gather:
             )
         return enough
 
-    def _tiles(self, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _tiles(self, pixels: Ints) -> Ints:
         """Numbers (N,) of the image tiles of the pixels."""
         row, column = np.divmod(pixels, self._image.view.pixels[0])
         edge = self._settings.tuning.noise_tile
@@ -371,7 +368,7 @@ class Gather:
         """Programs that were built."""
         return self._programs
 
-    def paths(self, pixels: NDArray[np.int64], across: int) -> list[GatherPaths]:
+    def paths(self, pixels: Ints, across: int) -> list[GatherPaths]:
         """Paths from the thick cells on across^2 rays through each pixel (N,), for each device."""
         row, column = np.divmod(pixels, self._image.view.pixels[0])
         middle = np.stack([column, row, 0.0 * row, 0.0 * row], axis=1)
@@ -419,7 +416,7 @@ class Gather:
     def means(
         self,
         paths: list[GatherPaths],
-        chosen: NDArray[np.int64],
+        chosen: Ints,
         across: int,
         some: range,
         half: int,

@@ -20,8 +20,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
@@ -30,8 +30,6 @@ from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Audit, Trace, TraceSettings
 from cldit.transport.view import View
-
-Floats = NDArray[np.float64]
 
 _BY_PATHS = 0.5  # share of the paths' noise in the audit's variance; below it, pixels dominate
 

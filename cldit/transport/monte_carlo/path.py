@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
@@ -26,8 +27,6 @@ from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Trace, TraceSettings, weights_of
 from cldit.transport.sobol import columns
 from cldit.transport.view import View, check_boundary, upload_tree
-
-Floats = NDArray[np.float64]
 
 SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
 _GROUP = 16

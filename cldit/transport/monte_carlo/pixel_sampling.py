@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cldit.arrays import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class PixelSample:
     chance: (N,) inclusion probabilities, 0 to 1.
     """
 
-    pixels: NDArray[np.int64]
+    pixels: Ints
     chance: Floats
 
     @classmethod
