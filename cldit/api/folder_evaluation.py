@@ -213,15 +213,9 @@ def evaluate_scattering(
 ) -> Medium:
     """Temperature of the emitting medium, with the scattered share of a model; stored as maps.
 
-    Args:
-        folder: as for `evaluate_folder`, which gave the evaluation.
-        model: run whose spray and camera represent those of the measurement, and whose patches
-            are those of its enclosure, temperatures included.
-        evaluation: of the same folder.
-        maps: folder of its maps; None: `maps` beside the images.
-
-    Raises:
-        EvaluationError: the model's sensor has another number of pixels.
+    model: run whose spray and camera represent those of the measurement, and whose patches are
+    those of its enclosure, temperatures included. maps: folder of its maps; None: `maps` beside the
+    images.
     """
     opened = open_recorded(folder)
     view = SensorView.from_scene(model.scene)

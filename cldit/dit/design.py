@@ -139,9 +139,6 @@ def designs(
 
     The exposure suits the hottest background of a set, so that none saturates the sensor. A shot
     takes `shot_s`.
-
-    Raises:
-        EvaluationError: no design reaches the errors; the message has the smallest ones.
     """
     low_K, high_K = blackbody.limits_K
     levels = np.linspace(low_K, high_K, _LEVELS)

@@ -24,11 +24,7 @@ _TOGETHER = 2  # blocks at a time, one a thread
 
 
 def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
-    """Checks that backgrounds differ in temperature and in radiance `source` (K,).
-
-    Raises:
-        EvaluationError: they do not.
-    """
+    """Checks that backgrounds differ in temperature and in radiance `source` (K,)."""
     if len(set(temperatures_K)) < 2:
         raise EvaluationError(
             f"backgrounds: {sorted(set(temperatures_K))} K; the evaluation needs at least two "

@@ -101,9 +101,6 @@ def check_not_mirrored(
 
     The lines of the other backgrounds predict the signal of the spray; if swapped, it is opposite.
     The radiances `sources` (K,) of each kind belong to rising set points.
-
-    Raises:
-        EvaluationError: names the background.
     """
     setpoints = sorted({setpoint for setpoint, _ in sums})
     if len(setpoints) < 3:

@@ -72,14 +72,10 @@ def profile_of(
     """Profile of maps (H, W) from a point to the edge of the image, in steps of a pixel.
 
     Args:
-        maps, pixel_m, centre_m: maps, size of a pixel, and (x, z) of the image's centre.
         start_m: (x, z) of the start, the injector tip.
         angle_deg: from downwards (-z) towards +x; None: along the plume, the direction of the
             largest sum of emissivities.
         temperature_error_K: (H, W) standard error of T_app; None: that of the maps.
-
-    Raises:
-        EvaluationError: the start is outside the image.
     """
     shape = maps.emissivity.shape
     if angle_deg is None:

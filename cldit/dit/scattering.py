@@ -196,12 +196,7 @@ def _line(
 
 
 def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
-    """Names of the parts whose light differs between enclosures.
-
-    Raises:
-        EvaluationError: none differs, the enclosures have different parts, or the parts cannot be
-            separated: that takes one enclosure more than varied parts, each varied alone once.
-    """
+    """Names of the parts whose light differs between enclosures."""
     names = list(enclosures[0])
     if any(set(one) != set(names) for one in enclosures):
         raise EvaluationError(f"enclosures: not all have the parts {', '.join(names)}")
@@ -226,11 +221,7 @@ def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
 def measured_share(
     maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, *, part: str
 ) -> tuple[Floats, Floats]:
-    """omega (H, W) of one part and its standard error, from one spray in different enclosures.
-
-    Raises:
-        EvaluationError: as `varied_parts`, or this part does not differ.
-    """
+    """omega (H, W) of one part and its standard error, from one spray in different enclosures."""
     varied = varied_parts(enclosures)
     if part not in varied:
         raise EvaluationError(f"enclosures: the light of {part} does not differ")
@@ -247,10 +238,6 @@ def medium_of_enclosures(
 
     With walls alone it is the intersection of the line B(T_app) over B(T_wall) with the diagonal:
     walls as warm as the medium have no influence. Errors of all maps propagate with correlation.
-
-    Raises:
-        EvaluationError: as `varied_parts`, or a part has the same temperature in all enclosures, so
-            that its scattered share is unknown.
     """
     fixed = set(enclosures[0]) - varied_parts(enclosures)
     if fixed:

@@ -109,11 +109,7 @@ class Rivals:
         counts: Sequence[int] = (2, 3, 5, 7),
         sets: Sequence[tuple[float, ...]] = (),
     ) -> Separation:
-        """The fastest of all sets of backgrounds within the limits, or of the `sets` given.
-
-        Raises:
-            EvaluationError: there is only one background temperature, or no pixel has a T_app.
-        """
+        """The fastest of all sets of backgrounds within the limits, or of the `sets` given."""
         low_K, high_K = blackbody.limits_K
         levels = np.linspace(low_K, high_K, _LEVELS)
         made = [

@@ -204,11 +204,7 @@ def thumbnail_edges(pixels: int) -> NDArray[np.intp]:
 
 
 def check_shots(shots: Sequence[Shot]) -> list[float]:
-    """Set points in rising order, each with references and injections.
-
-    Raises:
-        EvaluationError: a shot is of another kind or has no measured background, or one is missing.
-    """
+    """Set points in rising order, each with references and injections."""
     for shot in shots:
         if shot.kind not in ("reference", "injection"):
             raise EvaluationError(
@@ -246,10 +242,6 @@ def accumulate(
     Pixels saturate at `saturation_counts`; `progress` is called with (shots read, shots in all);
     `places` are those of the shots on the drift's axis. An image with one value in all pixels is
     no image (a frame that was never written), unless it is the level of saturation.
-
-    Raises:
-        EvaluationError: an image has another shape than the others, or is not finite; all images
-            of a background and kind have one value.
     """
     sums: dict[tuple[float, str], Sums] = {}
     flat: list[tuple[float, Any, Place]] = []

@@ -183,7 +183,6 @@ def solve(
     Args:
         reference, injection: means (K, ...) at each background, without and with spray.
         usable: (K, ...) False where a signal must not be used.
-        curve: black-body temperature to radiance.
         drifts: errors that both kinds share; their part of single exposures is subtracted from the
             observed scatter, as alternating exposures share it.
         systematic: errors of the injections alone; None: none.

@@ -61,9 +61,6 @@ class Subject:
         """Sensor pixels that see the background, with at least this emissivity of the spray.
 
         The trace has `spectral` weights of each node of `quadrature`, and those without spray.
-
-        Raises:
-            EvaluationError: there are none.
         """
         view = SensorView.from_scene(scene)
         spray = [_seen(view, weights) for weights in spectral]

@@ -13,9 +13,8 @@ Reals = NDArray[np.floating]
 def limited(middle: Reals, below: Reals, above: Reals, *, down: Any, up: Any) -> Reals:
     """Limited slope along one axis, per edge of the cell.
 
-    Args:
-        middle, below, above: values of a cell and its two neighbours, of one shape.
-        down, up: distances to the neighbours' middles in edges of the cell.
+    middle, below, above: values of a cell and its two neighbours, of one shape. down, up: distances
+    to the neighbours' middles in edges of the cell.
     """
     first, second = (middle - below) / down, (above - middle) / up
     central = (first * up + second * down) / (down + up)

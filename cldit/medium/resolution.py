@@ -61,9 +61,6 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
         cube: must contain the whole medium.
         sources: droplets and gas of any wavelength.
         limit: largest `Candidate.memory_cells`.
-
-    Raises:
-        MediumError: something is outside the cube, or one cell exceeds `limit`.
     """
     refuse_outside(cube, sources)
     whole = cube.at(0)
@@ -99,9 +96,8 @@ def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> F
     Its lower corner is that of the boxes, so that bricks begin there too; points or clouds beyond
     it move it by whole bricks. `voxel_m` is the edge of the voxels, if known.
 
-    Returns:
-        The cube; None if there is no box, or if boxes have no common grid of voxels of at least a
-        quarter of the smallest box.
+    Returns the cube; None if there is no box, or if boxes have no common grid of voxels of at least
+    a quarter of the smallest box.
     """
     corners = _corners(sources)
     if corners is None:
@@ -168,9 +164,6 @@ def needed_edge_m(cube: Frame, sources: Sources) -> float:
     scattering medium they are halved until there are `ACROSS` along it. Boxes of less than a
     hundredth of the total extinction do not count: that of a box of optical depth t and smallest
     face A is A (1 - exp(-t)).
-
-    Raises:
-        MediumError: there are parcels that are points or clouds.
     """
     if not known_in_boxes(sources):
         raise MediumError("resolution: parcels in points or as clouds have no boxes")

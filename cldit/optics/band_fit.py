@@ -64,11 +64,7 @@ def fit_error(bands: Bands, table: Table) -> FitError:
 def fit_bands(
     table: Table, *, bands: int = 40, say: Callable[[str], None] | None = None
 ) -> tuple[Bands, FitError]:
-    """Fits `bands` bands, which do not depend on temperature, to a table; `say` gets progress.
-
-    Raises:
-        OpticsError: the table has fewer points than there are unknowns, or nothing absorbs.
-    """
+    """Fits `bands` bands, which do not depend on temperature, to a table; `say` gets progress."""
     if not 1 <= bands <= len(table.k) // 4:
         raise OpticsError(
             f"fit: {bands} bands to {len(table.k)} points; allowed: 1..{len(table.k) // 4}"

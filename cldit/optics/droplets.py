@@ -68,9 +68,6 @@ class DropletTable:
         """Q_ext, Q_sca and g, shaped as `diameter_m`.
 
         Below the table (x < 0.01, or d < 0.05 um) the Rayleigh limit continues it.
-
-        Raises:
-            DropletError: a diameter is not positive, or above the table.
         """
         columns = (self.absorption, self.scattering, self.asymmetry)
         q_abs, q_sca, g = self._efficiencies(np.asarray(diameter_m, dtype=float), columns)
@@ -138,9 +135,6 @@ def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | Non
     """The table for droplets of refractive index n - ik, from 0.05 um to 500 um and below.
 
     Tables are kept by content in the folder `cache`; None keeps none.
-
-    Raises:
-        DropletError: wavelength, n or k is impossible, or beyond the range of `mie`.
     """
     if not (wavelength_um > 0 and n > 0 and k >= 0 and np.isfinite(wavelength_um + n + k)):
         raise DropletError(

@@ -31,10 +31,6 @@ def n_from_k(wavelength_um: ArrayLike, k: ArrayLike, *, anchor: tuple[float, flo
 
     Returns:
         (N,) n.
-
-    Raises:
-        OpticsError: lengths differ, a number is not finite, k is negative, wavelengths are not in
-            order or not positive, or the anchor lies outside them.
     """
     wavelength = np.asarray(wavelength_um, dtype=float)
     absorbed = np.asarray(k, dtype=float)

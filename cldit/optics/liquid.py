@@ -97,11 +97,7 @@ class Liquid:
     licence: str = ""
 
     def index(self, wavelength_um: ArrayLike, temperature_K: float) -> tuple[Floats, Floats]:
-        """n and k, shaped as `wavelength_um`, at `temperature_K`; a user's table is constant.
-
-        Raises:
-            OpticsError: a wavelength or the temperature is outside the range of the data.
-        """
+        """n and k, shaped as `wavelength_um`, at `temperature_K`; a user's table is constant."""
         wavelength = np.asarray(wavelength_um, dtype=float)
         low, high = self.wavelength_um
         inside = (wavelength >= low * (1 - 1e-12)) & (wavelength <= high * (1 + 1e-12))
@@ -132,11 +128,7 @@ def liquids() -> tuple[str, ...]:
 
 
 def liquid(name: str) -> Liquid:
-    """A shipped liquid: n-heptane (an estimate), n-octane or iso-octane (measured).
-
-    Raises:
-        OpticsError: the name is unknown.
-    """
+    """A shipped liquid: n-heptane (an estimate), n-octane or iso-octane (measured)."""
     if name not in liquids():
         raise OpticsError(
             f"{name}: no refractive index is shipped; allowed: {', '.join(liquids())}, "

@@ -24,9 +24,6 @@ def read_liquid_table(path: Path) -> Liquid:
     CSV: wavelength_um, n, k, with an optional heading and comments that begin with #. YAML: the
     form of refractiveindex.info, with `tabulated nk`, or `tabulated k` with `tabulated n`,
     `formula 1` or `formula 2` (Sellmeier). Wavelengths may rise or fall.
-
-    Raises:
-        OpticsError: the file cannot be read, or its numbers are no refractive index over um.
     """
     try:
         text = read_text(path)
@@ -167,11 +164,7 @@ def _table(rows: Floats, path: Path) -> Table:
 
 
 def check_um(wavelength_um: Floats, *, what: str) -> None:
-    """Checks that wavelengths (N,) can be in um; the error for `what` guesses their unit.
-
-    Raises:
-        OpticsError: one is outside 0.1..200 um.
-    """
+    """Checks that wavelengths (N,) can be in um; the error for `what` guesses their unit."""
     low, high = float(np.min(wavelength_um)), float(np.max(wavelength_um))
     if _UNIT_UM[0] <= low and high <= _UNIT_UM[1]:
         return

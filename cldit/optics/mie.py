@@ -41,11 +41,7 @@ def terms(x: float) -> int:
 
 
 def check(*, n: float, k: float, x: ArrayLike) -> Floats:
-    """Checks the arguments of Mie's solution, and returns the size parameters, flattened to (S,).
-
-    Raises:
-        DropletError: n is not in 0.1..10, k not in 0..10, or a size parameter not in 1e-4..1e4.
-    """
+    """Checks the arguments of Mie's solution; returns the size parameters, flattened to (S,)."""
     sizes = np.atleast_1d(np.asarray(x, dtype=float)).ravel()
     if not (0.1 <= n <= 10 and 0 <= k <= LARGEST_K):
         raise DropletError(
@@ -71,9 +67,6 @@ def efficiencies(*, n: float, k: float, x: ArrayLike, spacing: float = 0.0) -> E
         x: size parameters pi d / wavelength, any shape.
         spacing: of ln x, for means over sizes: resonances narrower than this are widened, with
             their absorption preserved (`_Order.seen`). 0: single spheres.
-
-    Raises:
-        DropletError: as `check`.
     """
     sizes = check(n=n, k=k, x=x)
     out = np.zeros((4, sizes.size))
@@ -233,9 +226,7 @@ class _Order:
 def intensity(a: Complex, b: Complex, cosine: Floats) -> Floats:
     """(|S1|^2 + |S2|^2) / 2 of unpolarised light, (M, S).
 
-    Args:
-        a, b: (terms, S) coefficients.
-        cosine: (M,) of the scattering angle.
+    a, b: (terms, S) coefficients. cosine: (M,) of the scattering angle.
     """
     count = len(a)
     order = np.arange(1, count + 1)

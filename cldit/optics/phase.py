@@ -70,9 +70,6 @@ class PhaseTable:
         """Mean over `number` (N,) droplets of each `diameter_m` (N,), weighted by scattering.
 
         Below 0.05 um the smallest entry, the Rayleigh limit, is used.
-
-        Raises:
-            DropletError: a diameter is not positive or above the table, or nothing scatters.
         """
         d, count = np.broadcast_arrays(
             np.atleast_1d(np.asarray(diameter_m, float)), np.asarray(number, float)
@@ -98,11 +95,7 @@ class PhaseTable:
 
 
 def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
-    """Exact phase function of one sphere of size parameter `x` and index n - ik.
-
-    Raises:
-        DropletError: as `mie.check`, or n = 1 and k = 0, which scatters nothing.
-    """
+    """Exact phase function of one sphere of size parameter `x` and index n - ik."""
     size = mie.check(n=n, k=k, x=x)
     _check_scatters(n=n, k=k)
     cosine, weights = leggauss(max(mie.terms(x) + 1, _FEWEST))
@@ -114,11 +107,7 @@ def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
 def phase_table(
     *, wavelength_um: float, n: float, k: float, cache: Path | None, largest_m: float = 100e-6
 ) -> PhaseTable:
-    """Phase functions from 0.05 um to `largest_m`, kept by content in the folder `cache`, if any.
-
-    Raises:
-        DropletError: as `mie.check`, or the largest diameter is not above 0.05 um.
-    """
+    """Phase functions from 0.05 um to `largest_m`, kept by content in the folder `cache`."""
     if not (wavelength_um > 0 and SMALLEST_M * 2 <= largest_m < np.inf):
         raise DropletError(
             f"phase functions: wavelength {wavelength_um:g} um, largest diameter {largest_m:g} m; "

@@ -99,10 +99,7 @@ def part_radiance(
 ) -> Floats:
     """Photon radiance (N,) of a black body in a part of a filter, photons s-1 m-2 sr-1.
 
-    Args:
-        temperature_K: (N,), positive and finite.
-        filter_um: edges of the filter, or a `Response`.
-        low_um, high_um: ends of the part, within the filter.
+    temperature_K: (N,), positive and finite. low_um, high_um: ends of the part, within the filter.
     """
     pieces = _pieces(filter_um, low_um, high_um)
     if not pieces:

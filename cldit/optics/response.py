@@ -21,11 +21,7 @@ from cldit.scene.schema import Scene
 
 @dataclass(frozen=True)
 class Response:
-    """Values from 0 to 1 over rising wavelengths; linear in between, 0 beyond.
-
-    Raises:
-        SceneError: as `cldit.scene.curves.check_curve`.
-    """
+    """Values from 0 to 1 over rising wavelengths; linear in between, 0 beyond."""
 
     pairs: tuple[tuple[float, float], ...]  # wavelength_um, value
 
@@ -44,11 +40,7 @@ Filter = tuple[float, float] | Response
 
 
 def edges_um(filter_um: Filter) -> tuple[float, float]:
-    """The lowest and highest wavelength of the filter.
-
-    Raises:
-        SceneError: the filter is empty or not positive.
-    """
+    """The lowest and highest wavelength of the filter."""
     if isinstance(filter_um, Response):
         values = [value for _, value in filter_um.pairs]
         some = np.flatnonzero(values)
@@ -82,11 +74,7 @@ def values_at(filter_um: Filter, wavelength_um: ArrayLike) -> Floats:
 
 
 def scene_filter(scene: Scene) -> Filter:
-    """The response of the scene's camera.
-
-    Raises:
-        SceneError: filter and quantum efficiency have no wavelength in common.
-    """
+    """The response of the scene's camera."""
     filter_um = scene.optics.filter_um
     efficiency = scene.camera.sensor.quantum_efficiency
     own = _as_filter(filter_um)
@@ -105,9 +93,6 @@ def product(filter_um: Filter, other: Response) -> Response:
     """`filter_um` times the response `other`, with 8 linear pieces in each common piece.
 
     The product of two linear pieces is a parabola; eight chords leave 1/64 of its deviation.
-
-    Raises:
-        SceneError: they have no wavelength in common.
     """
     (low, high), (start, end) = edges_um(filter_um), edges_um(other)
     low, high = max(low, start), min(high, end)
@@ -135,11 +120,7 @@ def to_plain(filter_um: Filter) -> list[float] | list[list[float]]:
 
 
 def from_plain(data: Any) -> Filter:
-    """Reads the result of `to_plain`.
-
-    Raises:
-        SceneError, TypeError, ValueError: it is no filter.
-    """
+    """Reads the result of `to_plain`."""
     if isinstance(data, (list, tuple)) and data and isinstance(data[0], (list, tuple)):
         return Response(tuple((float(w), float(v)) for w, v in data))
     low, high = data

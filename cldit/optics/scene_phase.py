@@ -79,11 +79,7 @@ def has_coefficients(spray: Spray) -> bool:
 
 
 def henyey_greenstein(g: float) -> Cumulative:
-    """The phase function of Henyey and Greenstein (Astrophys. J. 93, 1941) of asymmetry `g`.
-
-    Raises:
-        OpticsError: g is not between -1 and 1.
-    """
+    """The phase function of Henyey and Greenstein (Astrophys. J. 93, 1941) of asymmetry `g`."""
     if not -1 < g < 1:
         raise OpticsError(f"Henyey-Greenstein: g = {g:g} is outside -1..1 (both excluded)")
 

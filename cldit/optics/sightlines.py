@@ -110,9 +110,8 @@ class Beams:
     def columns(self, lower_m: Floats, upper_m: Floats, amounts: Sequence[Floats]) -> list[Floats]:
         """Each amount per beam area, (beams, slices); with Z beams along z, number is x * Z + z.
 
-        Args:
-            lower_m, upper_m: (N, 3) corners of boxes with uniform content; equal for points.
-            amounts: (N,) each.
+        lower_m, upper_m: (N, 3) corners of boxes with uniform content; equal for points. amounts:
+        (N,) each.
         """
         nx, ny, nz = self.shape
         sums = [np.zeros(nz * ny * nx) for _ in amounts]

@@ -40,9 +40,6 @@ class Quadrature:
     edges_um: J + 1 rising wavelengths that divide the filter. members: (K, J), share of interval j
     that belongs to node k; columns add up to 1. reference_K: temperature of the light for which
     means over a node are taken.
-
-    Raises:
-        SceneError: the edges do not cover the filter, or the shares do not add up.
     """
 
     filter_um: Filter
@@ -109,11 +106,7 @@ class Quadrature:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Quadrature:
-        """Reads the result of `to_dict`.
-
-        Raises:
-            SceneError, KeyError, TypeError, ValueError: it is damaged.
-        """
+        """Reads the result of `to_dict`."""
         return cls(
             from_plain(data["filter_um"]),
             tuple(float(edge) for edge in data["edges_um"]),

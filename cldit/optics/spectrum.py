@@ -91,11 +91,7 @@ class Spectrum:
 
     @classmethod
     def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
-        """Spectrum over `filter_um` of the scene's substances at the spray's temperatures.
-
-        Raises:
-            OpticsError: the filter or a temperature lies outside a substance's data.
-        """
+        """Spectrum over `filter_um` of the scene's substances at the spray's temperatures."""
         used = Substances.of(scene, spray)
         edges = _edges(filter_um, used.vapour)
         count = len(edges) - 1

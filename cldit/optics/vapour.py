@@ -100,11 +100,7 @@ class VapourBand:
     lines: Elsasser | None = None
 
     def absorption_m2_mol(self, wavenumber_per_cm: ArrayLike, temperature_K: float) -> Floats:
-        """Napierian molar cross section, the mean over lines, shaped as `wavenumber_per_cm`.
-
-        Raises:
-            OpticsError: outside the range of wavenumbers or temperatures.
-        """
+        """Napierian molar cross section, the mean over lines, shaped as `wavenumber_per_cm`."""
         number = np.asarray(wavenumber_per_cm, dtype=float)
         low, high = self.wavenumber_per_cm
         inside = (number >= low * (1 - 1e-12)) & (number <= high * (1 + 1e-12))
@@ -142,15 +138,8 @@ class VapourBand:
         depths of 0.01 to 100, 1 kPa to 10 MPa, 300 to 600 K: 1.7e-2 with 8 points, 2.1e-3 with 16,
         1.6e-4 with 32, 1.1e-5 with 64.
 
-        Args:
-            filter_um: edges of the filter.
-            temperature_K, pressure_Pa: state of the gas.
-            points: largest number of values.
-            mole_fraction: of the species, which broadens its own lines.
-            weight: relative importance of wavelengths (M,) in um; None: uniform.
-
-        Raises:
-            OpticsError: an argument is impossible or outside the range of the data.
+        mole_fraction: of the species, which broadens its own lines. weight: relative importance of
+        wavelengths (M,) in um; None: uniform.
         """
         low, high = filter_um
         if not 0 < low < high:
@@ -259,9 +248,6 @@ def vapour_band(species: str, *, area_km_mol: float | None = None) -> VapourBand
     `n-heptane`: an estimate of the resolved band, of 503 km/mol; RadCal's 761 km/mol is about
     50 % above two other sources. `n-heptane-radcal`: RadCal's bins as published. `methane`. With
     `area_km_mol` all cross sections are scaled to this integral at the table's first temperature.
-
-    Raises:
-        OpticsError: the name is unknown, or the area is not a number above 0.
     """
     if species not in vapours():
         raise OpticsError(

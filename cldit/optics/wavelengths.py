@@ -88,13 +88,9 @@ def wavelengths(
     """Nodes for a scene: one with the preset `paper` and for sprays given as coefficients (grey).
 
     Args:
-        scene, spray: the scene and its spray.
         cache: folder for Mie tables; None builds them anew.
         paper: True: the paper's properties, whatever the preset of the scene.
         tolerance_K: RMS error of T_app that the nodes may leave; None: that of the scene.
-
-    Raises:
-        OpticsError: the filter or a temperature lies outside a substance's data.
     """
     filter_um = scene_filter(scene)
     reference_K = reference_temperature_K(scene.background.temperatures_K)

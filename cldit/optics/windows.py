@@ -120,11 +120,7 @@ def slab(
 
 
 def window_shares(window: Window, wavelength_um: ArrayLike) -> tuple[Floats, Floats]:
-    """Transmission and reflection of `window` at `wavelength_um`, any shape.
-
-    Raises:
-        SceneError: a wavelength lies outside the material's data.
-    """
+    """Transmission and reflection of `window` at `wavelength_um`, any shape."""
     wavelength = np.asarray(wavelength_um, float)
     if window.material is None:
         return _tabled(window, wavelength)

@@ -34,10 +34,6 @@ def read_xsc(path: Path) -> VapourBand:
 
     Blocks are interpolated to the wavenumbers of the first. The band is valid between the
     temperatures of the file, or at 100..1500 K if it has one.
-
-    Raises:
-        OpticsError: the file cannot be read, is not of this form, is cut short, has values that
-            are not finite or negative beyond noise, or blocks that do not cover the same range.
     """
     try:
         lines = read_text(path, encoding="ascii").splitlines()

@@ -74,9 +74,6 @@ def chosen_frame(
     doubled to at most that edge. Otherwise a medium of boxes gets the coarsest cells that hold it,
     one with parcels in points or as clouds at most the paper's leaf; if these exceed `limit` cells,
     both get the finest that fit.
-
-    Raises:
-        MediumError: something is outside the domain.
     """
     centre_m, edge_m = domain.centre_m, domain.edge_m
     if domain.leaf_edge_m is not None or domain.rule == "paper":
@@ -106,9 +103,6 @@ def lattice_frames(
     """The domain's cube in cells of a lattice, and the cube that is aligned with the boxes on it.
 
     `edge_m` of the first is at least that of the domain, and `spacing_m` times a power of 2.
-
-    Raises:
-        MediumError: something is outside the domain.
     """
     whole = Frame.around(
         centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=2 * domain.edge_m

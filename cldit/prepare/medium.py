@@ -57,14 +57,8 @@ def properties_of(
 ) -> Properties:
     """Optical properties of a scene's spray.
 
-    Args:
-        scene: what is to be traced.
-        spray: that of the scene.
-        cache: folder of tables; None keeps nothing.
-        tolerance_K: error of T_app that the wavelengths may leave; None: that of the scene.
-
-    Raises:
-        ClditError: optical data do not cover the scene, or its phase function needs diameters.
+    cache: folder of tables; None keeps nothing. tolerance_K: error of T_app that the wavelengths
+    may leave; None: that of the scene.
     """
     chosen = wavelengths(scene, spray, cache=cache, tolerance_K=tolerance_K)
     sources = tuple(emitters(spray, band) for band in chosen.bands)
@@ -208,12 +202,7 @@ class Prepared:
     def grown(self, stages: Stages, depth: int | None = None) -> Medium:
         """Octrees of all wavelengths.
 
-        Args:
-            stages: take the time.
-            depth: number of times that the cube is halved; None: as the scene has it.
-
-        Raises:
-            MediumError: there are more cells than memory allows.
+        depth: number of times that the cube is halved; None: as the scene has it.
         """
         found = self.properties
         frame = self.frame if depth is None else self.frame.at(depth)
@@ -271,10 +260,6 @@ def prepare(
     """The scene's spray and its optical properties.
 
     Args:
-        scene: what is to be traced.
-        device: whose memory the cells must fit.
-        stages: take the time of each step.
-        cache: folder of tables and sprays.
         spray: that of the scene, where it is there already.
         cone: the scene's cone with chosen classes of size and lattice; None: the scene's own.
         cube_m: edge of the cube whose cells are the cone's lattice; None: cells are as the scene

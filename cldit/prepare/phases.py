@@ -40,9 +40,6 @@ def mean_phase(
 
     It has classes of size where one mean does not hold for all places. `points` are the droplets in
     this band, from `emitters`; `content` is their digest, by which the result is kept in `cache`.
-
-    Raises:
-        PhaseError: droplets are given as coefficients, without diameters.
     """
     if has_coefficients(spray):
         raise PhaseError(

@@ -24,9 +24,6 @@ def make_spray(
 
     `cache` is the folder of tables of fuel properties and computed sprays, None keeps nothing;
     `watch` takes the progress of reading a CFD case.
-
-    Raises:
-        SprayError: the source is incomplete or has impossible values.
     """
     return with_figures(_made(spec, cache, watch))
 

@@ -23,11 +23,7 @@ EXPOSURE = "exposure times"
 
 
 def exposed(scene: Scene) -> bool:
-    """True if a scene's image is the mean light of several times of its spray.
-
-    Raises:
-        SceneError: the spray has no times, or no velocities, for the exposure that is asked for.
-    """
+    """True if a scene's image is the mean light of several times of its spray."""
     camera, model = scene.camera, scene.spray.model
     allowed = {
         "times": ("cone", "lagrangian"),

@@ -54,11 +54,7 @@ def save_run(run: Run, folder: Path) -> None:
 
 
 def store_run(run: Run, folder: Path) -> Path:
-    """Writes the `run` into `folder`, with the acquisition that lies in the run's own folder.
-
-    Raises:
-        RunFolderError: the folder is not empty.
-    """
+    """Writes the `run` into `folder`, with the acquisition that lies in the run's own folder."""
     if not is_empty(folder):
         raise RunFolderError(f"{folder}: is not empty; allowed: an empty folder, or a new one")
     make_folder(folder)
@@ -86,11 +82,7 @@ def free_folder(first: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path
 
 
 def stored_run(folder: Path, scene: Scene) -> Run | None:
-    """The finished run of the same scene in `folder`, if there is one.
-
-    Raises:
-        RunFolderError: the folder holds something else.
-    """
+    """The finished run of the same scene in `folder`, if there is one."""
     if is_empty(folder):
         return None
     known = folder / SCENE_FILE

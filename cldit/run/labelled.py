@@ -54,7 +54,6 @@ def labelled(
     """Maps, and weights where they are given, over x and z of the plane of the target.
 
     Args:
-        scene: with the camera.
         maps: (H, W) on the traced or the sensor's pixels.
         pixel_m: width and height of their pixels in the plane of the target.
         weights: (H, W) of the trace; None omits them.
@@ -101,8 +100,6 @@ def labelled_maps(
     """Maps (H, W) over x and z.
 
     Args:
-        maps: (H, W).
-        title: of the data set.
         pixel_m: width and height of a pixel on the object.
         centre_m: x and z of the image's centre.
         more: further variables by name: (H, W), unit, and description.
@@ -110,9 +107,6 @@ def labelled_maps(
 
     Returns:
         Variables named like the maps' files, dimensions z (downwards) and x in mm.
-
-    Raises:
-        ClditError: xarray is not installed.
     """
     xr = xarray_module()
     height, width = maps.emissivity.shape

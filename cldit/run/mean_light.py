@@ -45,7 +45,6 @@ class MeanLight:
 
         Args:
             scene: whose camera and boundary all runs have.
-            runs: with the resolution of `first`.
             first: has the wavelengths that all should have.
             what: the runs are, for the remark.
             shares: in proportion to the part of each run; None: equal.

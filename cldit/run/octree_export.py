@@ -118,20 +118,11 @@ def export_octree(
     grids), and which stay right when they are rotated into the case's coordinates.
 
     Args:
-        run: as `open_run` reads it.
         form: `vtkhdf`: one file with the blocks `octree` and `parcels`; `vtu`: the cells, and a
             .vtp of the parcels beside it.
         target: the file; None: `octree.vtkhdf` or `octree.vtu` in the run's folder.
-        device: makes the medium, and solves for the source function.
-        cache: folder of tables and sprays.
         node: number of the spectral node; None: the one with most of the light.
         own_frame: True: cldit's own coordinates also for a spray from CFD, instead of the case's.
-        say: takes lines of progress.
-
-    Raises:
-        RunFolderError: as `rebuilt`.
-        ClditError: as `simulate`; h5py is missing for `vtkhdf` (before anything is computed).
-        DiskFull, FileError: a file cannot be written.
     """
     if target is None and run.folder is None:
         raise RunFolderError("the run is not stored; give the file to write")

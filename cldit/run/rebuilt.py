@@ -53,17 +53,7 @@ def rebuilt(
 ) -> Rebuilt:
     """The medium of a run at one of its nodes.
 
-    Args:
-        run: as `open_run` reads it.
-        device: whose memory the cells must fit.
-        cache: folder of tables and sprays.
-        node: number of the node; None: the one with most of the light.
-        say: takes lines of progress.
-
-    Raises:
-        RunFolderError: there is no such node; files have changed since; or the medium differs from
-            the record of the run.
-        ClditError: as `simulate`.
+    node: number of the node; None: the one with most of the light.
     """
     number = _node(run, node)
     if run.info.plan is None:

@@ -71,9 +71,6 @@ def run_times(
     is not between times with liquid: then its gas alone is run, or there is no spray. If the files
     themselves contain an empty cloud, the gas is run in any case. `out` contains the folders of
     the times, `run` runs a scene into one, `say` takes lines of text.
-
-    Raises:
-        ClditError: an error of all times, such as a full disk; Stopped: by the user.
     """
     found: dict[float, SeriesTime] = {}
     lacking: dict[float, SprayError] = {}

@@ -43,10 +43,6 @@ class SeriesPlan:
             times: `all` (those of the case, or the plan's delays), numbers in order as `::5` and
                 `-3:`, a text of times with commas as `0.5ms,1ms`, or a list of times.
             watch: takes the progress of reading a case.
-
-        Raises:
-            SprayError: a time is not there, or nozzle and axis of a case cannot be determined.
-            SceneError: the spray has one time only, or the model needs single times.
         """
         wanted = _wanted(times)
         spray = scene.spray

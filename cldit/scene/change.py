@@ -15,11 +15,7 @@ _PART = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[-?[0-9]+\])*)")
 
 
 def parse_change(text: str) -> tuple[str, Any]:
-    """Path and value of a command-line change such as `camera.pixels=[200, 200]`.
-
-    Raises:
-        SceneError: there is no `=`, no path, or the value is not YAML.
-    """
+    """Path and value of a command-line change such as `camera.pixels=[200, 200]`."""
     path, sign, value = text.partition("=")
     if not sign or not path.strip():
         raise SceneError(
@@ -33,12 +29,8 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
 
     A mapping replaces a whole section; missing sections are created.
 
-    Args:
-        data: as read from YAML.
-        changes: value of each path; names are joined with dots, `[i]` counts in lists from 0.
-
-    Raises:
-        SceneError: a path leads through a value without keys, or past the end of a list.
+    data: as read from YAML. changes: value of each path; names are joined with dots, `[i]` counts
+    in lists from 0.
     """
     made = copy.deepcopy(dict(data))
     for path, value in changes.items():

@@ -34,11 +34,7 @@ FREQUENCY = Axis("frequency", "1/mm", 0.0, 1e5)
 
 
 def check_curve(pairs: Any, *, what: str, over: Axis = WAVELENGTH) -> Curve:
-    """The `pairs` in rising order of wavelength or frequency; errors name `what`.
-
-    Raises:
-        SceneError: not pairs of numbers, a wrong unit, fewer than two pairs, or no value above 0.
-    """
+    """The `pairs` in rising order of wavelength or frequency; errors name `what`."""
     try:
         pairs = list(pairs)
         if any(isinstance(number, bool) for pair in pairs for number in pair):
@@ -78,9 +74,6 @@ def read_curve(path: Path, over: Axis = WAVELENGTH) -> Curve:
     """Reads a text file of two columns, with header rows or without.
 
     Comments begin with #; columns are separated by semicolon, tab, comma or blanks.
-
-    Raises:
-        SceneError: unreadable, not two columns of numbers, or as `check_curve`.
     """
     try:
         lines = [line.split("#")[0] for line in read_table_text(path).splitlines()]

@@ -26,11 +26,7 @@ def spray_time_s(scene: Scene) -> float | None:
 
 
 def scene_at(scene: Scene, delay_s: float) -> Scene:
-    """The scene with its spray at `delay_s`; time of a CFD case starts with injection.
-
-    Raises:
-        SceneError: the spray model has no time.
-    """
+    """The scene with its spray at `delay_s`; time of a CFD case starts with injection."""
     if "time_s" not in type(scene.spray).model_fields:
         raise SceneError(
             f"plan.delays_s: spray.model {scene.spray.model} has no time; allowed: cone, "

@@ -83,11 +83,7 @@ def without_scatter(scene: Scene) -> Any:
 
 
 def member(scene: Scene, number: int) -> Scene:
-    """The scene of one injection, `number` 1, 2, ..: the same for any number of members.
-
-    Raises:
-        SceneError: the deviations lead to a value that is not allowed, or have no effect.
-    """
+    """The scene of one injection, `number` 1, 2, ..: the same for any number of members."""
     spray, scatter = scene.spray, scene.spray.scatter
     _check_effects(scene, scatter)
     plain = spray.model_dump(mode="json")

@@ -48,11 +48,7 @@ Direction = Annotated[
 
 
 def time_of(text: str) -> float:
-    """The number in a text, in a case's own unit, or in s if it ends with s, ms or us.
-
-    Raises:
-        ValueError: the text is no number.
-    """
+    """The number in a text, in a case's own unit, or in s if it ends with s, ms or us."""
     unit = next((unit for unit in ("ms", "us", "s") if text.endswith(unit)), "")
     try:
         # shifted as text, so that 0.95ms is the number that is written 0.95e-3

@@ -110,10 +110,8 @@ class OpticalCells:
     ) -> OpticalCells:
         """Coefficients of a tree, in double precision.
 
-        Args:
-            patches: names of the enclosure's patches.
-            scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the
-                transport correction.
+        scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the transport
+        correction.
         """
         fields = tree.fields
         absorption = fields["vapour_absorption"].astype(np.float64)

@@ -41,9 +41,6 @@ class SizeBins:
             scattering_m2: (N,) scattering cross section of all droplets of each diameter.
             wavelength_um: in vacuum.
             n, k: refractive index n - ik.
-
-        Raises:
-            PhaseError: nothing scatters.
         """
         scatters = (scattering_m2 > 0) & (diameter_m > 0)
         if not scatters.any():

@@ -113,8 +113,6 @@ def in_size_classes(
     """Phase function with the fewest classes that describe the places of a spray, or with none.
 
     Args:
-        mean: phase function of all droplets.
-        bins: phase functions by size.
         position_m, diameter_m, scattering_m2: (N, 3), (N,) and (N,) of the parcels.
         sampled: true if the parcels are a sample of the droplets, so that groups also differ by
             chance.

@@ -59,10 +59,6 @@ def trace_source(
     `settings` have a precision other than `auto`. The device's other parts share the image and the
     final gather. Of the `pixels` (N,), flat numbers, images are one row; None: all pixels. `rays`
     (H, W) as in `trace`.
-
-    Raises:
-        NotConvergedError: the source does not reach the tolerance.
-        TransportError: the medium reaches behind the background, or energy is not conserved.
     """
     start = time.perf_counter()
     seconds: dict[str, float] = {}

@@ -52,8 +52,6 @@ def sampled_subpixels(
         rays: trace more of them.
         image: (C + 1, H, W) weights, the part from within the medium last.
         across: (H W,) the image's rays across each pixel.
-        temperature: of pixels.
-        settings: of the trace.
     """
     flat = image.reshape(len(image), -1)
     every = np.arange(flat.shape[1])

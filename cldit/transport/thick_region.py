@@ -57,7 +57,6 @@ class ThickRegion:
         """Thick scattering cells and the cells around them; None if no cell is thick.
 
         Args:
-            cells, box: the medium, and its swept box.
             deeper_than: optical depth of a cell's edge above which it is thick.
             tuning: `margin` cells around thick ones; limits of `diffusive` cells.
             asymmetry: mean cosine of scattering, of all cells or (N,).

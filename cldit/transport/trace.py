@@ -130,19 +130,10 @@ def trace(
     device has it, see `Trace.precision`. If nothing scatters, all methods are the same.
 
     Args:
-        tree, scene: the medium, and its camera and boundary.
-        device: traces, together with its other parts.
-        settings: see `settings_for`.
-        report: receives lines of progress.
         audit_sample: pixels to audit; None: they are drawn from the trace.
         pixels: (N,) flat numbers of the pixels to trace, by `source` without audit, `subpixels` and
             chosen rays; images then have one row. None: all.
         rays: (H, W) rays across each pixel; None: the scene's number, or chosen by `rays_K`.
-
-    Raises:
-        TransportError: the source did not converge, the medium reaches behind the background, or
-            energy is not conserved.
-        DeviceError, KernelError: the device lacks what the trace needs.
     """
     if settings.precision == "float64" and not device.info.float64:
         raise TransportError(

@@ -46,10 +46,8 @@ class Found:
 def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
     """Common errors of an acquisition.
 
-    Args:
-        evidence: of K backgrounds.
-        off: deviations of the references; None with two backgrounds.
-        stated_K: (K,) standard deviation of each background, stated by the user.
+    off: deviations of the references; None with two backgrounds. stated_K: (K,) standard deviation
+    of each background, stated by the user.
     """
     none = np.zeros(len(evidence.setpoints))
     beyond = off is not None and _beyond(evidence, off)

@@ -71,14 +71,8 @@ def examine(
 ) -> Examined:
     """Comparisons of the shots with each other.
 
-    Args:
-        sums: by set point and kind.
-        setpoints: rising.
-        sees: (h, w) pixels that see the background unsaturated.
-        whole: measurement equation in the filter.
-        around: surroundings of the spray.
-        calibration: of the camera.
-        unfitted: `whole` with the filter as stated, if the curve was fitted to the references.
+    whole: measurement equation in the filter. unfitted: `whole` with the filter as stated, if the
+    curve was fitted to the references.
     """
     given = stated(sums, setpoints, whole=whole, around=around, calibration=calibration)
     if not Evidence.of_blocks(sees).any():

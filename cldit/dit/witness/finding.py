@@ -61,11 +61,7 @@ def by_background(
 
 
 def refuse(witnesses: Sequence[Witness], accept: Collection[str]) -> None:
-    """Ends the evaluation if a witness is severe and not accepted.
-
-    Raises:
-        EvaluationError: with the findings and the way to accept them; or a name is unknown.
-    """
+    """Ends the evaluation if a witness is severe and not accepted."""
     unknown = sorted(set(accept) - set(ACCEPTABLE))
     if unknown:
         raise EvaluationError(f"accept: {', '.join(unknown)}; allowed: {', '.join(ACCEPTABLE)}")

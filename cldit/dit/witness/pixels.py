@@ -257,7 +257,6 @@ def between_kinds(
     """Compares the patterns of injections and references in the pixels with the least spray.
 
     Args:
-        patterns: of both kinds.
         clear: (h, w) pixels with the least spray. thin: their mean emissivity. wide: those, and
             all with thin spray.
         warmest: radiance of the warmest part of the surroundings, over the largest source.

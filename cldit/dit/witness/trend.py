@@ -57,10 +57,8 @@ def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
     A drift of the black body restarts at each background. It is chosen in place of a gain if the
     references are then nearer to their line.
 
-    Args:
-        evidence: of K backgrounds.
-        beyond: True if references deviate from their line.
-        steps: True if the camera's offset changes at breaks.
+    beyond: True if references deviate from their line. steps: True if the camera's offset changes
+    at breaks.
     """
     camera = _of_camera(evidence)
     if len(evidence.setpoints) == 2:  # a line would always fit

@@ -120,8 +120,7 @@ def design_figure(
 ) -> Figure:
     """Figure of the error of T_app against the time of a measurement; the chosen design is marked.
 
-    Args:
-        lines: design, (N,) times [s], (N,) errors [K], for each number of backgrounds.
+    lines: design, (N,) times [s], (N,) errors [K], for each number of backgrounds.
     """
     figure = figure_of(WIDTH_IN, 4.0)
     axes = figure.subplots()

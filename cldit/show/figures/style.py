@@ -182,11 +182,7 @@ def figure_bytes(figure: Figure, suffix: str) -> bytes:
 
 
 def write_figure(figure: Figure, path: Path) -> Path:
-    """Writes a figure as PNG, PDF or SVG, by the suffix of `path`; returns the path.
-
-    Raises:
-        FileError: the suffix is another one, or the file cannot be written.
-    """
+    """Writes a figure as PNG, PDF or SVG, by the suffix of `path`; returns the path."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise FileError(f"{path}: figures end in {path.suffix!r}; allowed: {', '.join(SUFFIXES)}")

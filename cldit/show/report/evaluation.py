@@ -34,16 +34,7 @@ _TOTALS = {
 
 
 def evaluation_sections(maps: Path, frame: Frame, *, title: str) -> list[Section]:
-    """Sections about the stored evaluation in the folder `maps`; none for folders of old versions.
-
-    Args:
-        maps: folder of the maps.
-        frame: axes of the figures.
-        title: of the figures.
-
-    Raises:
-        RunFolderError: a file is damaged.
-    """
+    """Sections on the stored evaluation in the folder `maps`; none for folders of old versions."""
     place = maps / STORED
     if not place.is_file():
         return []
@@ -184,16 +175,7 @@ def pixels_section(maps: Maps) -> Section:
 
 
 def write_evaluation_page(maps: Path, frame: Frame, *, title: str) -> Path:
-    """Writes the page of an evaluation beside its maps and returns the page's path.
-
-    Args:
-        maps: folder of the maps.
-        frame: axes of the figures.
-        title: of page and figures.
-
-    Raises:
-        RunFolderError: a file is missing or damaged.
-    """
+    """Writes the page of an evaluation beside its maps and returns the page's path."""
     drawn = Maps.load(maps)
     panels, window = errors_panels(drawn), spray_window(drawn, frame)
     figures = [

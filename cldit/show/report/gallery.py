@@ -38,13 +38,8 @@ def write_gallery(
         folder: of the page; its folder `gallery` gets the figures.
         options: of `cldit run`, in the commands on the page.
         changes: effect of the options, as for `Scene.with_`.
-        device: OpenCL device.
         progress: called with lines of text.
         clock: seconds of all cores.
-
-    Raises:
-        SceneError: there is no such scene.
-        ClditError: as `cldit.simulate` and `cldit.io.files.whole`.
     """
     scenes = [(name, load_scene(name).with_(**changes)) for name in names]
     sections = []

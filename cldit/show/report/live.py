@@ -82,8 +82,6 @@ def live_page(
     """The page as HTML.
 
     Args:
-        seen: state of the recording.
-        shot: the newest shot, if there is one.
         over: True for the last page, which does not reload itself.
         problem: a line about what could not be read or written.
         epoch_s: time at which the page is made, seconds since 1970.

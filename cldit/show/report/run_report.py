@@ -297,11 +297,7 @@ def _commands(run: Run) -> str:
 
 
 def write_run_report(run: Run) -> Path:
-    """Writes figures and report.html of a stored run; returns the report's path.
-
-    Raises:
-        RunFolderError: the run is not stored, or its acquisition is damaged.
-    """
+    """Writes figures and report.html of a stored run; returns the report's path."""
     folder = _folder(run)
     figures = write_figures(run)
     shown = [figures["maps"]]
@@ -337,14 +333,8 @@ def write_run_report(run: Run) -> Path:
 def write_pages(folder: str | Path) -> tuple[Path, ...]:
     """Writes a page beside the maps of an acquisition or of measured data, one for each delay.
 
-    Args:
-        folder: evaluated acquisition, folder with measured.yaml, or such a file itself.
-
-    Returns:
-        The pages' paths.
-
-    Raises:
-        RunFolderError: a file is missing or damaged.
+    folder: evaluated acquisition, folder with measured.yaml, or such a file itself. Returns the
+    pages' paths.
     """
     found = open_recorded(folder)
     frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
@@ -374,9 +364,6 @@ def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
     """Draws the maps of a run, an acquisition or measured data; returns the first figure's path.
 
     For a series, returns the film that the series itself made. suffix: .png, .pdf or .svg.
-
-    Raises:
-        RunFolderError: the folder holds none of these, or was not evaluated yet.
     """
     place = Path(folder)
     if (place / SERIES_FILE).is_file():

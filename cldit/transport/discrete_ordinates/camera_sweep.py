@@ -57,7 +57,6 @@ class CameraSweep:
             medium: the original medium, without delta-M.
             phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number without
                 PHASE_STEPS.
-            place: (3,) position of the camera, in cells of the cube.
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}

@@ -91,17 +91,10 @@ def gmres(
     own Krylov space.
 
     Args:
-        sweeper: of the medium.
         guess: (C, N) initial source.
-        rays: the ordinates.
         tolerance: largest RMS error of the source of any component.
-        report: receives lines of progress.
         confirmed: convergence is confirmed by one more iteration, which includes rounding; else by
             GMRES's own residual.
-
-    Raises:
-        NotConvergedError: the tolerance cannot be met (rounding, or too many iterations).
-        TransportError: the source is not finite.
     """
     source = guess.astype(sweeper.real)
     iterations, inverse_norm, before = 0, 1.0, np.inf

@@ -87,10 +87,8 @@ def spatial_gradients(
     smallest error. A cell with one neighbour has the same slope on both sides. Gradients are
     limited so that no component is negative.
 
-    Args:
-        light: (C, N) mean radiance of the cells.
-        cells, box: the medium, and its swept box.
-        known: cells (M,) and their gradients (3, C, M), which take precedence.
+    light: (C, N) mean radiance of the cells. known: cells (M,) and their gradients (3, C, M), which
+    take precedence.
     """
     every = np.arange(len(cells.address))
     gradient = np.zeros((3, *light.shape), light.dtype)
@@ -136,9 +134,8 @@ def _along(
     the same on both sides. A cell with one neighbour has its slope in depth extrapolated from that
     face and, if there is a cell beyond and both have similar depths, from the neighbour's slope.
 
-    Args:
-        below_2, below, above, above_2: (N,) numbers of the cells at -2, -1, 1 and 2; -1: none.
-        alike: largest ratio of similar depths.
+    below_2, below, above, above_2: (N,) numbers of the cells at -2, -1, 1 and 2; -1: none. alike:
+    largest ratio of similar depths.
     """
     both = (below >= 0) & (above >= 0)
     neighbours = np.stack([below, above])

@@ -169,12 +169,7 @@ class SweepProblem:
         return np.asarray(np.maximum(phase_moments(self.medium, phase, 4)[3], 0.0))
 
     def blurred(self, sweeper: Sweeper, directions: Ordinates) -> BlurredBoundary | None:
-        """The boundary blurred by the forward peak along the final ordinates; None: as it is.
-
-        Args:
-            sweeper: of the final sweeps.
-            directions: the ordinates.
-        """
+        """The boundary blurred by the forward peak along the final ordinates; None: as it is."""
         peak = self.forward_peak
         if peak is None:
             return None

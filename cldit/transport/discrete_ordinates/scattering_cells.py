@@ -81,8 +81,6 @@ class ScatteringCells:
             out: buffer of the list (planes, count).
             box, place: buffers of the box, and of the cells' places in it.
             turned: adds to the list, after the other order of packets.
-            planes: number of planes.
-            count: number of cells; None: all.
         """
         self.run(
             "collect_i_minus_s",

@@ -61,7 +61,6 @@ class Segments:
         Args:
             slopes: (K, 2) cells that rays move along u and v in a layer, -1 to 1.
             starts: (K, 2) positions of rays in the first layer's cells, 0 to 1.
-            layers: number of layers.
             backwards: (K,) true if rays enter the last layer first.
         """
         ordinate, at = _cuts(slopes, starts, layers)

@@ -271,7 +271,6 @@ class Sweeper:
 
         Args:
             program: sweep.cl, for 9 moments with ANGULAR_MOMENTS.
-            rays: the ordinates.
             out: (9 or 1, C, N) receives the moments.
             room: buffers of `room(MOMENTS)`, with ANGULAR_MOMENTS.
             interfaces: receives the stored radiance, with INTERFACE_RADIANCE.

@@ -116,8 +116,6 @@ def sweep_schedules(
     """Yields schedules of a quadrature's N ordinates, one order of axes after the other.
 
     Args:
-        box: the swept box.
-        directions: the ordinates.
         starts: (N, 2) positions of rays of each ordinate in the first layer's cells, 0 to 1.
         together: largest number of ordinates of a schedule.
         edge: of tiles, see `kba_tiles`.
@@ -144,7 +142,6 @@ def kba_tiles(
     the middle diagonal, if their corners are opposite; so that diagonal is two launches.
 
     Args:
-        rows, layers: of the box.
         quadrants: (4, 2) first ordinate and end; towards later layers before earlier ones, and in
             either pair towards higher rows before lower ones.
         edge: largest number of rows and layers of a tile.

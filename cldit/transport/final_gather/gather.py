@@ -57,11 +57,9 @@ class GatherPaths:
         """Starts paths for each of the `chosen` (N,) rays, and does not wait for them.
 
         Args:
-            chosen: (N,) numbers of rays.
             some: numbers of the low-discrepancy points.
             key: (2,) of the random generator, Philox.
             half: number of the random shift of the points.
-            out: buffer of the means.
         """
         self.program.launch(
             "gather",
@@ -92,7 +90,6 @@ def neyman_allocation(energy: Floats, had: Ints, size: Ints, *, allowed: float) 
     Args:
         energy: (T,) sum of squared errors of a tile's pixels, after `had` samples each.
         had: (T,) samples per pixel so far.
-        size: (T,) pixels of the tile.
         allowed: sum of the energies of all tiles.
     """
     spread = np.sqrt(energy * had / size)

@@ -129,16 +129,10 @@ def trace_path(
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
-    Args:
-        cells, scene: the medium, and its camera and boundary.
-        device: traces; its others share the pixels.
-        settings: of the trace.
-        report: receives lines of progress.
-        draw: chooses the pixels to trace from the light scattered on the line of sight of each
-            (P,). Images then are one row of these pixels, and the noise is theirs.
-        enough: ends the trace if true, in place of the noise; receives the drawn pixels, their
-            weights (C, N), and half the difference of two halves of the samples.
-        view: of the scene, if the caller has it.
+    draw: chooses the pixels to trace from the light scattered on the line of sight of each (P,).
+    Images then are one row of these pixels, and the noise is theirs. enough: ends the trace if
+    true, in place of the noise; receives the drawn pixels, their weights (C, N), and half the
+    difference of two halves of the samples.
     """
     view = View.of(scene, cells, visible=settings.visible) if view is None else view
     check_boundary(scene, cells, view)
