@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cldit.acquisition.journal import read_journal
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.protocols import Safety
+from tests.journals import read_journal
 
 
 class Wrapped:

@@ -44,11 +44,9 @@ def dry_run(
     """Runs the acquisition's own preflight and computes time and disk space.
 
     The preflight sets the camera, takes a test image, and writes a burst without injection, after
-    which the trigger is inhibited. No set point is written. `folder` need not exist.
-
-    Raises:
-        RunFolderError: `folder` belongs to another plan, is in use, or is damaged.
-        FileError: `folder` cannot be made or written.
+    which the trigger is inhibited. No set point is written. `folder` need not exist; raises
+    RunFolderError if it belongs to another plan, is in use, or is damaged, and FileError if it
+    cannot be made or written.
     """
     check_folder(folder)
     done = survey(folder, plan).done if folder.exists() else set()
@@ -74,23 +72,22 @@ def dry_run(
     way_K = float(np.sum(np.abs(np.diff(stops))))
     stable = plan.stability
     background_s = way_K * seconds_per_kelvin + len(order) * (stable.hold_s + stable.settle_s)
-    trigger = plan.trigger
+    injected_s = plan.trigger.injector_delay_s + plan.trigger.injector_width_s
     shots_s = sum(
         plan.pause_s
         + max(
             plan.frames * period_s,
             plan.integration_time_s + plan.delays[shot.delay],
-            trigger.injector_delay_s + trigger.injector_width_s,
+            injected_s,
         )
         for shot in left
     )
-    disk_bytes = needed_bytes(len(left), picture_bytes=picture_bytes)
     return DryRun(
         shots=len(left),
         backgrounds_K=tuple(stops[1:]),
         time_s=background_s + shots_s,
         background_s=background_s,
-        disk_bytes=disk_bytes,
+        disk_bytes=needed_bytes(len(left), picture_bytes=picture_bytes),
         free_bytes=free_bytes(folder),
         problems=tuple(problems),
         unstated=tuple(unstated),

@@ -7,6 +7,7 @@ original: only it has the journal and survives a kill.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
@@ -34,15 +35,10 @@ class ExportError(ClditError):
 def export(acquisition: Acquisition, form: str, target: Path | None = None) -> Path:
     """Writes all images of a run into one file, which appears whole or not at all.
 
-    Args:
-        acquisition: the opened folder.
-        form: `ome-tiff` or `nexus`, for which h5py is needed.
-        target: the file; `<folder>/<folder's name>.ome.tif` or `.nxs` by default.
-
-    Raises:
-        ExportError: no such form, no images, or h5py is missing (before anything is read).
-        RunFolderError: an image is damaged.
-        DiskFull, FileError: the file cannot be written.
+    `form` is `ome-tiff`, or `nexus`, for which h5py is needed; `target` is by default
+    `<folder>/<folder's name>.ome.tif` or `.nxs`. Raises ExportError before anything is read if
+    there is no such form, no image or no h5py; RunFolderError for a damaged image; DiskFull or
+    FileError if the file cannot be written.
     """
     if form not in FORMATS:
         raise ExportError(f"--to: {form!r}; allowed: {', '.join(FORMATS)}")
@@ -52,16 +48,20 @@ def export(acquisition: Acquisition, form: str, target: Path | None = None) -> P
         needed("h5py", extra="export", what="--to nexus:", error=ExportError)
     folder = acquisition.folder
     path = target or folder / f"{folder.resolve().name}{FORMATS[form]}"
-    size = len(acquisition.shots) * acquisition.plan.frames * int(np.prod(acquisition.shape)) * 2
     make_folder(path.parent)
-    with whole(path, needed_bytes=size) as part:
+    with whole(path, needed_bytes=_size_bytes(acquisition)) as part:
         (_write_ome if form == "ome-tiff" else _write_nexus)(acquisition, part)
     return path
 
 
+def _size_bytes(acquisition: Acquisition) -> int:
+    """Size of all images, of 16 bits."""
+    return 2 * len(acquisition.shots) * acquisition.plan.frames * math.prod(acquisition.shape)
+
+
 @dataclass(frozen=True)
 class _Plane:
-    """One image of one shot. time_s: since the run's first image, on the camera's clock."""
+    """One image of one shot."""
 
     shot: Picture
     number: int
@@ -83,21 +83,18 @@ def _planes(acquisition: Acquisition, shots: list[Picture]) -> Iterator[_Plane]:
 
 def _write_ome(acquisition: Acquisition, path: Path) -> None:
     """A series (OME Image) for each background, delay and kind; T counts shots and frames."""
-    frames = acquisition.plan.frames
+    frames, delays = acquisition.plan.frames, acquisition.plan.delays
     width_m, height_m = acquisition.pixel_m
-    size = len(acquisition.shots) * frames * int(np.prod(acquisition.shape)) * 2
-    kinds = sorted(  # plans interleave them
-        acquisition.shots,
-        key=lambda shot: (shot.background, shot.delay, shot.kind != "reference"),
-    )
-    big = size > 2**32 - 2**25
+
+    def series(shot: Picture) -> tuple[int, int, bool]:
+        return shot.background, shot.delay, shot.kind != "reference"
+
+    big = _size_bytes(acquisition) > 2**32 - 2**25
     with DataStream(path) as stream, tifffile.TiffWriter(stream, ome=True, bigtiff=big) as tiff:
-        delays = acquisition.plan.delays
-        for (setpoint_K, delay, kind), group in groupby(
-            kinds, key=lambda shot: (shot.background_setpoint_K, shot.delay, shot.kind)
-        ):
-            at = f" at {delay_text(delays[delay])}" if len(delays) > 1 else ""
+        for _, group in groupby(sorted(acquisition.shots, key=series), key=series):
             shots = list(group)
+            setpoint_K, delay, kind = shots[0].background_setpoint_K, shots[0].delay, shots[0].kind
+            at = f" at {delay_text(delays[delay])}" if len(delays) > 1 else ""
             # What is stored beside the images is small; the images pass one by one.
             planes = [plane.meta for plane in _planes(acquisition, shots)]
             exposure_s = [meta["integration_time_s"] for meta in planes]
@@ -198,14 +195,11 @@ def _put_nexus(acquisition: Acquisition, file: Any, stream: PatientStream) -> No
     put(entry, "end_time", planes[-1].meta["time"])
     shown = group(entry, "data", "NXdata")
     shown["data"] = data
-    x_m = (
-        acquisition.centre_m[0]
-        + (np.arange(columns) - (columns - 1) / 2.0) * (acquisition.pixel_m[0])
-    )
-    z_m = acquisition.centre_m[1] - (np.arange(rows) - (rows - 1) / 2.0) * (acquisition.pixel_m[1])
+    right = np.arange(columns) - (columns - 1) / 2.0
+    down = np.arange(rows) - (rows - 1) / 2.0
     put(shown, "picture", np.arange(count))
-    put(shown, "z", z_m, "m")
-    put(shown, "x", x_m, "m")
+    put(shown, "z", acquisition.centre_m[1] - down * acquisition.pixel_m[1], "m")
+    put(shown, "x", acquisition.centre_m[0] + right * acquisition.pixel_m[0], "m")
     shown.attrs["signal"] = "data"
     shown.attrs["axes"] = ["picture", "z", "x"]
     sequence = group(entry, "sequence", "NXcollection")

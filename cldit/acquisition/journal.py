@@ -10,9 +10,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from cldit.acquisition.progress import Approach
 from cldit.errors import RunFolderError
 from cldit.io.files import fsync_folder, open_regular, written
 from cldit.io.plain_data import parse_json
+from cldit.rig.clock import Clock
 
 Entry = dict[str, Any]
 
@@ -38,31 +40,15 @@ _NEEDED = {  # by event; what is read later on
     "rejected": (*_OF_SHOT, "inject"),
     "saved": (*_OF_SHOT, "background_before_K", "background_after_K", "saturated_percent"),
 }
+_APPROACH_EVERY_s = 10.0  # a reading at least, also where nothing moves
+_APPROACH_STEP = 0.05  # of what was left to go: a first-order approach over 100 K has 60 steps
 
 
-def read_journal(path: Path) -> list[Entry]:
-    """Reads every complete entry in order; a last line torn by a kill is ignored. Raises
-    RunFolderError if the file cannot be read or is damaged elsewhere.
+def read_entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
+    """Reads the entries before the first damaged one, with the bytes of all complete lines and the
+    error of the damaged one. A last line torn by a kill is ignored. Raises RunFolderError if the
+    file cannot be read.
     """
-    return _parse(path)[0]
-
-
-def read_whole_entries(path: Path) -> tuple[list[Entry], RunFolderError | None]:
-    """Reads the entries before the first damaged one, and the error of that one. Raises
-    RunFolderError if the file cannot be read.
-    """
-    return _entries(path)[::2]
-
-
-def _parse(path: Path) -> tuple[list[Entry], int]:
-    """Entries, and the bytes of the file that they take."""
-    entries, whole, damage = _entries(path)
-    if damage is not None:
-        raise damage
-    return entries, whole
-
-
-def _entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
     data = b""
     if path.exists():
         try:
@@ -106,11 +92,9 @@ def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
 
 
 def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]]:
-    """Time of each kept shot, and of the last stabilisation of its background.
-
-    Returns:
-        Seconds since 1970 by shot; the second is None if no background became stable before. Empty
-        if the time of any shot is not later than that of the one before: the clock was set.
+    """Time of each kept shot, and of the last stabilisation of its background if there was one, in
+    seconds since 1970. Empty if the time of any shot is not later than that of the one before: the
+    clock was set.
     """
     found: dict[str, tuple[float, float | None]] = {}
     stable_s: float | None = None
@@ -147,13 +131,15 @@ class Journal:
     """Appends to the journal; an entry is synced before `append` returns, or with the next one.
 
     `room_bytes` is called when the disk is full, for the space that the error names. Raises
-    RunFolderError as `read_journal`, or if it cannot be written.
+    RunFolderError if the file is damaged, or cannot be read or written.
     """
 
     def __init__(self, path: Path, room_bytes: Callable[[], int] = lambda: 0) -> None:
         self.path = path
         self._room_bytes = room_bytes
-        self.entries, self._end = _parse(path)
+        self.entries, self._end, damage = read_entries(path)
+        if damage is not None:
+            raise damage
         with written(path):
             self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
             os.ftruncate(self._file, self._end)  # of a line that a kill tore
@@ -161,17 +147,10 @@ class Journal:
             fsync_folder(path.parent)
 
     def append(self, event: str, *, time: str, sync: bool = True, **values: Any) -> Entry:
-        """Adds one line and returns it.
+        """Adds one line with further `values` and returns it; `time` is wall time in ISO 8601.
 
-        Args:
-            event: its name.
-            time: wall time, ISO 8601.
-            sync: False if the rest of the folder contains the same: a power cut may remove the
-                line, a kill does not.
-            values: further fields, as JSON can represent them.
-
-        Raises:
-            DiskFull, RunFolderError: not written; the journal is unchanged.
+        Without `sync`, for what the rest of the folder contains too, a power cut may remove the
+        line, a kill does not. DiskFull and RunFolderError leave the journal unchanged.
         """
         entry: Entry = {"seq": len(self.entries), "time": time, "event": event, **values}
         line = json.dumps(entry, allow_nan=False).encode() + b"\n"
@@ -199,3 +178,34 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class ApproachLog:
+    """Writes readings of a black body approaching its set point, as `approaching` lines.
+
+    A line is written where the temperature moved by the tolerance and by a twentieth of what was
+    left, or after 10 s: 6 lines a minute and some more while it moves fast.
+    """
+
+    def __init__(self, journal: Journal, clock: Clock) -> None:
+        self._journal = journal
+        self._clock = clock
+        self._noted: tuple[float, float] | None = None  # when, and what it read
+
+    def note(self, approach: Approach) -> None:
+        """Adds one reading; raises as `Journal.append`."""
+        now_s = self._clock.now_s()
+        if self._noted is not None:
+            then_s, before_K = self._noted
+            step_K = _APPROACH_STEP * abs(before_K - approach.setpoint_K)
+            moved = abs(approach.reading_K - before_K) >= max(approach.tolerance_K, step_K)
+            if not moved and now_s - then_s < _APPROACH_EVERY_s:
+                return
+        self._noted = (now_s, approach.reading_K)
+        self._journal.append(
+            "approaching",
+            time=self._clock.wall_time(),
+            sync=False,  # a power cut may take the curve's last points
+            background_K=approach.setpoint_K,
+            reading_K=approach.reading_K,
+        )

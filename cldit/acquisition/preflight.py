@@ -20,7 +20,7 @@ from cldit.errors import RunFolderError
 from cldit.io.plain_data import read_json
 from cldit.rig.errors import ConfigRejected, MissingFrames, NotConnected, RigError
 from cldit.rig.load import Rig
-from cldit.rig.protocols import Burst, TriggerInfo, TriggerMode
+from cldit.rig.protocols import TriggerInfo, TriggerMode
 
 _READY_S = 900.0  # a cooled detector takes some minutes
 _AGREE = 0.01  # relative rounding of a setting by an instrument
@@ -53,23 +53,14 @@ class Ready:
 def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bool = True) -> Ready:
     """Connects and checks the rig for `plan`, and takes one test image without injecting.
 
-    Acquisition and dry run ask the same questions here, and so refuse in the same words.
+    Acquisition and dry run ask the same questions here, and so refuse in the same words. `folder`
+    need not exist. Without `inject` the trigger generator is never brought into a state in which a
+    trigger injects, for callers that do not make the rig safe afterwards.
 
-    Args:
-        rig, plan: to be run.
-        folder: of the acquisition; it need not exist.
-        shots_left: images still to be taken.
-        inject: False never brings the trigger generator into a state in which a trigger injects,
-            for callers that do not make the rig safe afterwards.
-
-    Raises:
-        NotConnected: all devices that do not answer.
-        OutOfLimits: set points or settings beyond an instrument's limits; nothing has moved.
-        ConfigRejected: an instrument refuses, or reads back something else.
-        MissingFrames: the camera sends no test image.
-        DiskFull: the disk has no room for the remaining images.
-        RunFolderError: `folder` contains images of another rig.
-        RigError: several of these; a line each.
+    Raises RigError: NotConnected (all devices that do not answer), OutOfLimits before anything has
+    moved, ConfigRejected if an instrument refuses or reads back something else, MissingFrames
+    without a test image; of several problems, a line each. Raises DiskFull without room for
+    `shots_left` images, and RunFolderError if `folder` contains images of another rig.
     """
     problems: list[RigError] = []
     try:
@@ -84,7 +75,6 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
     _agree("camera: integration_time_s", plan.integration_time_s, settings.integration_time_s)
     capabilities = rig.camera.capabilities
     modes = capabilities.trigger_modes
-    trigger = external_trigger(modes, plan.frames)
     _check_trigger(rig, plan, inject=inject)
     picture = _test_picture(rig, modes, timeout_s=plan.frame_timeout_s)
     picture_bytes = plan.frames * picture.nbytes
@@ -117,7 +107,7 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
         integration_time_s=settings.integration_time_s,
         saturation_counts=capabilities.saturation_counts,
         minimum_period_s=capabilities.minimum_period_s,
-        trigger=trigger,
+        trigger=external_trigger(modes, plan.frames),
         picture_bytes=picture_bytes,
         calibration=calibration,
     )
@@ -138,14 +128,10 @@ def _check_trigger(rig: Rig, plan: Plan, *, inject: bool) -> None:
             got = rig.trigger.configure(asked)
         finally:
             rig.trigger.inhibit()
-        _check_burst(asked, got)
-
-
-def _check_burst(asked: Burst, got: Burst) -> None:
-    if got.n != 1 or got.inject != asked.inject:
-        raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
-    for name in ("camera_delay_s", "injector_delay_s"):
-        _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), least=1e-6)
+        if got.n != 1 or got.inject != asked.inject:
+            raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
+        for name in ("camera_delay_s", "injector_delay_s"):
+            _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), least=1e-6)
 
 
 def _test_picture(

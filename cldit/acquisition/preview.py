@@ -12,9 +12,8 @@ T = TypeVar("T")
 class Preview(Generic[T]):
     """Hands the newest item to `callback`, in a thread of its own, while it is entered.
 
-    Attributes:
-        shown, dropped: items that reached the callback, and those that a newer one replaced.
-        error: what the callback raised; after that it is not called again.
+    shown, dropped: items that reached the callback, and those that a newer one replaced. error:
+    raised by the callback, which is not called again after it.
     """
 
     def __init__(self, callback: Callable[[T], None]) -> None:

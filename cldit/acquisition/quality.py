@@ -1,8 +1,9 @@
-"""Quality of a shot: complete frames in order, a live image, fuel in the air."""
+"""Quality of a shot: complete frames in order, a live image, fuel in the air, the exposure."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,3 +135,33 @@ def saturated_percent(image: NDArray[np.uint16], saturation_counts: float) -> fl
     """Pixels at or above `saturation_counts`, in % of a frame; the worst of `image` (..., h, w)."""
     full = max(np.count_nonzero(frame >= saturation_counts) for frame in _frames(image))
     return 100.0 * full / float(image.shape[-2] * image.shape[-1])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exposure:
+    """Distribution of the counts of a shot over the sensor's range.
+
+    pixels: (N,) number of pixels in N equal parts of 0..saturation_counts; the last one includes
+    everything above. lowest, median, highest: in counts.
+    """
+
+    pixels: NDArray[np.int64]
+    lowest: int
+    median: float
+    highest: int
+    saturation_counts: int
+    saturated_percent: float
+
+
+def exposure(image: NDArray[np.uint16], *, saturation_counts: int, bins: int = 64) -> Exposure:
+    """Exposure of a shot, (h, w) or (n, h, w) counts, in a histogram of `bins` parts."""
+    clipped = np.minimum(image, saturation_counts)
+    pixels, _ = np.histogram(clipped, bins, range=(0.0, float(max(saturation_counts, 1))))
+    return Exposure(
+        pixels=pixels.astype(np.int64),
+        lowest=int(image.min()),
+        median=float(np.median(image)),
+        highest=int(image.max()),
+        saturation_counts=saturation_counts,
+        saturated_percent=saturated_percent(image, saturation_counts),
+    )

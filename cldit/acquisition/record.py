@@ -167,10 +167,8 @@ def acquisition_in(folder: str | Path) -> Path:
 def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     """Opens an acquisition, complete or not; with several delays, the shots of all.
 
-    `frame` selects the image of each shot, from 0.
-
-    Raises:
-        RunFolderError: the folder has no acquisition, or files are missing, damaged or foreign.
+    `frame` selects the image of each shot, from 0. Raises RunFolderError if the folder has no
+    acquisition, or files are missing, damaged or foreign.
     """
     folder = Path(folder)
     if not (folder / PLAN).is_file():
@@ -186,14 +184,14 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     if configuration.get("plan_hash") != plan.hash():
         raise RunFolderError(f"{folder / CONFIGURATION}: belongs to another plan; restore it")
     try:
-        calibration = configuration["devices"]["camera"]["configuration"]["calibration"]
+        camera = configuration["devices"]["camera"]["configuration"]
+        calibration = camera["calibration"]
         Calibration.from_dict(calibration)
         setup = Setup.model_validate(configuration["setup"])
         rows, columns = configuration["shape"]
-        bad = np.zeros((int(rows), int(columns)), bool)
-        for row, column in configuration["devices"]["camera"]["configuration"].get(
-            "bad_pixels", []
-        ):
+        shape = int(rows), int(columns)
+        bad = np.zeros(shape, bool)
+        for row, column in camera.get("bad_pixels", []):
             bad[row, column] = True
     except (KeyError, TypeError, ValueError, IndexError, ClditError) as error:
         what = str(error)
@@ -204,6 +202,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         ) from error
     known = {**found.adoptable, **found.saved}
     times = shot_times(found.entries)
+    unknown = (None, None)
     shots = tuple(
         Picture(
             id=shot.id,
@@ -214,8 +213,8 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             background_K=(entry["background_before_K"] + entry["background_after_K"]) / 2.0,
             saturated_percent=entry["saturated_percent"],
             delay=shot.delay,
-            time_s=times[shot.id][0] if shot.id in times else None,
-            stable_s=times[shot.id][1] if shot.id in times else None,
+            time_s=times.get(shot.id, unknown)[0],
+            stable_s=times.get(shot.id, unknown)[1],
         )
         for shot in plan.steps()
         if (entry := known.get(shot.id)) is not None
@@ -227,9 +226,9 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         calibration=calibration,
         surroundings=setup.surroundings,
         pixel_m=setup.pixel_m,
-        centre_m=setup.centre_of((int(rows), int(columns))),
+        centre_m=setup.centre_of(shape),
         bad_pixels=bad,
-        shape=(int(rows), int(columns)),
+        shape=shape,
         shots=shots,
         missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),
         frame=frame,

@@ -35,16 +35,9 @@ def acquire(
     The same call resumes after any ending, a kill included. Ctrl-C once finishes the shot and
     returns an incomplete record; twice aborts the shot. The rig is left safe, connected.
 
-    Args:
-        rig, plan: to be run.
-        folder: of images and journal.
-        progress: called after every step.
-        should_stop: polled; True ends the acquisition after the present shot.
-        preview: called in its own thread with the newest image; images that arrive while it is busy
-            are skipped, and saving never waits for it.
-
-    Raises:
-        As `iterate`.
+    `progress` is called after every step. `should_stop` is polled; True ends the acquisition after
+    the present shot. `preview` is called in its own thread with the newest image; images that
+    arrive while it is busy are skipped, and saving never waits for it. Raises as `iterate`.
     """
     shots = iterate(rig, plan, folder, progress=progress, should_stop=should_stop)
     with ExitStack() as stack:
@@ -70,12 +63,8 @@ def iterate(
     """Does the same as `acquire`, and yields each shot after it is saved.
 
     Closing the generator early ends the acquisition safely. The record is the generator's return
-    value.
-
-    Raises:
-        RunFolderError: the folder is in use, belongs to another plan, or is damaged.
-        DiskFull: names the space needed.
-        RigError: of the rig; Aborted on the second Ctrl-C.
+    value. Raises RunFolderError if the folder is in use, belongs to another plan, or is damaged;
+    DiskFull, which names the space needed; RigError; Aborted on the second Ctrl-C.
     """
     with (
         exclusive(folder, RUNNING),
@@ -84,11 +73,8 @@ def iterate(
     ):
         try:
             record = yield from Sequence(rig, plan, folder, interrupts, progress).run()
-        except Exception as error:
-            _end_safe(guard, f"{error}\nand ", error)
-            raise
-        except GeneratorExit as error:
-            _end_safe(guard, "", error)
+        except (Exception, GeneratorExit) as error:
+            _end_safe(guard, error)
             raise
         except BaseException as error:  # whoever ends the process must still be able to
             problems = guard.make_safe()
@@ -96,13 +82,13 @@ def iterate(
                 alarm(problems)
                 error.add_note("\n".join(problems))
             raise
-        _end_safe(guard, "", None)
+        _end_safe(guard)
         return record
 
 
-def _end_safe(guard: Guard, before: str, cause: BaseException | None) -> None:
-    """Raises RigError that names what is still on."""
+def _end_safe(guard: Guard, cause: BaseException | None = None) -> None:
+    """Raises RigError that names what is still on, behind the error that ended the acquisition."""
     problems = guard.make_safe()
     if problems:
-        text = f"{before}the rig was not made safe:\n" + "\n".join(problems)
-        raise RigError(text) from cause
+        before = f"{cause}\nand " if isinstance(cause, Exception) else ""
+        raise RigError(f"{before}the rig was not made safe:\n" + "\n".join(problems)) from cause

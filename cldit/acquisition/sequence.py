@@ -32,10 +32,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.approach import ApproachLog
 from cldit.acquisition.disk import needed_bytes
 from cldit.acquisition.interrupts import Interrupts
-from cldit.acquisition.journal import Entry, Journal
+from cldit.acquisition.journal import ApproachLog, Entry, Journal
 from cldit.acquisition.plan import Plan, Shot
 from cldit.acquisition.preflight import Ready, preflight
 from cldit.acquisition.progress import Approach, Eta, Progress
@@ -148,21 +147,18 @@ class Sequence:
 
     def _reconcile(self, journal: Journal, found: Found) -> None:
         """Brings the journal up to what a kill left behind."""
-        now = self._rig.clock.wall_time()
         for shot_id in found.torn:
             path = shot_path(self._folder, shot_id)
             path.replace(path.with_name(path.name + ".torn"))
         for meta in found.adoptable.values():
             journal.append("saved", **_saved(meta), adopted=True)
-        for entry in found.lost:
-            journal.append(
-                "lost",
-                time=now,
-                shot=entry["shot"],
-                attempt=entry["attempt"],
-                inject=entry["inject"],
-                reason="the acquisition ended between trigger and image",
-            )
+        for fired in found.lost:
+            self._note_lost(journal, fired, "the acquisition ended between trigger and image")
+
+    def _note_lost(self, journal: Journal, fired: Entry, reason: str) -> None:
+        """Notes why a shot that has its `fired` entry has no image."""
+        repeated = {name: fired[name] for name in ("shot", "attempt", "inject")}
+        journal.append("lost", time=self._rig.clock.wall_time(), **repeated, reason=reason)
 
     def _measure(self, journal: Journal, ready: Ready) -> Generator[SavedShot, None, None]:
         clock = self._rig.clock
@@ -179,8 +175,11 @@ class Sequence:
         try:
             for background in order:
                 self._stabilise(journal, self._plan.backgrounds_K[background])
-                for shot in self._kept_references(background):
-                    references.learn(shot, self._load(shot))
+                for shot in self._steps:
+                    kept = shot.background == background and shot.id in self._done
+                    if kept and shot.kind == "reference":  # of an earlier run
+                        image, _ = load_shot(self._folder, shot.id, plan_hash=self._plan.hash())
+                        references.learn(shot, image)
                 for shot in left:
                     if shot.background == background:
                         saved = self._shoot(journal, shooter, shot)
@@ -196,17 +195,6 @@ class Sequence:
             journal.append("stopped", time=clock.wall_time())
             raise
         journal.append("finished", time=clock.wall_time())
-
-    def _kept_references(self, background: int) -> list[Shot]:
-        """References that an earlier run took."""
-        return [
-            shot
-            for shot in self._steps
-            if shot.background == background and shot.kind == "reference" and shot.id in self._done
-        ]
-
-    def _load(self, shot: Shot) -> NDArray[np.uint16]:
-        return load_shot(self._folder, shot.id, plan_hash=self._plan.hash())[0]
 
     def _stabilise(self, journal: Journal, temperature_K: float) -> None:
         clock, background = self._rig.clock, self._rig.background
@@ -313,19 +301,11 @@ class Sequence:
             self._stabilise(journal, shot.background_K)
 
     def _lose(self, journal: Journal, shot: Shot, attempt: int, error: Exception) -> None:
-        """Notes why a shot that may have been fired has no image."""
+        """Notes the error of a shot that may have been fired and has no image."""
         last = journal.entries[-1]
-        if last["event"] != "fired" or (last["shot"], last["attempt"]) != (shot.id, attempt):
-            return
-        with suppress(ClditError):  # the `fired` line alone says it, and the next resume notes it
-            journal.append(
-                "lost",
-                time=self._rig.clock.wall_time(),
-                shot=shot.id,
-                attempt=attempt,
-                inject=last["inject"],
-                reason=str(error),
-            )
+        if last["event"] == "fired" and (last["shot"], last["attempt"]) == (shot.id, attempt):
+            with suppress(ClditError):  # the `fired` line says it too, and the next resume notes it
+                self._note_lost(journal, last, str(error))
 
     def _record(self, entries: list[Entry]) -> Record:
         wasted = [entry for entry in entries if entry["event"] in ("lost", "rejected")]

@@ -65,11 +65,9 @@ class Shooter:
         """Makes attempt number `attempt` to take `shot`.
 
         The `fired` line is on the disk before the trigger goes out. The trigger goes out once:
-        whatever fire() says, only a frame that is proven missing is a reason to fire again.
-
-        Raises:
-            FireUncertain: the generator does not know whether it fired, and no frame came.
-            Aborted: by the operator.
+        whatever fire() says, only a frame that is proven missing is a reason to fire again. Raises
+        FireUncertain if the generator does not know whether it fired and no frame came, and Aborted
+        by the operator.
         """
         camera, background, trigger = self._rig.camera, self._rig.background, self._rig.trigger
         flushed = camera.flush()
@@ -83,7 +81,7 @@ class Shooter:
         clock.sleep(max(self._next_s - clock.now_s(), 0.0))
         self._journal.append(
             "fired",
-            time=self._rig.clock.wall_time(),
+            time=clock.wall_time(),
             shot=shot.id,
             attempt=attempt,
             inject=burst.inject,
@@ -94,9 +92,8 @@ class Shooter:
             with self._interrupts.abortable():
                 try:
                     trigger.fire()
-                    self._next_s = (
-                        clock.now_s() + 1.05 * self._plan.frames * self._ready.minimum_period_s
-                    )
+                    busy_s = 1.05 * self._plan.frames * self._ready.minimum_period_s
+                    self._next_s = clock.now_s() + busy_s
                     trigger.wait_done(self._plan.frame_timeout_s)
                 except FireUncertain as error:
                     uncertain = error
@@ -138,7 +135,7 @@ class Shooter:
                 "background_setpoint_K": shot.background_K,
                 "background_before_K": before_K,
                 "background_after_K": after_K,
-                "time": self._rig.clock.wall_time(),
+                "time": clock.wall_time(),
                 "frame_id": first.frame_id,
                 "device_timestamp_ns": first.device_timestamp_ns,
                 "host_timestamp_ns": first.host_timestamp_ns,

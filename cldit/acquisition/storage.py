@@ -11,21 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.disk import existing, write_checked
-from cldit.acquisition.journal import Entry, check_entry, read_whole_entries
+from cldit.acquisition.journal import Entry, check_entry, read_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
 from cldit.io.exclusive import LOCK, exclusive
 from cldit.io.files import make_folder, written
 from cldit.io.images import put_image, read_image
 
-PLAN, RIG, CONFIGURATION, JOURNAL, SHOTS, GUARD = (
-    "plan.yaml",
-    "rig.yaml",
-    "configuration.json",
-    "journal.jsonl",
-    "shots",
-    "guard.log",
-)
+PLAN, RIG, CONFIGURATION = "plan.yaml", "rig.yaml", "configuration.json"
+JOURNAL, SHOTS, GUARD = "journal.jsonl", "shots", "guard.log"
 RUNNING = "acquisition"  # what locks the folder
 
 
@@ -97,9 +91,8 @@ def load_shot(
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Loads counts (h, w) or (n, h, w) and metadata of a shot, after every check.
 
-    Raises:
-        DamagedPicture: cannot be read, or its pixels differ from the recorded checksum.
-        RunFolderError: not this shot of this plan.
+    Raises DamagedPicture if it cannot be read or its pixels differ from the recorded checksum, and
+    RunFolderError if it is not this shot of this plan.
     """
     path = shot_path(folder, shot_id)
     try:
@@ -123,10 +116,8 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
     """Lists the part of `plan` that is in `folder`, without changing anything.
 
     With `salvage` it continues where the journal is damaged, because images carry their own
-    metadata and checksum: for the evaluation only; an acquisition must know every injection.
-
-    Raises:
-        RunFolderError: the folder belongs to another plan or to something else, or is damaged.
+    metadata and checksum: for the evaluation only; an acquisition must know every injection. Raises
+    RunFolderError if the folder belongs to another plan or to something else, or is damaged.
     """
     journal = folder / JOURNAL
     entries, damage = _journal(journal)
@@ -179,7 +170,7 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
 
 def _journal(path: Path) -> tuple[list[Entry], RunFolderError | None]:
     """Entries up to the first damaged one, and the error of that one."""
-    entries, damage = read_whole_entries(path)
+    entries, _, damage = read_entries(path)
     for number, entry in enumerate(entries):
         try:
             check_entry(path, entry)

@@ -30,9 +30,9 @@ from rich.progress import Progress as Bar
 from rich.text import Text
 
 from cldit.acquisition.disk import check_room, needed_bytes
-from cldit.acquisition.exposure import exposure
 from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress, left_text
+from cldit.acquisition.quality import exposure
 from cldit.acquisition.sequence import SavedShot
 from cldit.acquisition.storage import JOURNAL, load_shot, shot_path
 from cldit.acquisition.watch import Seen, Watch

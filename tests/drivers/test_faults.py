@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from cldit.acquisition import Plan, Progress, acquire, open_acquisition
-from cldit.acquisition.journal import read_journal
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.drivers import RigContext
 from cldit.rig.errors import DeviceTimeout, FireUncertain, RetakesExhausted, RigError
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import TriggerInfo, TriggerMode
+from tests.journals import read_journal
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.heater import Dynamics, Heater

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.acquisition import Plan, acquire, open_acquisition
-from cldit.acquisition.journal import read_journal
 from cldit.rig.errors import FireUncertain, RetakesExhausted
 from cldit.rig.load import Rig, open_rig
+from tests.journals import read_journal
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")

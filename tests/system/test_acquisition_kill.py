@@ -26,8 +26,8 @@ import pytest
 import yaml
 
 from cldit.acquisition import Plan, open_acquisition
-from cldit.acquisition.journal import read_journal
 from cldit.io.exclusive import exclusive
+from tests.journals import read_journal
 
 CHILD = "tests.system.acquisition_child"
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX")

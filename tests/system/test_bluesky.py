@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from cldit.acquisition import Plan, open_acquisition
-from cldit.acquisition.journal import read_journal
+from tests.journals import read_journal
 from tests.wrapped import pulses
 
 if TYPE_CHECKING:

@@ -18,10 +18,10 @@ import pytest
 
 from cldit.acquisition import Plan, acquire
 from cldit.acquisition import guard as guard_module
-from cldit.acquisition.journal import read_journal
 from cldit.rig.errors import DeviceTimeout, RigError
 from cldit.rig.load import open_rig
 from cldit.testing.replies import Fault
+from tests.journals import read_journal
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")

@@ -28,7 +28,7 @@ import pytest
 import yaml
 
 from cldit.acquisition import Plan, open_acquisition
-from cldit.acquisition.journal import read_journal
+from tests.journals import read_journal
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")

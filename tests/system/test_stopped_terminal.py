@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from cldit.acquisition import Plan, open_acquisition
-from cldit.acquisition.journal import read_journal
+from tests.journals import read_journal
 
 termios = pytest.importorskip("termios")
 

@@ -175,16 +175,11 @@ def as_text(value: Any) -> str:
 def pick(
     source: Source, group: Any, shapes: Callable[[], Mapping[str, tuple[int, ...]]], *, line: bool
 ) -> Any:
-    """Data set of a `group` by the source's name, or its only one that can have images.
+    """Data set of a `group` by the source's name, or its only one that can have images; with
+    `line`, numbers along one axis.
 
-    Args:
-        source: with the name of a data set, or without.
-        group: data sets by name.
-        shapes: of all data sets with numbers, by name.
-        line: numbers along one axis are wanted, not images.
-
-    Raises:
-        EvaluationError: there is none, more than one, or one of another shape.
+    `shapes` are those of all data sets with numbers, by name. Raises EvaluationError if there is
+    none, more than one, or one of another shape.
     """
     name = source.dataset.strip("/")
 

@@ -162,11 +162,8 @@ class Tiff:
         return len(self._pages) if self._stack is None else len(self._stack)
 
     def read(self, number: int) -> NDArray[Any]:
-        """Image `number`, (rows, columns).
-
-        Raises:
-            EvaluationError: its compression needs a package that is not installed.
-            ValueError: the file is truncated.
+        """Image `number`, (rows, columns); raises EvaluationError if its compression needs a
+        package that is not installed, and ValueError if the file is truncated.
         """
         if self._stack is not None:
             return turned(np.asarray(self._stack[number]), self._turn)

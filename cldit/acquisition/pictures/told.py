@@ -38,16 +38,9 @@ def read_numbers(
 ) -> list[float]:
     """Reads numbers in the order of the images.
 
-    Args:
-        folder: base of relative paths.
-        given: the numbers; or `log.csv::column` or `run.nxs::/entry/log`, with [first:last] or
-            without.
-        column: of a table named without one.
-        allowed: description of a valid cell, for messages.
-        convert: turns a cell into its number, or raises ValueError.
-
-    Raises:
-        EvaluationError: unreadable.
+    They are `given` as such, or as `log.csv::column` or `run.nxs::/entry/log` in `folder`, with
+    [first:last] or without; `column` is that of a table named without one. `convert` turns a cell
+    into its number, or raises ValueError. Raises EvaluationError for an unreadable one.
     """
     if not isinstance(given, str):
         return list(given)
@@ -103,6 +96,18 @@ def _column(
     return found
 
 
+def _one_each(
+    found: list[float], given: Sequence[float] | str, *, where: str, count: int, what: str
+) -> str:
+    """Text of the values as `given`; raises EvaluationError unless there is one an image."""
+    text = given if isinstance(given, str) else str(list(given))
+    if len(found) != count:
+        raise EvaluationError(
+            f"{where}: {count} images and {len(found)} {what} ({text}); allowed: one each"
+        )
+    return text
+
+
 def read_temperatures(
     folder: Path,
     given: Sequence[float] | str,
@@ -112,25 +117,12 @@ def read_temperatures(
     setpoint_K: float,
     zero_K: float = 0.0,
 ) -> list[float]:
-    """Reads temperatures in kelvin, in the order of the images.
-
-    Args:
-        folder, given: as for `read_numbers`.
-        where: names the images in messages.
-        count: number of images.
-        setpoint_K: readings must be near it.
-        zero_K: of the readings' unit, in kelvin.
-
-    Raises:
-        EvaluationError: unreadable, not one per image, or far from the set point.
+    """Reads `count` temperatures in kelvin, as `read_numbers`, from a unit with its zero at
+    `zero_K`. Raises EvaluationError also if one is far from the set point.
     """
-    text = str(list(given)) if not isinstance(given, str) else given
     column = "temperature_C" if zero_K else "temperature_K"
     found = [zero_K + one for one in read_numbers(folder, given, column=column)]
-    if len(found) != count:
-        raise EvaluationError(
-            f"{where}: {count} images and {len(found)} temperatures ({text}); allowed: one each"
-        )
+    text = _one_each(found, given, where=where, count=count, what="temperatures")
     for number, kelvin in enumerate(found):
         if not (math.isfinite(kelvin) and abs(kelvin - setpoint_K) <= _FAR_K):
             off_K = kelvin + ZERO_CELSIUS_K - setpoint_K
@@ -152,15 +144,8 @@ def _number_or_moment(text: str) -> float:
 def read_times(
     folder: Path, given: Sequence[float] | str, *, where: str, count: int
 ) -> list[float]:
-    """Reads times in seconds, rising, in the order of the images.
-
-    Args:
-        folder, given: as for `read_numbers`; a table may contain dates in ISO 8601.
-        where: names the images in messages.
-        count: number of images.
-
-    Raises:
-        EvaluationError: unreadable, not one per image, or not rising.
+    """Reads `count` times in seconds, as `read_numbers`; a table may contain dates in ISO 8601.
+    Raises EvaluationError also if they do not rise.
     """
     found = read_numbers(
         folder,
@@ -169,18 +154,15 @@ def read_times(
         allowed="seconds, or a date as 2026-01-31T12:00:00",
         convert=_number_or_moment,
     )
-    if len(found) != count:
-        raise EvaluationError(
-            f"{where}: {count} images and {len(found)} times ({given}); allowed: one each"
-        )
+    text = _one_each(found, given, where=where, count=count, what="times")
     for number, (before, after) in enumerate(pairwise(found), start=1):
         if not after > before:
             raise EvaluationError(
-                f"{where}: time {number} is {after:.10g} s after {before:.10g} s ({given}); they "
+                f"{where}: time {number} is {after:.10g} s after {before:.10g} s ({text}); they "
                 "must rise in the order of the images"
             )
     if not all(math.isfinite(one) for one in found):
-        raise EvaluationError(f"{where}: times that are not finite ({given})")
+        raise EvaluationError(f"{where}: times that are not finite ({text})")
     return found
 
 
@@ -188,10 +170,7 @@ def check_exposures(told: Iterable[tuple[str, Told]], stated_s: float | None) ->
     """Common exposure of all images with a known one, in seconds; None if there is none.
 
     `told` pairs a name with the metadata of its image; `stated_s` is `integration_time_s` of the
-    YAML.
-
-    Raises:
-        EvaluationError: two exposures differ.
+    YAML. Raises EvaluationError if two exposures differ.
     """
     known = [(name, one.integration_time_s) for name, one in told if one.integration_time_s]
     if not known:
@@ -214,10 +193,8 @@ def check_exposures(told: Iterable[tuple[str, Told]], stated_s: float | None) ->
 def check_times(told: Iterable[tuple[str, Told, float | None]]) -> None:
     """Compares the times of the YAML with those of the files; both may start anywhere.
 
-    `told` lists for each image its name, its metadata and its time in the YAML in seconds.
-
-    Raises:
-        EvaluationError: the two differ by more than a second from one image to another.
+    `told` lists for each image its name, its metadata and its time in the YAML in seconds. Raises
+    EvaluationError if the two differ by more than a second from one image to another.
     """
     apart = [
         (name, stated_s - one.time_s)

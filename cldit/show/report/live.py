@@ -21,8 +21,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image
 
-from cldit.acquisition.exposure import exposure
 from cldit.acquisition.progress import Approach, left_text
+from cldit.acquisition.quality import exposure
 from cldit.acquisition.watch import Reading, Seen
 from cldit.show.page import Block, Html, Page, Section, html_of
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cldit.acquisition import Plan, acquire, open_acquisition
-from cldit.acquisition.journal import read_whole_entries
+from cldit.acquisition.journal import read_entries
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.rig.load import open_rig
@@ -91,9 +91,9 @@ def test_too_few_are_left(folder: Path) -> None:
 
 
 def test_entries_before_the_damage(folder: Path) -> None:
-    before = read_whole_entries(folder / "journal.jsonl")
-    assert before[1] is None
+    before, _, damage = read_entries(folder / "journal.jsonl")
+    assert damage is None
     spoil(folder, b"")
-    entries, damage = read_whole_entries(folder / "journal.jsonl")
-    assert damage is not None and LINES < len(entries) < len(before[0])
-    assert entries == before[0][: len(entries)]
+    entries, _, damage = read_entries(folder / "journal.jsonl")
+    assert damage is not None and LINES < len(entries) < len(before)
+    assert entries == before[: len(entries)]

@@ -13,9 +13,10 @@ import yaml
 from cldit.acquisition import Plan, Progress, acquire, iterate
 from cldit.acquisition import guard as guard_module
 from cldit.acquisition.guard import Guard, watch
-from cldit.acquisition.journal import Journal, read_journal
+from cldit.acquisition.journal import Journal
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.load import Rig, open_rig
+from tests.journals import read_journal
 
 
 class Stuck:

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from cldit.acquisition.journal import Journal, read_journal
+from cldit.acquisition.journal import Journal
 from cldit.errors import DiskFull, FileError, RunFolderError
 from cldit.io.files import written
+from tests.journals import read_journal
 
 TIME = "2000-01-01T00:00:00+00:00"
 

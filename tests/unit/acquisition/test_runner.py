@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from cldit.acquisition import Plan, Progress, acquire, open_acquisition
-from cldit.acquisition.journal import read_journal
 from cldit.acquisition.plan import plan_from_scene
 from cldit.rig.errors import (
     Aborted,
@@ -25,6 +24,7 @@ from cldit.rig.errors import (
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import Frame
 from cldit.scene import Scene
+from tests.journals import read_journal
 from tests.wrapped import assert_safe, events, pulses, wrapped
 
 

@@ -13,12 +13,12 @@ from click.testing import CliRunner
 
 import cldit
 from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
-from cldit.acquisition.journal import read_journal
 from cldit.acquisition.preview import Preview
 from cldit.cli import main
 from cldit.rig.drivers import describe_drivers
 from cldit.rig.load import open_rig
 from tests.bench.rig import bench_rig
+from tests.journals import read_journal
 
 
 def test_ten_lines(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:

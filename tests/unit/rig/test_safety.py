@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from cldit.acquisition import Plan, acquire
-from cldit.acquisition.journal import read_journal
 from cldit.rig.errors import RigError
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import Safety
+from tests.journals import read_journal
 from tests.wrapped import wrapped
 
 
