@@ -37,7 +37,7 @@ _COMMANDS = {
     cls=Program,
     commands_at=_COMMANDS,
     epilog=epilog(),
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
 @click.version_option(__version__)
 def main() -> None:

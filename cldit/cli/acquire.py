@@ -13,6 +13,7 @@ from cldit.acquisition.preview import Preview
 from cldit.acquisition.progress import Progress
 from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
+from cldit.cli.options import PATH
 from cldit.cli.results import print_next
 from cldit.errors import RunFolderError
 from cldit.rig.errors import RigError
@@ -20,9 +21,9 @@ from cldit.rig.load import open_rig
 
 
 @click.command("acquire")
-@click.argument("rig", type=click.Path(path_type=Path))
-@click.argument("plan", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the shots.")
+@click.argument("rig", type=PATH)
+@click.argument("plan", type=PATH)
+@click.option("--out", type=PATH, required=True, help="Folder of the shots.")
 @click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
 @click.option("--live", is_flag=True, help="Show progress and images here and on a page.")
 @plain_errors

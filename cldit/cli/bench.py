@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from cldit.bench import ACCURACIES_K, ASKED_K, BUDGET_SCENES, PARTS
-from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
-from cldit.cli.options import KELVIN, device_option
+from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
+from cldit.cli.options import KELVIN, PATH, device_option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from cldit.bench.report import Part
-    from cldit.gpu.device import Device
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,6 @@ class Options:
     type=KELVIN,
     multiple=True,
     default=ASKED_K,
-    show_default=True,
     help="budget: tolerance of T_app in K; may be repeated.",
 )
 @click.option(
@@ -72,63 +68,54 @@ class Options:
     type=click.Choice(BUDGET_SCENES),
     multiple=True,
     default=BUDGET_SCENES,
-    help="budget: a scene with a reference image; may be repeated; all if omitted. Rows of "
-    "others in budget.json of --out are kept.",
+    help="budget: a scene with a reference image; may be repeated. Rows of others in budget.json "
+    "of --out are kept.",
 )
 @click.option(
-    "--seeds",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    help="budget: runs with each tolerance.",
+    "--seeds", type=click.IntRange(1), default=1, help="budget: runs with each tolerance."
 )
 @click.option(
     "--pixels",
     type=click.IntRange(16),
     default=100,
-    show_default=True,
     help="budget: pixels along an edge, as many as the references have.",
 )
-@click.option(
-    "--scene", default="gdi", show_default=True, help="error: a shipped name or a YAML file."
-)
+@click.option("--scene", default="gdi", help="error: a shipped name or a YAML file.")
 @click.option(
     "--accuracy",
     "accuracies_K",
     type=KELVIN,
     multiple=True,
     default=ACCURACIES_K,
-    show_default=True,
     help="error: accuracy of `source` in K; may be repeated.",
 )
 @click.option(
     "--every",
     type=click.IntRange(1),
     default=5,
-    show_default=True,
     help="error: the reference and `path` trace every n-th pixel across and down (odd); 1: all.",
 )
 @click.option(
     "--samples",
     type=click.IntRange(256),
     default=512,
-    show_default=True,
     help="error: samples per pixel of the reference.",
 )
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("bench"),
-    show_default=True,
-    help="Folder of the pages, figures and JSON.",
+    "--out", type=PATH, default=Path("bench"), help="Folder of the pages, figures and JSON."
 )
 @device_option
 @plain_errors
 def bench(**given: Any) -> None:
     """Measure error against run time: of whole runs, with true and stated error, and of single
     traces by the methods `source` and `path`."""
-    from cldit.bench.report import write_part  # slow imports, not for `--help`
+    from cldit.bench.budget import budget, stored_rows  # slow imports, not for `--help`
+    from cldit.bench.case import Lattice
+    from cldit.bench.error import error
+    from cldit.bench.report import write_part
     from cldit.gpu.device import open_device
+    from cldit.run import default_cache
+    from cldit.scene import load_scene
 
     options = Options(**given)
     device = open_device(options.device)
@@ -139,52 +126,36 @@ def bench(**given: Any) -> None:
         OUT.print(f"{page}\n")
 
     for name in options.parts or PARTS:
-        part = (_error if name == "error" else _budget)(options, device, save)
+        if name == "budget":
+            part = budget(
+                device,
+                cache=default_cache(),
+                say=say,
+                save=save,
+                pixels=options.pixels,
+                asked_K=options.asked_K,
+                seeds=options.seeds,
+                scenes=options.budget_scenes,
+                before=stored_rows(options.out, pixels=options.pixels),
+            )
+        else:
+            part = error(
+                load_scene(options.scene),
+                device,
+                cache=default_cache(),
+                lattice=Lattice((options.every, options.every)),
+                say=say,
+                save=save,
+                accuracies_K=options.accuracies_K,
+                reference_samples=options.samples,
+            )
         _show(part)
         save(part)
-
-
-def _budget(options: Options, device: Device, save: Callable[[Part], None]) -> Part:
-    from cldit.bench.budget import budget, stored_rows
-    from cldit.run import default_cache
-
-    return budget(
-        device,
-        cache=default_cache(),
-        say=say,
-        save=save,
-        pixels=options.pixels,
-        asked_K=options.asked_K,
-        seeds=options.seeds,
-        scenes=options.budget_scenes,
-        before=stored_rows(options.out, pixels=options.pixels),
-    )
-
-
-def _error(options: Options, device: Device, save: Callable[[Part], None]) -> Part:
-    from cldit.bench.case import Lattice
-    from cldit.bench.error import error
-    from cldit.run import default_cache
-    from cldit.scene import load_scene
-
-    return error(
-        load_scene(options.scene),
-        device,
-        cache=default_cache(),
-        lattice=Lattice((options.every, options.every)),
-        say=say,
-        save=save,
-        accuracies_K=options.accuracies_K,
-        reference_samples=options.samples,
-    )
 
 
 def _show(part: Part) -> None:
     OUT.print(part.title, style="bold")
     for table in part.tables:
-        shown = folded_table(*table.head)
-        for row in table.rows:
-            shown.add_row(*row)
-        OUT.print(shown)
+        print_table(*table.head, rows=table.rows)
     for text in part.text:
         OUT.print(escaped(text), style="dim")

@@ -10,7 +10,8 @@ from typing import Any
 
 import click
 
-from cldit.cli.console import OUT, escaped, folded_table, plain_errors
+from cldit.cli.console import OUT, escaped, plain_errors, print_table
+from cldit.cli.options import PATH
 from cldit.errors import SceneError
 from cldit.rig.drivers import describe_drivers, load_driver
 from cldit.rig.link import Linked
@@ -25,17 +26,14 @@ _STYLE = {Verdict.PASSED: "green", Verdict.FAILED: "bold red", Verdict.SKIPPED: 
 
 @click.command("check-driver")
 @click.argument("name")
-@click.argument("rig", type=click.Path(path_type=Path), required=False)
+@click.argument("rig", type=PATH, required=False)
 @click.option(
-    "--instrument",
-    is_flag=True,
-    help="Check the instrument in RIG, slowly and safely; asks first.",
+    "--instrument", is_flag=True, help="Check the instrument in RIG, slowly and safely; asks first."
 )
 @click.option(
     "--ambient",
     "ambient_K",
     default=295.0,
-    show_default=True,
     help="Kelvin; no set point above it is written to an instrument.",
 )
 @click.option("--heat-to", "heat_to_K", type=float, help="Kelvin; allows set points up to this.")
@@ -118,25 +116,20 @@ def _state(name: str, kind: str, rig: str, warmest_K: float) -> None:
 def _show(results: Iterable[Result]) -> bool:
     """Prints a table of the results; True if no check failed."""
     tally = dict.fromkeys(Verdict, 0)
-    failed: list[Result] = []
-    table = folded_table("where", "check", "result", "seconds", "")
+    rows, failed = [], []
     with OUT.status("checking") as status:
         for result in results:
             tally[result.verdict] += 1
-            verdict = f"[{_STYLE[result.verdict]}]{result.verdict}[/]"
-            table.add_row(
-                result.where,
-                result.name,
-                verdict,
-                f"{result.seconds:.1f}",
-                "" if result.verdict is Verdict.FAILED else escaped(result.text),
-            )
+            text = escaped(result.text)
             if result.verdict is Verdict.FAILED:
-                failed.append(result)
+                failed.append(f"[bold red]{result.where}, {result.name}:[/] {text}")
+                text = ""
+            verdict = f"[{_STYLE[result.verdict]}]{result.verdict}[/]"
+            rows.append((result.where, result.name, verdict, f"{result.seconds:.1f}", text))
             status.update(f"{result.where}: {result.name} {result.verdict}")
-    OUT.print(table)
-    for result in failed:
-        OUT.print(f"[bold red]{result.where}, {result.name}:[/] {escaped(result.text)}")
+    print_table("where", "check", "result", "seconds", "", rows=rows)
+    for line in failed:
+        OUT.print(line)
     OUT.print(", ".join(f"{number} {verdict}" for verdict, number in tally.items()))
     return tally[Verdict.FAILED] == 0 and tally[Verdict.PASSED] > 0
 

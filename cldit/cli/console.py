@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Column, Table
@@ -51,9 +51,12 @@ def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
     return guarded
 
 
-def folded_table(*heads: str) -> Table:
-    """Empty table with these heads; in a narrow terminal, cells are folded and never cut."""
-    return Table(*(Column(head, overflow="fold") for head in heads), box=None)
+def print_table(*heads: str, rows: Iterable[Iterable[RenderableType]]) -> None:
+    """Prints a table with these heads; in a narrow terminal, cells are folded and never cut."""
+    table = Table(*(Column(head, overflow="fold") for head in heads), box=None)
+    for row in rows:
+        table.add_row(*row)
+    OUT.print(table)
 
 
 def escaped(text: str) -> str:

@@ -8,8 +8,8 @@ import click
 
 from cldit.api.repeat import repeat
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors
-from cldit.cli.options import device_option, within_option
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table
+from cldit.cli.options import PATH, device_option, within_option
 from cldit.cli.program import Exit
 from cldit.comparison.compare import compare
 from cldit.comparison.difference import (
@@ -24,8 +24,8 @@ _LARGE = 2.0  # standard errors of an error of all pixels, to be named
 
 
 @click.command("compare")
-@click.argument("one", type=click.Path(path_type=Path))
-@click.argument("others", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("one", type=PATH)
+@click.argument("others", nargs=-1, required=True, type=PATH)
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
 @click.option(
     "--align",
@@ -40,7 +40,7 @@ _LARGE = 2.0  # standard errors of an error of all pixels, to be named
     metavar="NAME=RUN",
     help="Run with one quantity changed by its spread, an error that simulations share.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of a page and regions.csv.")
+@click.option("--out", type=PATH, help="Folder of a page and regions.csv.")
 @within_option
 @json_option
 @plain_errors
@@ -73,8 +73,8 @@ def compare_command(
 
 
 @click.command()
-@click.argument("one", type=click.Path(path_type=Path))
-@click.argument("other", type=click.Path(path_type=Path))
+@click.argument("one", type=PATH)
+@click.argument("other", type=PATH)
 @click.option("--acquired", is_flag=True, help="Of runs, compare the recordings of their rigs.")
 @click.option("--resample", is_flag=True, help="Average a trace onto the other's pixels.")
 @within_option
@@ -98,10 +98,8 @@ def print_difference(found: Difference) -> None:
         OUT.print(escaped(f"  {found.averaged}"), style="dim")
     if found.view:
         OUT.print(escaped(f"  view by the images: {found.view}"), style="dim")
-    table = folded_table("", "RMS", "mean", "worst", "at x, z / mm", "pixels")
-    for one in found.maps:
-        table.add_row(one.name.removesuffix("_K").replace("_", " "), *_cells(one))
-    OUT.print(table)
+    rows = [(one.name.removesuffix("_K").replace("_", " "), *_cells(one)) for one in found.maps]
+    print_table("", "RMS", "mean", "worst", "at x, z / mm", "pixels", rows=rows)
     if any(found.only):
         OUT.print(
             f"  T_app only in the first: {found.only[0]} pixels, only in the second: "
@@ -114,10 +112,8 @@ def print_difference(found: Difference) -> None:
     if found.tested:
         OUT.print(f"  omitted by one alone, not counted as its error: {', '.join(found.tested)}")
     if found.p_value is not None:
-        regions = folded_table("T_app", "RMS", "mean", "chi-square", "p", "pixels")
-        for name, region in found.regions.items():
-            regions.add_row(name, *region.cells)
-        OUT.print(regions)
+        regions = [(name, *region.cells) for name, region in found.regions.items()]
+        print_table("T_app", "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
     large = [f"{one.name} {one.size:+.1f}" for one in found.modes if abs(one.size) > _LARGE]
     if large:
         OUT.print(escaped(f"  errors of all pixels, in standard errors: {', '.join(large)}"))
@@ -140,8 +136,8 @@ def _cells(one: MapDifference) -> list[str]:
 
 
 @click.command("repeat")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder to keep the repetition in.")
+@click.argument("folder", metavar="RUN", type=PATH)
+@click.option("--out", type=PATH, help="Folder to keep the repetition in.")
 @click.option("--changed-inputs", is_flag=True, help="Continue if inputs are missing or changed.")
 @within_option
 @device_option

@@ -21,6 +21,7 @@ from cldit.api.folder_evaluation import (
 )
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
+from cldit.cli.options import PATH
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_maps, print_next
 from cldit.dit.maps import Maps
@@ -32,12 +33,11 @@ from cldit.show.report.run_report import write_pages
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option(
     "--calibration",
     type=click.Choice(["planck", "fitted"]),
     default="planck",
-    show_default=True,
     help="Curve from Planck, filter and detector, or fitted to the references.",
 )
 @click.option("--robust", is_flag=True, help="Give outlying shots less weight.")
@@ -50,12 +50,12 @@ from cldit.show.report.run_report import write_pages
 )
 @click.option(
     "--model",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Run that models the spray: adds the temperature of the emitting medium.",
 )
 @click.option(
     "--write-measured",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Draft measured.yaml from the images in FOLDER and their names, and stop.",
 )
 @json_option

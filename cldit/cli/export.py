@@ -9,14 +9,15 @@ import click
 from cldit.acquisition.export import FORMATS, ExportError, export
 from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.cli.console import OUT, ProgressBar, plain_errors
+from cldit.cli.options import PATH
 
 _OCTREE = ("vtkhdf", "vtu")
 
 
 @click.command("export")
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option("--to", "form", type=click.Choice([*FORMATS, *_OCTREE]), required=True)
-@click.option("--out", type=click.Path(path_type=Path), help="The file; default: in FOLDER.")
+@click.option("--out", type=PATH, help="The file; default: in FOLDER.")
 @click.option("--node", type=int, help="Octree: number of a wavelength; default: the brightest.")
 @click.option("--own-frame", is_flag=True, help="Octree: cldit's coordinates, not the CFD case's.")
 @click.option("--device", help="Octree: OpenCL device, as for `cldit run`.")

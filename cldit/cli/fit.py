@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
-from cldit.cli.options import SCENE, device_option
+from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
+from cldit.cli.options import PATH, SCENE, device_option
 from cldit.cli.results import print_files, print_next
 from cldit.gpu.device import open_device
 from cldit.scene import load_scene
@@ -16,7 +16,7 @@ from cldit.study.fit import Fit, Parameter, fit
 
 
 @click.command("fit")
-@click.argument("measured", type=click.Path(path_type=Path))
+@click.argument("measured", type=PATH)
 @click.argument("scene", type=SCENE)
 @click.option(
     "--vary",
@@ -27,7 +27,7 @@ from cldit.study.fit import Fit, Parameter, fit
     help="Key with its bounds, and a prior if there is one; up to six.",
 )
 @click.option("--acquired", is_flag=True, help="MEASURED is a run: fit the recording of its rig.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: runs/SCENE-fit.")
+@click.option("--out", type=PATH, help="Folder; default: runs/SCENE-fit.")
 @device_option
 @json_option
 @plain_errors
@@ -61,14 +61,14 @@ def fit_command(
 
 
 def _print(found: Fit) -> None:
-    table = folded_table("", "value", "±", "68 %", "prior", "")
+    rows = []
     for one in found.parameters:
         ends = [
             f"{'beyond ' if beyond else ''}{end:.4g}"
             for end, beyond in zip(one.interval, one.open, strict=True)
         ]
         prior = one.parameter.prior
-        table.add_row(
+        values = (
             one.parameter.key,
             f"{one.value:.5g}",
             f"{one.error:.2g}",
@@ -76,7 +76,8 @@ def _print(found: Fit) -> None:
             "" if prior is None else f"{prior[0]:g} ± {prior[1]:g}",
             "" if one.determined else "not determined by the data",
         )
-    OUT.print(table)
+        rows.append(values)
+    print_table("", "value", "±", "68 %", "prior", "", rows=rows)
     names = [one.parameter.key for one in found.parameters]
     for row, name in enumerate(names):
         for column in range(row):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from cldit.cli.console import OUT, escaped, folded_table, plain_errors, say
-from cldit.cli.options import SCENE
+from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
+from cldit.cli.options import PATH, SCENE
 from cldit.errors import OpticsError
 from cldit.io.files import make_folder, write_text
 from cldit.optics.band_fit import fit_bands, fit_error
@@ -22,20 +22,17 @@ from cldit.show.report.optics_summary import scene_optics
 
 @click.command()
 @click.argument("scene", type=SCENE)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Figure (.png, .pdf or .svg); default: SCENE-optics.png.",
-)
+@click.option("--out", type=PATH, help="Figure (.png, .pdf or .svg); default: SCENE-optics.png.")
 @plain_errors
 def optics(scene: str, out: Path | None) -> None:
     """Print and draw optical properties of SCENE: liquid, droplets, vapour, camera."""
     chosen = load_scene(scene)
     found = scene_optics(chosen, cache=default_cache())
-    table = folded_table("", "scene", "data", "paper", "")
-    for row in found.rows:
-        table.add_row(row.quantity, row.scene, row.data, row.paper, f"[dim]{escaped(row.note)}[/]")
-    OUT.print(table)
+    rows = (
+        (row.quantity, row.scene, row.data, row.paper, f"[dim]{escaped(row.note)}[/]")
+        for row in found.rows
+    )
+    print_table("", "scene", "data", "paper", "", rows=rows)
     for source in found.sources:
         OUT.print(escaped(source), style="dim")
     figure = out or Path(f"{chosen.name}-optics.png")
@@ -45,10 +42,10 @@ def optics(scene: str, out: Path | None) -> None:
 
 
 @click.command("fit-liquid")
-@click.argument("table", type=click.Path(path_type=Path))
+@click.argument("table", type=PATH)
 @click.option("--shipped", help="Only compare the shipped bands of this liquid with TABLE.")
-@click.option("--bands", type=click.IntRange(1, 200), default=40, show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), help="YAML file for the fitted bands.")
+@click.option("--bands", type=click.IntRange(1, 200), default=40)
+@click.option("--out", type=PATH, help="YAML file for the fitted bands.")
 @plain_errors
 def fit_liquid(table: Path, shipped: str | None, bands: int, out: Path | None) -> None:
     """Fit bands to TABLE (CSV of wavelength_um, n, k, or a refractiveindex.info file); minutes."""

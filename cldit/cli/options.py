@@ -54,6 +54,7 @@ class SceneName(_Text):
 
 
 KELVIN = Quantity("K")
+PATH = click.Path(path_type=Path)
 SCENE = SceneName()
 device_option = click.option(
     "--device", help="OpenCL device: platform:device, or part of its name."
@@ -69,9 +70,7 @@ within_option = click.option(
 )
 _CASE = (
     click.option("--format", help="openfoam, vtk, ensight, converge, fluent, cgns or tables."),
-    click.option(
-        "--mapping", type=click.Path(path_type=Path), help="YAML file of names and units of fields."
-    ),
+    click.option("--mapping", type=PATH, help="YAML file of names and units of fields."),
     click.option(
         "--time", "time_s", help="A time of the case, or `nearest 0.001`; default: the last."
     ),

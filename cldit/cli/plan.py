@@ -10,8 +10,8 @@ import numpy as np
 
 from cldit.acquisition.plan import StabilitySection, plan_from_scene
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, ProgressBar, folded_table, plain_errors, say
-from cldit.cli.options import KELVIN, SCENE, device_option
+from cldit.cli.console import OUT, ProgressBar, plain_errors, print_table, say
+from cldit.cli.options import KELVIN, PATH, SCENE, device_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_next
 from cldit.dit.design import (
@@ -54,14 +54,12 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
     "--emissivity-error",
     type=click.FloatRange(1e-5, 1.0),
     default=0.02,
-    show_default=True,
     help="Requested for the emissivity.",
 )
 @click.option(
     "--quantile",
     type=click.FloatRange(0.01, 1.0),
     default=0.9,
-    show_default=True,
     help="Share of the pixels that must reach the error.",
 )
 @click.option(
@@ -69,7 +67,6 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
     "least_emissivity",
     type=click.FloatRange(1e-3, 1.0),
     default=0.2,
-    show_default=True,
     help="Pixels below it are ignored.",
 )
 @click.option(
@@ -78,7 +75,7 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
     type=(KELVIN, KELVIN),
     help="Of the black body; default: lowest and highest background of the scene.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: runs/SCENE-plan.")
+@click.option("--out", type=PATH, help="Folder; default: runs/SCENE-plan.")
 @device_option
 @json_option
 @plain_errors
@@ -192,9 +189,8 @@ def _separate(
         device=open_device(device),
         progress=say,
     )
-    table = folded_table("delay", "backgrounds / K", "shots", "sigma", "by noise", "RMS / K", "min")
-    for each in found:
-        table.add_row(
+    rows = [
+        (
             "" if each.delay_s is None else delay_text(each.delay_s),
             f"{len(each.backgrounds_K)}: {each.backgrounds_K[0]:g} .. {each.backgrounds_K[-1]:g}",
             "none" if each.shots is None else str(each.shots),
@@ -203,7 +199,10 @@ def _separate(
             f"{each.rms_K:.2g}",
             "" if each.time_s is None else f"{each.time_s / 60:.0f}",
         )
-    OUT.print(table)
+        for each in found
+    ]
+    heads = ("delay", "backgrounds / K", "shots", "sigma", "by noise", "RMS / K", "min")
+    print_table(*heads, rows=rows)
     best = min(found, key=lambda each: each.order)
     OUT.print(best.text, style="bold")
     if best.shots is not None:
@@ -222,11 +221,8 @@ def _print_designs(found: list[Design], best: Design, goal: Goal, least_emissivi
         f"{100 * goal.quantile:g} % of the pixels of emissivity {least_emissivity:g} and more "
         f"within {goal.error_K:g} K and {goal.emissivity_error:g}:"
     )
-    table = folded_table(
-        "", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting"
-    )
-    for one in found:
-        table.add_row(
+    rows = [
+        (
             "->" if one is best else "",
             f"{len(one.backgrounds_K)}: {one.backgrounds_K[0]:g} .. {one.backgrounds_K[-1]:g}",
             str(one.shots),
@@ -236,7 +232,10 @@ def _print_designs(found: list[Design], best: Design, goal: Goal, least_emissivi
             f"{one.time_s / 60:.0f}",
             f"{one.waiting_s / 60:.0f}",
         )
-    OUT.print(table)
+        for one in found
+    ]
+    heads = ("", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting")
+    print_table(*heads, rows=rows)
 
 
 def _write(scene: Scene, folder: Path, best: Design) -> None:

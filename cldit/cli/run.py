@@ -13,9 +13,10 @@ from cldit.acquisition.progress import Progress
 from cldit.api.experiment import run_experiment
 from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import ERR, OUT, ProgressBar, escaped, folded_table, plain_errors
+from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors, print_table
 from cldit.cli.options import (
     KELVIN,
+    PATH,
     SCENE,
     case_options,
     pixels_of,
@@ -52,14 +53,10 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
 @click.command()
 @click.argument("scene", type=SCENE)
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder; default: runs/SCENE, or runs/SCENE-2 .. if it is taken.",
+    "--out", type=PATH, help="Folder; default: runs/SCENE, or runs/SCENE-2 .. if it is taken."
 )
 @click.option(
-    "--cfd",
-    type=click.Path(path_type=Path),
-    help="CFD result to take the spray from, or a file of `cldit import`.",
+    "--cfd", type=PATH, help="CFD result to take the spray from, or a file of `cldit import`."
 )
 @case_options
 @click.option("--order", type=int, help="Largest number of scatterings; beyond it, the wall.")
@@ -83,8 +80,7 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
     help="Tolerance of T_app, K, for all errors of the simulation; default: 1 K.",
 )
 @click.option(
-    "--device",
-    help="OpenCL device: platform:device, or part of its name; several with commas.",
+    "--device", help="OpenCL device: platform:device, or part of its name; several with commas."
 )
 @click.option(
     "--set",
@@ -294,10 +290,8 @@ def _changed(
 
 def _print_stages(result: Run) -> None:
     """Prints stages, figures of the spray and error sources."""
-    table = folded_table("stage", "s", "")
-    for stage in result.info.stages:
-        table.add_row(stage.name, f"{stage.seconds:.2f}", stage.note)
-    OUT.print(table)
+    rows = ((stage.name, f"{stage.seconds:.2f}", stage.note) for stage in result.info.stages)
+    print_table("stage", "s", "", rows=rows)
     for file in result.info.files:
         OUT.print(escaped(f"  {file.text}"), style="dim")
     for name, text in human_figures(result.info.spray).items():
@@ -324,11 +318,9 @@ def _print_run(result: Run) -> None:
 
 
 def _print_causes(errors: Errors) -> None:
-    table = folded_table("error of T_app by", "K", "fixed by", "estimated from")
-    for cause in errors.causes:
-        table.add_row(cause.name, cause.text.removesuffix(" K"), cause.fixed, cause.how)
-    if errors.causes:
-        OUT.print(table)
+    rows = [(one.name, one.text.removesuffix(" K"), one.fixed, one.how) for one in errors.causes]
+    if rows:
+        print_table("error of T_app by", "K", "fixed by", "estimated from", rows=rows)
     if errors.model:
         OUT.print("model and camera, not in the sum:")
         for cause in errors.model:

@@ -7,7 +7,7 @@ import json
 import click
 
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, folded_table, plain_errors
+from cldit.cli.console import plain_errors, print_table
 from cldit.io.terminal import tell
 from cldit.scene import Scene, load_scene, shipped_scenes
 from cldit.scene.commented import commented
@@ -33,11 +33,8 @@ def scenes(show: str | None, reference: bool, schema: bool) -> Outcome:
     if schema:
         tell(json.dumps(Scene.model_json_schema(), indent=2))
         return Outcome(Scene.model_json_schema())
-    table = folded_table("scene", "")
     found = shipped_scenes()
-    for name, description in found.items():
-        table.add_row(name, description)
-    OUT.print(table)
+    print_table("scene", "", rows=found.items())
     return Outcome(
         [{"name": name, "description": description} for name, description in found.items()]
     )

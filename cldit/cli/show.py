@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.options import device_option, pixels_of
+from cldit.cli.options import PATH, device_option, pixels_of
 from cldit.errors import FileError
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
@@ -24,13 +24,12 @@ from cldit.show.view.folders import unfinished
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
 @click.option(
     "--format",
     "kind",
     type=click.Choice(["png", "pdf", "svg"]),
     default="png",
-    show_default=True,
     help="PNG of 300 dpi, or vectors.",
 )
 @click.option("--open", "opened", is_flag=True, help="Open the figure in the system's viewer.")
@@ -44,7 +43,7 @@ def show(folder: Path, kind: str, opened: bool) -> None:
 
 
 @click.command("view")
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option(
     "--save",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -91,7 +90,6 @@ def _written(folder: Path, items: Sequence[Item]) -> Path:
 @click.option(
     "--out",
     default="gallery",
-    show_default=True,
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the page.",
 )

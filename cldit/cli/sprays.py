@@ -12,8 +12,8 @@ from cldit.acquisition.progress import Progress
 from cldit.cfd.formats import contents
 from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
-from cldit.cli.options import SCENE, case_options, spray_keys
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
+from cldit.cli.options import PATH, SCENE, case_options, spray_keys
 from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
 from cldit.io.files import write_text
@@ -35,7 +35,7 @@ from cldit.spray.flow.simulate import simulate_spray
 
 @click.command("spray")
 @click.argument("scene", type=SCENE)
-@click.option("--out", type=click.Path(path_type=Path), help="Folder; default: sprays/SCENE.")
+@click.option("--out", type=PATH, help="Folder; default: sprays/SCENE.")
 @plain_errors
 def spray_command(scene: str, out: Path | None) -> None:
     """Compute only the spray of SCENE: figures, history, files for ParaView."""
@@ -63,13 +63,11 @@ def spray_command(scene: str, out: Path | None) -> None:
 
 
 @click.command("import")
-@click.argument("file", metavar="CASE", type=click.Path(path_type=Path))
+@click.argument("file", metavar="CASE", type=PATH)
 @click.option("--list", "listed", is_flag=True, help="Only list times, fields and clouds.")
-@click.option("--out", type=click.Path(path_type=Path), help="Keep the spray in this file, .npz.")
+@click.option("--out", type=PATH, help="Keep the spray in this file, .npz.")
 @click.option(
-    "--write-mapping",
-    type=click.Path(path_type=Path),
-    help="Write the names found, to edit for --mapping, and stop.",
+    "--write-mapping", type=PATH, help="Write the names found, to edit for --mapping, and stop."
 )
 @click.option(
     "--fit",
@@ -139,10 +137,10 @@ def import_command(
 
 
 @click.command()
-@click.option("--fuel", default="n-heptane", show_default=True, help="A name of CoolProp.")
-@click.option("--gas", default="nitrogen", show_default=True)
+@click.option("--fuel", default="n-heptane", help="A name of CoolProp.")
+@click.option("--gas", default="nitrogen")
 @click.option("--model", default=next(iter(MODELS)), help=", ".join(MODELS))
-@click.option("--diameter-um", type=float, default=9.0, show_default=True)
+@click.option("--diameter-um", type=float, default=9.0)
 @click.option("--temperature", "temperature_K", type=float, default=370.0, help="Of the liquid, K.")
 @click.option("--gas-temperature", "gas_temperature_K", type=float, default=573.0, help="K.")
 @click.option("--pressure", "pressure_Pa", type=float, default=0.6e6, help="Pa.")
@@ -151,11 +149,7 @@ def import_command(
 @click.option("--held", is_flag=True, help="Keep the velocity: no drag.")
 @click.option("--duration", "duration_s", type=float, help="s; default: until it has vanished.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Draw the columns into this file (.png, .pdf or .svg).",
-)
+@click.option("--out", type=PATH, help="Draw the columns into this file (.png, .pdf or .svg).")
 @plain_errors
 def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
@@ -173,9 +167,7 @@ def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) ->
 
 
 def _life_table(life: Life) -> None:
-    table = folded_table(*COLUMNS)
-    for row in list(life.rows())[:: max(1, life.time_s.size // 10)]:
-        table.add_row(*(f"{value:.5g}" for value in row))
-    OUT.print(table)
+    shown = list(life.rows())[:: max(1, life.time_s.size // 10)]
+    print_table(*COLUMNS, rows=([f"{value:.5g}" for value in row] for row in shown))
     if life.vanished:
         OUT.print(f"vanished after {life.time_s[-1]:.5g} s")

@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from cldit.acquisition.progress import Progress
-from cldit.cli.console import OUT, ProgressBar, escaped, folded_table, plain_errors, say
-from cldit.cli.options import device_option
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
+from cldit.cli.options import PATH, device_option
 from cldit.cli.results import print_files
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
@@ -26,16 +26,12 @@ from cldit.study.sweep import run_sweep
 @click.command()
 @click.argument("name", required=False)
 @click.option("--quick", is_flag=True, help="Reduced pixels and accuracy.")
-@click.option("--out", type=click.Path(path_type=Path), help="Default: studies, or sweeps/SCENE.")
+@click.option("--out", type=PATH, help="Default: studies, or sweeps/SCENE.")
 @click.option("--markdown", is_flag=True, help="Only Markdown and figures, as for docs.")
 @click.option("--grid", "grid_text", help="KEY=VALUES,...: a sweep over the scene NAME.")
 @click.option("--scheduler", help="Address of a dask scheduler; default: this machine.")
-@click.option(
-    "--workers",
-    type=click.IntRange(1, 1024),
-    help="Processes; default: one a core.",
-)
-@click.option("--cache", type=click.Path(path_type=Path), help="Folder of cached runs and sprays.")
+@click.option("--workers", type=click.IntRange(1, 1024), help="Processes; default: one a core.")
+@click.option("--cache", type=PATH, help="Folder of cached runs and sprays.")
 @device_option
 @plain_errors
 def study(
@@ -85,18 +81,19 @@ def study(
 
 
 def _print_verdicts(pages: list[StudyPage]) -> None:
-    table = folded_table("study", "the paper", "found", "agrees if", "")
-    for page in pages:
-        for each in page.verdicts:
-            colour = {AGREES: "green", DISAGREES: "red"}.get(each.word, "yellow")
-            table.add_row(
-                page.name,
-                escaped(each.claim),
-                each.found,
-                each.allowed,
-                f"[{colour}]{each.word}[/]",
-            )
-    OUT.print(table)
+    colours = {AGREES: "green", DISAGREES: "red"}
+    rows = [
+        (
+            page.name,
+            escaped(each.claim),
+            each.found,
+            each.allowed,
+            f"[{colours.get(each.word, 'yellow')}]{each.word}[/]",
+        )
+        for page in pages
+        for each in page.verdicts
+    ]
+    print_table("study", "the paper", "found", "agrees if", "", rows=rows)
 
 
 def _sweep(

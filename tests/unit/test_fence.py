@@ -27,7 +27,7 @@ BUDGETS: dict[str, int] = {
     "camera": 568,
     "cfd": 8390,
     "cldit": 155,
-    "cli": 3043,
+    "cli": 2982,
     "comparison": 1686,
     "dit": 6136,
     "drivers": 5688,
