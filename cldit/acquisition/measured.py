@@ -160,7 +160,8 @@ class Measured:
     """Measured data for the evaluation (`cldit.dit.shots.Acquisition`).
 
     bad_pixels: (rows, columns) True where a pixel is not used. accept: names of checks that do not
-    end the evaluation. inputs: measured.yaml, and every file that it names.
+    end the evaluation. inputs: measured.yaml, and every file that it names. assumed: values of the
+    set-up that it does not give.
     """
 
     folder: Path
@@ -173,6 +174,7 @@ class Measured:
     shots: tuple[MeasuredShot, ...]
     accept: tuple[str, ...] = ()
     inputs: tuple[Path, ...] = ()
+    assumed: tuple[str, ...] = ()
     reader: FrameReader = field(default_factory=FrameReader, repr=False, compare=False)
 
     def load(self, shot: MeasuredShot) -> NDArray[Any]:
@@ -209,6 +211,8 @@ class Measured:
             f"{min(kelvin):g}..{max(kelvin):g} K); {kinds} each; "
             f"{', '.join(dict.fromkeys(forms))}; first images {low:g}..{high:g}"
         ]
+        if self.assumed:
+            lines.append(f"not given, therefore assumed: {', '.join(self.assumed)}")
         lines += told_lines([(shot.told, shot.time_s) for shot in self.shots])
         paths = list(dict.fromkeys(shot.source.path for shot in self.shots))
         for one, two in pairwise(paths):
@@ -348,6 +352,11 @@ def open_measured(path: str | Path) -> Measured:
         shots=tuple(shots),
         accept=given.accept,
         inputs=(file, *_files(folder, given), *(source.path for source in owners)),
+        assumed=tuple(
+            f"{name} {getattr(given.setup, name):g}"
+            for name in ("wall_temperature_K", "background_emissivity")
+            if name not in given.setup.model_fields_set
+        ),
         reader=reader,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import multimode
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from cldit.acquisition.frames import FrameReader, own_reader
 from cldit.acquisition.pictures.kinds import kind_of
-from cldit.acquisition.pictures.names import Reported, reported, without_role
+from cldit.acquisition.pictures.names import Reported, reported, without_role, words_of
 from cldit.acquisition.pictures.source import NoDataSet, Source
 from cldit.acquisition.pictures.told import ZERO_CELSIUS_K
 from cldit.errors import EvaluationError
@@ -92,11 +92,23 @@ def _recordings(folder: Path) -> tuple[list[Recording], list[str]]:
     others += [f"table {each.name}: {', '.join(_columns(each.source.path))}" for each in logs]
     others += [f"{each.name}: {_form(each)}, another size" for each in images
                if each.form[0] != size]  # fmt: skip
-    return [each for each in images if each.form[0] == size], others
+    return _distinguished([each for each in images if each.form[0] == size]), others
+
+
+def _distinguished(found: list[Recording]) -> list[Recording]:
+    """Images with their kinds by the words that not all names have, if all have the same kind."""
+    images = [each for each in found if each.reported.role not in ("dark", "defective")]
+    if len({each.reported.role for each in images}) != 1:
+        return found
+    shared = set.intersection(*(set(words_of(each.name)) for each in images))
+    again = {each.name: reported(each.name, shared) for each in images}
+    if len({one.role for one in again.values()}) < 2:
+        return found
+    return [replace(each, reported=again.get(each.name, each.reported)) for each in found]
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Files and Zarr folders, without hidden ones, maps of an evaluation and notes."""
+    """Files and Zarr folders, without hidden ones, and maps of an evaluation with their figure."""
     for root, folders, files in os.walk(folder):
         here = Path(root)
         zarrs = [name for name in folders if kind_of(here / name) is not None]
@@ -104,7 +116,7 @@ def _files(folder: Path) -> Iterator[Path]:
         folders[:] = sorted(
             name for name in folders if not (name[0] == "." or name in ("maps", *zarrs))
         )
-        yield from (here / name for name in files if name[0] != ".")
+        yield from (here / name for name in files if name[0] != "." and Path(name).stem != "maps")
 
 
 def _opened(reader: FrameReader, path: Path, name: str) -> list[Recording]:

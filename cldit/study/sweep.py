@@ -7,6 +7,7 @@ after that of the caller only what had not arrived.
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections import defaultdict
@@ -240,6 +241,7 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=None,
+                silence_logs=logging.ERROR,  # a busy machine ends workers late, and warns
                 env={name: str(threads) for name in limits},
             ) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,

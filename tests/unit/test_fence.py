@@ -20,8 +20,8 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3913,
-    "acquisition": 5404,
+    "accuracy": 3914,
+    "acquisition": 5438,
     "api": 1135,
     "bench": 1033,
     "camera": 568,
@@ -41,9 +41,9 @@ BUDGETS: dict[str, int] = {
     "rig": 1764,
     "run": 2266,
     "scene": 2059,
-    "show": 6908,
+    "show": 6925,
     "spray": 6934,
-    "study": 3107,
+    "study": 3109,
     "testing": 1421,
     "transport": 7326,
 }

@@ -47,7 +47,7 @@ _ALIKE = 0.5  # least correlation of both steps: those of C h^p have 1, unrelate
 _FINEST_LATTICE_m = 0.1e-3
 # A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
 NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
-_CONE_KEY, _FLOW_KEY = "spray.spacing_m", "spray.box.spacing_m"
+_CONE_KEY, _FLOW_KEY, _FILE_KEY = "spray.spacing_m", "spray.box.spacing_m", "spray.file"
 ORDER = "order of the gas grid"
 
 
@@ -64,13 +64,14 @@ class _GasGrid(ErrorSource):
         "": "a smaller spray.spacing_m",
         _CONE_KEY: f"a smaller spray.spacing_m{OR_NONE}",
         _FLOW_KEY: "a smaller spray.box.spacing_m (half takes 3 to 12 times as long)",
+        _FILE_KEY: "finer cells in the file",
     }
     also = (ORDER,)
 
     def key(self, scene: Scene) -> str:
         if isinstance(scene.spray, ConeSpray):
             return "" if scene.spray.spacing_m is None else _CONE_KEY
-        return _FLOW_KEY if isinstance(scene.spray, LagrangianSpray) else ""
+        return _FLOW_KEY if isinstance(scene.spray, LagrangianSpray) else _FILE_KEY
 
     def is_free(self, scene: Scene) -> bool:
         cone = isinstance(scene.spray, ConeSpray)

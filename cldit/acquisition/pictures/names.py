@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -33,7 +34,10 @@ _WORDS: tuple[tuple[Role, str], ...] = (
         r"|blank|blanks|empty|baseline|without|nospray|off",
     ),
     ("injection", r"spray|sprays|inj|injection|injections|shot|shots|fuel|jet|on"),
+    ("reference", r"bg|bgs|background|backgrounds"),
 )
+# `bg_350K` and the folder `bg_2` are settings of the black body, `bg_007.tif` is a reference.
+_BEHIND = re.compile(r"(?i)(?<![a-z])(?:bg|background)s?[ _=-]?\d+(?:[.,p]\d+)?(?!\d*\.[a-z]+$)")
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,14 @@ class Reported:
     delay_s: float | None = None
 
 
-def reported(name: str) -> Reported:
-    """Reads a path relative to the folder of the measurement; parts near its end come first."""
+def reported(name: str, shared: Collection[str] = ()) -> Reported:
+    """Reads a path relative to the folder of the measurement; parts near its end come first.
+
+    shared: words that report no kind, as all names have them.
+    """
     parts = re.split(r"[/\\]|::", name)[::-1]
     return Reported(
-        _role(parts),
+        _role(parts, shared),
         next((kelvin for part in parts if (kelvin := _temperature(part))), None),
         next((late_s for part in parts if (late_s := _delay(part)) is not None), None),
     )
@@ -64,9 +71,15 @@ def without_role(name: str) -> str:
     return re.sub(rf"(?i)(?<![a-z])(?:{words})(?![a-z])", "", name).strip("/_- ")
 
 
-def _role(parts: list[str]) -> Role:
-    words = ["_".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", part)).lower() for part in parts]
-    for text in words:
+def words_of(part: str) -> list[str]:
+    """Words of a part of a path, in lower case."""
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", part)]
+
+
+def _role(parts: list[str], shared: Collection[str]) -> Role:
+    for part in parts:
+        words = words_of(_BEHIND.sub("", part))
+        text = "_".join(word for word in words if word not in shared)
         for role, pattern in _WORDS:
             if re.search(rf"(?:^|_)(?:{pattern})(?:_|$)", text):
                 return role

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cldit.acquisition.record import open_acquisition
-from cldit.dit.maps import UNITS, Maps
+from cldit.dit.maps import UNITS, Maps, Reason
 from cldit.dit.profile import Profile, profile_of
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.plain_data import parse_json
@@ -56,7 +56,7 @@ def plot(
     """Draws a figure, which a notebook shows and `savefig` writes.
 
     Args:
-        of: a run, a data set of `cldit.evaluate`, a spray, or a profile.
+        of: a run, a data set of `cldit.evaluate` or of one scene of a sweep, a spray, or a profile.
         what: of a run `maps`, `acquired`, `summary`, `errors`, `weights`, `budget`, `spectrum` or
             `profile`; of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`,
             its masses from the side and from below; of a profile `profile`.
@@ -181,8 +181,25 @@ def _spray(spray: Spray, *, title: str = "spray") -> Figure:
 
 
 def maps_of(data: xarray.Dataset) -> tuple[Maps, Frame]:
-    """Maps (H, W) and their frame, from a data set of `cldit.evaluate` or `Run.to_xarray`."""
-    maps = Maps(**{name: data[name].values for name in UNITS})
+    """Maps (H, W) and their frame, from a data set of `cldit.evaluate`, `Run.to_xarray`, or of one
+    scene of a sweep, which has neither reasons nor a goodness of fit.
+
+    Raises:
+        EvaluationError: the data set has no maps, or those of several scenes.
+    """
+    if missing := [name for name in ("apparent_temperature_K", "emissivity") if name not in data]:
+        raise EvaluationError(f"plot: the data set has no {', '.join(missing)}")
+    warm = data["apparent_temperature_K"]
+    if axes := [str(name) for name in warm.dims if name not in ("x", "z")]:
+        raise EvaluationError(
+            f"plot: the maps have the axes {', '.join(axes)}; allowed: one scene, by data.sel(..)"
+        )
+    known = np.isfinite(warm.values)
+    absent = {"reason": np.where(known, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)}
+    nothing = np.full(known.shape, np.nan, np.float32)
+    maps = Maps(
+        **{name: data[name].values if name in data else absent.get(name, nothing) for name in UNITS}
+    )
     x, z = (1e-3 * np.asarray(data[name].values, float) for name in ("x", "z"))
     pixel_m = (_step(x), _step(z))
     return maps, Frame(pixel_m, (float(x.mean()), float(z.mean())))

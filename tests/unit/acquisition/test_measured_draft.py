@@ -158,11 +158,24 @@ def test_units_that_names_omit_delays_and_unknown_kinds_are_comments(tmp_path: P
         ("dark/frame_350.tif", "dark", None),
         ("BadPixelMap.png", "defective", None),
         ("640x512/img_12_25us.tif", "", None),
+        ("423K/bg_007.tif", "reference", (423.0, "K")),
+        ("423K/background/7.tif", "reference", (423.0, "K")),
+        ("bg_423K_007.tif", "", (423.0, "K")),
+        ("bg_2/image_1.tif", "", None),
     ],
 )
 def test_what_names_report(name: str, role: str, temperature: Any) -> None:
     found = reported(name)
     assert (found.role, found.temperature) == (role, temperature)
+
+
+def test_a_word_that_all_names_share_reports_no_kind(tmp_path: Path) -> None:
+    for name in ("bg_1", "bg_2", "inj_1", "inj_2"):
+        tifffile.imwrite(tmp_path / f"spray_T140C_{name}.tif", images(413.0, False, 1)[0])
+    write_measured(tmp_path, tmp_path / "measured.yaml")
+    text = (tmp_path / "measured.yaml").read_text()
+    assert "    references: spray_T140C_bg_*.tif  # 2 of" in text
+    assert "    injections: spray_T140C_inj_*.tif  # 2 of" in text
 
 
 def test_folders_without_images(tmp_path: Path) -> None:

@@ -122,6 +122,11 @@ def test_a_labelled_run_has_the_same_pictures(run: Run) -> None:
     assert cldit.plot(data).axes[0].get_xlabel() == "x / mm"
     with pytest.raises(EvaluationError, match="has no budget"):
         cldit.plot(data, "budget")
+    sweep = data[["apparent_temperature_K", "emissivity"]].expand_dims({"walls.temperature_K": [4]})
+    seen = cldit.plot(sweep.isel({"walls.temperature_K": 0}))
+    assert len(seen.axes) == len(cldit.plot(data).axes)
+    with pytest.raises(EvaluationError, match=r"axes walls\.temperature_K; allowed: one"):
+        cldit.plot(sweep)
 
 
 def test_short_in_a_notebook(run: Run, spray: Spray) -> None:
