@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1764,
     "run": 2266,
     "scene": 2059,
-    "show": 6925,
+    "show": 6940,
     "spray": 6934,
     "study": 3109,
     "testing": 1421,

@@ -13,6 +13,7 @@ from cldit.arrays import Floats
 from cldit.dit.design import Design, Goal
 from cldit.dit.profile import Profile
 from cldit.run import Run
+from cldit.show.figures.onto import draw_profile
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled
 from cldit.spray.droplet.follow import Life
 
@@ -73,25 +74,19 @@ def spectrum_figure(run: Run, *, title: str) -> Figure:
 
 @styled
 def profile_figure(profile: Profile, *, title: str) -> Figure:
-    """T_app and emissivity along a line, with bands of one standard error."""
+    """T_app and emissivity along a line, with the bands of `draw_profile`."""
     figure = figure_of(5.0, 3.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    along = 1e3 * profile.distance_m
-    for axes, value, error, label, colour in (
-        (upper, profile.apparent_temperature_K, profile.apparent_temperature_standard_error_K,
-         "apparent temperature / K", "C3"),
-        (lower, profile.emissivity, profile.emissivity_standard_error, "emissivity", "C0"),
-    ):  # fmt: skip
-        axes.plot(along, value, color=colour)
-        axes.fill_between(along, value - error, value + error, color=colour, alpha=0.25, lw=0)
-        axes.set_ylabel(label)
+    draw_profile(upper, profile, color="C3")
+    draw_profile(lower, profile, emissivity=True, color="C0")
+    upper.set_xlabel("")
+    for axes in (upper, lower):
         axes.grid()
     figure.align_ylabels()
     beside = upper.secondary_yaxis(
         "right", functions=(lambda kelvin: kelvin - 273.15, lambda degrees: degrees + 273.15)
     )
     beside.set_ylabel("°C")
-    lower.set_xlabel("distance from the start / mm")
     figure.suptitle(plain(title))
     return figure
 

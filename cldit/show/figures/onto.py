@@ -9,7 +9,7 @@ from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile
 from cldit.show.figures.colours import EMISSIVITY, TEMPERATURE, Scale
 from cldit.show.figures.maps import spray_window
-from cldit.show.figures.panels import Frame, Window
+from cldit.show.figures.panels import Frame, Window, beyond
 
 
 def draw_map(
@@ -41,22 +41,26 @@ def draw_map(
     ax.set(xlim=(left, right), ylim=(bottom, top))
     ax.set(xlabel=f"{frame.axes[0]} / mm", ylabel=f"{frame.axes[1]} / mm")
     shown = image[frame.slices(image.shape, (left, right, bottom, top))]
-    under, over = (bool(np.any(one)) for one in (shown < low, shown > high))
-    ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
     label = "emissivity" if emissivity else "apparent temperature / K"
-    ax.figure.colorbar(drawn, ax=ax, label=label, extend=ends.get((under, over), "neither"))
+    ax.figure.colorbar(drawn, ax=ax, label=label, extend=beyond((low, high), shown))
 
 
-def draw_profile(ax: Axes, profile: Profile, *, emissivity: bool = False) -> None:
-    """T_app, or emissivity, along a line, with a band of one standard error."""
+def draw_profile(
+    ax: Axes, profile: Profile, *, emissivity: bool = False, color: str | None = None
+) -> None:
+    """T_app, or emissivity, along a line, with a band of one standard error.
+
+    The band of an emissivity ends at 0 and 1, or at the value if that is beyond.
+    """
+    name = "emissivity" if emissivity else "apparent_temperature"
     value = profile.emissivity if emissivity else profile.apparent_temperature_K
-    error = (
-        profile.emissivity_standard_error
-        if emissivity
-        else profile.apparent_temperature_standard_error_K
-    )
+    error = getattr(profile, f"{name}_standard_error{'' if emissivity else '_K'}")
+    low, high = value - error, value + error
+    if emissivity:
+        low = np.maximum(low, np.minimum(value, 0.0))
+        high = np.minimum(high, np.maximum(value, 1.0))
     along = 1e3 * profile.distance_m
-    (line,) = ax.plot(along, value)
-    ax.fill_between(along, value - error, value + error, color=line.get_color(), alpha=0.25, lw=0)
+    (line,) = ax.plot(along, value, color=color)
+    ax.fill_between(along, low, high, color=line.get_color(), alpha=0.25, lw=0)
     ax.set_xlabel("distance from the start / mm")
     ax.set_ylabel("emissivity" if emissivity else "apparent temperature / K")

@@ -281,23 +281,37 @@ def _label(axes: Axes, panel: Panel, *, first: bool, last: bool) -> None:
         axes.set_xlabel(f"{panel.frame.axes[0]} / mm")
 
 
+def _shown(panel: Panel) -> NDArray[np.generic]:
+    assert panel.frame is not None and panel.window is not None
+    return panel.image[panel.frame.slices(panel.image.shape, panel.window)]
+
+
+def beyond(limits: tuple[float, float], *shown: NDArray[np.generic]) -> str:
+    """Ends of a colour bar that get an arrow: values are beyond them, by more than rounding."""
+    low, high = limits
+    rounding = 1e-5 * (high - low)
+    values = [np.asarray(image, np.float64) for image in shown]
+    below = any(bool(np.any(image < low - rounding)) for image in values)
+    above = any(bool(np.any(image > high + rounding)) for image in values)
+    return {(True, True): "both", (True, False): "min", (False, True): "max"}.get(
+        (below, above), "neither"
+    )
+
+
 def _key(axes: Axes, panels: Sequence[Panel]) -> None:
     """Draws a colour bar; an end beyond which values lie is pointed."""
     if not any(np.isfinite(panel.image.astype(np.float64)).any() for panel in panels):
         axes.set_axis_off()
         axes.text(0.5, 0.5, "no value", rotation=90, ha="center", va="center")
         return
-    low, high = panels[0].limits or (0.0, 1.0)
-    below = any(bool(np.any(panel.image.astype(np.float64) < low)) for panel in panels)
-    above = any(bool(np.any(panel.image.astype(np.float64) > high)) for panel in panels)
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
+    low, high = limits = panels[0].limits or (0.0, 1.0)
     first, most = panels[0], max(abs(low), abs(high))
     power = 0 if first.logarithmic or 1e-3 <= most < 1e4 else math.floor(math.log10(most or 1.0))
     unit = rf"$10^{{{power}}}$ {first.label}" if power else first.label
     bar = axes.figure.colorbar(
         ScalarMappable(_norm(first), first.colours),
         cax=axes,
-        extend=extend.get((below, above), "neither"),
+        extend=beyond(limits, *(_shown(panel) for panel in panels)),
         extendfrac=0.04,
     )
     high_in = axes.get_window_extent().height / axes.figure.dpi

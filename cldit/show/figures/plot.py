@@ -195,7 +195,9 @@ def maps_of(data: xarray.Dataset) -> tuple[Maps, Frame]:
             f"plot: the maps have the axes {', '.join(axes)}; allowed: one scene, by data.sel(..)"
         )
     known = np.isfinite(warm.values)
-    absent = {"reason": np.where(known, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)}
+    absent: dict[str, Any] = {
+        "reason": np.where(known, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)
+    }
     nothing = np.full(known.shape, np.nan, np.float32)
     maps = Maps(
         **{name: data[name].values if name in data else absent.get(name, nothing) for name in UNITS}
