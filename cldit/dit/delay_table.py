@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps
+from cldit.io.text_tables import csv_text
 from cldit.scene.delays import delay_text
 
 
@@ -58,8 +57,4 @@ def _median(values: NDArray[np.float32]) -> float:
 
 def table_csv(rows: Iterable[DelayRow]) -> str:
     """CSV of the table, with a heading and a line per delay."""
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, [one.name for one in fields(DelayRow)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
-    return stream.getvalue()
+    return csv_text((one.name for one in fields(DelayRow)), (astuple(row) for row in rows))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -17,6 +15,7 @@ from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError
 from cldit.io.files import write_text
 from cldit.io.presented import Presented
+from cldit.io.text_tables import csv_text
 
 _ANGLES = 721  # directions tried for the plume: a quarter of a degree apart
 
@@ -47,13 +46,9 @@ class Profile(Presented):
 
     def csv(self) -> str:
         """CSV with a heading and a row for each point."""
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
         names = [each.name for each in fields(self)]
-        writer.writerow(names)
         rows = np.stack([getattr(self, name) for name in names], axis=1)
-        writer.writerows([f"{value:.7g}" for value in row] for row in rows)
-        return stream.getvalue()
+        return csv_text(names, ([f"{value:.7g}" for value in row] for row in rows))
 
     def save(self, path: str | Path) -> None:
         """Writes `csv` to a file, which is replaced if it exists."""

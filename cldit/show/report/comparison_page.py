@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ from matplotlib.figure import Figure as Drawing
 from cldit.comparison.compare import Comparison
 from cldit.comparison.difference import Difference, RegionDifference
 from cldit.io.files import make_folder, write_text
+from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
 from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
 from cldit.show.figures.style import png_of
@@ -89,11 +88,10 @@ def _sections(found: Difference) -> list[Block]:
 
 def regions_csv(differences: Sequence[Difference]) -> str:
     """Table of all regions of all differences."""
-    stream = io.StringIO()
     names = [one.name for one in fields(RegionDifference)]
-    table = csv.writer(stream, lineterminator="\n")
-    table.writerow(["one", "other", "region", *names])
-    for each in differences:
-        for name, region in each.regions.items():
-            table.writerow([each.one, each.other, name, *asdict(region).values()])
-    return stream.getvalue()
+    rows = (
+        [each.one, each.other, name, *astuple(region)]
+        for each in differences
+        for name, region in each.regions.items()
+    )
+    return csv_text(["one", "other", "region", *names], rows)

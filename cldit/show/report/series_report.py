@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from cldit.arrays import Floats
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
 from cldit.io.plain_data import dump_yaml
+from cldit.io.text_tables import csv_text
 from cldit.run.series import SeriesTime
 from cldit.run.series_plan import SeriesPlan
 from cldit.scene import Scene
@@ -56,10 +55,8 @@ def maps_of(time: SeriesTime) -> Path:
 def table_csv(plan: SeriesPlan, times: Sequence[SeriesTime]) -> str:
     """CSV with a line for each time; unknown figures are empty."""
     first = "time_s" if plan.in_seconds else "time"
-    stream = io.StringIO()
     names = [first, "state", *FIGURES, *_OF_MAPS, "folder", "problem"]
-    writer = csv.DictWriter(stream, names, lineterminator="\n")
-    writer.writeheader()
+    rows = []
     for each in times:
         figures = {name: f"{each.spray[name]:.9g}" for name in FIGURES if name in each.spray}
         if each.state == "no spray":
@@ -68,11 +65,10 @@ def table_csv(plan: SeriesPlan, times: Sequence[SeriesTime]) -> str:
             seen = {name: getattr(each.dit, name) for name in _OF_MAPS}
             figures |= {name: f"{value:.9g}" for name, value in seen.items() if value == value}
         folder = "" if each.folder is None else each.folder.name
-        writer.writerow(
-            {first: f"{each.time:.9g}", "state": each.state, **figures}
-            | {"folder": folder, "problem": each.problem}
-        )
-    return stream.getvalue()
+        figures |= {first: f"{each.time:.9g}", "state": each.state}
+        figures |= {"folder": folder, "problem": each.problem}
+        rows.append([figures.get(name, "") for name in names])
+    return csv_text(names, rows)
 
 
 def write_series(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from cldit.arrays import Floats
 from cldit.io.files import make_folder, write_text
+from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import MASS
 from cldit.show.figures.panels import Frame, Panel, panels_figure
 from cldit.show.figures.style import WIDTH_IN, figure_of, plain, styled, write_figure
@@ -200,11 +199,8 @@ def write_spray(spray: Spray, history: History | None, folder: Path, *, title: s
     if history is not None:
         written += [folder / "history.png", folder / "history.csv"]
         write_figure(history_figure(history, title=title), written[1])
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
         names = [each.name for each in fields(history)]
-        writer.writerow(names)
         rows = np.stack([getattr(history, name) for name in names], axis=1)
-        writer.writerows([f"{value:.6g}" for value in row] for row in rows)
-        write_text(written[2], stream.getvalue())
+        table = csv_text(names, ([f"{value:.6g}" for value in row] for row in rows))
+        write_text(written[2], table)
     return written + write_vtk(spray, folder)

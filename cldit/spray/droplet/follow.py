@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
+from cldit.io.text_tables import csv_text
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
@@ -44,12 +43,7 @@ class Life:
 
     def csv(self) -> str:
         """CSV with a header, one row for each time."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for row in self.rows():
-            writer.writerow(f"{value:.9g}" for value in row)
-        return text.getvalue()
+        return csv_text(COLUMNS, ([f"{value:.9g}" for value in row] for row in self.rows()))
 
 
 def follow(
