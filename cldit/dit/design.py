@@ -15,8 +15,10 @@ equal, and the emissivity would be unknown.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -111,11 +113,8 @@ def _fewest(variances: Floats, goal: Goal) -> tuple[int, int] | None:
         """Number of references that n shots need."""
         if not goal.met(variances, n, MOST_SHOTS):
             return None
-        low, high = LEAST_SHOTS - 1, MOST_SHOTS
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if goal.met(variances, n, middle) else (middle, high)
-        return high
+        met = partial(goal.met, variances, n)
+        return bisect_left(range(MOST_SHOTS), True, lo=LEAST_SHOTS, key=met)
 
     best: tuple[int, int] | None = None
     n = LEAST_SHOTS

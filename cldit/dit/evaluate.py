@@ -45,10 +45,6 @@ def blocks(shape: tuple[int, int], backgrounds: int) -> Iterator[slice]:
         yield slice(begin, begin + rows)
 
 
-def _rows(weights: Weights, rows: slice) -> Weights:
-    return weights.map(lambda image: image[rows])
-
-
 def stack(parts: list[Maps]) -> Maps:
     """Maps of the parts, one below the other."""
     return Maps(
@@ -115,7 +111,7 @@ def evaluate_radiance(
         )
 
     def signals(traced: Sequence[Weights], rows: slice, exposures: int) -> Signals:
-        cut = [_rows(one, rows) for one in traced]
+        cut = [one.map(lambda image: image[rows]) for one in traced]
         seen = camera_radiances(cut, parts, backgrounds_K=temperatures)
         return Signals(
             source=source,

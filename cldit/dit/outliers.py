@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
-from cldit.dit.shots import Sums
+from cldit.dit.shots import AllSums, Sums
+from cldit.dit.solve import KINDS
 from cldit.errors import EvaluationError
 
 HUBER = 2.5  # deviations beyond which a shot counts less
@@ -33,7 +34,7 @@ class Outlier:
         return f"shot {self.id} is an outlier: {self.deviations:.1f} times the usual deviation"
 
 
-def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
+def deviations(sums: AllSums) -> dict[str, float]:
     """Distance of each shot from the median of its background, over the usual distance.
 
     Distances are RMS over the blocks of the thumbnails. Injections scatter in proportion to the
@@ -48,7 +49,7 @@ def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
         for setpoint, kind in sums
         if kind == "injection"
     }
-    for kind in ("reference", "injection"):
+    for kind in KINDS:
         distance: dict[str, float] = {}
         for (setpoint, of), group in sums.items():
             if of != kind or len(group.ids) < _LEAST_SHOTS:
@@ -66,8 +67,8 @@ def deviations(sums: Mapping[tuple[float, str], Sums]) -> dict[str, float]:
 
 def _noise(references: Sums) -> float:
     """Noise of a pixel: by the variance of references, else that of counts."""
-    seen = float(np.median(references.variance(slice(None))))
-    level = float(np.mean(np.abs(references.mean(slice(None)))))
+    seen = float(np.median(references.variance()))
+    level = float(np.mean(np.abs(references.mean())))
     return float(np.sqrt(seen if seen > 0.0 else max(level, 1e-30)))
 
 
@@ -76,7 +77,7 @@ def _rms(values: NDArray[np.floating]) -> float:
 
 
 def judge(
-    sums: Mapping[tuple[float, str], Sums],
+    sums: AllSums,
 ) -> tuple[tuple[Outlier, ...], dict[str, float]]:
     """Outliers, the farthest first, and the weights below 1 by the id of the shot."""
     judged = deviations(sums)
@@ -94,9 +95,7 @@ def huber(off: float) -> float:
     return 1.0 if off <= HUBER else HUBER / off
 
 
-def check_not_mirrored(
-    sums: Mapping[tuple[float, str], Sums], sources: Mapping[str, Floats]
-) -> None:
+def check_not_mirrored(sums: AllSums, sources: Mapping[str, Floats]) -> None:
     """Checks that references and injections are not swapped at one of three or more backgrounds.
 
     The lines of the other backgrounds predict the signal of the spray; if swapped, it is opposite.
@@ -105,13 +104,12 @@ def check_not_mirrored(
     setpoints = sorted({setpoint for setpoint, _ in sums})
     if len(setpoints) < 3:
         return
-    kinds = ("reference", "injection")
     stacks = {
         kind: np.array([np.mean(sums[k, kind].thumbnails, axis=0) for k in setpoints], float)
-        for kind in kinds
+        for kind in KINDS
     }
     delta = (stacks["injection"] - stacks["reference"]).reshape(len(setpoints), -1)
-    source = np.mean([sources[kind] for kind in kinds], axis=0)
+    source = np.mean([sources[kind] for kind in KINDS], axis=0)
     best, where = 1.0, 0
     for number in range(len(setpoints)):
         others = [k for k in range(len(setpoints)) if k != number]

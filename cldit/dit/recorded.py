@@ -20,8 +20,8 @@ from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
-from cldit.dit.shots import Acquisition, Sums, accumulate, check_shots, ignore_saturated
-from cldit.dit.solve import Signals, Solution, solve
+from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, ignore_saturated
+from cldit.dit.solve import KINDS, Signals, Solution, solve
 from cldit.dit.witness.brightness import brightness
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
@@ -33,7 +33,6 @@ from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import band_pane
 from cldit.radiance.boundary import Boundary
 
-AllSums = Mapping[tuple[float, str], Sums]
 Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
@@ -185,7 +184,7 @@ def evaluate_shots(
     sees = _seeing(sums, setpoints, bad)
     fitted = None
     if curve == "fitted":
-        counts = [np.mean(sums[k, "reference"].mean(slice(None))[sees]) for k in setpoints]
+        counts = [np.mean(sums[k, "reference"].mean()[sees]) for k in setpoints]
         temperatures_K = [sums[k, "reference"].temperature_K for k in setpoints]
         fitted = fit_curve(np.array(temperatures_K), np.array(counts), filter_um=filter_um)
         chosen = fitted.curve
@@ -200,7 +199,7 @@ def evaluate_shots(
 
     whole = boundary(chosen)
     sources: dict[str, Floats] = {}
-    for kind in ("reference", "injection"):
+    for kind in KINDS:
         means = [sums[setpoint, kind].temperature_K for setpoint in setpoints]
         sources[kind] = whole.leaving(means)
         check_span(sources[kind], means)
@@ -294,7 +293,7 @@ def _defective(sums: AllSums, named: Mask | None) -> Mask:
 
 def _seeing(sums: AllSums, setpoints: Sequence[float], bad: Mask) -> Mask:
     """Pixels with a high contrast between references of two backgrounds, never saturated."""
-    cold, hot = (sums[k, "reference"].mean(slice(None)) for k in (setpoints[0], setpoints[-1]))
+    cold, hot = (sums[k, "reference"].mean() for k in (setpoints[0], setpoints[-1]))
     good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0) & ~bad)
     both = good & ~np.any([sums[k, "injection"].full for k in setpoints], axis=0)
     good = both if both.any() else good
@@ -324,15 +323,15 @@ def _complete(given: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats)
             )
         several = [group for group in groups if len(group.ids) == exposures]
         noise = photon_transfer(
-            np.concatenate([group.mean(slice(None))[sees] for group in several]),
-            np.concatenate([group.variance(slice(None))[sees] for group in several]),
+            np.concatenate([group.mean()[sees] for group in several]),
+            np.concatenate([group.variance()[sees] for group in several]),
             exposures=exposures,
             offset_counts=data.get("offset_counts"),
             step_counts=data["step_counts"],
         )
         data |= {field.name: getattr(noise, field.name) for field in fields(noise)}
     if "counts_per_radiance" in missing:
-        means = np.array([np.mean(group.mean(slice(None))[sees]) for group in groups])
+        means = np.array([np.mean(group.mean()[sees]) for group in groups])
         unit = float(np.max(seen))
         data["counts_per_radiance"] = float(np.polyfit(seen / unit, means, 1)[0]) / unit
         if not data["counts_per_radiance"] > 0.0:

@@ -22,6 +22,7 @@ measurements if z is at least 3.97.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -143,13 +144,9 @@ class Rivals:
         """The fewest shots that tell the models apart with these backgrounds."""
         test = self._test(backgrounds_K)
         shots: int | None = None
-        low, high = 0, MOST_SHOTS
-        if test.distance(high) >= NEEDED:
-            while high - low > 1:
-                middle = (low + high) // 2
-                low, high = (low, middle) if test.distance(middle) >= NEEDED else (middle, high)
-            shots = high
-        taken = high if shots is None else shots
+        if test.distance(MOST_SHOTS) >= NEEDED:
+            shots = bisect_left(range(MOST_SHOTS), NEEDED, lo=1, key=test.distance)
+        taken = MOST_SHOTS if shots is None else shots
         waiting_s = blackbody.time_s(backgrounds_K)
         return Separation(
             delay_s=self.delay_s,

@@ -17,6 +17,7 @@ from cldit.radiance.boundary import Surroundings
 
 _LEAST_PIXELS = 16  # fewer may be equal by chance
 _ALL = 0.95  # share of saturated pixels at which a background is ignored
+_WHOLE = slice(None)  # all rows of an image
 
 
 class Shot(Protocol):
@@ -151,11 +152,11 @@ class Sums:
             return 0.0
         return float(np.var(self.temperatures_K, ddof=1) / len(self.temperatures_K))
 
-    def mean(self, rows: slice) -> Floats:
+    def mean(self, rows: slice = _WHOLE) -> Floats:
         """Weighted mean (R, w) of the counts in `rows`."""
         return np.asarray(self.total[rows] / np.sum(self.weights))
 
-    def variance(self, rows: slice, *, steady: bool = False) -> Floats:
+    def variance(self, rows: slice = _WHOLE, *, steady: bool = False) -> Floats:
         """Sample variance (R, w) of one exposure in `rows`, counts^2; 0 for a single exposure.
 
         With `steady` it is that about each pixel's straight line over the places of the shots, so
@@ -177,6 +178,10 @@ class Sums:
         weights = np.array(self.weights)
         left = weights.sum() - np.sum(weights**2) / weights.sum()
         return max(float(left) - steady, 0.0) if len(weights) > 1 else 0.0
+
+
+AllSums = Mapping[tuple[float, str], Sums]
+"""Sums by set point [K] and kind."""
 
 
 def _inner(image: NDArray[Any]) -> NDArray[Any]:

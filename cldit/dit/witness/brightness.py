@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.dit.shots import Sums
+from cldit.dit.shots import AllSums, Sums
 from cldit.dit.witness.finding import Witness
-
-AllSums = Mapping[tuple[float, str], Sums]
 
 _SEES = 0.5  # share of the strongest change at which a pixel sees the background
 _FALLS = 0.02  # of the span of levels: more than noise and drift
@@ -36,9 +34,9 @@ def brightness(
     kelvin = np.array([group.temperature_K for group in groups])
     if not used.any() or np.any(np.diff(kelvin) <= 0.0) or np.any(np.diff(source) <= 0.0):
         return None
-    change = np.abs(groups[-1].mean(slice(None)) - groups[0].mean(slice(None)))
+    change = np.abs(groups[-1].mean() - groups[0].mean())
     used &= change >= _SEES * np.percentile(change[used], 95)
-    means = np.array([group.mean(slice(None))[used] for group in groups])
+    means = np.array([group.mean()[used] for group in groups])
     levels = np.median(means, axis=1)
     says = (
         _temperatures(levels, kelvin, source)
@@ -97,7 +95,7 @@ def _wrapped(means: Floats, largest: Floats) -> str:
 def _falling(levels: Floats, groups: Sequence[Sums]) -> str:
     span = float(np.ptp(levels))
     steps = np.diff(levels)
-    noise = float(np.sqrt(np.median(groups[0].variance(slice(None)))))
+    noise = float(np.sqrt(np.median(groups[0].variance())))
     top = {float(group.largest.max()) for group in groups}
     if len(groups) > 1 and len(top) == 1 and np.any(steps < max(_FALLS * span, noise)):
         return (

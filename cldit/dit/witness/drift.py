@@ -73,22 +73,26 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
             variance = alike[cause]
             says = _said(alike)
     each, jitter = _wander(evidence, cause, trends)
-    plain = Drift(
-        cause=cause, variance=none, modes=none[None, :], course=none, each=none, jitter=none
-    )
-    drifts = {cause: replace(plain, variance=variance, each=each, jitter=jitter)}
+    drifts = {cause: replace(still(cause, len(none)), variance=variance, each=each, jitter=jitter)}
     for of, one in trends.items():
-        known = drifts.get(of, replace(plain, cause=of))
+        known = drifts.get(of, still(of, len(none)))
         drifts[of] = replace(known, modes=one.modes, course=one.course, apart=one.apart)
     most = max(len(one.modes) for one in drifts.values())
     for of, variance in list(alike.items())[1:]:
-        known = drifts.get(of, replace(plain, cause=of))
-        drifts[of] = replace(known, variance=variance)
+        drifts[of] = replace(drifts.get(of, still(of, len(none))), variance=variance)
     if "curvature" in alike:  # one number of its own for all backgrounds
         own = np.zeros((most + 1, len(none)))
         own[most] = np.sqrt(alike["curvature"])
         drifts["curvature"] = replace(drifts["curvature"], variance=none, modes=own)
     return Found(drifts=tuple(drifts.values()), cause=says, through=through)
+
+
+def still(cause: Cause, backgrounds: int) -> Drift:
+    """Drift of this cause without any change, at so many backgrounds."""
+    none = np.zeros(backgrounds)
+    return Drift(
+        cause=cause, variance=none, modes=none[None, :], course=none, each=none, jitter=none
+    )
 
 
 def _beyond(evidence: Evidence, off: OffLine) -> bool:

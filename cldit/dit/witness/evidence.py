@@ -10,7 +10,7 @@ import numpy as np
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.dit.drift_axis import Places
-from cldit.dit.shots import Sums, thumbnail, thumbnail_edges
+from cldit.dit.shots import AllSums, thumbnail, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.radiance.boundary import Boundary
 
@@ -57,7 +57,7 @@ class Evidence:
     @classmethod
     def of(
         cls,
-        sums: Mapping[tuple[float, str], Sums],
+        sums: AllSums,
         setpoints: Sequence[float],
         *,
         sees: Mask,
@@ -173,6 +173,11 @@ class Evidence:
     def mean(self, kind: str) -> Floats:
         """Means (K, B) over the shots of a kind."""
         return np.array([part.mean(axis=0) for part in self.shots[kind]])
+
+    def gains(self, kind: str) -> Floats:
+        """Slope (B,) of each block's signals over the radiance of the background."""
+        away = self.source[kind] - self.source[kind].mean()
+        return np.asarray(away @ self.mean(kind) / np.sum(away**2))
 
     def series(self, kind: str, chosen: Mask) -> list[Floats]:
         """Means (n,) of each shot of a kind over the `chosen` blocks (B,), by background."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
-from cldit.dit.shots import Sums, thumbnail
+from cldit.dit.shots import AllSums, thumbnail
 from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
 from cldit.dit.witness import backgrounds, drift, images
 from cldit.dit.witness.backgrounds import clearest, slopes
@@ -22,8 +22,6 @@ from cldit.dit.witness.pixels import Patterns, between_backgrounds, between_kind
 from cldit.dit.witness.shift import shift
 from cldit.dit.witness.trend import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings
-
-AllSums = Mapping[tuple[float, str], Sums]
 
 _BANDS = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1)  # shares of the filter in which a spray absorbs
 _THIN = 0.98  # share of the background behind thin spray
@@ -83,14 +81,13 @@ def examine(
         around.background_surroundings_K or 0.0,
         *(window.temperature_K for window in around.windows),
     ]
-    evidence = Evidence.of(
-        sums,
-        setpoints,
-        sees=sees,
-        whole=whole,
-        calibration=calibration,
-        warmest_K=max(warm_K),
-    )
+
+    def seen_as(of: Boundary) -> Evidence:
+        return Evidence.of(
+            sums, setpoints, sees=sees, whole=of, calibration=calibration, warmest_K=max(warm_K)
+        )
+
+    evidence = seen_as(whole)
     scale = calibration.counts_per_radiance * whole.front.transmission
     stated_K = np.sqrt(_stated_K2(given, evidence))
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
@@ -98,16 +95,8 @@ def examine(
     if common.cause and lined.stands_out and not lined.severe:
         lined = replace(lined, says=f"{lined.says}, {common.cause}")
     if unfitted is not None:
-        as_stated = Evidence.of(
-            sums,
-            setpoints,
-            sees=sees,
-            whole=unfitted,
-            calibration=calibration,
-            warmest_K=max(warm_K),
-        )
-        lined = backgrounds.fitted_over(as_stated, evidence, lined, stated_K=stated_K)
-    between = kinds(evidence)
+        lined = backgrounds.fitted_over(seen_as(unfitted), evidence, lined, stated_K=stated_K)
+    between, systematic = kinds(evidence)
     uneven = levels(evidence)
     moved, widened = shift(
         sums,
@@ -146,7 +135,7 @@ def examine(
         witnesses=(
             lined,
             backgrounds.injections(evidence, stated_K=stated_K),
-            between.witness,
+            between,
             moved,
             *(one for one in (lying, renewed.witness, uneven) if one is not None),
         ),
@@ -156,7 +145,7 @@ def examine(
             *_amount(evidence, sums, setpoints, scale=scale, drifting=drifting),
         ),
         systematic=replace(
-            between.systematic,
+            systematic,
             extra=extra,
             pixel_offset=renewed.offset_counts / scale,
             pixel_gain=renewed.gain,
@@ -181,7 +170,7 @@ def _amount(
     """
     source = evidence.source["reference"]
     away = source - source.mean()
-    means = [np.stack([sums[k, kind].mean(slice(None)) for k in setpoints]) for kind in KINDS]
+    means = [np.stack([sums[k, kind].mean() for k in setpoints]) for kind in KINDS]
     contrast = [np.tensordot(away, one, 1) for one in means]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         through = np.nan_to_num(contrast[1] / contrast[0], nan=1.0)
@@ -197,15 +186,11 @@ def _amount(
     variance = found[band].variance
     if not variance > 0.0:
         return ()
-    none = np.zeros(len(setpoints))
     return (
-        Drift(
-            cause="amount",
+        replace(
+            drift.still("amount", len(setpoints)),
             variance=variance / evidence.number("injection"),
-            modes=none[None, :],
-            course=none,
             each=found[band].each,
-            jitter=none,
             band=band,
         ),
     )
@@ -233,9 +218,7 @@ def stated(
         "gain": none + around.camera_gain_error**2,
     }
     return tuple(
-        Drift(
-            cause=cause, variance=variance, modes=none[None, :], course=none, each=none, jitter=none
-        )
+        replace(drift.still(cause, len(setpoints)), variance=variance)
         for cause, variance in variances.items()
         if variance.any()
     )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from cldit.arrays import Mask
-from cldit.dit.shots import Sums
+from cldit.dit.shots import AllSums
 from cldit.dit.witness.finding import Witness
-
-AllSums = Mapping[tuple[float, str], Sums]
 
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
 _STUCK = 0.01  # share of pixels with the same count in every exposure at one background
@@ -48,13 +46,13 @@ def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, fl
     if top >= saturation_counts:
         return _stuck(sums), saturation_counts
     if not any(
-        np.count_nonzero(group.variance(slice(None)) > 0.0) >= _PLATEAU for group in sums.values()
+        np.count_nonzero(group.variance() > 0.0) >= _PLATEAU for group in sums.values()
     ):  # no lower level, or no noise to detect it by
         return None, saturation_counts
     ending: list[str] = []
     share = 0.0
     for (setpoint, kind), group in sorted(sums.items()):
-        steady = group.mean(slice(None)) == top
+        steady = group.mean() == top
         if len(group.ids) > 1 and np.count_nonzero(steady) >= _PLATEAU:
             ending.append(f"{kind}s at {setpoint:g} K")
             share = max(share, float(np.mean(group.largest == top)))
@@ -77,7 +75,7 @@ def _stuck(sums: AllSums) -> Witness | None:
     usual: list[float] = []
     for key, group in sums.items():
         if group.spare() > 0.0:
-            variance = group.variance(slice(None))
+            variance = group.variance()
             still[key] = variance == 0.0
             usual += [float(np.median(variance))] if still[key].mean() < 0.5 else []
     dead = np.all(list(still.values()), axis=0) if still else np.False_
@@ -113,8 +111,8 @@ def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
         if count < 2 or min(group.total.shape) < 2:
             continue
         means = np.array([np.mean(small) for small in group.thumbnails], float)
-        between = float(np.mean(group.variance(slice(None)))) - float(np.var(means, ddof=1))
-        mean = group.mean(slice(None))
+        between = float(np.mean(group.variance())) - float(np.var(means, ddof=1))
+        mean = group.mean()
         for axis, name in ((0, "rows"), (1, "columns")):
             along = float(np.mean(np.diff(mean, axis=axis) ** 2)) / 2.0 * count
             if between > 1.0 and between > _STEADIER * along:

@@ -8,7 +8,6 @@ to a black body that drifted between the two kinds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,22 +25,19 @@ _MORE = 0.05  # of the background's contrast
 _LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
 
-@dataclass(frozen=True, kw_only=True)
-class Kinds:
-    """The witness, and its contribution to the errors."""
+def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
+    """Compares injections with references in the blocks with the least spray.
 
-    witness: Witness
-    systematic: Systematic
-
-
-def kinds(evidence: Evidence) -> Kinds:
-    """Compares injections with references in the blocks with the least spray."""
+    Returns the witness, and its contribution to the errors.
+    """
     chosen = clearest(evidence)
-    gain = _gain(evidence, chosen)
+    gain = float(np.mean(evidence.gains("reference")[chosen]))
+    gain = gain if gain > 0.0 else 1.0
     # Blocks are chosen by one half of the shots and compared in the other: otherwise those that are
     # brighter by noise would be chosen.
     halves = evidence.halves()
-    blocks = 0.0 if halves else CHOSEN * _both(evidence.camera)[:, chosen].mean(axis=1)
+    camera = evidence.camera["reference"] + evidence.camera["injection"]
+    blocks = 0.0 if halves else CHOSEN * camera[:, chosen].mean(axis=1)
     pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
     difference = np.mean([_difference(seen, clearest(by)) for by, seen in pairs], axis=0)
     # Different readings of the background with either kind are part of the difference.
@@ -81,36 +77,23 @@ def kinds(evidence: Evidence) -> Kinds:
             slope=float(slope / x.max()),
             start=float(start),
         )
-    return Kinds(
-        witness=Witness(
-            name="kinds",
-            compared="injections against references in the pixels with the least spray",
-            says=says,
-            setpoints=evidence.setpoints,
-            kelvin=tuple(shown_K.tolist()),
-            noise_K=tuple(noise_K.tolist()),
-            stands_out=stands_out,
-            severe=beyond and float(np.median(np.abs(shown_K))) > LIMIT_K,
-        ),
-        systematic=systematic,
+    witness = Witness(
+        name="kinds",
+        compared="injections against references in the pixels with the least spray",
+        says=says,
+        setpoints=evidence.setpoints,
+        kelvin=tuple(shown_K.tolist()),
+        noise_K=tuple(noise_K.tolist()),
+        stands_out=stands_out,
+        severe=beyond and float(np.median(np.abs(shown_K))) > LIMIT_K,
     )
-
-
-def _both(variance: Mapping[str, Floats]) -> Floats:
-    return np.asarray(sum(variance[kind] for kind in KINDS))
+    return witness, systematic
 
 
 def _difference(evidence: Evidence, chosen: Mask) -> Floats:
     """Injections minus references (K,) in the `chosen` blocks (B,)."""
     found = evidence.mean("injection") - evidence.mean("reference")
     return np.asarray(found[:, chosen].mean(axis=1))
-
-
-def _gain(evidence: Evidence, chosen: Mask) -> float:
-    x = evidence.source["reference"]
-    y = evidence.mean("reference")[:, chosen].mean(axis=1)
-    gain = float(np.polyfit(x / x.max(), y / x.max(), 1)[0])
-    return gain if gain > 0.0 else 1.0
 
 
 def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> Floats:

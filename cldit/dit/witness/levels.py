@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cldit.arrays import Floats
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.backgrounds import clearest, slopes
 from cldit.dit.witness.evidence import Evidence
@@ -20,10 +19,8 @@ def levels(evidence: Evidence) -> Witness | None:
     The black body is stable during a recording, so the exposure must have changed: a camera that
     takes integration times in turns (superframing), or has automatic gain.
     """
-    every = np.ones(evidence.blocks, bool)
-    clear = clearest(evidence)
-    chosen = {"reference": every, "injection": clear}
-    gain = float(np.median(_gains(evidence)))
+    chosen = {"reference": np.ones(evidence.blocks, bool), "injection": clearest(evidence)}
+    gain = float(np.median(evidence.gains("reference")))
     found: list[str] = []
     for kind in KINDS:
         here = chosen[kind]
@@ -46,10 +43,3 @@ def levels(evidence: Evidence) -> Witness | None:
         stands_out=True,
         severe=True,
     )
-
-
-def _gains(evidence: Evidence) -> Floats:
-    """Gain (B,) of each block: signal over radiance of the background."""
-    x = evidence.source["reference"]
-    away = (x - x.mean()) / np.sum((x - x.mean()) ** 2)
-    return np.asarray(away @ evidence.mean("reference"))

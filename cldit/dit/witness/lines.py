@@ -38,7 +38,7 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
         y, variance: (K,) signal, and its variance.
         rise: (K,) of x per kelvin.
     """
-    gain = _gain(x, y, rise)
+    gain, _ = _line(x, y, rise)
     count = len(x)
     kelvin, noise = np.zeros(count), np.zeros(count)
     for k in range(count):
@@ -63,13 +63,12 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
 
 def squares(x: Floats, y: Floats, rise: Floats) -> float:
     """Sum of squares in kelvin of points about their line; `x`, `y`, `rise` as in `off_line`."""
-    design = np.stack([x, np.ones_like(x) * x.max()], axis=1) / rise[:, None]
-    best, *_ = np.linalg.lstsq(design, y / rise, rcond=None)
-    off = y / rise - design @ best
-    return float(off @ off) / _gain(x, y, rise) ** 2
+    gain, off = _line(x, y, rise)
+    return float(off @ off) / gain**2
 
 
-def _gain(x: Floats, y: Floats, rise: Floats) -> float:
+def _line(x: Floats, y: Floats, rise: Floats) -> tuple[float, Floats]:
+    """Slope of the points' line, infinite where it is 0, and residuals (K,) over `rise`."""
     design = np.stack([x, np.ones_like(x) * x.max()], axis=1) / rise[:, None]
     best, *_ = np.linalg.lstsq(design, y / rise, rcond=None)
-    return float(best[0]) if best[0] else np.inf
+    return float(best[0]) or np.inf, y / rise - design @ best

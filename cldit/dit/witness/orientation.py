@@ -8,13 +8,15 @@ others.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.dit.shots import Sums
+from cldit.dit.shots import AllSums
+from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
+from cldit.dit.witness.pixels import neighbours
 
 _LEAST = 8  # pixels along an axis
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
@@ -32,18 +34,15 @@ _TURNS: dict[str, Callable[[Floats], Floats]] = {
 }
 
 
-def orientation(
-    sums: Mapping[tuple[float, str], Sums], setpoints: Sequence[float]
-) -> Witness | None:
+def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
     """Witness of images that differ in orientation from the references."""
-    every = slice(None)
-    means = {key: group.mean(every) for key, group in sums.items()}
+    means = {key: group.mean() for key, group in sums.items()}
     if min(next(iter(means.values())).shape) < _LEAST:
         return None
     patterns = {key: _pattern(mean) for key, mean in means.items()}
     total = np.sum([patterns[k, "reference"] for k in setpoints], axis=0)
     wrong: list[str] = []
-    for kind in ("reference", "injection"):
+    for kind in KINDS:
         for setpoint in setpoints:
             own = patterns[setpoint, kind]
             others = total - own if kind == "reference" else total
@@ -71,9 +70,8 @@ def orientation(
 
 def _pattern(image: Floats) -> Floats:
     """Relative difference of each pixel from its four neighbours, clipped and normalised."""
-    edged = np.pad(image, 1, mode="edge")
-    around = (edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]) / 4.0
-    fine = (image - around) / np.maximum(np.abs(around), 1.0)
+    near = neighbours(image)
+    fine = (image - near) / np.maximum(np.abs(near), 1.0)
     usual = 1.4826 * float(np.median(np.abs(fine)))
     return _level(np.clip(fine, -_CLIP * usual, _CLIP * usual))
 

@@ -21,11 +21,9 @@ from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
-from cldit.dit.shots import Sums
+from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
-
-AllSums = Mapping[tuple[float, str], Sums]
 
 _BLOCKS = 32  # along either axis, at most
 _EDGE = 6  # pixels along a block, at least
@@ -72,13 +70,13 @@ class Patterns:
         noise: dict[str, Floats] = {}
         for kind in KINDS:
             groups = [sums[k, kind] for k in setpoints]
-            mean[kind] = np.array([one.mean(slice(None)) for one in groups])
-            high[kind] = _HIGH * np.array([one - _around(one) for one in mean[kind]])
+            mean[kind] = np.array([one.mean() for one in groups])
+            high[kind] = _HIGH * np.array([one - neighbours(one) for one in mean[kind]])
             each = []
             for group, own in zip(groups, mean[kind], strict=True):
                 steady = group.spare(steady=True) > 1.0
                 each.append(
-                    group.variance(slice(None), steady=steady)
+                    group.variance(steady=steady)
                     if group.spare() > 0.0
                     else calibration.variance_counts2(own)
                 )
@@ -95,14 +93,15 @@ class Patterns:
         return np.stack([self.source, np.ones_like(self.source)], axis=1)
 
 
-def _around(image: Floats) -> Floats:
+def neighbours(image: Floats) -> Floats:
+    """Mean (h, w) of the four neighbours of each pixel; at an edge, of the pixel itself too."""
     edged = np.pad(image, 1, mode="edge")
     sides = edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]
     return np.asarray(sides / 4.0)
 
 
 def _inside(sees: Mask) -> Mask:
-    return np.asarray(sees & (_around(sees.astype(float)) == 1.0))
+    return np.asarray(sees & (neighbours(sees.astype(float)) == 1.0))
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ lines of all pixels at one background are therefore fitted by the gradient of it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from cldit.arrays import Floats, Mask
-from cldit.dit.shots import Sums
+from cldit.dit.shots import AllSums
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 _TILES = 4  # along either axis: their scatter is the noise of the shift
@@ -20,7 +21,7 @@ _COMPARED = "images against the gradient of each"
 
 
 def shift(
-    sums: Mapping[tuple[float, str], Sums],
+    sums: AllSums,
     setpoints: Sequence[float],
     *,
     sees: Mask,
@@ -37,14 +38,11 @@ def shift(
     count = len(setpoints)
     if count < 3 or min(sees.shape) < 3 * _TILES:
         return Witness(name="shift", compared=_COMPARED, says="too few backgrounds or pixels"), {}
-    every = slice(None)
-    delta = np.array(
-        [sums[k, "injection"].mean(every) - sums[k, "reference"].mean(every) for k in setpoints]
-    )
+    delta = np.array([sums[k, "injection"].mean() - sums[k, "reference"].mean() for k in setpoints])
     design = np.stack([source / source.max(), np.ones(count)], axis=1) / counts_per_kelvin[:, None]
     keep = np.eye(count) - design @ np.linalg.pinv(design)  # residuals about the lines
     left = np.einsum("kl,lhw->khw", keep, delta / counts_per_kelvin[:, None, None])
-    inner = _inside(sees)
+    inner = binary_erosion(sees)  # pixels with four neighbours that see the background
     if not inner.any():
         says = "too few pixels see the background"
         return Witness(name="shift", compared=_COMPARED, says=says), {}
@@ -57,11 +55,9 @@ def shift(
     noise = np.hypot(noise, wander)
     at = int(np.argmax(gained))
     size = float(np.hypot(*moved[at]))
-    kelvin = np.array(
-        [_kelvin(delta[k], moved[k], inner) / counts_per_kelvin[k] for k in range(count)]
-    )
-    noise_K = np.array(
-        [_kelvin(delta[k], noise[k], inner) / counts_per_kelvin[k] for k in range(count)]
+    kelvin, noise_K = (
+        np.array([_rms(delta[k], by[k], inner) for k in range(count)]) / counts_per_kelvin
+        for by in (moved, noise)
     )
     beyond = bool(np.any(np.abs(moved[at]) > sure(degrees) * noise[at])) and size > _WORTH_PIXELS
     stands_out = beyond and bool(kelvin[at] > WORTH_K)
@@ -87,15 +83,6 @@ def shift(
         ),
         widened,
     )
-
-
-def _inside(sees: Mask) -> Mask:
-    """Pixels with four neighbours that see the background."""
-    inner = np.zeros_like(sees)
-    inner[1:-1, 1:-1] = (
-        sees[1:-1, 1:-1] & sees[:-2, 1:-1] & sees[2:, 1:-1] & sees[1:-1, :-2] & sees[1:-1, 2:]
-    )
-    return inner
 
 
 def _fit(slope: Floats, left: Floats, where: Mask) -> tuple[Floats, Floats, float]:
@@ -125,7 +112,7 @@ def _fit(slope: Floats, left: Floats, where: Mask) -> tuple[Floats, Floats, floa
 
 
 def _wander(
-    sums: Mapping[tuple[float, str], Sums],
+    sums: AllSums,
     setpoints: Sequence[float],
     *,
     keep: Floats,
@@ -165,7 +152,8 @@ def _wander(
     return found, int(spare.sum())
 
 
-def _kelvin(delta: Floats, moved: Floats, inner: Mask) -> float:
+def _rms(delta: Floats, moved: Floats, inner: Mask) -> float:
+    """RMS change of an image that is shifted by `moved` rows and columns, counts."""
     rows, columns = np.gradient(delta)
     with np.errstate(invalid="ignore"):
         change = (moved[0] * rows + moved[1] * columns)[inner]
