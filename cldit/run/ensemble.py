@@ -133,16 +133,17 @@ class _Sums:
         kelvin: Floats = np.where(here, known_K, 0.0)
         own = np.where(np.isfinite(known_K), emissivity, 0.0)
         own[own != 0.0] *= self.curve.radiance(known_K[own != 0.0])
-        for name, image in (
-            ("count", here.astype(float)),
-            ("K", kelvin),
-            ("K2", kelvin**2),
-            ("e", emissivity),
-            ("E", own),
-            ("ee", emissivity**2),
-            ("eE", emissivity * own),
-            ("EE", own**2),
-        ):
+        images = {
+            "count": here.astype(float),
+            "K": kelvin,
+            "K2": kelvin**2,
+            "e": emissivity,
+            "E": own,
+            "ee": emissivity**2,
+            "eE": emissivity * own,
+            "EE": own**2,
+        }
+        for name, image in images.items():
             self.sums[name] = self.sums.get(name, 0.0) + image
 
     def statistics(self, maps: Maps, of_nominal: Maps, members: int) -> Ensemble:
@@ -204,27 +205,14 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
             yield run
 
     light = MeanLight.of(scene, each(), first, what="injections")
-    maps = light.maps
-    remarks = [f"mean of {members} injections; figures of the spray are those of the nominal one"]
-    remarks += [light.remark] if light.remark else []
-    statistics = sums.statistics(maps, first.maps, members)
-    info = replace(
-        first.info,
-        errors=_errors(first.errors, statistics, maps),
-        remarks=(*first.info.remarks, *remarks),
-        integration_time_s=light.sensor.integration_time_s,
-    )
-    return Run(
-        scene=scene,
-        weights=light.weights,
-        reference=light.reference,
-        maps=maps,
-        info=info,
-        quadrature=light.quadrature,
-        spectral=light.spectral,
-        error_maps=_error_maps(first.error_maps, statistics, maps),
+    remark = f"mean of {members} injections; figures of the spray are those of the nominal one"
+    run = light.run(scene, first, folder, remark)
+    statistics = sums.statistics(run.maps, first.maps, members)
+    return replace(
+        run,
+        info=replace(run.info, errors=_errors(first.errors, statistics, run.maps)),
+        error_maps=_error_maps(first.error_maps, statistics, run.maps),
         ensemble=statistics,
-        folder=folder,
     )
 
 

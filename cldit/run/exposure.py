@@ -67,26 +67,16 @@ def exposed_run(
 
     runs = list(each())
     light = MeanLight.of(scene, runs, first, what="times", shares=shares.tolist())
-    info = replace(first.info, integration_time_s=light.sensor.integration_time_s)
-    if info.errors is not None and not info.errors.why:
-        causes = (*info.errors.causes, _error(scene, runs, first, light, places))
-        info = replace(info, errors=replace(info.errors, causes=causes))
-    remarks = [
+    remark = (
         f"mean light of {len(runs)} times within {1e6 * camera.exposure_s:g} us; figures of the "
         "spray are those of the middle one"
-    ]
-    remarks += [light.remark] if light.remark else []
-    return replace(
-        first,
-        scene=scene,
-        weights=light.weights,
-        reference=light.reference,
-        maps=light.maps,
-        info=replace(info, remarks=(*info.remarks, *remarks)),
-        quadrature=light.quadrature,
-        spectral=light.spectral,
-        folder=folder,
     )
+    run = light.run(scene, first, folder, remark)
+    errors = run.info.errors
+    if errors is None or errors.why:
+        return run
+    causes = (*errors.causes, _error(scene, runs, first, light, places))
+    return replace(run, info=replace(run.info, errors=replace(errors, causes=causes)))
 
 
 def _error(

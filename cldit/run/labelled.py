@@ -71,8 +71,12 @@ def labelled(
             variables[f"weight_{name}"] = (image, unit, f"weight of {name}")
     for name, image in (error_maps or {}).items():
         cause = "all sources together" if name == TOTAL else name
-        key = "simulation_error_K" if name == TOTAL else f"simulation_error_{_key(name)}_K"
-        variables[key] = (image, "K", f"standard error of the simulated T_app by {cause}")
+        of = "" if name == TOTAL else f"_{name.replace(' ', '_')}"
+        variables[f"simulation_error{of}_K"] = (
+            image,
+            "K",
+            f"standard error of the simulated T_app by {cause}",
+        )
     target = scene.target_m
     return labelled_maps(
         maps,
@@ -82,10 +86,6 @@ def labelled(
         more=variables,
         attrs={"scene": json.dumps(scene.model_dump(mode="json")), **(attrs or {})},
     )
-
-
-def _key(name: str) -> str:
-    return name.replace(" ", "_")
 
 
 def labelled_maps(
@@ -114,10 +114,7 @@ def labelled_maps(
     across, up = (1e3 * one for one in pixel_m)
     x = middle_x + (np.arange(width) - (width - 1) / 2) * across
     z = middle_z - (np.arange(height) - (height - 1) / 2) * up
-    coords = {
-        "x": ("x", x, AXES["x"]),
-        "z": ("z", z, AXES["z"]),
-    }
+    coords = {name: (name, places, AXES[name]) for name, places in (("x", x), ("z", z))}
     beside = [name for name in more or {} if "error" in name]
     variables: dict[str, Any] = {
         name: (("z", "x"), getattr(maps, name), _attributes(name, beside)) for name in UNITS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -74,6 +75,26 @@ class MeanLight:
         sensor = sensor_of(scene, quadrature, seen)
         maps = evaluated(scene, quadrature, *seen, sensor)
         return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark)
+
+    def run(self, scene: Scene, first: Run, folder: Path | None, remark: str) -> Run:
+        """The run of the mean: the `first` of its runs with the mean's images, and a remark."""
+        remarks = (remark, self.remark) if self.remark else (remark,)
+        info = replace(
+            first.info,
+            remarks=(*first.info.remarks, *remarks),
+            integration_time_s=self.sensor.integration_time_s,
+        )
+        return replace(
+            first,
+            scene=scene,
+            weights=self.weights,
+            reference=self.reference,
+            maps=self.maps,
+            info=info,
+            quadrature=self.quadrature,
+            spectral=self.spectral,
+            folder=folder,
+        )
 
 
 def _joined(run: Run) -> Weights:

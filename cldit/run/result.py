@@ -65,12 +65,8 @@ class RunInfo:
         """Plain data for JSON."""
         data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
         data["files"] = [file.to_dict() for file in self.files]
-        for name, part in (
-            ("spectral", self.spectral),
-            ("closure", self.closure),
-            ("errors", self.errors),
-            ("origin", self.origin),
-        ):
+        for name in _PARTS:
+            part = getattr(self, name)
             data[name] = None if part is None else part.to_dict()
         return data
 
@@ -80,8 +76,7 @@ class RunInfo:
         stages = tuple(  # 0.1.0 wrote differences of times, some of which are below 0
             Stage(**{**one, "seconds": max(one["seconds"], 0.0)}) for one in data["stages"]
         )
-        spectral, closure = data.get("spectral"), data.get("closure")
-        errors, origin = data.get("errors"), data.get("origin")
+        parts = {name: of.from_dict(data[name]) for name, of in _PARTS.items() if data.get(name)}
         return cls(
             **{
                 **data,
@@ -89,12 +84,17 @@ class RunInfo:
                 "remarks": tuple(data["remarks"]),
                 "integrals": tuple(data.get("integrals", ())),
                 "files": tuple(FileRead.from_dict(each) for each in data.get("files", [])),
-                "spectral": None if spectral is None else SpectralInfo.from_dict(spectral),
-                "closure": None if closure is None else EnergyBalance.from_dict(closure),
-                "errors": None if errors is None else Errors.from_dict(errors),
-                "origin": None if origin is None else Origin.from_dict(origin),
+                **parts,
             }
         )
+
+
+_PARTS: Mapping[str, Any] = {
+    "spectral": SpectralInfo,
+    "closure": EnergyBalance,
+    "errors": Errors,
+    "origin": Origin,
+}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import numpy as np
 from cldit.dit.maps import Maps
 from cldit.optics.node_count import stays_K
 from cldit.optics.spectral import Quadrature
-from cldit.optics.visible import VISIBLE_EMISSIVITY
 
 
 @dataclass(frozen=True)
@@ -26,16 +25,17 @@ class Difference:
     @classmethod
     def of(cls, maps: Maps, other: Maps) -> Difference | None:
         """`maps` minus `other`; None where no pixel has a temperature in both."""
-        here = (maps.emissivity > VISIBLE_EMISSIVITY) & (other.emissivity > VISIBLE_EMISSIVITY)
-        difference_K = maps.apparent_temperature_K.astype(float) - other.apparent_temperature_K
-        here &= np.isfinite(difference_K)
+        here = maps.has_temperature & other.has_temperature
         if not here.any():
             return None
-        emissivity = maps.emissivity.astype(float) - other.emissivity
+        difference_K, emissivity = (
+            getattr(maps, name)[here].astype(float) - getattr(other, name)[here]
+            for name in ("apparent_temperature_K", "emissivity")
+        )
         return cls(
-            rms_K=float(np.sqrt(np.mean(difference_K[here] ** 2))),
-            mean_K=float(np.mean(difference_K[here])),
-            mean_emissivity=float(np.mean(emissivity[here])),
+            rms_K=float(np.sqrt(np.mean(difference_K**2))),
+            mean_K=float(np.mean(difference_K)),
+            mean_emissivity=float(np.mean(emissivity)),
             pixels=int(here.sum()),
         )
 
