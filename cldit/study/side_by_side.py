@@ -17,8 +17,7 @@ from cldit.run.ensemble import NOMINAL, begin, member_folder
 from cldit.run.folder import stored_run
 from cldit.scene import Scene
 from cldit.scene.scatter import member, members_of, nominal
-from cldit.study.dataset import extra
-from cldit.study.sweep import Progress, Watch, client_of, worker_device
+from cldit.study.sweep import Progress, Watch, as_finished, client_of, worker_device
 
 
 def trace_members(
@@ -61,10 +60,9 @@ def trace_members(
                 for number in left
             }
             done = members_of(scene) - len(left)
-            for future in extra("distributed").as_completed(list(futures), loop=client.loop):
-                error, number = future.exception(), futures.pop(future)
-                problem = future.result() if error is None else f"{type(error).__name__}: {error}"
-                failed += [f"injection {number}: {problem}"] if problem else []
+            for number, refused, broken in as_finished(client, futures):
+                if problem := refused or broken:
+                    failed.append(f"injection {number}: {problem}")
                 done += 1
                 rate = (time.perf_counter() - start) / (len(left) - len(futures))
                 if watch is not None:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
@@ -57,6 +57,7 @@ class SweepRecord:
 
 
 Watch = Callable[[Progress], None]
+T = TypeVar("T")
 
 
 def run_sweep(
@@ -152,13 +153,18 @@ def _results(client: Any, groups: list[list[Point]], cache: Path | None) -> Iter
             spray = sprays[key]
         futures[client.submit(_group, group, spray, cache, pure=False)] = group
     sprays.clear()  # each exists while a task waits for it
+    for group, finished, problem in as_finished(client, futures):
+        yield [(point, problem, "", 0.0) for point in group] if problem else finished
+
+
+def as_finished(client: Any, futures: dict[Any, T]) -> Iterator[tuple[T, Any, str]]:
+    """Key of each future, its result, and its problem if it failed, in the order of completion."""
     for future in extra("distributed").as_completed(list(futures), loop=client.loop):
-        group = futures.pop(future)
-        error = future.exception()
+        key, error = futures.pop(future), future.exception()
         if error is None:
-            yield future.result()
+            yield key, future.result(), ""
         else:
-            yield [(point, f"{type(error).__name__}: {error}", "", 0.0) for point in group]
+            yield key, None, f"{type(error).__name__}: {error}"
         future.release()
 
 
