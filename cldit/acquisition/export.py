@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cldit.acquisition.record import Acquisition, Picture
 from cldit.errors import ClditError
-from cldit.io.data_streams import DataStream, PatientStream
+from cldit.io.data_streams import DataStream, new_hdf
 from cldit.io.extras import needed
 from cldit.io.files import make_folder, whole
 from cldit.scene.delays import delay_text
@@ -133,17 +133,11 @@ def _write_ome(acquisition: Acquisition, path: Path) -> None:
 
 def _write_nexus(acquisition: Acquisition, path: Path) -> None:
     h5py = needed("h5py", extra="export", what="--to nexus:", error=ExportError)
-    with PatientStream(path) as stream:
-        try:
-            with h5py.File(stream, "w") as file:
-                _put_nexus(acquisition, file, stream)
-        except Exception:
-            stream.check()  # what was not written, HDF5 cannot read back: the disk is the cause
-            raise
-        stream.check()
+    with new_hdf(path, h5py) as (file, check):
+        _put_nexus(acquisition, file, check)
 
 
-def _put_nexus(acquisition: Acquisition, file: Any, stream: PatientStream) -> None:
+def _put_nexus(acquisition: Acquisition, file: Any, check: Callable[[], None]) -> None:
     """NXdetector with an image_key as in NXtomo: 0 with spray, 1 a reference (flat field)."""
     rows, columns = acquisition.shape
     frames = acquisition.plan.frames
@@ -179,7 +173,7 @@ def _put_nexus(acquisition: Acquisition, file: Any, stream: PatientStream) -> No
     planes: list[_Plane] = []
     for index, plane in enumerate(_planes(acquisition, list(acquisition.shots))):
         data[index] = plane.image
-        stream.check()
+        check()
         planes.append(_Plane(plane.shot, plane.number, plane.image[:0], plane.meta))
     put(detector, "image_key", [int(p.shot.kind == "reference") for p in planes])
     put(detector, "count_time", [p.meta["integration_time_s"] for p in planes], "s")

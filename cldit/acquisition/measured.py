@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,6 +154,11 @@ class MeasuredShot:
     told: Told
     time_s: float | None
 
+    @property
+    def where(self) -> str:
+        """Images to which it belongs, for messages."""
+        return f"{self.kind}s at {self.background_setpoint_K:g} K"
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -188,37 +193,41 @@ class Measured:
         groups: dict[tuple[float, Kind], list[MeasuredShot]] = {}
         for shot in self.shots:
             groups.setdefault((shot.background_setpoint_K, shot.kind), []).append(shot)
-        counts: dict[Kind, list[int]] = {"reference": [], "injection": []}
         forms: list[str] = []
         notes: dict[str, list[str]] = {}
-        low, high = np.inf, -np.inf
-        for (_, kind), group in groups.items():
-            first = group[0]
+        ends: list[float] = []
+        for first in (group[0] for group in groups.values()):
             picture = self.load(first)
-            counts[kind].append(len(group))
             rows, columns = picture.shape if picture.ndim == 2 else (0, 0)
             ending = first.source.path.suffix.removeprefix(".").lower()
             forms.append(f"{columns} x {rows} {picture.dtype} ({ending})")
             for note in self.reader.notes(first.source):
                 notes.setdefault(note, []).append(first.source.path.name)
             if picture.size and picture.dtype.kind in "uif":
-                low, high = min(low, float(picture.min())), max(high, float(picture.max()))
+                ends += [float(picture.min()), float(picture.max())]
         kelvin = [shot.background_K for shot in self.shots]
-        kinds = ", ".join(f"{_span(counts[kind])} {kind}s" for kind in counts)
         setpoints = dict.fromkeys(setpoint for setpoint, _ in groups)
+        counts = {
+            kind: [len(group) for (_, each), group in groups.items() if each == kind]
+            for kind in get_args(Kind)
+        }
         lines = [
             f"{len(setpoints)} backgrounds ({', '.join(f'{k:g}' for k in setpoints)} K, readings "
-            f"{min(kelvin):g}..{max(kelvin):g} K); {kinds} each; "
-            f"{', '.join(dict.fromkeys(forms))}; first images {low:g}..{high:g}"
+            f"{min(kelvin):g}..{max(kelvin):g} K); "
+            f"{', '.join(f'{_span(each)} {kind}s' for kind, each in counts.items())} each; "
+            f"{', '.join(dict.fromkeys(forms))}; first images "
+            f"{min(ends, default=np.inf):g}..{max(ends, default=-np.inf):g}"
         ]
         if self.assumed:
             lines.append(f"not given, therefore assumed: {', '.join(self.assumed)}")
         lines += told_lines([(shot.told, shot.time_s) for shot in self.shots])
-        paths = list(dict.fromkeys(shot.source.path for shot in self.shots))
-        for one, two in pairwise(paths):
-            if str(one) > str(two) and natural_order(one) < natural_order(two):
-                lines.append(f"names by their numbers: {one.name} before {two.name}")
-                break
+        pairs = pairwise(dict.fromkeys(shot.source.path for shot in self.shots))
+        turned = [
+            f"names by their numbers: {one.name} before {two.name}"
+            for one, two in pairs
+            if str(one) > str(two) and natural_order(one) < natural_order(two)
+        ]
+        lines += turned[:1]
         for note, names in notes.items():
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""
             lines.append(f"{names[0]}{more}: {note}")
@@ -249,85 +258,18 @@ def open_recorded(path: str | Path, *, frame: int = 0) -> Acquisition | Measured
 def open_measured(path: str | Path) -> Measured:
     """Opens measured.yaml (or the folder with it) and finds its files; no image is read yet.
 
-    Raises:
-        SceneError: the YAML is invalid; every wrong key is named.
-        EvaluationError: files that are missing, unreadable, named twice, or too few.
+    Raises SceneError if the YAML is invalid, which names every wrong key, and EvaluationError if
+    files are missing, unreadable, named twice, or too few.
     """
     path = Path(path)
     file = path / MEASURED if path.is_dir() else path
+    folder = file.resolve().parent
     try:
-        given = MeasuredFile.model_validate(
-            read_mapping(file), context={"folder": file.resolve().parent}
-        )
+        given = MeasuredFile.model_validate(read_mapping(file), context={"folder": folder})
     except ValidationError as error:
         raise SceneError(f"{file}:\n{describe(MeasuredFile, error.errors())}") from error
-    folder = file.resolve().parent
     reader = FrameReader()
-    shots: list[MeasuredShot] = []
-    owners: dict[Source, str] = {}
-    by_yaml = any(one.references_s or one.injections_s for one in given.backgrounds)  # one clock
-    setpoints: set[float] = set()
-    for background in given.backgrounds:
-        setpoint_K = background.temperature_K
-        if setpoint_K in setpoints:
-            raise EvaluationError(
-                f"{file}: backgrounds: {setpoint_K:g} K is given twice; list its files together"
-            )
-        setpoints.add(setpoint_K)
-        kinds: tuple[tuple[Kind, int | None], ...] = (
-            ("reference", given.references),
-            ("injection", given.shots),
-        )
-        for kind, count in kinds:
-            patterns, kelvins, celsius, times = (
-                getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
-            )
-            readings = celsius if kelvins is None else kelvins
-            where = f"{kind}s at {setpoint_K:g} K"
-            found: list[MeasuredShot] = []
-            for source in find_sources(folder, patterns, where, given.axes):
-                source = replace(source, incomplete=given.incomplete)
-                if source in owners:
-                    raise EvaluationError(
-                        f"{source.text}: named as {owners[source]} and as {where}; remove one"
-                    )
-                owners[source] = where
-                found += [
-                    MeasuredShot(
-                        f"{source.path.name}[{number}]",
-                        kind,
-                        setpoint_K,
-                        setpoint_K,
-                        source,
-                        number,
-                        told,
-                        None if by_yaml else told.time_s,
-                    )
-                    for number, told in enumerate(reader.told(source))
-                ]
-            if not found or (count is not None and len(found) != count):
-                raise EvaluationError(
-                    f"{where}: {len(found)} images, expected {count or 'some'}; shots are "
-                    "missing, or too many files match"
-                )
-            if readings is not None:
-                kelvin = read_temperatures(
-                    folder,
-                    readings,
-                    where=where,
-                    count=len(found),
-                    setpoint_K=setpoint_K,
-                    zero_K=ZERO_CELSIUS_K if kelvins is None else 0.0,
-                )
-                found = [
-                    replace(shot, background_K=one) for shot, one in zip(found, kelvin, strict=True)
-                ]
-            if times is not None:
-                taken_s = read_times(folder, times, where=where, count=len(found))
-                found = [
-                    replace(shot, time_s=one) for shot, one in zip(found, taken_s, strict=True)
-                ]
-            shots += found
+    shots = tuple(_shots(file, given, reader))
     check_times((shot.id, shot.told, shot.time_s) for shot in shots)
     check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
     bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
@@ -349,9 +291,9 @@ def open_measured(path: str | Path) -> Measured:
         pixel_m=given.setup.pixel_m,
         centre_m=centre_m,
         bad_pixels=bad_pixels,
-        shots=tuple(shots),
+        shots=shots,
         accept=given.accept,
-        inputs=(file, *_files(folder, given), *(source.path for source in owners)),
+        inputs=(file, *_files(folder, given), *dict.fromkeys(shot.source.path for shot in shots)),
         assumed=tuple(
             f"{name} {getattr(given.setup, name):g}"
             for name in ("wall_temperature_K", "background_emissivity")
@@ -361,14 +303,78 @@ def open_measured(path: str | Path) -> Measured:
     )
 
 
+def _shots(file: Path, given: MeasuredFile, reader: FrameReader) -> Iterator[MeasuredShot]:
+    """All images in the order of `file`, each once."""
+    setpoints = [background.temperature_K for background in given.backgrounds]
+    for setpoint_K in setpoints:
+        if setpoints.count(setpoint_K) > 1:
+            raise EvaluationError(
+                f"{file}: backgrounds: {setpoint_K:g} K is given twice; list its files together"
+            )
+    owners: dict[tuple[Source, int], MeasuredShot] = {}
+    for background, kind in product(given.backgrounds, get_args(Kind)):
+        for shot in _shots_of(file.resolve().parent, given, background, kind, reader):
+            owner = owners.setdefault((shot.source, shot.number), shot)
+            if owner is not shot:
+                both = f"named as {owner.where} and as {shot.where}"
+                raise EvaluationError(f"{shot.source.text}: {both}; remove one")
+            yield shot
+
+
+def _shots_of(
+    folder: Path,
+    given: MeasuredFile,
+    background: MeasuredBackground,
+    kind: Kind,
+    reader: FrameReader,
+) -> Iterator[MeasuredShot]:
+    """Images of one kind at one background, with their temperatures and times."""
+    setpoint_K = background.temperature_K
+    where = f"{kind}s at {setpoint_K:g} K"
+    count = given.references if kind == "reference" else given.shots
+    patterns, kelvins, celsius, times = (
+        getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
+    )
+    images: list[tuple[Source, int, Told]] = []
+    for found in find_sources(folder, patterns, where, given.axes):
+        source = replace(found, incomplete=given.incomplete)
+        images += [(source, number, told) for number, told in enumerate(reader.told(source))]
+    if not images or (count is not None and len(images) != count):
+        raise EvaluationError(
+            f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or too "
+            "many files match"
+        )
+    kelvin, taken_s = [setpoint_K] * len(images), [told.time_s for _, _, told in images]
+    if kelvins is not None or celsius is not None:
+        kelvin = read_temperatures(
+            folder,
+            celsius if kelvins is None else kelvins,
+            where=where,
+            count=len(images),
+            setpoint_K=setpoint_K,
+            zero_K=ZERO_CELSIUS_K if kelvins is None else 0.0,
+        )
+    if times is not None:
+        taken_s = [*read_times(folder, times, where=where, count=len(images))]
+    elif any(one.references_s or one.injections_s for one in given.backgrounds):  # another clock
+        taken_s = [None] * len(images)
+    for (source, number, told), background_K, time_s in zip(images, kelvin, taken_s, strict=True):
+        yield MeasuredShot(
+            id=f"{source.path.name}[{number}]",
+            kind=kind,
+            background_setpoint_K=setpoint_K,
+            background_K=background_K,
+            source=source,
+            number=number,
+            told=told,
+            time_s=time_s,
+        )
+
+
 def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
     """Logs of temperatures and times, and the image of defective pixels."""
-    logs = (
-        one
-        for each in given.backgrounds
-        for unit in ("K", "C", "s")
-        for one in (getattr(each, f"references_{unit}"), getattr(each, f"injections_{unit}"))
-    )
+    names = [f"{kind}_{unit}" for unit in "KCs" for kind in ("references", "injections")]
+    logs = [getattr(background, name) for background in given.backgrounds for name in names]
     for text in (*logs, given.bad_pixels):
         if isinstance(text, str):
             yield folder / parse_source(text)[0]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -55,3 +57,18 @@ class PatientStream(io.FileIO):
         """Raises the error of the first failed write."""
         if self._failed is not None:
             raise self._failed
+
+
+@contextmanager
+def new_hdf(path: Path, h5py: Any) -> Iterator[tuple[Any, Callable[[], None]]]:
+    """New HDF5 file of the module `h5py`, and a function that raises the error of a failed write,
+    which is also raised at the end.
+    """
+    with PatientStream(path) as stream:
+        try:
+            with h5py.File(stream, "w") as file:
+                yield file, stream.check
+        except Exception:
+            stream.check()  # HDF5 cannot read back what was not written: the disk is the cause
+            raise
+        stream.check()

@@ -40,21 +40,29 @@ def read_table_text(path: Path) -> str:
     return read_text(path, encoding=text_encoding(path))
 
 
+def delimiter_of(line: str) -> str:
+    """First of semicolon, tab and comma that a line has outside quotes; else a blank."""
+    plain = re.sub(r'"[^"]*"', "", line)
+    return next((mark for mark in ";\t," if mark in plain), " ")
+
+
+def split_line(line: str, delimiter: str) -> list[str]:
+    """Cells of a line as they are; a cell in quotes may contain the delimiter."""
+    if '"' not in line:
+        return line.split() if delimiter == " " else line.split(delimiter)
+    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+
+
 def split_cells(line: str) -> tuple[list[str], str]:
     """Cells of a line, and what separates them: a semicolon, a tab, a comma or blanks.
 
     A comma within a cell is a decimal point. An empty last cell, which many programs write, is
     omitted.
     """
-    plain = re.sub(r'"[^"]*"', "", line)
-    between = next((mark for mark in ";\t," if mark in plain), " ")
-    if between == "," and _COMMA_IN_NUMBERS.search(plain):
+    between = delimiter_of(line)
+    if between == "," and _COMMA_IN_NUMBERS.search(re.sub(r'"[^"]*"', "", line)):
         between = " "
-    text = line.strip("\r\n ")
-    cells = text.split() if between == " " else text.split(between)
-    if '"' in line:
-        cells = next(csv.reader([text], delimiter=between, skipinitialspace=True))
-    cells = [cell.strip() for cell in cells]
+    cells = [cell.strip() for cell in split_line(line.strip("\r\n "), between)]
     return cells[:-1] if len(cells) > 1 and not cells[-1] else cells, between
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import FileError
-from cldit.io.data_streams import PatientStream
+from cldit.io.data_streams import new_hdf
 from cldit.io.extras import needed
 from cldit.io.files import whole, write_text
 
@@ -101,21 +101,15 @@ def write_vtkhdf(path: Path, blocks: Mapping[str, Grid | Points]) -> None:
     h5py = needed("h5py", extra="export", what=f"{path}:", error=FileError)
     held = [(each.points_m, *each.fields.values()) for each in blocks.values()]
     size = sum(array.nbytes for arrays in held for array in arrays)
-    with whole(path, needed_bytes=size) as part, PatientStream(part) as stream:
-        try:
-            with h5py.File(stream, "w") as file:
-                root = file.create_group("VTKHDF", track_order=True)
-                _kind(root, "PartitionedDataSetCollection")
-                names = root.create_group("Assembly", track_order=True)
-                for number, (name, data) in enumerate(blocks.items()):
-                    group = root.create_group(name, track_order=True)
-                    group.attrs["Index"] = np.int64(number)
-                    _put(group, data)
-                    names[name] = h5py.SoftLink(f"/VTKHDF/{name}")
-        except Exception:
-            stream.check()  # HDF5 cannot read back what was not written: the disk is the cause
-            raise
-        stream.check()
+    with whole(path, needed_bytes=size) as part, new_hdf(part, h5py) as (file, _):
+        root = file.create_group("VTKHDF", track_order=True)
+        _kind(root, "PartitionedDataSetCollection")
+        names = root.create_group("Assembly", track_order=True)
+        for number, (name, data) in enumerate(blocks.items()):
+            group = root.create_group(name, track_order=True)
+            group.attrs["Index"] = np.int64(number)
+            _put(group, data)
+            names[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
 def _kind(group: Any, kind: str) -> None:

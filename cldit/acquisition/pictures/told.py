@@ -7,7 +7,6 @@ an export renews.
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -20,7 +19,7 @@ import numpy as np
 from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
 from cldit.errors import EvaluationError, reason
-from cldit.io.text_tables import read_table_text, split_cells
+from cldit.io.text_tables import read_table_text, split_cells, split_line
 
 ZERO_CELSIUS_K = 273.15
 _SAME = 0.01  # relative: registers of cameras round their exposure
@@ -84,8 +83,7 @@ def _column(
         below = below[1:]
     found = []
     for number, line in below[source.part]:
-        quoted = csv.reader([line], delimiter=between, skipinitialspace=True)
-        row = line.split() if between == " " else next(quoted)
+        row = split_line(line, between)
         value = row[place].strip() if place < len(row) else ""
         try:
             found.append(convert(value.replace(",", ".")))

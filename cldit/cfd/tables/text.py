@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import codecs
-import csv
 import re
 import warnings
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import Table
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
+from cldit.io.text_tables import delimiter_of, split_line
 
 
 def text_names(file: Path, wanted: Table) -> list[str]:
@@ -41,8 +41,8 @@ def _header(file: Path, wanted: Table) -> tuple[list[str], str]:
         raise SprayError(f"{file}: cannot be read ({error})") from error
     line = lines[-1].encode("utf-8", "surrogateescape")
     header = _decoded(line).strip("\r\n ").lstrip("#%").lstrip()
-    delimiter = wanted.delimiter or _delimiter(header)
-    return [part.strip().strip('"').strip() for part in _split(header, delimiter)], delimiter
+    delimiter = wanted.delimiter or delimiter_of(header)
+    return [part.strip().strip('"').strip() for part in split_line(header, delimiter)], delimiter
 
 
 def _encoding(file: Path) -> str:
@@ -75,7 +75,7 @@ def _readable(line: str, delimiter: str, used: list[int]) -> str:
     """Replaces undefined and empty cells by nan, and exponents of Fortran (1.5D-3) by 1.5e-3."""
     if '"' in line:
         return line
-    cells = _split(line, delimiter)
+    cells = split_line(line, delimiter)
     for place in used:
         cell = cells[place].strip()
         if "D" in cell or "d" in cell:
@@ -85,41 +85,10 @@ def _readable(line: str, delimiter: str, used: list[int]) -> str:
     return delimiter.join(cells)
 
 
-def _delimiter(header: str) -> str:
-    """Delimiter of a header: the first of semicolon, tab and comma outside quotes, or space."""
-    plain = re.sub(r'"[^"]*"', "", header)
-    return next((mark for mark in ";\t," if mark in plain), " " if " " in plain else ",")
-
-
-def _split(line: str, delimiter: str) -> list[str]:
-    """Cells of a line; a cell in quotes may contain the delimiter."""
-    if '"' not in line:
-        return line.split() if delimiter == " " else line.split(delimiter)
-    rows = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-    return next(rows, [])
-
-
 def text_columns(
     file: Path, names: list[str], used: list[int], wanted: Table, marks: list[int]
 ) -> dict[str, Column]:
-    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers or texts."""
-    rows = _numbers(file, names, used, wanted, marks)
-    return {
-        names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
-        for place in (*used, *marks)
-    }
-
-
-def _numbers(
-    file: Path,
-    names: list[str],
-    used: list[int],
-    wanted: Table,
-    marks: list[int],
-) -> NDArray[Any]:
-    """Rows (N,) with the `used` columns as numbers, and `marks` as numbers or texts.
-
-    The others are kept as one character.
+    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers or texts.
 
     NumPy refuses rows of another length than the header; which line it is takes a second reading.
     """
@@ -142,7 +111,7 @@ def _numbers(
                 line = raw.strip(blanks)
                 if number <= wanted.header_line or not line or line[0] in "#%":
                     continue
-                if check and (cells := len(_split(line, delimiter))) != len(names):
+                if check and (cells := len(split_line(line, delimiter))) != len(names):
                     raise SprayError(
                         f"{file}: line {number} has {cells} cells, the header {len(names)} "
                         f"(delimiter {delimiter!r}); put quotes around text that contains the "
@@ -155,6 +124,7 @@ def _numbers(
 
     def load(check: bool, mark_form: str) -> NDArray[Any]:
         form = dict.fromkeys(marks, mark_form) | dict.fromkeys(used, "f8")
+        # of the others one character is kept
         kinds = [(str(place), form.get(place, "U1")) for place in range(len(names))]
         mark = None if delimiter == " " else delimiter
         return np.loadtxt(
@@ -184,4 +154,7 @@ def _numbers(
         ) from error
     if len(rows) != count:
         raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
-    return rows
+    return {
+        names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
+        for place in (*used, *marks)
+    }
