@@ -18,7 +18,7 @@ from cldit.acquisition.pictures.source import NoDataSet, Source
 from cldit.acquisition.pictures.told import ZERO_CELSIUS_K
 from cldit.errors import EvaluationError
 from cldit.io.files import natural_order, write_text
-from cldit.io.plain_data import yaml_line
+from cldit.io.plain_data import yaml_value
 from cldit.io.text_tables import read_table_text, split_cells
 
 _BITS = (8, 10, 12, 14, 16)
@@ -166,7 +166,7 @@ def _lines(folder: Path, base: Path, found: list[Recording], others: list[str]) 
     names = [prefix + each.name for each in found]
 
     def files(some: Sequence[Recording]) -> str:
-        return _word(_patterns([prefix + each.name for each in some], names))
+        return yaml_value(_patterns([prefix + each.name for each in some], names))
 
     def role(name: str) -> list[Recording]:
         return [each for each in found if each.reported.role == name]
@@ -174,7 +174,7 @@ def _lines(folder: Path, base: Path, found: list[Recording], others: list[str]) 
     images = [each for each in found if each.reported.role not in ("dark", "defective")]
     total, columns = sum(each.count for each in images), found[0].form[0][1]
     yield f"# Drafted from the names of {total} images. Complete and uncomment what was not found."
-    yield f"name: {_word(folder.name or 'measured')}"
+    yield f"name: {yaml_value(folder.name or 'measured')}"
     yield "# filter_um: [3.3, 3.5]  # not found: edges of the filter, or a file with its curve"
     yield "setup:"
     yield "  # pixel_m: [1.0e-4, 1.0e-4]  # not found: width and height of a pixel at the spray"
@@ -257,7 +257,9 @@ def _either(some: Sequence[Recording], files: Files) -> Iterator[str]:
     first, second = names, names
     if len(some) == 1 and count > 1:
         bare = names.strip("'")
-        first, second = (_word(f"{bare}[{part}]") for part in (f":{count // 2}", f"{count // 2}:"))
+        first, second = (
+            yaml_value(f"{bare}[{part}]") for part in (f":{count // 2}", f"{count // 2}:")
+        )
     yield f"    # references: {first}  # not found: which of these {count} images have no spray"
     yield f"    # injections: {second}  # not found: which of them have"
 
@@ -298,10 +300,6 @@ def _common(names: Sequence[str]) -> str:
     one, other = min(names), max(names)
     pairs = enumerate(zip(one, other, strict=False))
     return one[: next((n for n, (a, b) in pairs if a != b), len(one))]
-
-
-def _word(value: str | list[str]) -> str:
-    return yaml_line([value])[1:-1]
 
 
 def _warmth(group: tuple[tuple[float, str, str], object]) -> tuple[float, str]:

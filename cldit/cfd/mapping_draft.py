@@ -35,7 +35,7 @@ from cldit.cfd.mapping.file import (
 from cldit.cfd.tables.case import table_names
 from cldit.errors import SprayError
 from cldit.io.files import write_text
-from cldit.io.plain_data import yaml_line
+from cldit.io.plain_data import yaml_value
 from cldit.scene.spray import CfdSpray
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
@@ -150,18 +150,18 @@ def _section(
 ) -> Iterator[str]:
     body = []
     if given.file is not None:
-        body.append(f"  file: {_word(os.path.relpath(given.file, folder))}")
+        body.append(f"  file: {yaml_value(os.path.relpath(given.file, folder))}")
     for key in ("delimiter", "decimal", "header_line"):
         if key in given.model_fields_set and (value := getattr(given, key)) is not None:
-            body.append(f"  {key}: {_word(value)}")
+            body.append(f"  {key}: {yaml_value(value)}")
     for key, note in notes.items():
         value, si = getattr(given, key), next(iter(units_of(key)))
         if value is not None:
-            body.append(f"  {key}: {_word(_plain(value, si))}")
+            body.append(f"  {key}: {yaml_value(_plain(value, si))}")
         elif getattr(given, _PAIRS.get(key, key), None) is None or key not in _PAIRS:
             names = (_GAS if name == "cells" else _PARCELS).get(key, "")
             close = _guessed(names.split(), known) or similar(key, known)
-            shape = f"column: {_word(close[0]) if close else 'NAME'}"
+            shape = f"column: {yaml_value(close[0]) if close else 'NAME'}"
             if key in ("position", "size", "velocity", "origin"):
                 shape = "columns: [X, Y, Z]"
             line = f"  # {key}: {{{shape}, unit: {si}}}  # not found"
@@ -187,10 +187,6 @@ def _plain(value: Any, si: str) -> Any:
     if getattr(value, "undefined", None) is not None:
         plain["undefined"] = value.undefined
     return plain
-
-
-def _word(value: Any) -> str:
-    return yaml_line([value])[1:-1]
 
 
 def _of_case(spec: CfdSpray) -> Draft:

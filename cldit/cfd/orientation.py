@@ -46,9 +46,13 @@ class Frame:
         cosine = float(self.axis @ target)
         if cosine < -1.0 + 1e-12:
             return np.diag([1.0, -1.0, -1.0])
-        x, y, z = np.cross(self.axis, target)
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        cross = cross_matrix(np.cross(self.axis, target))
         return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + cosine))
+
+
+def cross_matrix(vector: Floats) -> Floats:
+    """Matrix (3, 3) that takes x to the cross product of `vector` (3,) with x."""
+    return np.cross(np.eye(3), vector)
 
 
 def find_frame(spec: CfdSpray, case: CfdCase) -> Frame:

@@ -11,14 +11,14 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import CellMesh
-from cldit.cfd.orientation import Frame
+from cldit.cfd.orientation import Frame, cross_matrix
 from cldit.cfd.parcels import copied
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray, Sector
 from cldit.spray.result import Parcels
 
 _PART_DEG = 185.0  # a mesh that spans less about its axis is a part; a box of few cells spans 270
-_NEAR_AXIS = 1e-3  # share of the mesh's width
+_NEAR_AXIS = 1e-3  # share of the mesh's width; azimuths of points nearer to the axis mean little
 _ANGLE_DEG = 0.5  # by which the mesh may differ from the sector that is said
 
 
@@ -81,8 +81,7 @@ def _turns(sector: Sector, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...
             f"{triple(centre)} m, not the {sector.angle_deg:g} of spray.sector.angle_deg; set its "
             "centre_m and axis if they are not the nozzle and the injection's"
         )
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    cross = cross_matrix(axis)
     every = []
     for angle in (2 * np.pi * n / many for n in range(many)):  # Rodrigues
         turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
@@ -180,7 +179,6 @@ def _plane_way(normal: Floats) -> str:
     return f"{way}, [] keeps it as it is (`--symmetry none`)"
 
 
-_NEAR_AXIS = 1e-3  # share of the mesh's width; azimuths of points nearer to the axis mean little
 _SPARSE = 61  # a prime: no common factor with the points of a row or a cell
 _BINS = 36_000  # of azimuth; gaps narrower than one are no gaps
 _PLANE = 1e-4  # radians by which points of a plane through the axis may miss it

@@ -10,7 +10,7 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd.assumed import assumptions, with_molar_mass
-from cldit.cfd.case import NO_CLOUD, CfdCase, Column
+from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
 from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_volume
@@ -182,8 +182,9 @@ def _check_size(case: CfdCase) -> None:
         raise SprayError(f"{case.mesh.source}: the mesh is {extent:g} m wide; allowed: {limit}")
 
 
-def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
-    """Returns the values as stored, once all are numbers within low..high."""
+def _within(case: CfdCase, name: str, *, low: float, high: float, hint: str) -> AnyFloats:
+    """Returns the values of a cell field as stored, once all are numbers within low..high."""
+    column = case.gas[name]
     values = column.values
     if values.ndim != 1:
         raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
@@ -191,7 +192,8 @@ def _within(column: Column, *, low: float, high: float, hint: str) -> AnyFloats:
         inside = (values >= low) & (values <= high)
         if not inside.all():
             bad = int(np.argmin(inside))
-            count = f"{int(np.sum(~inside))} of {values.size} values"
+            place = triple(case.mesh.measure(np.array([bad])).centroid_m[0])
+            count = f"{int(np.sum(~inside))} of {values.size} values; this cell is at {place} m"
             value = f"{values[bad]:g} (entry {bad}) is outside {low:g}..{high:g} ({count})"
             raise SprayError(f"{column.label}: {value}; {hint}")
     return values
@@ -207,19 +209,19 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
         if len(column.values) != case.mesh.cells:
             count = len(column.values)
             raise SprayError(f"{column.label}: {count} values for {case.mesh.cells} cells")
-    temperature = _within(case.gas["T"], low=1.0, high=5000.0, hint="T is a temperature in K")
-    fuel, hint = case.gas[spec.fuel_field], "it must be the mass fraction of the fuel's vapour"
-    hint = f"{hint} (spray.fuel_field)"
-    fraction = _within(fuel, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint).astype(np.float64)
+    temperature = _within(case, "T", low=1.0, high=5000.0, hint="T is a temperature in K")
+    hint = "it must be the mass fraction of the fuel's vapour (spray.fuel_field)"
+    stored = _within(case, spec.fuel_field, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint)
+    fraction = stored.astype(np.float64)
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
     remarks: tuple[str, ...] = ()
     if "p" in case.gas:
-        pressure = _within(case.gas["p"], low=1.0, high=1e9, hint="p is a pressure in Pa")
+        pressure = _within(case, "p", low=1.0, high=1e9, hint="p is a pressure in Pa")
         moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
         ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
     if "rho" in case.gas:
-        density = _within(case.gas["rho"], low=0.0, high=2e3, hint="rho is a density in kg/m3")
+        density = _within(case, "rho", low=0.0, high=2e3, hint="rho is a density in kg/m3")
         if pressure is not None:
             ratio = float(np.median(density / ideal))
             if not 1.0 / _IDEAL < ratio < _IDEAL:

@@ -106,6 +106,11 @@ def yaml_line(data: Any) -> str:
     return str(yaml.dump(data, Dumper=_Dumper, allow_unicode=True, **how)).strip()
 
 
+def yaml_value(value: Any) -> str:
+    """Plain data as YAML on one line, as it may follow a key."""
+    return yaml_line([value])[1:-1]
+
+
 def read_yaml(path: Path, *, error: type[ClditError] = SceneError) -> Any:
     """Data of a YAML file; raises `error` as `parse_yaml`, or if it cannot be read."""
     try:

@@ -37,8 +37,7 @@ def read_geometry(file: Reader) -> Geometry:
     """Reads all parts."""
     file.text()
     file.text()
-    flags = [file.text().split()[-1] for _ in range(2)]
-    named_nodes, named_elements = (flag in ("given", "ignore") for flag in flags)
+    named_nodes, named_elements = (_ids_given(file, kind) for kind in ("node", "element"))
     parts: Parts = {}
     blocks: list[Block] = []
     offset = cells = hidden = 0
@@ -96,6 +95,15 @@ def read_geometry(file: Reader) -> Geometry:
         raise file.fail("the mesh has no solid cell")
     mesh = join([block.mesh for block in blocks])
     return Geometry(parts, tuple(blocks), mesh, offset, hidden)
+
+
+def _ids_given(file: Reader, kind: str) -> bool:
+    """True if ids of the nodes or elements follow, by a line such as `node id assign`."""
+    line = file.text()
+    how = line.lower().rpartition(" ")[2]
+    if how not in ("off", "given", "assign", "ignore"):
+        raise file.fail(f"{line!r}, expected `{kind} id` and off, given, assign or ignore")
+    return how in ("given", "ignore")
 
 
 def _solid(

@@ -6,22 +6,19 @@ with barycentric coordinates only.
 
 from __future__ import annotations
 
-import gzip
 import re
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
-from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.columns import mapped_cloud, read_gas, with_components
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
 from cldit.cfd.openfoam.collated import Root, split_roots
-from cldit.cfd.openfoam.file import find_foam, read_foam
+from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.lists import faces, internal_field, labels, vectors
 from cldit.cfd.openfoam.patches import check_processors, cut_boundaries, wall_temperature_K
@@ -200,10 +197,9 @@ def _counts(owner: Path) -> tuple[int, int, int]:
     if found is None:
         return 0, 0, 0
     try:
-        plain = regular(found)
-        with gzip.open(plain) if found != owner else plain.open("rb") as stream:
+        with open_foam(found) as stream:
             head = stream.read(_HEAD)
-    except (SprayError, OSError, EOFError, zlib.error):  # the reader reports it
+    except SprayError:  # the reader reports it
         return 0, 0, 0
     if (note := _NOTE.search(head)) is not None:
         points, cells, faces = map(int, note.groups())

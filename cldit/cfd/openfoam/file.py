@@ -8,9 +8,11 @@ from __future__ import annotations
 import gzip
 import re
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import content, regular
@@ -53,17 +55,24 @@ def find_foam(path: Path) -> Path | None:
     return only_claimant(str(path), found) if found else None
 
 
+@contextmanager
+def open_foam(path: Path) -> Iterator[BinaryIO]:
+    """Opens a file, plain or .gz; errors while it is read become `SprayError`."""
+    try:
+        regular(path)
+        with gzip.open(path) if path.suffix == ".gz" else open_regular(path) as stream:
+            yield cast(BinaryIO, stream)
+    except (OSError, EOFError, zlib.error) as error:
+        raise SprayError(f"{path}: cannot be read ({error})") from error
+
+
 def read_foam(path: Path, block: int | None = None) -> FoamFile:
     """Reads a file by its plain name, or its `.gz` form; `block`: processor in a collated file."""
     found = find_foam(path)
     if found is None:
         raise SprayError(f"{path}: is missing (also as .gz)")
-    try:
-        regular(found)
-        with gzip.open(found) if found.suffix == ".gz" else open_regular(found) as stream:
-            entries, body = _content(stream, found, block)  # type: ignore[arg-type]
-    except (OSError, EOFError, zlib.error) as error:
-        raise SprayError(f"{found}: cannot be read ({error})") from error
+    with open_foam(found) as stream:
+        entries, body = _content(stream, found, block)
     arch_text = entries.get(b"arch", b"").decode("latin-1")
     label = re.search(r"label=(\d+)", arch_text)
     scalar = re.search(r"scalar=(\d+)", arch_text)

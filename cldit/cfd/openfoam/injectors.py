@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import gzip
 import re
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from cldit.cfd.case import Injector
-from cldit.cfd.inputs import content, regular
-from cldit.cfd.openfoam.file import find_foam
+from cldit.cfd.inputs import content
+from cldit.cfd.openfoam.file import find_foam, open_foam
 from cldit.errors import SprayError
 from cldit.io.files import MOST_TEXT_BYTES
 
@@ -57,12 +55,8 @@ def case_injectors(
 
 
 def _file_content(path: Path) -> bytes:
-    try:
-        regular(path)
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as stream:
-            found = content(stream, path, MOST_TEXT_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise SprayError(f"{path}: cannot be read ({error})") from error
+    with open_foam(path) as stream:
+        found = content(stream, path, MOST_TEXT_BYTES + 1)
     if len(found) > MOST_TEXT_BYTES:
         raise SprayError(f"{path}: is larger than {MOST_TEXT_BYTES / 1e6:g} MB: no dictionary")
     return found

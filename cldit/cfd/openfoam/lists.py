@@ -36,6 +36,8 @@ def _open(file: FoamFile, at: int) -> tuple[int, bytes, int]:
     match = _LIST.match(file.body, at)
     if match is not None and match.group(3) and not file.binary:
         return -1, b"(", match.end()
+    if match is not None and match.group(3):
+        raise file.fail("a binary list without its length")
     # binary files have an empty list as its count alone
     if match is None or not (match.group(2) or int((match.group(1) or b"1")[:20]) == 0):
         raise file.fail("no list where one is expected; the file is truncated or of another kind")

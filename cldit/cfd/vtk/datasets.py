@@ -97,9 +97,16 @@ def points_of(data: Any) -> Any:
 
 
 def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
+    return {
+        name: Column(f"{file}: {kind} {name}", as_numpy(each))
+        for name, each in named_arrays(data).items()
+    }
+
+
+def named_arrays(data: Any) -> dict[str, Any]:
+    """Numeric arrays of the cells or points, as vtk holds them, by name."""
     arrays = [data.GetArray(index) for index in range(data.GetNumberOfArrays())]
-    named = {each.GetName(): each for each in arrays if each is not None and each.GetName()}
-    return {name: Column(f"{file}: {kind} {name}", as_numpy(each)) for name, each in named.items()}
+    return {each.GetName(): each for each in arrays if each is not None and each.GetName()}
 
 
 def vtk_mesh(file: Path, grid: Any) -> ElementMesh:

@@ -14,7 +14,7 @@ from typing import Any
 from cldit.cfd.inputs import module, regular
 from cldit.cfd.size import check_room
 from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
-from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, check_cells, dimension
+from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, check_cells, dimension, named_arrays
 from cldit.cfd.vtk.head import check_head, check_legacy, vtk_size
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
@@ -75,7 +75,7 @@ def load_vtk(file: Path, *, choose: Choose | None = None, watch: Watch = silent)
         raise SprayError(f"{file}: contains {found}, expected a data set")
     data = _checked(file, data)
     if file.suffix == ".vtk":
-        known = _array_names(data.GetCellData()), _array_names(data.GetPointData())
+        known = _fields_of(data)
     return Loaded(file, data, *known)
 
 
@@ -105,11 +105,17 @@ def load_composite(
     parts = []
     for name, each in found:
         data = _checked(file, each)
-        in_cells, at_points = _array_names(data.GetCellData()), _array_names(data.GetPointData())
+        in_cells, at_points = _fields_of(data)
         if dimension(data) == 3:  # any mesh of the file may have fields that were not read
             in_cells |= known[0]
         parts.append(Loaded(file, data, in_cells, at_points, name))
     return parts
+
+
+def _fields_of(data: Any) -> tuple[frozenset[str], frozenset[str]]:
+    """Names of the fields in cells and at points."""
+    in_cells, at_points = named_arrays(data.GetCellData()), named_arrays(data.GetPointData())
+    return frozenset(in_cells), frozenset(at_points)
 
 
 def _checked(file: Path, data: Any) -> Any:
@@ -125,20 +131,13 @@ def nothing(cells: Set[str], points: Set[str]) -> tuple[Set[str], Set[str]]:
 
 
 def _names(selection: Any) -> frozenset[str]:
-    return frozenset(
-        selection.GetArrayName(index) for index in range(selection.GetNumberOfArrays())
-    )
+    return frozenset(map(selection.GetArrayName, range(selection.GetNumberOfArrays())))
 
 
 def _select(selection: Any, names: Set[str]) -> None:
     selection.DisableAllArrays()
     for name in names:
         selection.EnableArray(name)
-
-
-def _array_names(fields: Any) -> frozenset[str]:
-    arrays = [fields.GetArray(index) for index in range(fields.GetNumberOfArrays())]
-    return frozenset(each.GetName() for each in arrays if each is not None and each.GetName())
 
 
 def _reader(file: Path) -> Any:

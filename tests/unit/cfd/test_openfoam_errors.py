@@ -82,7 +82,12 @@ def test_every_truncated_file_is_noticed(
 
 
 CHANGES: list[tuple[str, bytes, bytes, str]] = [
-    ("0.001/T", FIRST, b"\n(\nnan\n", r"0.001/T: nan \(entry 0\) is outside 1..5000"),
+    (
+        "0.001/T",
+        FIRST,
+        b"\n(\nnan\n",
+        r"0.001/T: nan \(entry 0\) is outside 1..5000 .*; this cell is at \(",
+    ),
     ("0.001/T", FIRST, b"\n(\n-3\n", r"0.001/T: -3 \(entry 0\) is outside"),
     ("0.001/T", FIRST, b"\n(\nabc\n", "0.001/T: (truncated or|contains text)"),
     ("0.001/T", rb"\n24\n\(\n[^\n]+", b"\n23\n(", "0.001/T: 23 values, but the mesh has 24 cells"),
@@ -135,6 +140,14 @@ def test_impossible_content(
         assert read_cfd(spec(tmp_path)).notes["parcels"] == 17
         return
     with pytest.raises(SprayError, match=message):
+        read_cfd(spec(tmp_path))
+
+
+def test_a_binary_list_without_its_length(tmp_path: Path, foam: Foam) -> None:
+    block, gas, cloud = foam.sample()
+    foam.write(tmp_path, block, gas=gas, cloud=cloud, form=foam.form(binary=True))
+    replace(tmp_path / "0.001/T", rb"\n24\n?\(", b"\n(")
+    with pytest.raises(SprayError, match="T: a binary list without its length"):
         read_cfd(spec(tmp_path))
 
 

@@ -200,6 +200,7 @@ def test_case_file_of_ensight(
     ("file", "old", "new", "message"),
     [
         ("case.geo", b"C Binary", b"Fortran Binary", "is in Fortran binary"),
+        ("case.geo", b"node id off", b"\0" * 11, "'', expected `node id` and off, given, assign"),
         ("case.geo", b"coordinates", b"block curvi", "part 1 is a block 'curvi'; allowed:"),
         ("case.geo", b"hexa8 ", b"hexa20", "elements of type 'hexa20' are not read"),
         ("case.005.T", b"hexa8 ", b"tetra4", "'tetra4' where a part or its elements"),
