@@ -13,6 +13,7 @@ from cldit.acquisition.measured import Measured, open_recorded
 from cldit.acquisition.record import acquisition_in
 from cldit.api.folder_evaluation import evaluate_folder, evaluate_scattering
 from cldit.dit.recorded import CurveSource, Evaluation
+from cldit.io.images import words
 from cldit.io.presented import xarray_module
 from cldit.run import Run, Say
 from cldit.run.labelled import labelled_maps
@@ -66,8 +67,7 @@ def evaluate(
     more: dict[str, tuple[Any, str, str]] = {}
     if found.budget is not None:
         for name, (image, unit) in found.budget.images.items():
-            about = name.removesuffix("_K").replace("_", " ")
-            more[name] = (image.astype(np.float32), unit, about)
+            more[name] = (image.astype(np.float32), unit, words(name))
     if model is not None:
         medium = evaluate_scattering(place, model, found)
         more |= {

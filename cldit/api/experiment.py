@@ -21,7 +21,7 @@ from cldit.rig.load import open_rig
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import Run, Say, Stage, StageLine, simulate, with_stages
 from cldit.scene import Scene
-from cldit.scene.delays import SAME_s, alone, delay_folder, delay_text, scene_at, spray_time_s
+from cldit.scene.delays import alone, delay_folder, delay_text, same_time, scene_at, spray_time_s
 from cldit.scene.load import chosen_scene
 from cldit.scene.spray import CfdSpray
 from cldit.show.report.run_report import write_run_report
@@ -90,7 +90,7 @@ def _run(
     traced: list[Path] = []
     shown_s = spray_time_s(scene)
     for delay_s, later in at_delays.items():
-        if _same(shown_s, delay_s):
+        if same_time(shown_s, delay_s):
             traced.append(folder)
             continue
         say(StageLine(f"the spray at {delay_text(delay_s)}"))
@@ -142,13 +142,9 @@ def _refuse_missing(scene: Scene) -> None:
 def _of_run(found: tuple[DelayEvaluation, ...], shown_s: float | None) -> Maps | None:
     """Maps of the time that the run itself shows, if it was recorded."""
     for one in found:
-        if len(found) == 1 or _same(shown_s, one.delay_s):
+        if len(found) == 1 or same_time(shown_s, one.delay_s):
             return None if one.evaluation is None else one.evaluation.maps
     return None
-
-
-def _same(one_s: float | None, other_s: float | None) -> bool:
-    return one_s is not None and other_s is not None and abs(one_s - other_s) < SAME_s
 
 
 def _complete(record: Record) -> None:

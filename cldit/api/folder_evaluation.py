@@ -18,7 +18,7 @@ from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
 from cldit.io.files import write_text
-from cldit.io.images import write_image
+from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
 from cldit.run import Run, Say
 from cldit.scene.delays import delay_text
@@ -134,7 +134,6 @@ def evaluate_folder(
     """
     acquisition: Acquisition | Measured
     missing: tuple[str, ...] = ()
-    damage: tuple[str, ...] = ()
     if is_measured(folder):
         if frame:
             raise EvaluationError(f"{folder}: frame {frame}: measured shots have one image, 0")
@@ -152,27 +151,31 @@ def evaluate_folder(
         place = maps_folder(acquisition.folder, acquisition.plan.delays, number)
         acquisition = acquisition.at_delay(number)
         missing = acquisition.missing
+    evaluate = partial(evaluate_shots, curve=curve, robust=robust, accept=accept, progress=progress)
     try:
-        evaluation = evaluate_shots(
-            acquisition, curve=curve, robust=robust, accept=accept, progress=progress
-        )
+        evaluation = evaluate(acquisition)
     except RunFolderError:
         if isinstance(acquisition, Measured):
             raise
         acquisition = acquisition.whole()  # reads every image, so only after damage
-        evaluation = _evaluate_rest(acquisition, curve, robust, accept, progress)
+        try:
+            evaluation = evaluate(acquisition)
+        except EvaluationError as error:  # too few remain
+            raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
     finally:
         if isinstance(acquisition, Measured):
             acquisition.close()
-    if isinstance(acquisition, Acquisition):
-        damage = acquisition.damage
-    evaluation = replace(evaluation, remarks=(*damage, *evaluation.remarks))
+    remarks = list(acquisition.damage) if isinstance(acquisition, Acquisition) else []
     if missing:
-        line = f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}"
-        line += ", ..)" if len(missing) > 5 else ")"
-        evaluation = replace(evaluation, remarks=(line, *evaluation.remarks))
-    origin = Origin.now(inputs=files_read(acquisition.inputs))
-    evaluation = replace(evaluation, origin=origin)
+        more = ", .." if len(missing) > 5 else ""
+        remarks.insert(
+            0, f"{len(missing)} shots of the plan are missing ({', '.join(missing[:5])}{more})"
+        )
+    evaluation = replace(
+        evaluation,
+        remarks=(*remarks, *evaluation.remarks),
+        origin=Origin.now(inputs=files_read(acquisition.inputs)),
+    )
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=acquisition.pixel_m)
@@ -191,21 +194,6 @@ def _delay_number(acquisition: Acquisition, delay: int | None) -> int:
         allowed = f"0..{len(delays) - 1}"
         raise EvaluationError(f"{acquisition.folder}: delay {delay}; allowed: {allowed}")
     return delay or 0
-
-
-def _evaluate_rest(
-    acquisition: Acquisition,
-    curve: CurveSource,
-    robust: bool,
-    accept: Collection[str],
-    progress: Callable[[int, int], None] | None,
-) -> Evaluation:
-    try:
-        return evaluate_shots(
-            acquisition, curve=curve, robust=robust, accept=accept, progress=progress
-        )
-    except EvaluationError as error:  # too few remain
-        raise EvaluationError("\n".join([*acquisition.damage, str(error)])) from error
 
 
 def evaluate_scattering(
@@ -231,16 +219,10 @@ def evaluate_scattering(
         around = replace(around, patches=model.scene.patches)
     scattered = scattered_by(spray, reference, enclosure(around, curve))
     medium = medium_temperature(evaluation.maps, scattered, curve)
-    for name, image, unit in (
-        ("medium_temperature_K", medium.temperature_K, "K"),
-        ("medium_temperature_standard_error_K", medium.standard_error_K, "K"),
-        ("scattered_share", medium.share, "1"),
-    ):
-        write_image(
-            (maps or opened.folder / "maps") / f"{name}.tif",
-            image.astype(np.float32),
-            name=name.removesuffix("_K").replace("_", " "),
-            unit=unit,
-            pixel_m=opened.pixel_m,
-        )
+    images = {
+        "medium_temperature_K": (medium.temperature_K, "K"),
+        "medium_temperature_standard_error_K": (medium.standard_error_K, "K"),
+        "scattered_share": (medium.share, "1"),
+    }
+    write_maps(maps or opened.folder / "maps", images, pixel_m=opened.pixel_m)
     return medium

@@ -19,6 +19,7 @@ from cldit.comparison.difference import (
     difference,
 )
 from cldit.gpu.device import open_device
+from cldit.io.images import words
 
 _LARGE = 2.0  # standard errors of an error of all pixels, to be named
 
@@ -98,7 +99,7 @@ def print_difference(found: Difference) -> None:
         OUT.print(escaped(f"  {found.averaged}"), style="dim")
     if found.view:
         OUT.print(escaped(f"  view by the images: {found.view}"), style="dim")
-    rows = [(one.name.removesuffix("_K").replace("_", " "), *_cells(one)) for one in found.maps]
+    rows = [(words(one.name), *_cells(one)) for one in found.maps]
     print_table("", "RMS", "mean", "worst", "at x, z / mm", "pixels", rows=rows)
     if any(found.only):
         OUT.print(

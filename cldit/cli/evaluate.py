@@ -28,7 +28,7 @@ from cldit.dit.maps import Maps
 from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
-from cldit.scene.delays import SAME_s, delay_text, spray_time_s
+from cldit.scene.delays import delay_text, same_time, spray_time_s
 from cldit.show.report.run_report import write_pages
 
 
@@ -140,10 +140,7 @@ def _print_result(maps: Maps) -> None:
 
 def _shows(model: Run, one: DelayEvaluation, found: tuple[DelayEvaluation, ...]) -> bool:
     """True if the model has this delay; a single delay is not checked."""
-    time_s = spray_time_s(model.scene)
-    if len(found) == 1:
-        return True
-    return time_s is not None and one.delay_s is not None and abs(time_s - one.delay_s) < SAME_s
+    return len(found) == 1 or same_time(spray_time_s(model.scene), one.delay_s)
 
 
 def _scattering(target: Path, model: Run, evaluation: Evaluation, maps: Path) -> None:

@@ -41,7 +41,7 @@ from cldit.run.folder import SCENE_FILE, free_folder
 from cldit.run.series_plan import SERIES_FILE
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
-from cldit.scene.delays import SAME_s, alone, delay_folder, scene_at, spray_time_s
+from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
 from cldit.scene.load import short_changes
 from cldit.scene.scatter import members_of
 from cldit.show.figures.film import mp4_possible
@@ -211,7 +211,7 @@ def _side_by_side(
         raise SceneError("--workers, --scheduler: one injection; allowed: with --ensemble N")
     places = {folder: scene}
     for delay_s in scene.plan.delays_s:
-        if abs(delay_s - (spray_time_s(scene) or 0.0)) > SAME_s:
+        if not same_time(spray_time_s(scene), delay_s):
             places[folder / delay_folder(delay_s)] = alone(scene_at(scene, delay_s))
     for place, one in places.items():
         trace_members(

@@ -26,8 +26,7 @@ from cldit.arrays import Floats
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps, Reason
-from cldit.io.files import make_folder
-from cldit.io.images import read_image, write_image
+from cldit.io.images import read_image, write_maps
 from cldit.optics.response import edges_um
 from cldit.optics.spectral import reference_temperature_K
 from cldit.optics.windows import Pane, band_pane
@@ -131,15 +130,7 @@ class Budget:
         for part in (*self.parts, *self.common):
             images[part_file(part.name, "K")] = (part.kelvin, "K")
             images[part_file(part.name, "emissivity")] = (part.emissivity, "1")
-        make_folder(folder / PARTS)
-        for name, (image, unit) in images.items():
-            write_image(
-                folder / f"{name}.tif",
-                image.astype(np.float32),
-                name=Path(name).name.removesuffix("_K").replace("_", " "),
-                unit=unit,
-                pixel_m=pixel_m,
-            )
+        write_maps(folder, images, pixel_m=pixel_m)
 
 
 def part_file(name: str, of: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.io.images import read_image, write_image
+from cldit.io.images import read_image, words, write_image
 from cldit.radiance.apparent_temperature import has_temperature
 
 Image = NDArray[np.float32]
@@ -120,7 +120,7 @@ class Maps:
             write_image(
                 folder / f"{item.name}.tif",
                 getattr(self, item.name),
-                name=item.name.removesuffix("_K").replace("_", " "),
+                name=words(item.name),
                 unit=UNITS[item.name],
                 pixel_m=pixel_m,
                 meta=codes if item.name == "reason" else None,

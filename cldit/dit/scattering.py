@@ -218,19 +218,6 @@ def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
     return {names[j] for j in varied}
 
 
-def measured_share(
-    maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, *, part: str
-) -> tuple[Floats, Floats]:
-    """omega (H, W) of one part and its standard error, from one spray in different enclosures."""
-    varied = varied_parts(enclosures)
-    if part not in varied:
-        raise EvaluationError(f"enclosures: the light of {part} does not differ")
-    line = _line(maps, enclosures, curve, varied)
-    at = [name for name in enclosures[0] if name in varied].index(part)
-    error = np.sqrt(np.tensordot(line.gradients[at] ** 2, line.errors**2, axes=1))
-    return line.shares[at], error
-
-
 def medium_of_enclosures(
     maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve
 ) -> Medium:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import RunFolderError, reason
 from cldit.io.data_streams import DataStream
-from cldit.io.files import open_regular, whole
+from cldit.io.files import make_folder, open_regular, whole
 
 
 def checksum(image: NDArray[Any]) -> str:
@@ -72,6 +73,23 @@ def write_image(
     """Writes images (H, W) or (N, H, W) as in `put_image`; the file appears whole or not at all."""
     with whole(path, needed_bytes=image.nbytes) as part, DataStream(part) as stream:
         put_image(stream, image, name=name, unit=unit, pixel_m=pixel_m, meta=meta)
+
+
+def words(name: str) -> str:
+    """Name of a map in words: `apparent temperature` for `apparent_temperature_K`."""
+    return name.removesuffix("_K").replace("_", " ")
+
+
+def write_maps(
+    folder: Path, maps: Mapping[str, tuple[NDArray[Any], str]], *, pixel_m: tuple[float, float]
+) -> None:
+    """Writes maps (H, W) with their units as float32 into a folder, each in a file of its name."""
+    for name, (image, unit) in maps.items():
+        path = folder / f"{name}.tif"
+        make_folder(path.parent)
+        write_image(
+            path, image.astype(np.float32), name=words(path.stem), unit=unit, pixel_m=pixel_m
+        )
 
 
 def read_image(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:

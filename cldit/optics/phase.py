@@ -94,16 +94,6 @@ class PhaseTable:
         return PhaseFunction(self.cosine, self.weights, density)
 
 
-def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
-    """Exact phase function of one sphere of size parameter `x` and index n - ik."""
-    size = mie.check(n=n, k=k, x=x)
-    _check_scatters(n=n, k=k)
-    cosine, weights = leggauss(max(mie.terms(x) + 1, _FEWEST))
-    intensity = mie.intensity(*mie.coefficients(n=n, k=k, x=size), cosine)[:, 0]
-    q_sca = float(mie.efficiencies(n=n, k=k, x=size).scattering[0])
-    return PhaseFunction(cosine, weights, intensity / (np.pi * x * x * q_sca))
-
-
 def phase_table(
     *, wavelength_um: float, n: float, k: float, cache: Path | None, largest_m: float = 100e-6
 ) -> PhaseTable:

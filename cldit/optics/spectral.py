@@ -132,20 +132,6 @@ class SpectralNode:
         light = self._light
         return float(light @ self.quadrature.middles_um / light.sum())
 
-    @property
-    def intervals_um(self) -> tuple[tuple[float, float], ...]:
-        """The parts of the filter in the node, with adjacent ones joined."""
-        edges = self.quadrature.edges_um
-        joined: list[tuple[float, float]] = []
-        for share, low, high in zip(
-            self.quadrature.members[self.number], edges[:-1], edges[1:], strict=True
-        ):
-            if share > 0.0 and joined and joined[-1][1] == low:
-                joined[-1] = (joined[-1][0], high)
-            elif share > 0.0:
-                joined.append((low, high))
-        return tuple(joined)
-
     def share(self, temperature_K: ArrayLike) -> Floats:
         """Share of the filter's black-body radiance, any shape; over the nodes they add up to 1."""
         given_K = np.asarray(temperature_K, float)

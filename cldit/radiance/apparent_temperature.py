@@ -154,15 +154,6 @@ class TraceTemperature:
             )
         return out
 
-    def brightness_error_K(
-        self, weights: NDArray[np.floating], error: NDArray[np.floating]
-    ) -> Floats:
-        """Error (N,) of the brightness temperature from an `error` of `weights`, both (C, N)."""
-        seen = np.maximum(_sum(self.radiances, weights), 1e-300)
-        bright_K = temperature_of_radiance(seen, filter_um=self.filter_um)
-        slope = band_radiance_slope(bright_K, filter_um=self.filter_um)
-        return _sum(self.radiances, error) / np.maximum(slope, 1e-300)
-
 
 def _sum(radiances: Floats, weights: NDArray[np.floating]) -> Floats:
     """Sum (N,) of radiances (C,) times weights (C, N).

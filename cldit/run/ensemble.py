@@ -20,7 +20,7 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.dit.maps import Maps
 from cldit.io.files import make_folder, write_text
-from cldit.io.images import read_image, write_image
+from cldit.io.images import read_image, words, write_maps
 from cldit.radiance.apparent_temperature import has_temperature
 from cldit.run.mean_light import MeanLight
 from cldit.run.result import Run
@@ -60,10 +60,8 @@ class Ensemble:
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes a TIFF for each map, for pixels of `pixel_m`."""
-        make_folder(folder)
-        for name, image in self.maps.items():
-            path, unit = folder / f"{name}.tif", _UNITS[name]
-            write_image(path, image, name=_words(name), unit=unit, pixel_m=pixel_m)
+        maps = {name: (image, _UNITS[name]) for name, image in self.maps.items()}
+        write_maps(folder, maps, pixel_m=pixel_m)
 
     @classmethod
     def load(cls, folder: Path, members: int) -> Ensemble:
@@ -77,7 +75,7 @@ class Ensemble:
             f"ensemble_{name}": (
                 image,
                 _UNITS[name],
-                f"{_words(name)} of {self.members} injections",
+                f"{words(name)} of {self.members} injections",
             )
             for name, image in self.maps.items()
         }
@@ -112,10 +110,6 @@ _FIGURES = {
     "mean_less_mean_light_K": "mean of T_app less T_app of the mean light",
     "mean_light_less_nominal_K": "mean light less the nominal injection",
 }
-
-
-def _words(name: str) -> str:
-    return name.removesuffix("_K").replace("_", " ")
 
 
 @dataclass

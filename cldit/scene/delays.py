@@ -9,6 +9,11 @@ SAME_s = 1e-6
 """Delays that differ by less are equal."""
 
 
+def same_time(one_s: float | None, other_s: float | None) -> bool:
+    """True if both times are known and equal."""
+    return one_s is not None and other_s is not None and abs(one_s - other_s) < SAME_s
+
+
 def delay_text(delay_s: float) -> str:
     """Text of a delay: `0.95 ms`."""
     return f"{1e3 * delay_s:.9g} ms"

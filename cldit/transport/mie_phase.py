@@ -85,10 +85,3 @@ class SizeBins:
         in_bin = within @ (share / within.sum(axis=0))
         cumulative = np.concatenate([[0.0], np.cumsum(in_bin)])
         return ScatteringTable(cosine_bounds(), cumulative / cumulative[-1])
-
-
-def mie_table(
-    diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
-) -> ScatteringTable:
-    """Mean Mie phase function of droplets; arguments as in `SizeBins.of`."""
-    return SizeBins.of(diameter_m, scattering_m2, wavelength_um=wavelength_um, n=n, k=k).mean()

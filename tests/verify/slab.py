@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cldit.transport.mie_phase import mie_table
+from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import ScatteringTable
 
 EDGE = 0.2
@@ -132,6 +132,7 @@ def droplets_of_9_um() -> Iterator[ScatteringTable]:
     """Within, `transport.phase: mie` of a grid, which has coefficients and no diameters, means the
     phase function of droplets of 9 um of n-heptane at 3.4 um, as `gdi` has it: g = 0.85. Its
     moments end near 2 x = 17."""
-    phase = mie_table(np.array([9e-6]), np.ones(1), wavelength_um=3.4, n=1.338, k=0.0341)
+    one = np.array([9e-6]), np.ones(1)
+    phase = SizeBins.of(*one, wavelength_um=3.4, n=1.338, k=0.0341).mean()
     with mock.patch("cldit.prepare.medium.mean_phase", lambda *_, **__: phase):
         yield phase

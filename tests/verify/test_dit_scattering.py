@@ -23,7 +23,6 @@ from cldit.dit.maps import Maps
 from cldit.dit.scattering import (
     Medium,
     enclosure,
-    measured_share,
     medium_of_enclosures,
     medium_temperature,
     scattered_by,
@@ -154,7 +153,7 @@ def test_with_the_models_share_what_emits_comes_back() -> None:
 def test_two_walls_need_no_model() -> None:
     maps = [_maps(kelvin) for kelvin in (450.0, 400.0)]
     light = [_light(kelvin) for kelvin in (450.0, 400.0)]
-    share, _ = measured_share(maps, light, CURVE, part="wall")
+    share = medium_of_enclosures(maps, light, CURVE).share
     spray, bare, _, _ = _spray()
     np.testing.assert_allclose(share, scattered_by(spray, bare, light[0]).share, atol=2e-4)
     _same(medium_of_enclosures(maps, light, CURVE))

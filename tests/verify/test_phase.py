@@ -11,9 +11,17 @@ import pytest
 from cldit.errors import DropletError
 from cldit.optics import mie
 from cldit.optics.droplets import droplet_table
-from cldit.optics.phase import PhaseTable, phase_function, phase_table
+from cldit.optics.phase import PhaseFunction, PhaseTable, phase_table
 
 N, K = 1.338, 0.0341
+
+
+def phase_function(*, x: float, n: float, k: float) -> PhaseFunction:
+    """Exact phase function of one sphere of size parameter `x` and index n - ik."""
+    cosine, weights = np.polynomial.legendre.leggauss(max(mie.terms(x) + 1, 181))
+    intensity = mie.intensity(*mie.coefficients(n=n, k=k, x=np.array([x])), cosine)[:, 0]
+    q_sca = float(mie.efficiencies(n=n, k=k, x=x).scattering[0])
+    return PhaseFunction(cosine, weights, intensity / (np.pi * x * x * q_sca))
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +99,7 @@ def test_what_cannot_scatter_is_refused(table: PhaseTable) -> None:
     with pytest.raises(DropletError, match="nothing to average"):
         table.mean(9e-6, 0.0)
     with pytest.raises(DropletError, match="scatter nothing"):
-        phase_function(x=1.0, n=1.0, k=0.0)
+        phase_table(wavelength_um=3.4, n=1.0, k=0.0, cache=None)
     with pytest.raises(DropletError, match="outside"):
         phase_table(wavelength_um=0.2, n=N, k=K, cache=None, largest_m=1e-2)
     with pytest.raises(DropletError, match="largest diameter"):

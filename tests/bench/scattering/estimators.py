@@ -18,10 +18,11 @@ from cldit.dit.scattering import (
     WALL,
     Medium,
     Scattered,
+    _line,
     apparent,
-    measured_share,
     medium_of_enclosures,
     medium_temperature,
+    varied_parts,
 )
 from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights
@@ -192,7 +193,11 @@ def _plates(truth: Traced) -> Iterator[Estimator]:
         cold_K = walls_K - PLATE_APART_K
         parts = [truth.enclosure(plate=name), truth.enclosure({name: cold_K}, plate=name)]
         both = [maps["as it is"], maps[f"cold {name}"]]
-        return measured_share(both, parts, curve, part=name)
+        varied = varied_parts(parts)
+        line = _line(both, parts, curve, varied)
+        at = [one for one in parts[0] if one in varied].index(name)
+        error = np.sqrt(np.tensordot(line.gradients[at] ** 2, line.errors**2, axes=1))
+        return line.shares[at], error
 
     def one(maps: Seen, name: str) -> Said:
         factor = whole / angles[name]

@@ -57,7 +57,6 @@ def test_a_node_is_its_part_of_the_filter() -> None:
         np.testing.assert_allclose(
             node.radiance(kelvin), band_radiance(kelvin, filter_um=edges), rtol=1e-6
         )
-        assert node.intervals_um == (edges,)
         assert edges[0] < node.wavelength_um < edges[1]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cldit.optics.droplets import droplet_table
-from cldit.transport.mie_phase import SizeBins, mie_table
+from cldit.transport.mie_phase import SizeBins
 from cldit.transport.phase import PhaseError
 
 OPTICS = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
@@ -15,7 +15,7 @@ OPTICS = {"wavelength_um": 3.4, "n": 1.338, "k": 0.0341}
 @pytest.mark.parametrize("diameter_m", [0.1e-6, 1e-6, 9e-6, 60e-6])
 def test_asymmetry_of_one_droplet(diameter_m: float) -> None:
     """g of the table against g of the Mie series (another route: no angles in it)."""
-    phase = mie_table(np.array([diameter_m]), np.ones(1), **OPTICS)
+    phase = SizeBins.of(np.array([diameter_m]), np.ones(1), **OPTICS).mean()
     table = droplet_table(**OPTICS, cache=None)
     assert phase.asymmetry == pytest.approx(float(table.efficiencies(diameter_m)[2]), abs=1e-4)
     assert phase.cumulative[0] == 0.0 and phase.cumulative[-1] == 1.0
@@ -23,7 +23,7 @@ def test_asymmetry_of_one_droplet(diameter_m: float) -> None:
 
 
 def test_small_droplets_scatter_as_rayleigh() -> None:
-    phase = mie_table(np.array([0.02e-6]), np.ones(1), **OPTICS)
+    phase = SizeBins.of(np.array([0.02e-6]), np.ones(1), **OPTICS).mean()
     middle = (phase.cosine[1:] + phase.cosine[:-1]) / 2
     np.testing.assert_allclose(phase.density, 3 / 8 * (1 + middle**2), rtol=2e-3)
 
@@ -35,12 +35,12 @@ def test_mean_counts_droplets_by_what_they_scatter() -> None:
     weight = table.cross_sections(d)[1] * np.exp(-d / 3e-6)
     expected = float(np.sum(weight * table.efficiencies(d)[2]) / weight.sum())
     # Sizes are pooled in 64 classes of 4 %: g changes by 1e-3 within one, of either sign.
-    assert mie_table(d, weight, **OPTICS).asymmetry == pytest.approx(expected, abs=5e-4)
+    assert SizeBins.of(d, weight, **OPTICS).mean().asymmetry == pytest.approx(expected, abs=5e-4)
 
 
 def test_nothing_that_scatters_is_refused() -> None:
     with pytest.raises(PhaseError, match="no droplet scatters"):
-        mie_table(np.array([1e-6]), np.zeros(1), **OPTICS)
+        SizeBins.of(np.array([1e-6]), np.zeros(1), **OPTICS).mean()
 
 
 def test_parts_of_the_bins_make_the_whole() -> None:
