@@ -27,21 +27,23 @@ Schema = dict[str, Any]
 _TITLE = "Every key of a scene, rig, plan and measurement"
 _COLUMNS = ("key", "type, range", "default", "meaning")
 _INTRODUCTION = """\
-Made by `cldit scenes --reference` from the models that check the files. Units are in the names.
-Invalid values are refused with the key, the value and what is allowed. Paths are relative to the
-file.
-The scenes' defaults are the paper's numbers where it gives them; those of the sensor are typical
-of a cooled InSb camera, and assumptions.
+Look up a key here; `cldit scenes --show gdi` prints a whole scene to begin with. Units are in the
+names, and paths are relative to the file. Defaults of scenes are the paper's numbers where it gives
+them; those of the sensor are assumptions, typical of a cooled InSb camera. A section that is not
+given has the defaults of its keys. This page is made by `cldit scenes --reference`.
 
-Editors that know YAML schemas (VS Code with the YAML extension, PyCharm) complete and check scenes
-with `cldit scenes --schema > scene.schema.json` and a first line
+VS Code (YAML extension) and PyCharm complete and check scenes with
+`cldit scenes --schema > scene.schema.json` and the first line
 `# yaml-language-server: $schema=scene.schema.json`.
 """
 
 
 def reference_page() -> str:
     """Page in Markdown."""
-    sections = [sections_of(model, title=title, file=file) for title, file, model in FILES]
+    shown: list[_Place] = []
+    sections = [
+        sections_of(model, title=title, file=file, shown=shown) for title, file, model in FILES
+    ]
     return Page(_TITLE, [_INTRODUCTION.strip(), *chain.from_iterable(sections)]).markdown()
 
 
@@ -52,6 +54,7 @@ class _Place:
     path: str
     kind: str
     schema: Schema
+    sibling: Schema | None = None  # the first of several kinds
 
     @property
     def heading(self) -> str:
@@ -64,17 +67,40 @@ class _Place:
         return "-".join(letters.split())
 
 
-def sections_of(model: type[BaseModel], *, title: str, file: str) -> list[Section]:
-    """All sections of a file that `model` reads; `file` prefixes their names."""
+def sections_of(
+    model: type[BaseModel], *, title: str, file: str, shown: list[_Place]
+) -> list[Section]:
+    """All sections of a file that `model` reads, without those `shown` for an earlier file.
+
+    `file` prefixes their names.
+    """
     schema = model.model_json_schema()
     places: dict[str, _Place] = {}
     for name, place in _walk(schema, schema, path="", prefix=file):
-        places.setdefault(name, place)
-    inner = [
-        Section(place.heading, [_text(place.schema), _table(place.schema, places)], level=3)
-        for place in places.values()
-    ]
+        same = (earlier for earlier in shown if earlier.schema == place.schema)
+        places.setdefault(name, next(same, place))
+    new = [place for place in places.values() if place not in shown]
+    shown += new
+    inner = [Section(place.heading, _content(place, places), level=3) for place in new]
     return [Section(title, [_text(schema), _table(schema, places)]), *inner]
+
+
+def _content(place: _Place, places: dict[str, _Place]) -> list[str | Table]:
+    """Description and table; keys of the first kind are named alone."""
+    given = place.schema["properties"]
+    first = place.sibling["properties"] if place.sibling is not None else {}
+    same = [key for key, value in given.items() if first.get(key) == value]
+    rest = {key: value for key, value in given.items() if key not in same and "const" not in value}
+    content: list[str | Table] = [_text(place.schema)]
+    if same:
+        names = ", ".join(f"`{key}`" for key in same)
+        content.append(f"As in {_first(place, places)}: {names}.")
+    return [*content, _table(place.schema | {"properties": rest}, places)] if rest else content
+
+
+def _first(place: _Place, places: dict[str, _Place]) -> str:
+    first = next(each for each in places.values() if each.schema is place.sibling)
+    return f"[{first.kind}](#{first.anchor})"
 
 
 def _text(schema: Schema) -> str:
@@ -95,7 +121,8 @@ def _walk(
             if len(names) > 1:
                 model = inner["properties"].get("model", {}).get("const")
                 kind = f"model: {model}" if model else ", ".join(inner["properties"])
-            yield name, _Place(here + many, kind, inner)
+            first = whole["$defs"][names[0]] if name != names[0] else None
+            yield name, _Place(here + many, kind, inner, first)
             yield from _walk(whole, inner, path=here + many, prefix=prefix)
 
 
@@ -166,7 +193,7 @@ def _default(value: Schema) -> str:
     if isinstance(default, dict) and len(list(_references(value))) > 1:
         return "{" + ", ".join(f"{key}: {_plain(each)}" for key, each in default.items()) + "}"
     if isinstance(default, dict) or "default" not in value:
-        return "its defaults"
+        return ""
     if default is None:
         return "null"
     if isinstance(default, list) and default and isinstance(default[0], dict):
