@@ -59,7 +59,7 @@ class Lens(Section):
     """Lens of finite aperture: what is out of focus is blurred."""
 
     f_number: Annotated[float, Within(0.5, 1e6)] | None = None
-    """f-number of the lens. Default: that of the sensor's section, which this one replaces."""
+    """f-number. Default: that of the sensor."""
     focal_length_m: Annotated[float, Within(1e-4, 10.0)] | None = None
     """Focal length. Default: the one that images the field of view onto the sensor."""
     focus_m: Length | None = None
@@ -70,7 +70,7 @@ class Lens(Section):
     """Standard deviation, on the sensor, of a Gaussian point spread in focus. Default: none."""
     mtf: TransferCurve | None = None
     """MTF in focus, beside the aperture's: pairs of frequency on the sensor (1/mm) and value, or a
-    file of pairs; from 1 at 0. Default: none."""
+    file of them."""
 
 
 class Camera(Section):
@@ -85,17 +85,16 @@ class Camera(Section):
     pixels: tuple[Pixels, Pixels] = (1000, 1000)
     """Columns and rows of the traced image; one number for a square image."""
     rays_per_pixel: Literal[1, 4, 16, 64, "auto"] = "auto"
-    """auto: the run chooses 1 to 256 for each pixel (1 without `transport.audit`); 1: through the
-    pixel's centre; 4, 16, 64: on a regular grid."""
+    """auto: 1 to 256 for each pixel, chosen by the run; 1: through its centre; else a grid."""
     target_m: Point | None = None
     """Point at the centre of the image. Default: the domain's centre."""
     surroundings_K: Temperature = 295.0
-    """Temperature of the camera's surroundings, which a front window reflects into the camera."""
+    """Temperature that a front window reflects into the camera."""
     sensor: Sensor = Sensor()
     """Sensor and lens."""
     exposure: Literal["instant", "times", "smear"] = "instant"
-    """The spray during `sensor.integration_time_s`: `instant`, as at its time; `times`, the mean
-    light of `exposure_times` sprays around it; `smear`, droplets spread along their velocity."""
+    """The spray during the integration: `instant`, at its time; `times`, mean light of several
+    times; `smear`, droplets spread along their velocity."""
     exposure_times: Literal[3, 5, 7, 9] = 3
     """Number of sprays of `exposure: times`, each solved."""
     lens: Lens | None = None

@@ -15,38 +15,33 @@ MOST_WAVELENGTHS = 64
 class Optics(Section):
     """The camera's filter and the optical properties of liquid and vapour.
 
-    Preset `paper`: one wavelength, one refractive index and one vapour cross section (paper,
-    Section 2). Preset `spectral`: properties of liquid and vapour across the filter, with
-    `wavelengths` spectral nodes or as many as `spectral_error_K` needs.
+    The constants of preset `paper` are from the paper, Section 2.
     """
 
     preset: Literal["paper", "spectral"] = "paper"
     """`paper`: the paper's constants at one wavelength; `spectral`: data across the filter."""
     filter_um: Filter = (3.3, 3.5)
-    """Two edges of a rectangular filter, pairs of wavelength (um) and transmission, or a file of
-    pairs."""
+    """Two edges, pairs of wavelength (um) and transmission, or a file of pairs."""
     wavelength_um: Wavelength = 3.4
     """Wavelength, preset `paper`."""
     n: Annotated[float, Within(0.1, 10.0)] = 1.338
-    """Refractive index of the liquid, preset `paper` (paper, Section 2)."""
+    """Refractive index of the liquid, preset `paper`."""
     k: Annotated[float, Within(0.0, 10.0)] = 0.0341
-    """Absorption index of the liquid, preset `paper` (paper, Section 2)."""
+    """Absorption index of the liquid, preset `paper`."""
     vapour_m2_mol: Annotated[float, Within(0.0, 1e6)] = 50.0
-    """Molar absorption cross section of the vapour, preset `paper` (paper, Section 2)."""
+    """Molar cross section of the vapour, preset `paper`."""
     liquid: Material | None = None
     """Preset `spectral`: name of a liquid, or a table of n and k. Default: the spray's fuel."""
     vapour: Material | None = None
     """Preset `spectral`: name of a vapour, or an .xsc file. Default: the spray's fuel."""
     vapour_area_km_mol: Annotated[float, Within(1e-3, 1e5)] | None = None
-    """Integrated C-H band intensity to which the vapour's cross sections are scaled. Default: no
-    scaling."""
+    """C-H band intensity to which the vapour is scaled. Default: no scaling."""
     wavelengths: Annotated[int, Within(1, MOST_WAVELENGTHS)] | None = None
     """Preset `spectral`: number of spectral nodes. Default: as many as `spectral_error_K` needs."""
     spectral_error_K: Annotated[float, Within(1e-3, 100.0)] | None = None
-    """Tolerance for the error of T_app (RMS) due to the number of wavelengths. Default: chosen from
-    `transport.accuracy_K`."""
+    """Tolerance for the error of `wavelengths`. Default: chosen from `transport.accuracy_K`."""
     compare_paper: bool = True
-    """Preset `spectral`: trace the paper's properties as well, and report the difference."""
+    """Preset `spectral`: report the difference from the paper's properties."""
 
     @property
     def bound_K(self) -> float:

@@ -18,30 +18,29 @@ if TYPE_CHECKING:
 class Scatter(Section):
     """Differences between injections, as standard deviations, and the number of injections.
 
-    Sprays of other models than cone and lagrangian have `optical_depth` and `length_m` alone.
+    Models other than cone and lagrangian take `optical_depth` and `length_m` alone.
     """
 
     optical_depth: Annotated[float, Within(0.0, 1.0)] = 0.03
-    """Relative standard deviation of the optical depth, which the simulated rig adds to every
-    injection: fluctuations that no other key describes."""
+    """Relative scatter of the optical depth that the simulated rig adds to every injection."""
     length_m: Annotated[float, Within(1e-5, 1.0)] = 4e-3
     """Correlation length of that scatter in the image."""
     members: Annotated[int, Within(1, 1000)] = 1
-    """Number of injections that are simulated; the image is their mean. 1: the nominal one."""
+    """Number of simulated injections; the image is their mean. 1: the nominal one."""
     start_s: Annotated[float, Within(0.0, 0.01)] = 0.0
-    """Standard deviation of the start of injection, s."""
+    """Start of injection."""
     duration_s: Annotated[float, Within(0.0, 0.1)] = 0.0
-    """Standard deviation of the injection's duration, s; the mass stays."""
+    """Duration of injection; the mass stays."""
     mass: Annotated[float, Within(0.0, 0.5)] = 0.0
-    """Relative standard deviation of the injected mass."""
+    """Injected mass, relative."""
     direction_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
-    """Standard deviation of each plume's direction, degrees, in either of two planes."""
+    """Direction of each plume, in either of two planes."""
     cone_angle_deg: Annotated[float, Within(0.0, 20.0)] = 0.0
-    """Standard deviation of each plume's cone angle, degrees."""
+    """Cone angle of each plume."""
     fuel_temperature_K: Annotated[float, Within(0.0, 100.0)] = 0.0
-    """Standard deviation of the fuel temperature, K."""
+    """Fuel temperature."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
-    """Random seed of the injections; each of a lagrangian spray has eddies of its own as well."""
+    """Random seed of the injections."""
 
     @property
     def traced(self) -> dict[str, float]:

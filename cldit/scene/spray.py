@@ -76,15 +76,13 @@ class ConeSpray(Section):
     evaporation: bool = True
     """Evaporation of the droplets."""
     size_classes: Annotated[int, Within(1, 64)] | None = None
-    """Number of droplet size classes of equal mass in a cell. Default: chosen from
-    `transport.accuracy_K`, or 4 without `transport.audit`."""
+    """Number of droplet size classes of equal mass in a cell. Default: chosen by the run, or 4."""
     spacing_m: Annotated[float, Within(1e-5, 1e-2)] | None = None
-    """Edge of the cells, each filled uniformly by droplets and vapour. Default: chosen from
-    `transport.accuracy_K`, or 0.5 mm without `transport.audit`."""
+    """Edge of the cells, which are uniform. Default: chosen by the run, or 0.5 mm."""
     parcels_per_cell: Annotated[int, Within(1, 1000)] | None = None
-    """No effect; accepted from scenes of older versions, see `size_classes`."""
+    """No effect (scenes of 0.1.0)."""
     seed: Annotated[int, Within(0, 2**31 - 1)] | None = None
-    """No effect; accepted from scenes of older versions: the model uses no random numbers."""
+    """No effect (scenes of 0.1.0)."""
     plumes: Plumes = EIGHT_PLUMES
     """Plumes, one per hole, 1 to 64."""
     scatter: Scatter = Scatter()
@@ -134,7 +132,7 @@ class FlowBox(Section):
     depth_m: Length | None = None
     """Radius of the space. Default: deep enough for the spray."""
     above_m: Annotated[float, Within(0.0, 1.0)] = 5e-3
-    """No effect; accepted from scenes of older versions."""
+    """No effect (scenes of 0.1.0)."""
 
 
 class LagrangianSpray(Section):
@@ -173,8 +171,7 @@ class LagrangianSpray(Section):
     box: FlowBox = FlowBox()
     """The space in which the gas flow is computed, and its cells."""
     deposit: Deposit = "kernel"
-    """Deposit of droplets into cells: `kernel`, spread over the distance between parcels; `points`,
-    each parcel in one cell."""
+    """`kernel`: droplets spread over the distance between parcels; `points`: each in one cell."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Random seed of sizes, directions and eddies."""
     plumes: Plumes = EIGHT_PLUMES
@@ -227,7 +224,7 @@ class CfdSpray(Section):
     ) = None
     """Format of the case. Default: inferred from names and content of the files."""
     mapping: Path | None = None
-    """YAML file with the names and units of fields, where the format does not define them."""
+    """YAML file with the names and units of fields (docs/importing.md)."""
     time_s: CaseTime | None = None
     """Time of the case in its own unit (s, or crank angle), `latest`, or `nearest 0.001`."""
     region: str | None = None
@@ -243,16 +240,15 @@ class CfdSpray(Section):
     sector: Sector | None = None
     """Sector that the mesh covers, to be completed by rotation; 360: the mesh is complete."""
     symmetry: tuple[Literal["x", "y", "z"], ...] | None = None
-    """Normals of the symmetry planes through the nozzle at which the case is mirrored; []: none."""
+    """Normals of the planes through the nozzle at which the case is mirrored; []: none."""
     nozzle_m: Point | None = None
     """Position of the nozzle in the case's coordinates, the new origin. Default: inferred."""
     axis: Direction | None = None
     """Direction of injection in the case, `-y` or three numbers, the new -z. Default: inferred."""
     deposit: Deposit | None = None
-    """Deposit of droplets into cells: `kernel`, spread over the distance between parcels; `points`,
-    each parcel in one cell. Default: `kernel`, or `points` with `spread_m`."""
+    """As in a computed spray. Default: `kernel`, or `points` with `spread_m`."""
     spread_m: Annotated[float, Within(1e-7, 0.1)] | None = None
-    """Radius of the ball over which the droplets of a parcel are spread. Default: no spreading."""
+    """Radius of the ball over which a parcel is spread. Default: no spreading."""
     spread_points: Annotated[int, Within(2, 1000)] = 16
     """Number of points in that ball."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1

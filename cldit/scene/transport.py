@@ -43,21 +43,19 @@ class Transport(Section):
     """`source`: discrete ordinates and final gather, fast; `path`: unbiased Monte Carlo path
     tracing; `branching`: as in the paper."""
     order: Annotated[int, Within(0, 1000)] | None = None
-    """Largest number of scatterings; light scattered more often gets the walls' radiance. Default:
-    no limit."""
+    """Largest number of scatterings; beyond it the walls are seen. Default: no limit."""
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 1.0
     """Tolerance for the error of T_app: RMS over the pixels with a T_app, all error sources of the
     simulation combined. With `audit: false`, the error of the trace alone."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
-    """Largest number of samples per pixel, of method `path` and of the final gather of `source`."""
+    """Largest number of samples per pixel, of `path` and of the final gather."""
     phase: Phase | None = None
     """Phase function of the droplets. Default: isotropic with `optics.preset: paper`; mie with
     `spectral`, but isotropic for sprays given as coefficients and for method `branching`."""
     gather: bool = True
     """Method `source`: resolve the radiance within optically thick cells by a final gather."""
     audit: bool = True
-    """Estimate the error by source, with path tracing of some pixels, larger cells and half of the
-    parcels, and choose the settings that are not given."""
+    """Estimate the error by source, and choose the settings that are not given."""
     cutoff: Annotated[float, Within(0.0, 0.5)] = 1e-4
     """Transmission below which a ray ends."""
     directions: Annotated[int, Within(4, 4096)] | None = None

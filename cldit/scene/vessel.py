@@ -60,9 +60,9 @@ class Background(Section):
     centre_m: Point | None = None
     """Centre of the disc. Default: centre of the domain's +y face."""
     temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
-    """Temperatures of the black body, 1 to 1000, each with its own set of shots."""
+    """Temperatures of the black body, 1 to 1000."""
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
-    """Emissivity of the black body; the rest of its radiance is reflected from its surroundings."""
+    """Emissivity of the black body; it reflects the rest from its surroundings."""
     surroundings_K: Temperature | None = None
     """Temperature of the surroundings that it reflects. Default: that of the walls."""
 
@@ -84,8 +84,8 @@ class Walls(Section):
 class Patch(Section):
     """A plane part of the enclosure with its own temperature and weight, such as a heated flange.
 
-    A patch is visible from its front only. Where several lie on a line of sight, the nearest
-    counts; in the same plane the background disc is first, then patches in the order given.
+    It is visible from its front only. A line of sight sees the nearest; in one plane the disc is
+    first, then patches in the order given.
     """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,39}$")]
@@ -142,8 +142,7 @@ class Window(Section):
     material: Literal["CaF2", "sapphire"] | None = None
     """Material of an uncoated plate; alternatively give `transmission` and `reflection`."""
     transmission: WindowCurve | None = None
-    """Measured transmission of the plate with its coatings: pairs of wavelength (um) and value, or
-    a file of pairs."""
+    """Measured transmission of the whole plate: pairs of wavelength (um) and value, or a file."""
     reflection: WindowCurve | None = None
     """Measured reflection, likewise; the plate absorbs and emits the remainder."""
     thickness_m: Annotated[float, Within(1e-5, 0.2)] = 0.01
