@@ -52,6 +52,7 @@ def run_series(
     device: Device | None = None,
     progress: Say | None = None,
     watch: Watch | None = None,
+    suffix: str = ".png",
 ) -> Series:
     """Runs several times of a scene's spray, each into a folder of its own, and makes a film.
 
@@ -68,6 +69,7 @@ def run_series(
         device: OpenCL device; None chooses. Programs are built once for all times.
         progress: called with lines of text.
         watch: called with the progress of reading a case, and of the rig.
+        suffix: of the figures: .png, .pdf or .svg.
 
     Raises:
         RunFolderError: the folder contains something else.
@@ -103,7 +105,9 @@ def run_series(
         if not any(each.state == "done" for each in done):
             raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))
         say(StageLine("figures and film"))
-        return Series(plan, folder, done, tuple(write_series(plan, scene, done, folder)))
+        return Series(
+            plan, folder, done, tuple(write_series(plan, scene, done, folder, suffix=suffix))
+        )
 
 
 def _check_folder(folder: Path, scene: Scene) -> None:

@@ -16,7 +16,7 @@ from cldit.gpu.device import Device
 from cldit.io.files import make_folder, write_text
 from cldit.io.origin import commit
 from cldit.show import page
-from cldit.show.figures.style import png_of
+from cldit.show.figures.style import png_of, write_figure
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,20 @@ class Part:
     alternative: str = ""
 
 
-def write_part(part: Part, folder: Path, *, command: str, device: Device) -> Path:
-    """Writes NAME.md, NAME.json and NAME.png into `folder`; returns the path of the page."""
+def write_part(
+    part: Part, folder: Path, *, command: str, device: Device, suffix: str | None = None
+) -> Path:
+    """Writes NAME.md, NAME.json and NAME.png into `folder`; returns the path of the page.
+
+    suffix: .pdf or .svg, of one more file of the figure.
+    """
     make_folder(folder)
     write_text(folder / f"{part.name}.json", json.dumps(part.data, indent=1) + "\n")
     content: list[page.Block] = [page.Code(command), measured_on(device)]
     if part.figure is not None:
         png = png_of(part.figure)
+        if suffix is not None:
+            write_figure(part.figure, folder / f"{part.name}{suffix}")
         content.append(page.Figure(png, part.alternative, f"{part.name}.png"))
     content += [page.Table(table.head, table.rows) for table in part.tables]
     content += part.text

@@ -10,7 +10,7 @@ import click
 
 from cldit.bench import ACCURACIES_K, ASKED_K, BUDGET_SCENES, PARTS
 from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
-from cldit.cli.options import KELVIN, PATH, device_option
+from cldit.cli.options import KELVIN, PATH, device_option, figures_option
 
 if TYPE_CHECKING:
     from cldit.bench.report import Part
@@ -31,6 +31,7 @@ class Options:
     budget_scenes: tuple[str, ...]
     out: Path
     device: str | None
+    suffix: str | None
 
     def command(self, part: str) -> str:
         """Command that makes one part again."""
@@ -104,6 +105,7 @@ class Options:
 @click.option(
     "--out", type=PATH, default=Path("bench"), help="Folder of the pages, figures and JSON."
 )
+@figures_option
 @device_option
 @plain_errors
 def bench(**given: Any) -> None:
@@ -122,7 +124,13 @@ def bench(**given: Any) -> None:
     OUT.print(f"OpenCL device {device.info.index} {device.info.name}: {device.reason}")
 
     def save(part: Part) -> None:
-        page = write_part(part, options.out, command=options.command(part.name), device=device)
+        page = write_part(
+            part,
+            options.out,
+            command=options.command(part.name),
+            device=device,
+            suffix=options.suffix,
+        )
         OUT.print(f"{page}\n")
 
     for name in options.parts or PARTS:

@@ -9,8 +9,9 @@ import click
 from cldit.api.repeat import repeat
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table
-from cldit.cli.options import PATH, device_option, within_option
+from cldit.cli.options import PATH, device_option, figures_option, within_option
 from cldit.cli.program import Exit
+from cldit.cli.results import print_files
 from cldit.comparison.compare import compare
 from cldit.comparison.difference import (
     Align,
@@ -41,7 +42,8 @@ _LARGE = 2.0  # standard errors of an error of all pixels, to be named
     metavar="NAME=RUN",
     help="Run with one quantity changed by its spread, an error that simulations share.",
 )
-@click.option("--out", type=PATH, help="Folder of a page and regions.csv.")
+@click.option("--out", type=PATH, help="Folder of a page, its figures, and regions.csv.")
+@figures_option
 @within_option
 @json_option
 @plain_errors
@@ -52,12 +54,15 @@ def compare_command(
     align: Align,
     lines: tuple[str, ...],
     out: Path | None,
+    suffix: str | None,
     within_K: float | None,
 ) -> Outcome:
     """Compare ONE with OTHERS, with the errors of both: measured data, evaluations, runs.
 
     The exit status is 3 if the errors do not explain the difference.
     """
+    if suffix is not None and out is None:
+        raise click.UsageError("--format: of the figures in --out; give --out too")
     if wrong := [text for text in lines if not all(text.partition("="))]:
         raise click.BadParameter(f"{wrong[0]!r}; allowed: NAME=RUN", param_hint="--line")
     named = {name: run for name, _, run in (text.partition("=") for text in lines)}
@@ -69,7 +74,7 @@ def compare_command(
     if out is not None:
         from cldit.show.report.comparison_page import write_comparison  # needs matplotlib
 
-        OUT.print(escaped(str(write_comparison(found, out))))
+        print_files(*write_comparison(found, out, suffix=suffix or ".png"))
     return Outcome(found.to_dict(), Exit.DIFFERS if found.differs else Exit.DONE)
 
 

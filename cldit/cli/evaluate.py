@@ -21,7 +21,7 @@ from cldit.api.folder_evaluation import (
 )
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.options import PATH
+from cldit.cli.options import PATH, figures_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_maps, print_next
 from cldit.dit.maps import Maps
@@ -29,7 +29,7 @@ from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
 from cldit.scene.delays import delay_text, same_time, spray_time_s
-from cldit.show.report.run_report import write_pages
+from cldit.show.report.run_report import show_folder, write_pages
 
 
 @click.command()
@@ -58,6 +58,7 @@ from cldit.show.report.run_report import write_pages
     type=PATH,
     help="Draft measured.yaml from the images in FOLDER and their names, and stop.",
 )
+@figures_option
 @json_option
 @plain_errors
 def evaluate(
@@ -68,6 +69,7 @@ def evaluate(
     accept: tuple[str, ...],
     model: Path | None,
     write_measured: Path | None,
+    suffix: str | None,
 ) -> Outcome:
     """Evaluate an acquisition, a run, or measured data (a FOLDER with measured.yaml).
 
@@ -107,6 +109,8 @@ def evaluate(
             OUT.print(row.text)
         print_files(target / "maps" / "delays.csv")
     print_files(*write_pages(target))
+    if suffix is not None:
+        print_files(show_folder(target, suffix=suffix))
     print_next("cldit", "view", folder)
     if problems := delay_problems(found):
         ERR.print(f"[bold red]error:[/] {escaped(problems)}")

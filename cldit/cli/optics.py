@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
-from cldit.cli.options import PATH, SCENE
+from cldit.cli.options import PATH, SCENE, figures_option
 from cldit.errors import OpticsError
 from cldit.io.files import make_folder, write_text
 from cldit.optics.band_fit import fit_bands, fit_error
@@ -23,9 +23,12 @@ from cldit.show.report.optics_summary import scene_optics
 @click.command()
 @click.argument("scene", type=SCENE)
 @click.option("--out", type=PATH, help="Figure (.png, .pdf or .svg); default: SCENE-optics.png.")
+@figures_option
 @plain_errors
-def optics(scene: str, out: Path | None) -> None:
+def optics(scene: str, out: Path | None, suffix: str | None) -> None:
     """Print and draw optical properties of SCENE: liquid, droplets, vapour, camera."""
+    if out is not None and suffix not in (None, out.suffix):
+        raise click.UsageError(f"--format {suffix[1:]} and --out {out}: allowed: one of them")
     chosen = load_scene(scene)
     found = scene_optics(chosen, cache=default_cache())
     rows = (
@@ -35,7 +38,7 @@ def optics(scene: str, out: Path | None) -> None:
     print_table("", "scene", "data", "paper", "", rows=rows)
     for source in found.sources:
         OUT.print(escaped(source), style="dim")
-    figure = out or Path(f"{chosen.name}-optics.png")
+    figure = out or Path(f"{chosen.name}-optics{suffix or '.png'}")
     make_folder(figure.parent)
     write_figure(optics_figure(found), figure)
     OUT.print(escaped(str(figure)))

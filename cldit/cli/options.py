@@ -62,6 +62,13 @@ device_option = click.option(
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Print stages, figures of the spray and error sources."
 )
+figures_option = click.option(
+    "--format",
+    "suffix",
+    type=click.Choice(["png", "pdf", "svg"]),
+    callback=lambda _, __, kind: kind and f".{kind}",
+    help="Of figures: png of 300 dpi (default), or vectors.",
+)
 within_option = click.option(
     "--within",
     "within_K",
@@ -69,7 +76,11 @@ within_option = click.option(
     help="RMS allowed in T_app, K; default: explained by both stated errors.",
 )
 _CASE = (
-    click.option("--format", help="openfoam, vtk, ensight, converge, fluent, cgns or tables."),
+    click.option(
+        "--cfd-format",
+        "format",
+        help="openfoam, vtk, ensight, converge, fluent, cgns or tables; default: by content.",
+    ),
     click.option("--mapping", type=PATH, help="YAML file of names and units of fields."),
     click.option(
         "--time", "time_s", help="A time of the case, or `nearest 0.001`; default: the last."

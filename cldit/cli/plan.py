@@ -11,7 +11,7 @@ import numpy as np
 from cldit.acquisition.plan import StabilitySection, plan_from_scene
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, plain_errors, print_table, say
-from cldit.cli.options import KELVIN, PATH, SCENE, device_option
+from cldit.cli.options import KELVIN, PATH, SCENE, device_option, figures_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_next
 from cldit.dit.design import (
@@ -76,6 +76,7 @@ _COLD_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
     help="Of the black body; default: lowest and highest background of the scene.",
 )
 @click.option("--out", type=PATH, help="Folder; default: runs/SCENE-plan.")
+@figures_option
 @device_option
 @json_option
 @plain_errors
@@ -89,11 +90,12 @@ def plan_command(
     least_emissivity: float,
     limits_K: tuple[float, float] | None,
     out: Path | None,
+    suffix: str | None,
     device: str | None,
 ) -> Outcome:
     """Design the measurement of SCENE: backgrounds, shots and references for an error.
 
-    Writes plan.yaml, rig.yaml (simulated) and design.png into the folder of a traced run. With
+    Writes plan.yaml, rig.yaml (simulated) and a figure into the folder of a traced run. With
     --separate, the plan is for the difference of two models, or none is enough (status 3).
     """
     if separate is not None:
@@ -142,9 +144,9 @@ def plan_command(
     _write(loaded, folder, best)
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
     figure = design_figure(lines, best, goal, title=f"{loaded.name}: error against time")
-    write_figure(figure, folder / "design.png")
+    drawn = write_figure(figure, folder / f"design{suffix or '.png'}")
     rig, plan = folder / "rig.yaml", folder / "plan.yaml"
-    print_files(plan, rig, folder / "design.png")
+    print_files(plan, rig, drawn)
     print_next("cldit", "acquire", rig, plan, "--out", folder / "shots")
     return Outcome(
         {

@@ -19,6 +19,7 @@ from cldit.cli.options import (
     PATH,
     SCENE,
     case_options,
+    figures_option,
     pixels_of,
     spray_keys,
     two_numbers,
@@ -46,6 +47,7 @@ from cldit.scene.load import short_changes
 from cldit.scene.scatter import members_of
 from cldit.show.figures.film import mp4_possible
 from cldit.show.figures.readable import human_figures
+from cldit.show.report.run_report import write_figures
 
 _ABOVE = 1 / 12  # of a field's height is above the nozzle
 
@@ -115,6 +117,7 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
 @click.option("--scheduler", help="Address of a dask scheduler for the injections.")
 @click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
+@figures_option
 @verbose_option
 @json_option
 @plain_errors
@@ -137,6 +140,7 @@ def run(
     scheduler: str | None,
     quick: bool,
     trace_only: bool,
+    suffix: str | None,
     verbose: bool,
     **options: Any,
 ) -> Outcome:
@@ -181,6 +185,7 @@ def run(
                 device=opened,
                 progress=bar.say,
                 watch=bar.watch,
+                suffix=suffix or ".png",
             )
         elif trace_only:
             result = simulate(chosen, folder, device=opened, progress=bar.say, watch=bar.count)
@@ -188,11 +193,13 @@ def run(
             result = run_experiment(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
+        if times is None and suffix is not None and not (suffix == ".png" and result.measured):
+            write_figures(result, suffix=suffix)
     if times is not None:
         return _series_outcome(series)
     if verbose:
         _print_stages(result)
-    _print_run(result)
+    _print_run(result, suffix)
     return Outcome(_data(result))
 
 
@@ -300,7 +307,7 @@ def _print_stages(result: Run) -> None:
         _print_causes(result.errors)
 
 
-def _print_run(result: Run) -> None:
+def _print_run(result: Run, suffix: str | None) -> None:
     """Prints the result: maps, error, reach of the spray, files and the next command."""
     print_maps(result.maps if result.measured is None else result.measured)
     if result.ensemble is not None:
@@ -312,7 +319,9 @@ def _print_run(result: Run) -> None:
     print_reach(result.info.spray)
     print_cut(result.maps)
     if result.folder is not None:
-        names = ("pictures/maps.png", "report.html") if result.measured is not None else ("maps",)
+        drawn = suffix or result.measured is not None
+        names = [f"pictures/maps{suffix or '.png'}"] if drawn else ["maps"]
+        names += ["report.html"] if result.measured is not None else []
         print_files(*(result.folder / name for name in names))
         print_next("cldit", "view", result.folder)
 

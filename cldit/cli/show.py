@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.options import PATH, device_option, pixels_of
+from cldit.cli.options import PATH, device_option, figures_option, pixels_of
 from cldit.errors import FileError
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
@@ -25,18 +25,12 @@ from cldit.show.view.folders import unfinished
 
 @click.command()
 @click.argument("folder", type=PATH)
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice(["png", "pdf", "svg"]),
-    default="png",
-    help="PNG of 300 dpi, or vectors.",
-)
+@figures_option
 @click.option("--open", "opened", is_flag=True, help="Open the figure in the system's viewer.")
 @plain_errors
-def show(folder: Path, kind: str, opened: bool) -> None:
+def show(folder: Path, suffix: str | None, opened: bool) -> None:
     """Draw the figures of a run or acquisition FOLDER; of a series, its film."""
-    figure = show_folder(folder, suffix=f".{kind}")
+    figure = show_folder(folder, suffix=suffix or ".png")
     OUT.print(escaped(str(figure)))
     if opened:
         click.launch(str(figure))

@@ -13,7 +13,7 @@ from cldit.cfd.formats import contents
 from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
-from cldit.cli.options import PATH, SCENE, case_options, spray_keys
+from cldit.cli.options import PATH, SCENE, case_options, figures_option, spray_keys
 from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
 from cldit.io.files import write_text
@@ -36,8 +36,9 @@ from cldit.spray.flow.simulate import simulate_spray
 @click.command("spray")
 @click.argument("scene", type=SCENE)
 @click.option("--out", type=PATH, help="Folder; default: sprays/SCENE.")
+@figures_option
 @plain_errors
-def spray_command(scene: str, out: Path | None) -> None:
+def spray_command(scene: str, out: Path | None, suffix: str | None) -> None:
     """Compute only the spray of SCENE: figures, history, files for ParaView."""
     chosen = load_scene(scene)
     folder = out or Path("sprays") / chosen.name
@@ -55,7 +56,7 @@ def spray_command(scene: str, out: Path | None) -> None:
         found = make_spray(chosen.spray, cache=default_cache())
     for text in found.remarks:
         say(text)
-    written = write_spray(found, history, folder, title=title)
+    written = write_spray(found, history, folder, title=title, suffix=suffix or ".png")
     for name, text in human_figures(found.notes).items():
         OUT.print(f"{name}: {text}")
     print_files(*written)

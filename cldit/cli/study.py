@@ -9,7 +9,7 @@ import click
 
 from cldit.acquisition.progress import Progress
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
-from cldit.cli.options import PATH, device_option
+from cldit.cli.options import PATH, device_option, figures_option
 from cldit.cli.results import print_files
 from cldit.errors import StudyError
 from cldit.gpu.device import open_device
@@ -32,6 +32,7 @@ from cldit.study.sweep import run_sweep
 @click.option("--scheduler", help="Address of a dask scheduler; default: this machine.")
 @click.option("--workers", type=click.IntRange(1, 1024), help="Processes; default: one a core.")
 @click.option("--cache", type=PATH, help="Folder of cached runs and sprays.")
+@figures_option
 @device_option
 @plain_errors
 def study(
@@ -43,6 +44,7 @@ def study(
     scheduler: str | None,
     workers: int | None,
     cache: Path | None,
+    suffix: str | None,
     device: str | None,
 ) -> None:
     """Run the paper's study NAME, or all; or a sweep over the scene NAME (gdi) with --grid.
@@ -73,7 +75,7 @@ def study(
         OUT.print(f"study {each} ({number} of {len(wanted)}{since})")
         page = run_study(each, lab)
         pages.append(page)
-        path = write_page(page, folder, markdown_only=markdown)
+        path = write_page(page, folder, markdown_only=markdown, suffix=suffix)
         OUT.print(f"{path}: {page.summary} ({page.seconds:.0f} s)")
     overview = write_overview(folder, list(STUDIES), markdown_only=markdown)
     _print_verdicts(pages)

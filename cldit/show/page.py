@@ -16,7 +16,10 @@ from html import escape
 from pathlib import Path
 from string import Template
 
+from matplotlib.figure import Figure as Drawn
+
 from cldit.io.files import make_folder, read_text, write_bytes, write_text
+from cldit.show.figures.style import png_of
 
 _WIDE_IN = 5.5  # from which labels would be too small on a phone
 _PX_PER_IN = 145  # a figure for two columns of a journal fills a page
@@ -49,11 +52,18 @@ class Section:
 
 @dataclass(frozen=True)
 class Figure:
-    """A PNG image with its caption. file: its path relative to a page in Markdown."""
+    """A PNG image with its caption. file: its path relative to a page in Markdown. drawn: the
+    figure of which it is, to be written in another format."""
 
     png: bytes
     caption: str
     file: str = ""
+    drawn: Drawn | None = None
+
+    @classmethod
+    def of(cls, drawn: Drawn, caption: str) -> Figure:
+        """The image of a drawn figure."""
+        return cls(png_of(drawn), caption, drawn=drawn)
 
     @property
     def width_in(self) -> float:

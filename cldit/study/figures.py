@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.run import Run
 from cldit.show.figures.colours import CHANGE, Scale
 from cldit.show.figures.maps import frame_of, map_legend, map_panel, reasons_in, spray_window
 from cldit.show.figures.panels import GREY, Frame, Panel, joined, panels_figure, window_around
-from cldit.show.figures.style import png_of
 
 _COLUMNS = 3
 
 
-def maps_png(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) -> bytes:
-    """PNG of several maps of T_app in one scale, paler where the emissivity is low."""
+def maps_sheet(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) -> Figure:
+    """Several maps of T_app in one scale, paler where the emissivity is low."""
     shown = {name: (run.maps, frame_of(run.scene)) for name, run in runs.items()}
     scale = Scale.of(maps for maps, _ in shown.values())
     window = joined([spray_window(*each) for each in shown.values()])
@@ -27,13 +27,12 @@ def maps_png(runs: Mapping[str, Run], *, title: str, columns: int = _COLUMNS) ->
     ]
     reasons = set().union(*(reasons_in(*each, window) for each in shown.values()))
     legend = map_legend(reasons, scale, paper=False)
-    figure = panels_figure(
+    return panels_figure(
         panels, title=title, window=window, columns=columns, shared=True, legend=legend
     )
-    return png_of(figure)
 
 
-def changes_png(
+def changes_sheet(
     changes: Mapping[str, NDArray[np.floating]],
     frame: Frame,
     *,
@@ -41,14 +40,13 @@ def changes_png(
     limit_K: float,
     columns: int = _COLUMNS,
     label: str = "difference of apparent temperature / K",
-) -> bytes:
-    """PNG of differences (H, W) in one diverging scale, white at zero; NaN is grey."""
+) -> Figure:
+    """Differences (H, W) in one diverging scale, white at zero; NaN is grey."""
     window = joined([window_around(np.isfinite(image), frame) for image in changes.values()])
     panels = [
         Panel(image, name, label, (-limit_K, limit_K), CHANGE) for name, image in changes.items()
     ]
     legend = [(GREY, "not visible in both")]
-    figure = panels_figure(
+    return panels_figure(
         panels, frame, title=title, window=window, columns=columns, shared=True, legend=legend
     )
-    return png_of(figure)

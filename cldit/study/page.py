@@ -18,6 +18,7 @@ from cldit.io.origin import commit
 from cldit.io.plain_data import read_json
 from cldit.scene import Scene, dump_scene
 from cldit.show import page as show
+from cldit.show.figures.style import write_figure
 from cldit.show.page import Block, Bullets, Details, Figure, Link, Section, Table
 
 Row = Mapping[str, float | str]
@@ -279,10 +280,13 @@ def _table(rows: Sequence[Row], errors: Sequence[Mapping[str, float]] = ()) -> T
     return Table(titles, cells)
 
 
-def write_page(page: StudyPage, folder: Path, *, markdown_only: bool = False) -> Path:
+def write_page(
+    page: StudyPage, folder: Path, *, markdown_only: bool = False, suffix: str | None = None
+) -> Path:
     """Writes NAME.html, .md, .json, .csv, the figures and the scenes; returns the page's path.
 
     With `markdown_only`, as for docs, only figures, .json and .md, without tables of numbers.
+    suffix: .pdf or .svg, of one more file of each figure.
 
     Raises:
         StudyError: a file cannot be written.
@@ -293,6 +297,9 @@ def write_page(page: StudyPage, folder: Path, *, markdown_only: bool = False) ->
         write_text(path.with_name(f"{page.name}.json"), page.json())
         markdown = path.with_name(f"{page.name}.md")
         written = show.write_page(page.markdown(tables=not markdown_only), markdown)
+        for name, each in page.figures.items():
+            if suffix is not None and each.drawn is not None:
+                write_figure(each.drawn, folder / f"study-{page.name}-{name}{suffix}")
         if not markdown_only:
             make_folder(folder / "scenes")
             for name, scene in page.scenes.items():

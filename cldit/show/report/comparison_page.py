@@ -15,7 +15,7 @@ from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
 from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
-from cldit.show.figures.style import png_of
+from cldit.show.figures.style import png_of, write_figure
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
 PAGE, REGIONS = "report.html", "regions.csv"
@@ -50,19 +50,25 @@ def comparison_figure(found: Difference) -> Drawing:
     return panels_figure(panels, frame, title=found.verdict, window=window)
 
 
-def write_comparison(found: Comparison, folder: Path) -> Path:
-    """Writes the page of a comparison and `regions.csv` into a folder; returns the page's path."""
+def write_comparison(found: Comparison, folder: Path, *, suffix: str = ".png") -> list[Path]:
+    """Writes the page of a comparison, `regions.csv` and the figure of each difference, as .png,
+    .pdf or .svg, into a folder; returns the paths of figures and page.
+    """
     make_folder(folder)
     write_text(folder / REGIONS, regions_csv(found.differences))
     content: list[Block] = []
-    for each in found.differences:
-        content.append(Section(f"{each.other} minus {each.one}", _sections(each)))
-    return write_page(Page("Comparison", content), folder / PAGE)
+    written: list[Path] = []
+    for number, each in enumerate(found.differences, start=1):
+        drawn = comparison_figure(each)
+        name = "difference" if number == 1 else f"difference-{number}"
+        written.append(write_figure(drawn, folder / f"{name}{suffix}"))
+        content.append(Section(f"{each.other} minus {each.one}", _sections(each, png_of(drawn))))
+    return [*written, write_page(Page("Comparison", content), folder / PAGE)]
 
 
-def _sections(found: Difference) -> list[Block]:
+def _sections(found: Difference, png: bytes) -> list[Block]:
     figure = Figure(
-        png_of(comparison_figure(found)),
+        png,
         "Apparent temperature of both, their difference, and the difference in standard errors, "
         "less the errors of all pixels that fit best.",
     )

@@ -72,13 +72,18 @@ def table_csv(plan: SeriesPlan, times: Sequence[SeriesTime]) -> str:
 
 
 def write_series(
-    plan: SeriesPlan, scene: Scene, times: Sequence[SeriesTime], out: Path
+    plan: SeriesPlan,
+    scene: Scene,
+    times: Sequence[SeriesTime],
+    out: Path,
+    *,
+    suffix: str = ".png",
 ) -> list[Path]:
     """Writes table, curves, figures in one scale and film into a series' folder.
 
-    Returns the files, `series.csv` first.
+    suffix: of the figures: .png, .pdf or .svg. Returns the files, `series.csv` first.
     """
-    made = [out / "series.csv", out / "series.png"]
+    made = [out / "series.csv", out / f"series{suffix}"]
     write_text(made[0], table_csv(plan, times))
     write_figure(curves(plan, times, title=scene.name), made[1])
     done = [each for each in times if each.state == "done"]
@@ -111,7 +116,7 @@ def write_series(
             reasons=reasons,
             stamp=plan.stamp(each.time),
         )
-        write_figure(figure, out / "pictures" / f"{plan.folder(each.time)}.png")
+        write_figure(figure, out / "pictures" / f"{plan.folder(each.time)}{suffix}")
         shown.append(png_of(figure, dpi=SCREEN_DPI))
     return [*made, out / "pictures", *write_film(out / FILM_FILE, shown, [t.time for t in done])]
 

@@ -191,13 +191,15 @@ def history_figure(history: History, *, title: str) -> Figure:
     return figure
 
 
-def write_spray(spray: Spray, history: History | None, folder: Path, *, title: str) -> list[Path]:
+def write_spray(
+    spray: Spray, history: History | None, folder: Path, *, title: str, suffix: str = ".png"
+) -> list[Path]:
     """Writes figures, the history as CSV if known, and files for ParaView; returns the files."""
     make_folder(folder)
-    written = [folder / "views.png"]
+    written = [folder / f"views{suffix}"]
     write_figure(views_figure(spray, title=title), written[0])
     if history is not None:
-        written += [folder / "history.png", folder / "history.csv"]
+        written += [folder / f"history{suffix}", folder / "history.csv"]
         write_figure(history_figure(history, title=title), written[1])
         names = [each.name for each in fields(history)]
         rows = np.stack([getattr(history, name) for name in names], axis=1)

@@ -8,6 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure as Drawn
+
 from cldit.errors import StudyError
 from cldit.io.plain_data import read_mapping
 from cldit.show.page import Figure
@@ -18,11 +20,11 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Found:
-    """Results of a study: values for its sentences, PNG or whole figures by name, and a table."""
+    """Results of a study: values for its sentences, drawn or captioned figures, and a table."""
 
     values: Mapping[str, Value]
     table: Sequence[Row]
-    pngs: Mapping[str, bytes] = field(default_factory=dict)
+    sheets: Mapping[str, Drawn] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
 
 
@@ -55,7 +57,7 @@ def page_of(
         figure=said["figure"],
         text=filled(said["text"]),
         figures={
-            **{key: Figure(png, captions[key]) for key, png in found.pngs.items()},
+            **{key: Figure.of(sheet, captions[key]) for key, sheet in found.sheets.items()},
             **found.figures,
         },
         table=found.table,

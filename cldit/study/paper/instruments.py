@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
@@ -19,7 +20,6 @@ from cldit.show.figures.colours import COUNTS
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
 from cldit.show.figures.panels import Panel, joined, panels_figure
-from cldit.show.figures.style import png_of
 from cldit.show.report.optics_summary import FIG4, scene_optics
 from cldit.show.report.spray_report import liquid_mass, mass_panel
 from cldit.spray.result import Spray
@@ -75,7 +75,7 @@ def optics(lab: Lab) -> Found:
             "off_um": max(off),
         },
         table=rows,
-        pngs={"optics": png_of(optics_figure(data))},
+        sheets={"optics": optics_figure(data)},
     )
 
 
@@ -138,17 +138,17 @@ def visible_light(lab: Lab) -> Found:
             "hot_over_cold": reach[0.9, 620.0] / reach[0.15, 300.0],
         },
         table=rows,
-        pngs={"below": _from_below(sprays)},
+        sheets={"below": _from_below(sprays)},
     )
 
 
-def _from_below(sprays: dict[str, Spray]) -> bytes:
+def _from_below(sprays: dict[str, Spray]) -> Figure:
     seen = {gas: liquid_mass(spray, "below", pixel_m=5e-4) for gas, spray in sprays.items()}
     top = max(float(each.image.max(initial=0.0)) for each in seen.values()) or 1.0
     panels = [mass_panel(each, gas, "below", most=top) for gas, each in seen.items()]
     window = joined([panel.window for panel in panels if panel.window])
     panels = [replace(panel, window=window) for panel in panels]
-    return png_of(panels_figure(panels, title="liquid from below", columns=3, shared=True))
+    return panels_figure(panels, title="liquid from below", columns=3, shared=True)
 
 
 _BACKGROUND_K = 443.0
@@ -213,11 +213,11 @@ def camera(lab: Lab) -> Found:
                 "their T_app / K": invisible_K,
             }
         ],
-        pngs={"images": _exposure(raw, traced, run.scene)},
+        sheets={"images": _exposure(raw, traced, run.scene)},
     )
 
 
-def _exposure(raw: NDArray[np.uint16], traced: NDArray[np.float64], scene: Scene) -> bytes:
+def _exposure(raw: NDArray[np.uint16], traced: NDArray[np.float64], scene: Scene) -> Figure:
     low, high = (float(value) for value in np.percentile(traced, [0.1, 99.9]))
     sensor, label = frame_of(scene, sensor=True), "signal / counts"
     panels = [
@@ -225,4 +225,4 @@ def _exposure(raw: NDArray[np.uint16], traced: NDArray[np.float64], scene: Scene
         Panel(traced, "traced", label, (low, high), COUNTS, frame=frame_of(scene)),
     ]
     window = sensor.extent_mm(raw.shape)
-    return png_of(panels_figure(panels, title="camera", window=window, shared=True))
+    return panels_figure(panels, title="camera", window=window, shared=True)

@@ -17,7 +17,7 @@ from cldit.optics.vapour import vapour_band
 from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
 from cldit.show.figures.maps import frame_of
-from cldit.study.figures import changes_png, maps_png
+from cldit.study.figures import changes_sheet, maps_sheet
 from cldit.study.lab import Lab
 from cldit.study.measures import (
     Change,
@@ -87,7 +87,7 @@ def methane(lab: Lab) -> Found:
             "warming": float(spearmanr(depth, warm).statistic) if len(depth) > 2 else _NAN,
         },
         table=rows,
-        pngs={"maps": maps_png(runs, title="methane into 0.4 MPa, 520 K")},
+        sheets={"maps": maps_sheet(runs, title="methane into 0.4 MPa, 520 K")},
     )
 
 
@@ -197,9 +197,9 @@ def conditions(lab: Lab) -> Found:
             "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
         },
         table=rows,
-        pngs={
-            "maps": maps_png(runs, title="DIT over pressure and temperature", columns=2),
-            "filter": maps_png(wide, title="0.15 MPa, 300 K, 0.3 ms"),
+        sheets={
+            "maps": maps_sheet(runs, title="DIT over pressure and temperature", columns=2),
+            "filter": maps_sheet(wide, title="0.15 MPa, 300 K, 0.3 ms"),
         },
     )
 
@@ -291,7 +291,7 @@ def order(lab: Lab) -> Found:
             "none_away_K": none.mean(away),
         },
         table=rows,
-        pngs={"changes": changes_png(shown, frame, title=title, limit_K=10.0)},
+        sheets={"changes": changes_sheet(shown, frame, title=title, limit_K=10.0)},
     )
 
 
@@ -351,5 +351,5 @@ def walls(lab: Lab) -> Found:
             }
             for name in cases
         ],
-        pngs={"maps": maps_png(cases, title="walls of different temperature, one trace")},
+        sheets={"maps": maps_sheet(cases, title="walls of different temperature, one trace")},
     )

@@ -15,7 +15,7 @@ from cldit.scene.sizes import Monodisperse
 from cldit.show.figures.maps import frame_of
 from cldit.show.page import Figure
 from cldit.show.report.optics_summary import FIG4
-from cldit.study.figures import changes_png, maps_png
+from cldit.study.figures import changes_sheet, maps_sheet
 from cldit.study.lab import CAPTION_WALLS_K, Lab
 from cldit.study.measures import Change, Phases, droplets_K, mean_K, root, spray_of, tips, visible
 from cldit.study.page import Row
@@ -60,12 +60,12 @@ def change_figures(
     title = f"T_app minus that of {reference_name}"
     frame, every = frame_of(reference.scene), {reference_name: reference, **cases}
     return {
-        "changes": Figure(
-            changes_png(images, frame, title=title, limit_K=limit_K),
+        "changes": Figure.of(
+            changes_sheet(images, frame, title=title, limit_K=limit_K),
             f"Difference of apparent temperature to {reference_name}, {about}.",
         ),
-        "maps": Figure(
-            maps_png(every, title="apparent temperature"),
+        "maps": Figure.of(
+            maps_sheet(every, title="apparent temperature"),
             f"The maps themselves, {about}.",
         ),
     }
@@ -282,7 +282,7 @@ def evaporation(lab: Lab) -> Found:
             ),
         },
         table=rows,
-        pngs={"changes": changes_png(named, frame, title=title, limit_K=20.0)},
+        sheets={"changes": changes_sheet(named, frame, title=title, limit_K=20.0)},
     )
 
 

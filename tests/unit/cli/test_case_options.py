@@ -16,7 +16,7 @@ from cldit.scene.spray import CfdSpray
 
 ARGUMENTS = ["--sector", "90", "--symmetry", "x,y", "--region", "gas", "--axis", "0,-1,0"]
 ARGUMENTS += ["--nozzle", "0", "0.1", "0", "--cloud", "none", "--time", "nearest 0.001"]
-ARGUMENTS += ["--mapping", "m.yaml"]
+ARGUMENTS += ["--mapping", "m.yaml", "--cfd-format", "openfoam"]
 
 
 class Reached(Exception):

@@ -96,6 +96,25 @@ def test_commands_for_scripts_have_it(name: str) -> None:
     assert command is not None and "--json" in {o for p in command.params for o in p.opts}
 
 
+@pytest.mark.parametrize("name", ["run", "evaluate", "show", "compare", "plan", "optics", "spray",
+                                  "study", "bench"])  # fmt: skip
+def test_commands_that_draw_take_one_format(name: str) -> None:
+    command = main.get_command(click.Context(main), name)
+    assert command is not None
+    (option,) = (one for one in command.params if "--format" in one.opts)
+    assert option.name == "suffix" and isinstance(option.type, click.Choice)
+    given = option.type_cast_value(click.Context(command), "svg")
+    assert option.callback is not None
+    assert option.callback(click.Context(command), option, given) == ".svg"
+
+
+def test_an_evaluation_writes_its_figure_in_a_format(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(WRITTEN / "acquisition", tmp_path / "shots"))
+    done = CliRunner().invoke(main, ["evaluate", str(folder), "--format", "pdf"])
+    assert done.exit_code == 0 and str(folder / "maps.pdf") in done.output, done.output
+    assert (folder / "maps.pdf").read_bytes().startswith(b"%PDF")
+
+
 def test_plain_values() -> None:
     value = {"a": (Path("x"), np.float32(1.5), float("nan")), 1: np.arange(2), "e": Exit.DIFFERS}
     assert plain(value) == {"a": ["x", 1.5, None], "1": [0, 1], "e": 3}

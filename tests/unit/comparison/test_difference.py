@@ -329,7 +329,10 @@ def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
     warm = 400.0 + noise(5)
     one, other = shown(0 * warm + 400.0, error_K=1.0), shown(warm, name="b", error_K=0.0)
     found = compare(one, other, other)
-    page = write_comparison(found, tmp_path / "out").read_text()
+    *figures, page_file = write_comparison(found, tmp_path / "out", suffix=".pdf")
+    assert [path.name for path in figures] == ["difference.pdf", "difference-2.pdf"]
+    assert all(path.read_bytes().startswith(b"%PDF") for path in figures)
+    page = page_file.read_text()
     assert "b minus a" in page and found.differences[0].verdict in page
     table = (tmp_path / "out" / "regions.csv").read_text().splitlines()
     assert len(table) == 1 + 2 * 5 and table[1].startswith("a,b,all,1600,")
