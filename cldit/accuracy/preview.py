@@ -1,9 +1,9 @@
 """Preview of an image on coarse cells: which pixels have a T_app, at every wavelength.
 
 A pixel has a T_app by its emissivity in the whole filter. Errors are estimated at the wavelength
-with most light, where lines of a gas may be so faint that few of these pixels reach that
-emissivity. So at each wavelength the pixels count whose emissivity exceeds a value of its own:
-as many have it in the preview as have a T_app.
+at which the medium hides most light, where few of these pixels may reach that emissivity. So at
+each wavelength the pixels count whose emissivity exceeds a value of its own: as many have it in the
+preview as have a T_app.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from cldit.spray.extent import Box, Cloud
 from cldit.spray.result import Parcels, Spray, Vapour
 
 _ACROSS = 256  # beams each way at most: 50 MB for each amount
-_LINES = 192
+_BINS = 14  # of equal width in depth and in temperature, whose lines are alike
 _SLICES = 24  # along a line: fuel is cold in the middle of a plume and hot around it
 _SIZES = 6
 _MOLE = 6.02214076e23
@@ -33,7 +33,8 @@ class Sightlines:
     """L lines along the camera's axis, from thin to thick, in Y slices from the camera on.
 
     vapour_mol_m2, vapour_K (L, Y): column and its mean temperature; droplet_m2 (L, Y, D): geometric
-    cross section of the droplets of each size per area; diameter_m (D,); droplet_K (L, Y).
+    cross section of the droplets of each size per area; diameter_m (D,); droplet_K (L, Y); count
+    (L,): number of the spray's lines that each represents.
     """
 
     vapour_mol_m2: Floats
@@ -41,6 +42,7 @@ class Sightlines:
     droplet_m2: Floats
     diameter_m: Floats
     droplet_K: Floats
+    count: Floats
 
     def __len__(self) -> int:
         return len(self.vapour_mol_m2)
@@ -67,9 +69,8 @@ class Sightlines:
         )
         wet = sum(classes, np.zeros_like(vapour))
         depth = (vapour * _TYPICAL_m2_mol + 2.0 * wet).sum(axis=1)
-        order = np.argsort(depth, kind="stable")
-        seen = order[depth[order] > min(_THIN, 0.5 * float(depth.max()))]
-        take = seen[np.linspace(0, len(seen) - 1, min(_LINES, len(seen))).round().astype(int)]
+        kelvin = _mean((warm * _TYPICAL_m2_mol + 2.0 * drops_warm).sum(axis=1), depth)
+        take, count = _strata(depth, kelvin)
         droplet = np.zeros((len(take), beams.shape[1], len(diameter)))
         for size, column in enumerate(classes):
             droplet[..., size] = column[take]
@@ -79,7 +80,24 @@ class Sightlines:
             droplet_m2=droplet,
             diameter_m=diameter,
             droplet_K=_mean(drops_warm[take], wet[take]),
+            count=count,
         )
+
+
+def _strata(depth: Floats, kelvin: Floats) -> tuple[NDArray[np.intp], Floats]:
+    """One of the (N,) lines of each class of depth and temperature, thin ones first, and the size
+    of the classes: a few cold lines at the injector count as a few."""
+    order = np.argsort(depth, kind="stable")
+    seen = order[depth[order] > min(_THIN, 0.5 * float(depth.max()))]
+    bins = [
+        np.digitize(one, np.linspace(one.min(), one.max(), _BINS + 1)[1:-1])
+        for one in (np.log(depth[seen]), kelvin[seen])
+    ]
+    classes, count = np.unique(bins[0] * _BINS + bins[1], return_counts=True)
+    inside = (np.flatnonzero(bins[0] * _BINS + bins[1] == one) for one in classes)
+    middle = np.array([every[len(every) // 2] for every in inside], np.intp)
+    thin = np.argsort(middle)
+    return seen[middle[thin]], count[thin].astype(float)
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 Samples of the filter are grouped so that lines of sight through the spray have similar transmission
 and emission within a group. The samples, once in order of wavelength and once in order of opacity,
 are divided into K groups with the least variance over a dozen lines of sight (exactly, by dynamic
-programming). The properties of a group are means over its light. T_app of some fifty lines of sight
-with K nodes and with all samples gives the error of K nodes, and the smallest K within the bound is
-chosen.
+programming). The properties of a group are means over its light. T_app of some hundred lines of
+sight with K nodes and with all samples gives the error of K nodes, and the smallest K within the
+bound is chosen.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from cldit.spray.result import Spray
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
-_FORM = 5  # of kept choices
+_FORM = 6  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 
 
@@ -47,11 +47,13 @@ class Wavelengths:
     """The chosen nodes with the optical properties in each.
 
     errors_K: RMS error of T_app along lines of sight with 1, 2, .. nodes; empty if one is exact.
+    main: number of the node in which the spray hides or sends most light of these lines.
     """
 
     quadrature: Quadrature
     bands: tuple[BandOptics, ...]
     errors_K: tuple[float, ...] = ()
+    main: int = 0
 
     @property
     def nodes(self) -> tuple[SpectralNode, ...]:
@@ -108,9 +110,13 @@ def wavelengths(
     def choose() -> Arrays:
         lines = Sightlines.through(spray, width_m=scene.domain.leaf_m)
         light = _light(spectrum, filter_um, reference_K)
-        groups, errors_K = _chosen(scene, bound_K, lines, spectrum, light, asymmetry)
+        depths = _depths(spectrum, lines, asymmetry)
+        groups, errors_K = _chosen(scene, bound_K, lines, spectrum, light, depths)
+        through = emitted([_mean(depth, groups, light) for depth in depths])[0]
+        hidden = (lines.count @ (1.0 - through)) * (light @ belongs(groups))
         means = _Means.of(spectrum, lines, groups, light)
-        return {"groups": groups.astype(float), "errors_K": np.array(errors_K), **vars(means)}
+        choice = {"groups": groups.astype(float), "errors_K": np.array(errors_K)}
+        return {**choice, "main": np.array([float(np.argmax(hidden))]), **vars(means)}
 
     content = _content(scene, tolerance_K, spray, spectrum, asymmetry)
     arrays = cached(cache, kind="wavelengths", text=content, make=choose)
@@ -119,7 +125,8 @@ def wavelengths(
     bands = tuple(
         properties.band(number, node, cache=cache) for number, node in enumerate(quadrature.nodes)
     )
-    return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()))
+    main = int(arrays["main"][0])
+    return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()), main)
 
 
 def _content(
@@ -181,7 +188,7 @@ class _Means:
         wavelength = _mean(spectrum.middles_um[None, :], groups, light)[0]
         n = _mean(spectrum.n, groups, light)
         k = _mean(spectrum.k, groups, light)
-        sizes = lines.droplet_m2.sum(axis=(0, 1))
+        sizes = lines.count @ lines.droplet_m2.sum(axis=1)
         for row in range(len(spectrum.liquid_K)):
             fine = _efficiencies(spectrum.middles_um, spectrum.n[row], spectrum.k[row], lines)[0]
             wanted = _mean((sizes @ fine)[None, :], groups, light)[0]
@@ -308,17 +315,17 @@ def _chosen(
     lines: Sightlines,
     spectrum: Spectrum,
     light: Floats,
-    asymmetry: float | None,
+    depths: tuple[Floats, Floats, Floats],
 ) -> tuple[Groups, list[float]]:
-    """The groups, and the errors of 1, 2, .. nodes."""
+    """The groups, and the errors of 1, 2, .. nodes, by the lines' optical depths (L, Y, S)."""
     filter_um = scene_filter(scene)
     reference_K = reference_temperature_K(scene.background.temperatures_K)
     samples = np.arange(len(light))
-    depths = _depths(spectrum, lines, asymmetry)
     glow = Glow.of(scene, lines, _quadrature(spectrum, samples, filter_um, reference_K))
     exact, emissivity = glow.apparent(depths, filter_um)
     seen = emissivity > min(VISIBLE_EMISSIVITY, 0.5 * float(emissivity.max()))
-    typical = np.linspace(0, len(lines) - 1, min(_TYPICAL, len(lines))).round().astype(int)
+    parts = (np.arange(_TYPICAL) + 0.5) / _TYPICAL * lines.count.sum()
+    typical = np.unique(np.searchsorted(np.cumsum(lines.count), parts))
     looks = _looks([depth[typical] for depth in depths])
     through = looks[: len(typical)].sum(axis=0)
     most = min(max(scene.optics.wavelengths or 0, MOST_NODES), len(light))
@@ -334,7 +341,8 @@ def _chosen(
             groups[order] = np.repeat(np.arange(count), np.diff([*cut[count], len(light)]))
             vapour, absorbed, scattered = (_mean(depth, groups, light) for depth in depths)
             got = glow.gathered(groups).apparent((vapour, absorbed, scattered), filter_um)[0]
-            tries.append((float(np.sqrt(np.mean((got - exact)[seen] ** 2))), groups))
+            square = np.average((got - exact)[seen] ** 2, weights=lines.count[seen])
+            tries.append((float(np.sqrt(square)), groups))
         error, groups = min(tries, key=lambda pair: pair[0])
         found.append(groups)
         errors.append(error)

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cldit.gpu.device import Device
 from cldit.io.origin import FileRead
 from cldit.medium.cloud import Kernel, smeared
@@ -136,8 +134,9 @@ class Prepared:
 
     made, spray: before and after its parcels are deposited. frame: the cube that is divided into
     cells; cube: the domain's, which differs where the cells are a cone's lattice (`on_lattice`).
-    cone: the cone that was made, where the spray is one. number: of the wavelength with most of
-    the light. limit: number of cells that fit the memory. kept: variants of the medium by name.
+    cone: the cone that was made, where the spray is one. number: of the wavelength at which the
+    spray hides or sends most light. limit: number of cells that fit the memory. kept: variants of
+    the medium by name.
     """
 
     scene: Scene
@@ -155,7 +154,7 @@ class Prepared:
 
     @property
     def node(self) -> SpectralNode:
-        """The wavelength with most of the light."""
+        """The wavelength at which the spray hides or sends most light."""
         return self.properties.chosen.nodes[self.number]
 
     @property
@@ -297,8 +296,6 @@ def prepare(
         )
         cube = frame
         stages.remark(remarks)
-    at_K = found.chosen.quadrature.reference_K
-    number = int(np.argmax([float(node.share(at_K)) for node in found.chosen.nodes]))
     return Prepared(
         scene=scene,
         made=made,
@@ -308,7 +305,7 @@ def prepare(
         cube=cube,
         on_lattice=cube_m is not None,
         cone=cone,
-        number=number,
+        number=found.chosen.main,
         limit=limit,
         cache=cache,
     )

@@ -25,6 +25,7 @@ from cldit.bench.case import BenchError, changed
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.medium.cloud import Kernel
+from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import simulate
 from cldit.scene import Scene
@@ -32,6 +33,7 @@ from cldit.spray.flow.sampled import SPACING_m
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
 _FIRST_SEED = 11  # of a reference: those of the runs are smaller
+_FAINT = 0.5  # of the least emissivity with a T_app
 
 
 def finest(scene: Scene, given: argparse.Namespace, *, coarser: int, classes: int = 6) -> Scene:
@@ -111,9 +113,10 @@ def save(reference: Reference, name: str, folder: Path = FOLDER) -> Path:
 
 
 def picture(scene: Scene, spray: Spray | None, device: Device) -> np.ndarray:
-    """T_app (H, W), NaN where it does not count."""
+    """T_app (H, W), NaN where no run may have one: pixels may be less faint on larger cells."""
     maps = simulate(scene, device=device, spray=spray, progress=print).maps
-    return np.where(maps.has_temperature, maps.apparent_temperature_K.astype(float), np.nan)
+    seen = maps.emissivity > _FAINT * VISIBLE_EMISSIVITY
+    return np.where(seen, maps.apparent_temperature_K.astype(float), np.nan)
 
 
 def by_chance_K(scene: Scene, given: argparse.Namespace, device: Device) -> float:

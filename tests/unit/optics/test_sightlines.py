@@ -100,3 +100,14 @@ def test_one_parcel_is_seen_as_in_one_cell() -> None:
     assert lines.droplet_m2.shape == (1, 1, len(lines.diameter_m))
     assert lines.droplet_m2.sum() == pytest.approx(1e3 * np.pi / 4 * 1e-10 / 1e-6)
     np.testing.assert_allclose(lines.droplet_K, 370.0)
+
+
+def test_a_few_cold_lines_count_as_a_few() -> None:
+    """One voxel of 20 x 20 x 1 is cold, so one line of 400 stands for it, and the rest for 399."""
+    boxes = Cells.regular(origin_m=np.zeros(3), spacing_m=np.full(3, 1e-3), shape=(20, 1, 20))
+    kelvin = np.where(np.arange(400) == 137, 300.0, 500.0)
+    even = Vapour(boxes, np.full(400, 1e3 * MOLE), kelvin, 0.1)
+    lines = Sightlines.through(Spray(vapour=even), width_m=1e-3)
+    assert lines.count.sum() == 400
+    cold = lines.vapour_K[:, 0] < 400.0
+    assert np.count_nonzero(cold) == 1 and lines.count[cold].sum() == 1
