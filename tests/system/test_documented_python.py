@@ -75,7 +75,7 @@ def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     finally:
         MODELS.clear()
         MODELS.update(before)
-        for module in ("my_blackbody", "my_bench", "my_camera"):
+        for module in ("my_blackbody", "my_bench"):
             sys.modules.pop(module, None)
     _read_a_film(here)
     assert names["life"].vanished and "still" not in MODELS
