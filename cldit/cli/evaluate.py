@@ -29,7 +29,7 @@ from cldit.dit.recorded import CurveSource, Evaluation
 from cldit.errors import EvaluationError
 from cldit.run import Run, open_run
 from cldit.scene.delays import delay_text, same_time, spray_time_s
-from cldit.show.report.run_report import show_folder, write_pages
+from cldit.show.report.folders import show_folder, write_pages
 
 
 @click.command()

@@ -141,11 +141,12 @@ def plan_command(
         f"to {error_K:g} K down to {coldest:.0f} K.",
         style="bold",
     )
-    _write(loaded, folder, best)
+    rig, plan = folder / "rig.yaml", folder / "plan.yaml"
+    write_text(plan, plan_of(best, loaded).dump())
+    write_text(rig, dump_yaml(simulated_rig_data(loaded, folder)))
     lines = [(one, *error_against_time(subject, one, goal, shot_s=shot_s)) for one in found]
     figure = design_figure(lines, best, goal, title=f"{loaded.name}: error against time")
     drawn = write_figure(figure, folder / f"design{suffix or '.png'}")
-    rig, plan = folder / "rig.yaml", folder / "plan.yaml"
     print_files(plan, rig, drawn)
     print_next("cldit", "acquire", rig, plan, "--out", folder / "shots")
     return Outcome(
@@ -238,8 +239,3 @@ def _print_designs(found: list[Design], best: Design, goal: Goal, least_emissivi
     ]
     heads = ("", "backgrounds / K", "shots", "refs", "T_app / K", "eps", "min", "waiting")
     print_table(*heads, rows=rows)
-
-
-def _write(scene: Scene, folder: Path, best: Design) -> None:
-    write_text(folder / "plan.yaml", plan_of(best, scene).dump())
-    write_text(folder / "rig.yaml", dump_yaml(simulated_rig_data(scene, folder)))

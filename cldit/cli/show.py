@@ -17,8 +17,8 @@ from cldit.io.content import digest
 from cldit.io.files import make_folder
 from cldit.scene import shipped_scenes
 from cldit.scene.load import short_changes
+from cldit.show.report.folders import show_folder
 from cldit.show.report.gallery import write_gallery
-from cldit.show.report.run_report import show_folder
 from cldit.show.view import Item, save_page, view_items
 from cldit.show.view.folders import unfinished
 

@@ -75,18 +75,9 @@ def values_at(filter_um: Filter, wavelength_um: ArrayLike) -> Floats:
 
 def scene_filter(scene: Scene) -> Filter:
     """The response of the scene's camera."""
-    filter_um = scene.optics.filter_um
+    own = from_plain(scene.optics.filter_um)
     efficiency = scene.camera.sensor.quantum_efficiency
-    own = _as_filter(filter_um)
-    if isinstance(efficiency, float):
-        return own
-    return product(own, Response(efficiency))
-
-
-def _as_filter(given: tuple[float, float] | tuple[tuple[float, float], ...]) -> Filter:
-    if isinstance(given[0], tuple):
-        return Response(given)
-    return given
+    return own if isinstance(efficiency, float) else product(own, Response(efficiency))
 
 
 def product(filter_um: Filter, other: Response) -> Response:

@@ -38,7 +38,8 @@ def changed(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, An
         here: Any = made
         for step, following in pairwise(steps):
             here = _entered(here, step, path, make=isinstance(following, str))
-        _put(here, steps[-1], value, path)
+        _check(here, steps[-1], path)
+        here[steps[-1]] = value
     return made
 
 
@@ -63,11 +64,6 @@ def _entered(here: Any, step: str | int, path: str, *, make: bool) -> Any:
     if isinstance(found, tuple):
         found = here[step] = list(found)
     return found
-
-
-def _put(here: Any, step: str | int, value: Any, path: str) -> None:
-    _check(here, step, path)
-    here[step] = value
 
 
 def _check(here: Any, step: str | int, path: str) -> None:

@@ -39,7 +39,7 @@ def _section(section: BaseModel, *, indent: str, comment: bool) -> list[str]:
         if isinstance(value, BaseModel):
             lines.append(f"{start}{name}:{about}")
             lines += _section(value, indent=indent + _STEP, comment=unset)
-        elif _sections(value):
+        elif isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
             lines.append(f"{start}{name}:{about}")
             for item in value:
                 text = yaml_line(item.model_dump(mode="json", exclude_unset=True))
@@ -47,10 +47,6 @@ def _section(section: BaseModel, *, indent: str, comment: bool) -> list[str]:
         else:
             lines.append(f"{start}{_entry(name, plain[name])}{about}")
     return lines
-
-
-def _sections(value: object) -> bool:
-    return isinstance(value, tuple) and bool(value) and isinstance(value[0], BaseModel)
 
 
 def _entry(name: str, value: Any) -> str:

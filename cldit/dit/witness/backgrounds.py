@@ -13,7 +13,7 @@ import numpy as np
 
 from cldit.acquisition.witness_names import Acceptable
 from cldit.arrays import Floats, Mask
-from cldit.dit.witness.evidence import Evidence
+from cldit.dit.witness.evidence import Evidence, per_kelvin
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 from cldit.dit.witness.lines import OffLine, off_line, squares
 
@@ -129,7 +129,7 @@ def _cause(evidence: Evidence, kind: str, off: OffLine, y: Floats) -> str:
     for temperature_K, rise, text in (
         (
             evidence.own_radiance(at + _ICE_K),
-            _rise(evidence, at + _ICE_K),
+            per_kelvin(evidence.own_radiance, at + _ICE_K),
             "the temperatures look like degrees Celsius: they fit with 273.15 added",
         ),
         (at, np.ones_like(at), "counts are linear in temperature: are the images temperatures?"),
@@ -147,12 +147,6 @@ def _cause(evidence: Evidence, kind: str, off: OffLine, y: Floats) -> str:
     if len(names) == 3:
         return "one of the three deviates, or filter or camera differ from those stated"
     return "not on a line: filter, camera or temperatures differ from those stated"
-
-
-def _rise(evidence: Evidence, at_K: Floats) -> Floats:
-    return np.asarray(
-        (evidence.own_radiance(at_K + 0.01) - evidence.own_radiance(at_K - 0.01)) / 0.02
-    )
 
 
 def celsius(named_K: dict[str, float]) -> Witness | None:

@@ -98,12 +98,11 @@ class Evidence:
             counts = np.array([part.mean(axis=0) for part in parts]) * scale
             noise = calibration.variance_counts2(counts + calibration.offset_counts)
             camera[kind] = noise / scale**2 / pixels
-        near = temperatures["reference"]
         return cls(
             setpoints=tuple(setpoints),
             temperatures_K=temperatures,
             source={kind: whole.leaving(temperatures[kind]) for kind in KINDS},
-            rise=(whole.leaving(near + 0.01) - whole.leaving(near - 0.01)) / 0.02,
+            rise=per_kelvin(whole.leaving, temperatures["reference"]),
             shots=shots,
             camera=camera,
             places=places,
@@ -256,6 +255,11 @@ class Evidence:
             each=observed,
             explained=explained,
         )
+
+
+def per_kelvin(radiance: Callable[[Floats], Floats], at_K: Floats) -> Floats:
+    """Change (K,) of a radiance by a kelvin of the temperatures (K,)."""
+    return np.asarray((radiance(at_K + 0.01) - radiance(at_K - 0.01)) / 0.02)
 
 
 def _spare(places: Places) -> int:

@@ -13,7 +13,7 @@ from cldit.dit.shots import AllSums, thumbnail
 from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
 from cldit.dit.witness import backgrounds, drift, images
 from cldit.dit.witness.backgrounds import clearest, slopes
-from cldit.dit.witness.evidence import Evidence
+from cldit.dit.witness.evidence import Evidence, per_kelvin
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
 from cldit.dit.witness.levels import levels
@@ -209,7 +209,7 @@ def stated(
     groups = [sums[k, "injection"] for k in setpoints]
     backgrounds_K = np.array([group.temperature_K for group in groups])
     readings_K2 = np.array([group.temperature_variance_K2 for group in groups])
-    rise = (whole.leaving(backgrounds_K + 0.01) - whole.leaving(backgrounds_K - 0.01)) / 0.02
+    rise = per_kelvin(whole.leaving, backgrounds_K)
     none = np.zeros(len(setpoints))
     offset2 = (around.camera_offset_error_counts / scale) ** 2
     variances: dict[Cause, Floats] = {

@@ -85,7 +85,8 @@ class Patterns:
                 spray = high[kind] - high["reference"]
                 noise[kind] = noise[kind] + _UNLUCKY * amount2 * spray**2
             noise[kind] = noise[kind] / np.array([g.exposures for g in groups])[:, None, None]
-        return cls(high, mean, noise, _inside(sees), source / source.max())
+        inside = np.asarray(sees & (neighbours(sees.astype(float)) == 1.0))
+        return cls(high, mean, noise, inside, source / source.max())
 
     @property
     def design(self) -> Floats:
@@ -98,10 +99,6 @@ def neighbours(image: Floats) -> Floats:
     edged = np.pad(image, 1, mode="edge")
     sides = edged[:-2, 1:-1] + edged[2:, 1:-1] + edged[1:-1, :-2] + edged[1:-1, 2:]
     return np.asarray(sides / 4.0)
-
-
-def _inside(sees: Mask) -> Mask:
-    return np.asarray(sees & (neighbours(sees.astype(float)) == 1.0))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Figures and report of a run folder, and the figure of the maps of an acquisition folder."""
+"""Figures and report of a run folder."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure as Drawn
 
 from cldit.accuracy.errors import Cause
-from cldit.acquisition.measured import Measured, open_recorded
-from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
+from cldit.acquisition.record import maps_folder, open_acquisition
 from cldit.arrays import Floats
 from cldit.dit.delay_table import DelayRow
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
 from cldit.io.files import make_folder, write_bytes
 from cldit.radiance.boundary import Boundary, Surroundings
-from cldit.run import Run, open_run
-from cldit.run.series_plan import SERIES_FILE
+from cldit.run import Run
 from cldit.scene import dump_scene
 from cldit.scene.delays import delay_text, spray_time_s
 from cldit.show.figures.curves import nodes_figure
@@ -33,9 +31,9 @@ from cldit.show.figures.maps import (
     spray_window,
     weights_panels,
 )
-from cldit.show.figures.panels import Frame, panels_figure
+from cldit.show.figures.panels import Frame, Panel, panels_figure
 from cldit.show.figures.readable import human_figures
-from cldit.show.figures.style import SCREEN_DPI, figure_bytes, png_of, write_figure
+from cldit.show.figures.style import SCREEN_DPI, figure_bytes, png_of
 from cldit.show.page import (
     Bar,
     Block,
@@ -49,8 +47,7 @@ from cldit.show.page import (
     Table,
     write_page,
 )
-from cldit.show.report.evaluation import evaluation_sections, pixels_section, write_evaluation_page
-from cldit.show.report.series_report import FILM_FILE
+from cldit.show.report.evaluation import evaluation_sections, pixels_section
 
 
 def _folder(run: Run) -> Path:
@@ -64,50 +61,33 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     traced, sensor = frame_of(run.scene), frame_of(run.scene, sensor=True)
     name, delays = run.scene.name, run.scene.plan.delays_s
     window = spray_window(run.maps, traced)
+
+    def drawn(panels: Sequence[Panel], title: str, frame: Frame = traced) -> Drawn:
+        return panels_figure(panels, frame, title=f"{name}: {title}", window=window)
+
     if run.measured is not None:
-        yield (
-            "maps",
-            map_figure(run.measured, sensor, title=f"{name}: DIT of the acquired shots"),
-            "Acquired by the rig: apparent temperature and emissivity.",
-        )
-        panels, title = errors_panels(run.measured), f"{name}: standard errors"
-        yield (
-            "errors",
-            panels_figure(panels, sensor, title=title, window=window),
-            "Standard errors of the acquired maps, scatter from shot to shot included.",
-        )
+        figure = map_figure(run.measured, sensor, title=f"{name}: DIT of the acquired shots")
+        yield "maps", figure, "Acquired by the rig: apparent temperature and emissivity."
+        caption = "Standard errors of the acquired maps, scatter from shot to shot included."
+        yield "errors", drawn(errors_panels(run.measured), "standard errors", sensor), caption
     for number, delay_s in enumerate(delays if len(delays) > 1 else ()):
         place = maps_folder(_folder(run) / "acquisition", delays, number)
         if place.is_dir():
             maps, title = Maps.load(place), f"{name}: DIT of the shots at {delay_text(delay_s)}"
             caption = f"{DelayRow.of(delay_s, maps).text}."
             yield f"maps_{place.name}", map_figure(maps, sensor, title=title), caption
-    yield (
-        "maps_noise_free",
-        map_figure(run.maps, traced, title=f"{name}: DIT of the trace, without noise"),
-        "The same from the traced radiances, on the traced field.",
-    )
-    panels, title = weights_panels(run.weights), f"{name}: weights of the trace"
-    yield (
-        "weights",
-        panels_figure(panels, traced, title=title, window=window),
-        "Origin of the light of every pixel; one trace serves every background.",
-    )
+    figure = map_figure(run.maps, traced, title=f"{name}: DIT of the trace, without noise")
+    yield "maps_noise_free", figure, "The same from the traced radiances, on the traced field."
+    caption = "Origin of the light of every pixel; one trace serves every background."
+    yield "weights", drawn(weights_panels(run.weights), "weights of the trace"), caption
     if run.error_maps:
-        title = f"{name}: standard error of the simulated T_app"
-        panels = error_maps_panels(run.error_maps)
-        yield (
-            "simulation_errors",
-            panels_figure(panels, traced, title=title, window=window),
-            "Standard error of the simulation itself; errors/ has a map of every cause.",
-        )
+        title = "standard error of the simulated T_app"
+        caption = "Standard error of the simulation itself; errors/ has a map of every cause."
+        yield "simulation_errors", drawn(error_maps_panels(run.error_maps), title), caption
     if run.ensemble is not None:
-        title = f"{name}: {run.ensemble.members} injections"
-        yield (
-            "injections",
-            panels_figure(injections_panels(run.ensemble), traced, title=title, window=window),
-            f"Differences between injections; {run.ensemble.text(run)}.",
-        )
+        panels, title = injections_panels(run.ensemble), f"{run.ensemble.members} injections"
+        caption = f"Differences between injections; {run.ensemble.text(run)}."
+        yield "injections", drawn(panels, title), caption
     if run.info.spectral is not None and run.info.spectral.errors_K:
         chosen, title = len(run.info.spectral.nodes), f"{name}: error against number of wavelengths"
         yield (
@@ -149,16 +129,11 @@ def _camera(run: Run) -> Slider:
             total, count = sums.get(shot.background_setpoint_K, (np.zeros(acquisition.shape), 0))
             sums[shot.background_setpoint_K] = (total + acquisition.load(shot), count + 1)
     means = {at: (total / count).astype(np.float32) for at, (total, count) in sorted(sums.items())}
-    drawn = camera_figures(means, frame, title=run.scene.name)
-    return Slider(
-        "Background",
-        {
-            f"{at:g} K": Figure(
-                png_of(figure, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections."
-            )
-            for at, figure in drawn.items()
-        },
-    )
+    figures = {
+        f"{at:g} K": Figure(png_of(one, dpi=SCREEN_DPI), f"Mean of {sums[at][1]} injections.")
+        for at, one in camera_figures(means, frame, title=run.scene.name).items()
+    }
+    return Slider("Background", figures)
 
 
 def _delay_number(run: Run, delays: Sequence[float]) -> int:
@@ -192,8 +167,7 @@ def _origin(run: Run) -> list[Block]:
         run.weights, run.reference, background=leaves, wall=whole.wall, patches=whole.patches
     )
     middle_K = float(np.median(run.scene.background.temperatures_K))
-    title = f"{run.scene.name}: origin of the signal"
-    frame = frame_of(run.scene)
+    title, frame = f"{run.scene.name}: origin of the signal", frame_of(run.scene)
     window = spray_window(run.maps, frame)
     figure = panels_figure(shares.panels(), frame, title=title, window=window)
     caption = f"Shares of the radiance in front of a background of {middle_K:g} K."
@@ -270,13 +244,8 @@ def _cause(cause: Cause) -> str:
 def _stages(run: Run) -> Table:
     total = sum(stage.seconds for stage in run.info.stages)
     rows: list[list[Cell]] = [
-        [
-            stage.name,
-            f"{stage.seconds:.2f} s",
-            Bar(stage.seconds / total if total > 0 else 0.0),
-            stage.note,
-        ]
-        for stage in run.info.stages
+        [one.name, f"{one.seconds:.2f} s", Bar(one.seconds / (total or 1.0)), one.note]
+        for one in run.info.stages
     ]
     return Table((), [*rows, ["all", f"{total:.2f} s", "", ""]] if rows else [], numbers=(1,))
 
@@ -328,65 +297,3 @@ def write_run_report(run: Run) -> Path:
         ),
     ]
     return write_page(Page(run.scene.name, content), folder / "report.html")
-
-
-def write_pages(folder: str | Path) -> tuple[Path, ...]:
-    """Writes a page beside the maps of an acquisition or of measured data, one for each delay.
-
-    folder: evaluated acquisition, folder with measured.yaml, or such a file itself. Returns the
-    pages' paths.
-    """
-    found = open_recorded(folder)
-    frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
-    return tuple(
-        write_evaluation_page(place, frame, title=f"{_name(found)}: DIT of the shots{when}")
-        for place, when in _evaluated(found)
-    )
-
-
-def _name(found: Acquisition | Measured) -> str:
-    return found.folder.resolve().name
-
-
-def _evaluated(found: Acquisition | Measured) -> Iterator[tuple[Path, str]]:
-    """Folders of maps, and ` at 0.95 ms` for each of several delays."""
-    delays = found.plan.delays if isinstance(found, Acquisition) else ()
-    if len(delays) < 2:
-        yield found.folder / "maps", ""
-        return
-    for number, delay_s in enumerate(delays):
-        place = maps_folder(found.folder, delays, number)
-        if place.is_dir():
-            yield place, f" at {delay_text(delay_s)}"
-
-
-def show_folder(folder: str | Path, *, suffix: str = ".png") -> Path:
-    """Draws the maps of a run, an acquisition or measured data; returns the first figure's path.
-
-    For a series, returns the film that the series itself made. suffix: .png, .pdf or .svg.
-    """
-    place = Path(folder)
-    if (place / SERIES_FILE).is_file():
-        film = place / FILM_FILE
-        if not film.is_file():
-            raise RunFolderError(
-                f"{place}: the series has no film; `cldit run {place / SERIES_FILE} --times .. "
-                f"--out {place}` completes it"
-            )
-        return film
-    if (place / "scene.yaml").is_file():
-        write_figures(open_run(place), suffix=suffix)
-        return place / "pictures" / f"maps{suffix}"
-    found = open_recorded(place)
-    if not (found.folder / "maps").is_dir():
-        raise RunFolderError(
-            f"{found.folder}: is not evaluated yet; run `cldit evaluate {found.folder}` first"
-        )
-    frame = Frame(pixel_m=found.pixel_m, centre_m=found.centre_m)
-    drawn: list[Path] = []
-    for maps, when in _evaluated(found):
-        title = f"{_name(found)}: DIT of the acquired shots{when}"
-        # one delay: beside the folder of its maps, as before there were several
-        path = (maps if when else found.folder) / f"maps{suffix}"
-        drawn.append(write_figure(map_figure(Maps.load(maps), frame, title=title), path))
-    return drawn[0]
