@@ -13,9 +13,9 @@ import numpy as np
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
-from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.agreement import agreeing
 from cldit.dit.budget import Budget, Part, budget, common_parts
+from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
 from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.maps import Maps, Reason
@@ -37,7 +37,6 @@ Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
 
-_SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
 IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
 _MUCH = 0.01  # share of saturated pixels that is reported
 
@@ -156,14 +155,14 @@ def evaluate_shots(
             witness is severe and not accepted.
     """
     setpoints = check_shots(acquisition.shots)
-    stated_counts = _saturation(acquisition.calibration)
+    stated_counts = stated_saturation(acquisition.calibration)
     axis = drift_axis(acquisition.shots)
     sums, ignored = accumulate(acquisition, stated_counts, progress, places=axis.places)
     around = acquisition.surroundings
     witnesses, saturation = examine_images(sums, setpoints, around, saturation_counts=stated_counts)
     for group in sums.values():
         group.saturation_counts = saturation
-    bad = _defective(sums, acquisition.bad_pixels)
+    bad = defective(sums, acquisition.bad_pixels)
     filter_um = from_plain(acquisition.calibration["filter_um"])
     chosen = Curve(filter_um=filter_um)
     levels = brightness(sums, setpoints, bad=bad, source=chosen.radiance(setpoints))
@@ -181,7 +180,7 @@ def evaluate_shots(
         ]
         weights = dict.fromkeys(set().union(*few), 0.0)
     _reweigh(acquisition, sums, weights)
-    sees = _seeing(sums, setpoints, bad)
+    sees = seeing(sums, setpoints, bad)
     fitted = None
     if curve == "fitted":
         counts = [np.mean(sums[k, "reference"].mean()[sees]) for k in setpoints]
@@ -204,7 +203,7 @@ def evaluate_shots(
         sources[kind] = whole.leaving(means)
         check_span(sources[kind], means)
     refuse(witnesses, accept)
-    calibration = _complete(
+    calibration = completed(
         acquisition.calibration, sums, sees, sources["reference"] * whole.front.transmission
     )
     examined = examine(
@@ -258,87 +257,12 @@ def evaluate_shots(
     )
 
 
-def _saturation(calibration: Mapping[str, Any]) -> float:
-    try:
-        return float(calibration["saturation_counts"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise EvaluationError(
-            f"calibration.saturation_counts: missing or no number ({error})"
-        ) from error
-
-
 def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, float]) -> None:
     shots = {shot.id: shot for shot in acquisition.shots if shot.id in weights}
     for group in sums.values():
         for number, name in enumerate(group.ids):
             if name in shots:
                 group.reweigh(acquisition.load(shots[name]), number, weights[name])
-
-
-def _defective(sums: AllSums, named: Mask | None) -> Mask:
-    """Pixels (rows, columns) that are named, or that have one value, not saturated, in all images,
-    where others have noise.
-    """
-    groups = list(sums.values())
-    value = groups[0].total / sum(groups[0].weights)
-    stuck, noise = ~np.any([group.full for group in groups], axis=0), False
-    for group in groups:
-        count = sum(group.weights)
-        steady = np.isclose(group.squares * count, group.total**2, rtol=1e-12, atol=0.0)
-        stuck &= steady & np.isclose(group.total, count * value, rtol=1e-12, atol=0.0)
-        noise = noise or not steady.all()
-    bad = np.asarray(stuck if noise else np.zeros_like(stuck))
-    return bad if named is None else bad | named
-
-
-def _seeing(sums: AllSums, setpoints: Sequence[float], bad: Mask) -> Mask:
-    """Pixels with a high contrast between references of two backgrounds, never saturated."""
-    cold, hot = (sums[k, "reference"].mean() for k in (setpoints[0], setpoints[-1]))
-    good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0) & ~bad)
-    both = good & ~np.any([sums[k, "injection"].full for k in setpoints], axis=0)
-    good = both if both.any() else good
-    contrast = hot - cold
-    if not good.any() or not np.percentile(contrast[good], 95) > 0.0:
-        return good
-    return np.asarray(good & (contrast > _SEES * np.percentile(contrast[good], 95)))
-
-
-def _complete(given: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats) -> Calibration:
-    """The calibration, with missing values from references that show radiances `seen` (K,)."""
-    rounded = all(group.rounded for group in sums.values())
-    data = {"step_counts": 1.0 if rounded else 0.0, **given}
-    groups = [group for (_, kind), group in sorted(sums.items()) if kind == "reference"]
-    missing = {"counts_per_radiance", "electrons_per_count", "read_noise_electrons"} - set(data)
-    if missing and not sees.any():
-        raise EvaluationError(
-            f"calibration: {', '.join(sorted(missing))} cannot be estimated: no pixel sees the "
-            "background unsaturated"
-        )
-    if missing & {"electrons_per_count", "read_noise_electrons"}:
-        exposures = min(len(group.ids) for group in groups)
-        if exposures < 2:
-            raise EvaluationError(
-                "sensor: noise cannot be estimated from one reference per background; take more, "
-                "or give sensor.electrons_per_count and read_noise_electrons"
-            )
-        several = [group for group in groups if len(group.ids) == exposures]
-        noise = photon_transfer(
-            np.concatenate([group.mean()[sees] for group in several]),
-            np.concatenate([group.variance()[sees] for group in several]),
-            exposures=exposures,
-            offset_counts=data.get("offset_counts"),
-            step_counts=data["step_counts"],
-        )
-        data |= {field.name: getattr(noise, field.name) for field in fields(noise)}
-    if "counts_per_radiance" in missing:
-        means = np.array([np.mean(group.mean()[sees]) for group in groups])
-        unit = float(np.max(seen))
-        data["counts_per_radiance"] = float(np.polyfit(seen / unit, means, 1)[0]) / unit
-        if not data["counts_per_radiance"] > 0.0:
-            raise EvaluationError(
-                "references: hotter backgrounds do not look brighter; check the temperatures"
-            )
-    return Calibration.from_dict({"offset_counts": 0.0, **data})
 
 
 def _solved(
