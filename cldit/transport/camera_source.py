@@ -122,12 +122,13 @@ def _camera_sweep(problem: SweepProblem, final: FinalSource) -> CameraSweep | No
     tables = [] if phase is None else [one.by_half_sine(PHASE_STEPS) for one in phase.tables]
     weights = None if phase is None else class_weights(problem.medium, phase)
     place = view.middle[:3] - np.array([0.0, view.distance, 0.0])
-    return final.sweeper.to_camera(
+    return CameraSweep.of(
+        final.sweeper,
         problem.final_program,
         problem.medium,
-        np.concatenate(tables) if tables else np.zeros(1),
-        place,
-        weights,
+        phase=np.concatenate(tables) if tables else np.zeros(1),
+        place=place,
+        classes=weights,
     )
 
 

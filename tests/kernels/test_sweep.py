@@ -20,6 +20,7 @@ from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.boundary import boundary_seen, patch_rows, shifted
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.blurred_boundary import SIDE, BlurredBoundary
+from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, isotropic
@@ -273,12 +274,12 @@ def test_light_to_the_camera_changes_as_the_light_does(device: Device) -> None:
     towards = build(device, "sweep.cl", {**defines, **flags})
     seen_there = build(device, "sweep.cl", {**even, **flags, "VIEW_TRANSMISSION": 1})
     for seen in (clear, cells):
-        camera = sweeper.to_camera(towards, seen, np.zeros(1), np.zeros(3))
+        camera = CameraSweep.of(sweeper, towards, seen, phase=np.zeros(1), place=np.zeros(3))
         mean, discrete_to_moment = sweeper.view_weighted_mean(camera, rays)
         np.testing.assert_allclose(mean, light[0], rtol=0, atol=2e-6)  # a few roundings of 12 rays
         assert discrete_to_moment is not None
         np.testing.assert_allclose(discrete_to_moment, more, atol=5e-5)  # twelve times as much
-        camera = sweeper.to_camera(seen_there, seen, np.zeros(1), np.zeros(3))
+        camera = CameraSweep.of(sweeper, seen_there, seen, phase=np.zeros(1), place=np.zeros(3))
         mean, _ = sweeper.view_weighted_mean(camera, rays)
         assert np.allclose(mean, light[0], rtol=0, atol=2e-6) == (seen is clear)
 
@@ -322,7 +323,7 @@ def test_blurred_boundary_against_numpy(
         upload(device, "maps", maps.astype(np.float32)),
         upload(device, "frames", frames.astype(np.float32)),
     )
-    camera = sweeper.to_camera(program, whole, np.zeros(1), np.zeros(3))
+    camera = CameraSweep.of(sweeper, program, whole, phase=np.zeros(1), place=np.zeros(3))
     got, more = sweeper.view_weighted_mean(
         camera, sweeper.rays(directions, starts), blurred=blurred
     )

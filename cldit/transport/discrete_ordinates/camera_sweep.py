@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.gpu.buffers import upload, zeros
-from cldit.gpu.device import Device
 from cldit.gpu.program import Program
-from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
-from cldit.transport.discrete_ordinates.cell_packets import CellPackets, turned_too
+from cldit.transport.cells import OpticalCells, mean_transmission
+from cldit.transport.discrete_ordinates.axis_order import AxisOrder
+from cldit.transport.discrete_ordinates.cell_packets import turned_too
+
+if TYPE_CHECKING:
+    from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 
 @dataclass(frozen=True)
@@ -21,29 +24,24 @@ class CameraSweep:
     """Sweep program that weights ordinates by the scattering to the camera.
 
     phase: phase function in equal steps of the sine of half the angle.
-    place: (3,) position of the camera, in cells of the cube.
+    place: (4,) position of the camera, in cells from the box's lower corner, and 0.
     shares: sums of weights in every cell, in packets of either order of axes.
     seen: with VIEW_TRANSMISSION, optical depths to the camera and inverse mean transmissions; with
         BLURRED_BOUNDARY, optical depths; with PHASE_CLASSES, shares of the droplet size classes.
     """
 
-    device: Device
-    real: type[np.float32] | type[np.float64]
     program: Program
     phase: Any
-    place: Floats
+    place: NDArray[Any]
     shares: dict[bool, Any]
     seen: dict[bool, dict[str, Any]]
 
     @classmethod
     def of(
         cls,
-        device: Device,
-        box: SweptBox,
-        real: type[np.float32] | type[np.float64],
+        sweeper: Sweeper,
         program: Program,
         medium: OpticalCells,
-        packets: Mapping[bool, CellPackets],
         *,
         phase: Floats,
         place: Floats,
@@ -52,13 +50,14 @@ class CameraSweep:
         """Uploads the weights.
 
         Args:
-            device, box, real, packets: those of the sweeper.
             program: sweep.cl with CAMERA_SWEEP.
             medium: the original medium, without delta-M.
             phase: `ScatteringTable.by_half_sine` of each class of droplet size; one number without
                 PHASE_STEPS.
+            place: (3,) position of the camera, in cells of the cube.
             classes: (K, P) shares of these classes, with PHASE_CLASSES.
         """
+        device, box, packets, real = sweeper.device, sweeper.box, sweeper.packets, sweeper.real
         seen: dict[bool, dict[str, Any]] = {turned: {} for turned in packets}
         views: dict[str, Floats] = {}
         if "VIEW_TRANSMISSION" in program.defines:
@@ -75,14 +74,21 @@ class CameraSweep:
                 packed = np.stack([some.packed(one[turned]) for one in each], axis=1)
                 seen[turned]["class_shares"] = upload(device, "size classes", packed)
         return cls(
-            device=device,
-            real=real,
             program=program,
             phase=upload(device, "phase function", phase.astype(real)),
-            place=place,
+            place=np.append(place - box.low, 0.0).astype(real),
             shares={
                 turned: zeros(device, "shares", some.cells, real)
                 for turned, some in packets.items()
             },
             seen=seen,
         )
+
+    def arguments(self, layout: AxisOrder) -> dict[str, Any]:
+        """Kernel arguments of the sweep for CAMERA_SWEEP."""
+        return {
+            "shares": self.shares[layout.turned],
+            "phase": self.phase,
+            "camera": self.place,
+            **self.seen[layout.turned],
+        }

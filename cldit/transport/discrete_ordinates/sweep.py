@@ -17,7 +17,7 @@ from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS, discrete_to_moment
 from cldit.transport.boundary import NONE, shifted
 from cldit.transport.cells import OpticalCells, SweptBox, mean_transmission
-from cldit.transport.discrete_ordinates.axis_order import AxisOrder, axis_orders
+from cldit.transport.discrete_ordinates.axis_order import axis_orders
 from cldit.transport.discrete_ordinates.blurred_boundary import BlurredBoundary
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.cell_packets import CellPackets
@@ -51,7 +51,7 @@ class Sweeper:
     one_minus_lambda: (N,) 1 - Lambda*, the preconditioner (Kunasz and Auer, JQSRT 39, 1988).
     linear_cells: (K,) numbers of the scattering cells that have a gradient.
     gradients: finite differences of neighbours; None: `set_source` receives the gradient.
-    sweeps: ordinates swept so far.
+    sweeps: ordinates swept so far. real: the device's precision.
     """
 
     def __init__(
@@ -89,11 +89,11 @@ class Sweeper:
         self.linear_cells = np.flatnonzero(
             np.full(self.count, linear) if linear_cells is None else linear_cells
         )
-        self._real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
+        self.real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
         self._patches: dict[str, Any] = {}
-        real = self._real
+        real = self.real
         if len(patches):
             inside = shifted(patches, -np.asarray(self.box.low, float))
             self._patches = {"patches": upload(device, "patches", inside.astype(real))}
@@ -157,11 +157,6 @@ class Sweeper:
         # n x n tiles need 2 n launches, from four corners.
         return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
-    @property
-    def real(self) -> Real:
-        """The device's precision."""
-        return self._real
-
     def set_source(
         self, listed: NDArray[Any], *, shining: bool, gradient: NDArray[Any] | None = None
     ) -> None:
@@ -197,10 +192,10 @@ class Sweeper:
         count, emitters = order.packets.cells, self.components - self.boundaries
         thermal = order.thermal
         if cavity and emitters:
-            ones = np.zeros((emitters, count), self._real)
+            ones = np.zeros((emitters, count), self.real)
             ones[0] = 1.0
             thermal = upload(self.device, "thermal sources", ones)
-        clear(self.device, self._source, self._planes * count, self._real)
+        clear(self.device, self._source, self._planes * count, self.real)
         if emitters and self._shining:
             packets = {"packets": len(order.packets)}
             self._cells.run(
@@ -216,8 +211,8 @@ class Sweeper:
         planes = moments * self.components
         most = max(packets.cells for packets in self.packets.values())
         return (
-            unset(self.device, "I - S", planes * most, self._real),
-            unset(self.device, "list", planes * self.count, self._real),
+            unset(self.device, "I - S", planes * most, self.real),
+            unset(self.device, "list", planes * self.count, self.real),
         )
 
     def _answer(self, kernel: str, *, collected: Any = None, **arguments: Any) -> NDArray[Any]:
@@ -244,7 +239,7 @@ class Sweeper:
             starts,
             together=self._together,
             edge=self._edge,
-            real=self._real,
+            real=self.real,
         )
 
     def sweep(self, rays: DeviceOrdinates, *, shining: bool, cavity: bool = False) -> None:
@@ -288,9 +283,9 @@ class Sweeper:
         if many > self.components:
             of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
             for moment, offset in zip(out[1:], of_isotropic, strict=True):
-                moment -= self._real(offset) * out[0]
-        out[0] += self._real(weight.sum()) * self._cells.read(self._cells.source)
-        return None if gradient is None else gradient * self._real(_PER_MOMENT / weight.sum())
+                moment -= self.real(offset) * out[0]
+        out[0] += self.real(weight.sum()) * self._cells.read(self._cells.source)
+        return None if gradient is None else gradient * self.real(_PER_MOMENT / weight.sum())
 
     def _sweep_all(
         self,
@@ -314,11 +309,11 @@ class Sweeper:
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
-            clear(self.device, i_minus_s, planes * order.packets.cells, self._real)
+            clear(self.device, i_minus_s, planes * order.packets.cells, self.real)
             if spatial:
-                clear(self.device, spatial[0], 3 * order.linear_size, self._real)
+                clear(self.device, spatial[0], 3 * order.linear_size, self.real)
             if camera is not None:
-                clear(self.device, camera.shares[turned], order.packets.cells, self._real)
+                clear(self.device, camera.shares[turned], order.packets.cells, self.real)
             linear: dict[str, Any] = {}
             if "LINEAR_SOURCE" in program.defines:
                 linear["gradient"] = order.gradient
@@ -329,7 +324,7 @@ class Sweeper:
                     arguments = {"i_minus_s": i_minus_s, **tables, **linear, **(more or {})}
                     arguments |= basis if spatial else {}
                     if camera is not None:
-                        arguments |= self._camera_arguments(camera, schedule.layout)
+                        arguments |= camera.arguments(schedule.layout)
                     if interfaces is not None:
                         arguments |= interfaces.arguments(schedule.layout)
                     self._launch(program, schedule, shining, arguments)
@@ -340,26 +335,15 @@ class Sweeper:
         self.sweeps += len(rays.directions)
         if not spatial:
             return None
-        out = np.empty((3, self.components, len(self.linear_cells)), self._real)
+        out = np.empty((3, self.components, len(self.linear_cells)), self.real)
         return download(self.device, spatial[1], out)
 
     def _spatial_room(self) -> tuple[Any, Any]:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
         most = 3 * max(order.linear_size for order in self._order.values())
         listed = 3 * self.components * len(self.linear_cells)
-        real = self._real
+        real = self.real
         return unset(self.device, "I - S", most, real), unset(self.device, "list", listed, real)
-
-    def _camera_arguments(self, camera: CameraSweep, layout: AxisOrder) -> dict[str, Any]:
-        """Kernel arguments for CAMERA_SWEEP."""
-        place = np.zeros(4)
-        place[:3] = camera.place - self.box.low
-        return {
-            "shares": camera.shares[layout.turned],
-            "phase": camera.phase,
-            "camera": place.astype(self._real),
-            **camera.seen[layout.turned],
-        }
 
     def _launch(
         self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
@@ -392,7 +376,7 @@ class Sweeper:
                 "stride_v": int(layout.stride_v),
                 "stride_l": int(layout.stride_l),
                 "inflow": float(shining),
-                "disc": self._disc.astype(self._real),
+                "disc": self._disc.astype(self.real),
                 **self._patches,
                 **arguments,
             },
@@ -404,7 +388,7 @@ class Sweeper:
         The cells emit 1 less the boundary's part of their source `listed` (C, N); all other cells
         emit 1.
         """
-        b, real = self.boundaries, self._real
+        b, real = self.boundaries, self.real
         parts = np.zeros((self.components, self.count), real)
         parts[:b] = listed[:b]
         if self.components > b:
@@ -414,27 +398,6 @@ class Sweeper:
         total = self._cells.read(self._listed).sum(axis=0, dtype=np.float64)
         missing = parts.sum(axis=0, dtype=np.float64) - 1.0
         return np.asarray(total / rays.directions.weight.sum() + missing)
-
-    def to_camera(
-        self,
-        program: Program,
-        seen: OpticalCells,
-        phase: NDArray[np.float64],
-        place: NDArray[np.float64],
-        classes: NDArray[np.float64] | None = None,
-    ) -> CameraSweep:
-        """Weights for scattering to the camera in this box; arguments as in `CameraSweep.of`."""
-        return CameraSweep.of(
-            self.device,
-            self.box,
-            self._real,
-            program,
-            seen,
-            self.packets,
-            phase=phase,
-            place=place,
-            classes=classes,
-        )
 
     def view_weighted_mean(
         self,
@@ -449,17 +412,10 @@ class Sweeper:
         boundary along these ordinates, with BLURRED_BOUNDARY. The second result is the gradient as
         in `moments`.
         """
-        i_minus_s, listed, planes = self._i_minus_s, self._listed, self.components
+        room = (self._i_minus_s, self._listed, self.components)
+        more = {} if blurred is None else blurred.arguments
         gradient = self._sweep_all(
-            camera.program,
-            rays,
-            True,
-            i_minus_s,
-            listed,
-            planes,
-            camera,
-            interfaces=interfaces,
-            more={} if blurred is None else blurred.arguments,
+            camera.program, rays, True, *room, camera, interfaces=interfaces, more=more
         )
         mean = self._answer(
             "weighted_mean",
@@ -473,11 +429,11 @@ class Sweeper:
         for turned, order in self._order.items():
             weights = camera.shares[turned]
             self._cells.collect(self._out, weights, order.place, turned=turned, planes=1)
-        shares = download(self.device, self._out, np.empty(self.count, self._real))[
+        shares = download(self.device, self._out, np.empty(self.count, self.real))[
             self.linear_cells
         ]
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
-        return mean, self._real(_PER_MOMENT) * share * gradient
+        return mean, self.real(_PER_MOMENT) * share * gradient
 
     def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
         """Preconditioned residual (C, N) after a sweep of the present source.
