@@ -103,7 +103,7 @@ def trace_source(
         counts["pixels_of_several_rays"] = int(np.count_nonzero(made.across > 1))
         counts["rays"] = int(np.sum(made.across**2))
     if gather is not None:
-        programs += gather.programs
+        programs += gather.sampler.programs
         counts["samples"] = gather.samples
         seconds["gather"] = gather.seconds
         # Devices gather in parallel.

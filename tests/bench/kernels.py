@@ -23,7 +23,7 @@ from cldit.transport.discrete_ordinates.moment_source import moment_source
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
-from cldit.transport.final_gather.gather import Gather
+from cldit.transport.final_gather.paths import PathSampler
 from cldit.transport.image import Reals
 from cldit.transport.source_iteration import formal_solution, thick_region
 from cldit.transport.view import View, upload_directory, upload_tree
@@ -127,7 +127,7 @@ class Kernels:
         camera = final_sweeps(problem, moment_source(problem, solved, rng))
         image = formal_solution(cells, region, case.scene, view, case.device, settings)
         assert camera.cell_sources is not None
-        gather = Gather(image, cells.box(), region, camera.cell_sources, settings, flags)
+        sampler = PathSampler(image, cells.box(), region, camera.cell_sources, settings, flags)
         found: list[NDArray[np.int64]] = []
 
         class Collect:
@@ -145,10 +145,10 @@ class Kernels:
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):
             return None
-        paths, every = gather.paths(pixels, 1), np.arange(len(pixels))
+        paths, every = sampler.paths(pixels, 1), np.arange(len(pixels))
 
         def cross() -> Floats:
-            return gather.means(paths, every, 1, range(count), 0)
+            return sampler.means(paths, every, 1, range(count), 0)
 
         crossed = float(cross()[-1].sum())
         region_cells, record = camera.cell_sources.records.shape

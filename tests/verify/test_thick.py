@@ -176,8 +176,8 @@ def test_flights_one_by_one(
     which bring up to 1, one counts 0.008; nearly all pixels have none."""
     changes = {"accuracy_K": 1.0, "max_samples": 128, "phase": phase, "precision": precision}
     eight = run_block(BLOCK, **SCENE, transport=changes)
-    gather = "cldit.transport.final_gather.gather"
-    monkeypatch.setattr(f"{gather}.simd_defines", lambda _: {"SIMD_WIDTH": 1})
+    paths = "cldit.transport.final_gather.paths"
+    monkeypatch.setattr(f"{paths}.simd_defines", lambda _: {"SIMD_WIDTH": 1})
     one = run_block(BLOCK, **SCENE, transport=changes)
     assert one.info.counts["samples"] == eight.info.counts["samples"]
     difference = np.abs(wall(one) - wall(eight))
