@@ -22,9 +22,9 @@ from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, judge
 from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, ignore_saturated
 from cldit.dit.solve import KINDS, Signals, Solution, solve
-from cldit.dit.witness.brightness import brightness
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
+from cldit.dit.witness.levels import brightness
 from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.io.origin import Origin, versions

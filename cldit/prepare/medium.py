@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cldit.gpu.device import Device
 from cldit.io.origin import FileRead
 from cldit.medium.cloud import Kernel, smeared
@@ -19,7 +21,6 @@ from cldit.optics.spectral import SpectralNode
 from cldit.optics.wavelengths import Wavelengths, wavelengths
 from cldit.prepare.case_fit import misfits
 from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames
-from cldit.prepare.motion import motion_remarks
 from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
 from cldit.prepare.spray_factory import AnySpray, make_spray
 from cldit.prepare.stages import Stages
@@ -269,7 +270,7 @@ def prepare(
         note.append(scene.spray.model if spray is None else "given")
         made = spray or make_spray(cone or scene.spray, cache=cache, watch=stages.watch)
         spray = deposited(scene, made)
-        stages.remark((*spray.remarks, *motion_remarks(scene, made)))
+        stages.remark((*spray.remarks, *_motion_remarks(scene, made)))
     if isinstance(scene.spray, CfdSpray):
         stages.remark(misfits(scene, spray))
     with stages.stage("optics") as note:
@@ -308,4 +309,32 @@ def prepare(
         number=found.chosen.main,
         limit=limit,
         cache=cache,
+    )
+
+
+def _motion_remarks(scene: Scene, spray: Spray) -> tuple[str, ...]:
+    """Remarks on droplets that are smeared, cannot be, or move by more than a pixel."""
+    camera, parcels = scene.camera, spray.parcels
+    velocity = None if parcels is None else parcels.velocity_m_s
+    if camera.exposure == "smear":
+        if velocity is not None:
+            return ("camera.exposure: droplets are smeared along their velocity, vapour is not",)
+        return (
+            "camera.exposure: smear has no effect, since the parcels have no velocity: the image "
+            "is that of an instant",
+        )
+    given_s = camera.sensor.integration_time_s
+    if camera.exposure != "instant" or given_s is None or velocity is None or parcels is None:
+        return ()
+    area = parcels.droplets * parcels.diameter_m**2
+    if not area.any():
+        return ()
+    speed_m_s = float(np.sqrt(np.average(np.sum(velocity[:, ::2] ** 2, axis=1), weights=area)))
+    moved_m = speed_m_s * given_s
+    if moved_m <= camera.pixel_m:
+        return ()
+    return (
+        f"droplets move by {1e3 * moved_m:.2g} mm (RMS in the image) during {1e6 * given_s:g} us, "
+        f"{moved_m / camera.pixel_m:.2g} pixels of the sensor, but the image is of an instant; "
+        "camera.exposure: smear or times shows the mean",
     )

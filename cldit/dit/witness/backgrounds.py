@@ -14,7 +14,7 @@ import numpy as np
 from cldit.acquisition.witness_names import Acceptable
 from cldit.arrays import Floats, Mask
 from cldit.dit.witness.evidence import Evidence, per_kelvin
-from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
+from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, refusal, sure
 from cldit.dit.witness.lines import OffLine, off_line, squares
 
 FLOOR_K = 0.005  # error of mean shares of windows
@@ -155,9 +155,4 @@ def celsius(named_K: dict[str, float]) -> Witness | None:
     if not cold:
         return None
     listed = ", ".join(f"{name} {kelvin:g} K" for name, kelvin in cold.items())
-    return Witness(
-        name="celsius",
-        says=f"temperatures that look like degrees Celsius: {listed}; add 273.15",
-        stands_out=True,
-        severe=True,
-    )
+    return refusal("celsius", f"temperatures that look like degrees Celsius: {listed}; add 273.15")

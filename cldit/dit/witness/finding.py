@@ -45,6 +45,11 @@ class Witness:
         return {**asdict(self), "text": self.text}
 
 
+def refusal(name: Acceptable, says: str) -> Witness:
+    """A finding that ends the evaluation unless its name is accepted."""
+    return Witness(name=name, says=says, stands_out=True, severe=True)
+
+
 def sure(degrees: int) -> float:
     """Number of standard errors that excludes chance, for these degrees of freedom."""
     return -float(stdtrit(degrees, _CHANCE) if degrees > 0 else ndtri(_CHANCE))

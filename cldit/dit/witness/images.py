@@ -8,7 +8,7 @@ import numpy as np
 
 from cldit.arrays import Mask
 from cldit.dit.shots import AllSums
-from cldit.dit.witness.finding import Witness
+from cldit.dit.witness.finding import Witness, refusal
 
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
 _STUCK = 0.01  # share of pixels with the same count in every exposure at one background
@@ -31,12 +31,10 @@ def repeats(sums: AllSums) -> Witness | None:
     if not same:
         return None
     listed = ", ".join(same[:_NAMED]) + (", .." if len(same) > _NAMED else "")
-    return Witness(
-        name="repeats",
-        says=f"{len(same)} of {count} images repeat another one, pixel by pixel ({listed}): "
-        "a frozen camera, or copied files",
-        stands_out=True,
-        severe=True,
+    return refusal(
+        "repeats",
+        f"{len(same)} of {count} images repeat another one, pixel by pixel ({listed}): a frozen "
+        "camera, or copied files",
     )
 
 
@@ -119,11 +117,9 @@ def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
                 wrong.add(name)
     if not wrong:
         return None
-    return Witness(
-        name="orientation",
-        says="references differ more from image to image than along their "
+    return refusal(
+        "orientation",
+        "references differ more from image to image than along their "
         f"{' and '.join(sorted(wrong))}: are frames stored along that axis? "
         "measured.yaml names another order as `axes: [rows, columns, frames]`",
-        stands_out=True,
-        severe=True,
     )

@@ -15,7 +15,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
-from cldit.dit.witness.finding import Witness
+from cldit.dit.witness.finding import Witness, refusal
 from cldit.dit.witness.pixels import neighbours
 
 _LEAST = 8  # pixels along an axis
@@ -60,12 +60,7 @@ def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
                     wrong.append(f"the spray at {setpoint:g} K is {found}")
     if not wrong:
         return None
-    return Witness(
-        name="orientation",
-        says="images differ in orientation: " + "; ".join(wrong),
-        stands_out=True,
-        severe=True,
-    )
+    return refusal("orientation", "images differ in orientation: " + "; ".join(wrong))
 
 
 def _pattern(image: Floats) -> Floats:
