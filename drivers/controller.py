@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Annotated, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from pydantic import model_validator
 
@@ -11,11 +11,12 @@ from cldit.rig.checks import check_setpoint
 from cldit.rig.clock import Clock
 from cldit.rig.errors import ConfigRejected, OddAnswer
 from cldit.rig.link import Told
-from cldit.rig.locks import serial_address, tcp_address
 from cldit.rig.protocols import Limits
 from cldit.rig.stability import Settling
-from cldit.scene.checks import Section, Within
+from cldit.scene.checks import Section
 from cldit.scene.values import Temperature
+
+from .line_address import LineAddress
 
 KELVIN = 273.15  # 0 °C
 _COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
@@ -32,29 +33,8 @@ class BlackBodyLimits(Section):
         return self
 
 
-class ControllerSettings(BlackBodyLimits):
+class ControllerSettings(BlackBodyLimits, LineAddress):
     safe_K: Temperature = 295.0  # set point when the rig is made safe; the nearest within limits
-    host: str | None = None  # on TCP, or that of a serial server
-    port: Annotated[int, Within(1, 65535)]
-    serial: str | None = None  # /dev/ttyUSB0, COM3
-    answer_s: Annotated[float, Within(0.01, 60.0)]
-
-    @model_validator(mode="after")
-    def _one_line(self) -> ControllerSettings:
-        if (self.host is None) == (self.serial is None):
-            raise ValueError("host, serial: allowed: one of the two")
-        return self
-
-    @property
-    def where(self) -> str:
-        """Address for messages, and name of a serial line."""
-        return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
-
-    def address(self) -> str:
-        """Address by which the instrument is locked."""
-        if self.host is not None:
-            return tcp_address(self.host, self.port)
-        return serial_address(str(self.serial))
 
     @property
     def safe_setpoint_K(self) -> float:

@@ -18,12 +18,11 @@ from pydantic import model_validator
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
-from cldit.rig.link import Linked
 from cldit.rig.locks import tcp_address
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Section, Within
 
-from .scpi import ScpiLine
+from .scpi import ScpiInstrument
 
 Pair = Literal["AB", "CD", "EF", "GH"]
 
@@ -60,23 +59,20 @@ class Dg645Settings(Section):
         return self
 
 
-class Dg645(Linked):
+class Dg645(ScpiInstrument):
     """A `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(self, settings: Dg645Settings, context: RigContext) -> None:
-        where = f"{settings.host}:{settings.port}"
+        maker = "Stanford Research Systems"
         super().__init__(
-            "trigger",
-            f"DG645 at {where}",
+            DeviceInfo("trigger", maker, "DG645", tested_on_hardware=False),
+            f"DG645 at {settings.host}:{settings.port}",
+            f"TCPIP::{settings.host}::{settings.port}::SOCKET",
             by_hand=f"unplug the cable of the output {settings.injector}, or switch the DG645 off",
             address=lambda: tcp_address(settings.host, settings.port),
         )
         self._settings = settings
         self._clock = context.clock
-        resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
-        self._line = ScpiLine("trigger", resource, self._asking, again=self._again)
-        maker = "Stanford Research Systems"
-        self._info = DeviceInfo("trigger", maker, "DG645", tested_on_hardware=False)
         self._burst: Burst | None = None
         self._inhibited = True
         self._told = "only identified"
@@ -92,14 +88,11 @@ class Dg645(Linked):
         self._still()
 
     def _drop(self) -> None:
-        self._line.close()
+        super()._drop()
         self._inhibited = True
 
     def _last_known(self) -> str:
         return self._told
-
-    def identify(self) -> DeviceInfo:
-        return self._info
 
     def read_configuration(self) -> dict[str, Any]:
         edges = [edge for pair in self._pairs for edge in _EDGES[pair]]

@@ -10,13 +10,13 @@ from typing import Annotated, Any
 from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected
-from cldit.rig.link import Linked, Told
+from cldit.rig.link import Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 from cldit.scene.values import Temperature
 
 from .controller import KELVIN, BlackBody, ControllerSettings
-from .scpi import ScpiLine
+from .scpi import ScpiInstrument
 
 ABOUT = DriverAbout(
     "background",
@@ -34,25 +34,20 @@ class FlukeSettings(ControllerSettings):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
 
-class Fluke418x(Linked, BlackBody[FlukeSettings]):
+class Fluke418x(ScpiInstrument, BlackBody[FlukeSettings]):
     """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: FlukeSettings, context: RigContext) -> None:
-        where = settings.where
-        Linked.__init__(
+        ScpiInstrument.__init__(
             self,
-            "background",
-            f"Fluke 418x at {where}",
+            DeviceInfo("background", "Fluke", "418x", tested_on_hardware=False),
+            f"Fluke 418x at {settings.where}",
+            settings.resource,
             by_hand="switch its heater off at its keypad, or its mains switch",
             address=settings.address,
+            **({} if settings.serial is None else {"baud_rate": settings.baudrate}),
         )
         BlackBody.__init__(self, settings, context.clock)
-        if settings.host is not None:
-            resource, options = f"TCPIP::{settings.host}::{settings.port}::SOCKET", {}
-        else:
-            resource, options = f"ASRL{where}::INSTR", {"baud_rate": settings.baudrate}
-        self._line = ScpiLine("background", resource, self._asking, again=self._again, **options)
-        self._info = DeviceInfo("background", "Fluke", "418x", tested_on_hardware=False)
         self._heater = Told("heater")
 
     def _open(self, timeout_s: float) -> None:
@@ -61,14 +56,8 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         self._line.write("UNIT:TEMP C")
         self._line.write(f"SOUR:STAB:LIM {self._settings.stable_within_K:g}")
 
-    def _drop(self) -> None:
-        self._line.close()
-
     def _last_known(self) -> str:
         return f"{self._setpoint}, {self._heater}"
-
-    def identify(self) -> DeviceInfo:
-        return self._info
 
     def read_configuration(self) -> dict[str, Any]:
         return {
@@ -91,8 +80,12 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
         return f"heater off, set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
-        got_K = self._write(temperature_K)
-        self._output(True)
+        self._setpoint.written(f"{temperature_K:.1f} K")
+        self._line.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")
+        got_K = self._confirmed(temperature_K, self._kelvin("SOUR:SPO?"))
+        self._heater.written("on")
+        self._line.write("OUTP:STAT 1")
+        self._check_output(True)
         return got_K
 
     def read_temperature(self) -> float:
@@ -106,17 +99,6 @@ class Fluke418x(Linked, BlackBody[FlukeSettings]):
             return self._plausible(command, check_answer("background", command, answer) + KELVIN)
 
         return self._line.ask(command, kelvin)
-
-    def _write(self, temperature_K: float) -> float:
-        self._setpoint.written(f"{temperature_K:.1f} K")
-        self._line.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")
-        return self._confirmed(temperature_K, self._kelvin("SOUR:SPO?"))
-
-    def _output(self, on: bool) -> None:
-        state = "on" if on else "off"
-        self._heater.written(state)
-        self._line.write(f"OUTP:STAT {int(on)}")
-        self._check_output(on)
 
     def _check_output(self, on: bool) -> None:
         state = "on" if on else "off"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, log, pi, sin
+from math import exp, pi, sin
 from typing import Annotated
 
 from cldit.rig.clock import Clock
@@ -66,14 +66,3 @@ class Heater:
         late = since_s / tau_s - _BUMP_FROM
         bump_K = -how.overshoot * step_K * late * exp(1.0 - late) if late > 0.0 else 0.0
         return self.setpoint_K + left_K * exp(-since_s / tau_s) + bump_K + drift_K
-
-    def settling_time_s(self, step_K: float, tolerance_K: float) -> float:
-        """Time until a step is within the tolerance, without overshoot and drift."""
-        how = self._dynamics
-        size_K, time_s = abs(step_K), 0.0
-        if how.slew_K_per_s is not None:
-            ramp_K = max(size_K - max(how.slew_K_per_s * how.time_constant_s, tolerance_K), 0.0)
-            time_s, size_K = ramp_K / how.slew_K_per_s, size_K - ramp_K
-        if size_K <= tolerance_K:
-            return time_s
-        return time_s + how.time_constant_s * log(size_K / tolerance_K)

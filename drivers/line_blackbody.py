@@ -7,18 +7,19 @@ Nothing here is specific to an instrument: its manual gives the templates for th
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import NotConnected, OddAnswer
-from cldit.rig.link import Linked, Told
+from cldit.rig.link import Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
 
 from .controller import KELVIN, BlackBody, ControllerSettings
 from .line_templates import Ask, Command, Tell, pattern
-from .scpi import ScpiLine
+from .scpi import ScpiInstrument
 
 ABOUT = DriverAbout(
     "background",
@@ -48,36 +49,31 @@ class LineSettings(ControllerSettings):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
 
-class LineBlackBody(Linked, BlackBody[LineSettings]):
+class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
     """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: LineSettings, context: RigContext) -> None:
-        where = settings.where
-        Linked.__init__(
-            self,
-            "background",
-            f"{settings.model} at {where}",
-            by_hand="lower its set point at its front panel, or switch its mains off",
-            address=settings.address,
-        )
-        BlackBody.__init__(self, settings, context.clock)
         options: dict[str, Any] = {
             "write_termination": settings.write_end,
             "read_termination": settings.read_end,
         }
-        if settings.host is not None:
-            resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
-        else:
-            resource = f"ASRL{where}::INSTR"
+        if settings.serial is not None:
             options |= {"baud_rate": settings.baudrate, "data_bits": settings.data_bits}
-        # Where no answer looks like no other, one that is late must not be waited for in vain.
-        quiet = {} if settings.identity is not None else {"quiet_s": settings.answer_s}
-        self._line = ScpiLine(
-            "background", resource, self._asking, again=self._again, **quiet, **options
+        if settings.identity is None:
+            # Where no answer looks like no other, one that is late must not be waited for in vain.
+            options["quiet_s"] = settings.answer_s
+        ScpiInstrument.__init__(
+            self,
+            DeviceInfo("background", settings.maker, settings.model, tested_on_hardware=False),
+            f"{settings.model} at {settings.where}",
+            settings.resource,
+            by_hand="lower its set point at its front panel, or switch its mains off",
+            address=settings.address,
+            **options,
         )
+        BlackBody.__init__(self, settings, context.clock)
         self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
         self._heater = Told("heater")
-        self._said = ""
         self._set_first = False
 
     def _open(self, timeout_s: float) -> None:
@@ -89,24 +85,17 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         identity = self._settings.identity
         if identity is not None and identity.answer is not None:
             fits = pattern(identity.answer).fullmatch
-            self._said = self._line.first(
+            said = self._line.first(
                 identity.text(), lambda text: text if fits(text) else None, identity.answer
             )
+            self._info = replace(self._info, firmware=said)
 
     def _prepare(self) -> None:
         self.read_temperature()
 
-    def _drop(self) -> None:
-        self._line.close()
-
     def _last_known(self) -> str:
-        return (
-            f"{self._setpoint}, {self._heater}" if self._settings.heater_on else str(self._setpoint)
-        )
-
-    def identify(self) -> DeviceInfo:
-        maker, model = self._settings.maker, self._settings.model
-        return DeviceInfo("background", maker, model, firmware=self._said, tested_on_hardware=False)
+        heater = f", {self._heater}" if self._settings.heater_on else ""
+        return f"{self._setpoint}{heater}"
 
     def read_configuration(self) -> dict[str, Any]:
         return {
@@ -137,10 +126,12 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
         return f"{heater}set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
-        got_K = self._write(temperature_K)
+        self._setpoint.written(f"{temperature_K:.1f} K")
+        self._told(self._settings.set, temperature_K - self._offset_K)()
+        got_K = self._confirmed(temperature_K, self._kelvin(self._settings.setpoint))
         if self._settings.heater_on is not None:
             self._heater.written("on")
-            self._tell(self._settings.heater_on)
+            self._told(self._settings.heater_on)()
         return got_K
 
     def read_temperature(self) -> float:
@@ -149,20 +140,13 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
     def is_stable(self) -> bool | None:
         if self._settings.stable is None:
             return None
-        value = self._number(self._settings.stable)
+        ask = self._settings.stable
+        value = self._line.ask(ask.text(), lambda answer: self._in(ask, answer))
         if value not in (0.0, 1.0):
             raise NotConnected(f"background: answered {value:g} to stable, expected 0 or 1")
         return value == 1.0
 
-    def _write(self, temperature_K: float) -> float:
-        self._setpoint.written(f"{temperature_K:.1f} K")
-        self._tell(self._settings.set, temperature_K - self._offset_K)
-        return self._confirmed(temperature_K, self._kelvin(self._settings.setpoint))
-
     # Templates on the line
-
-    def _tell(self, command: Command, value: float = 0.0) -> None:
-        self._told(command, value)()
 
     def _told(self, command: Command, value: float = 0.0) -> Callable[[], None]:
         """Sends a command, and returns the check of its answer."""
@@ -180,9 +164,6 @@ class LineBlackBody(Linked, BlackBody[LineSettings]):
                     )
 
         return check
-
-    def _number(self, ask: Ask) -> float:
-        return self._line.ask(ask.text(), lambda answer: self._in(ask, answer))
 
     def _kelvin(self, ask: Ask) -> float:
         def parse(answer: str) -> float:

@@ -19,12 +19,11 @@ from pydantic import model_validator
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
-from cldit.rig.link import Linked
-from cldit.rig.locks import serial_address, tcp_address
 from cldit.rig.protocols import Burst, DeviceInfo
-from cldit.scene.checks import Section, Within
+from cldit.scene.checks import Within
 
-from .scpi import ScpiLine
+from .line_address import LineAddress
+from .scpi import ScpiInstrument
 
 ABOUT = DriverAbout(
     "trigger",
@@ -62,11 +61,9 @@ SERIES = {
 }
 
 
-class PulseGeneratorSettings(Section):
+class PulseGeneratorSettings(LineAddress):
     series: Literal["bnc-505", "bnc-575", "bnc-577", "qc-9200", "qc-9510", "qc-9520"]
-    host: str | None = None
     port: Annotated[int, Within(1, 65535)] = 2101
-    serial: str | None = None  # /dev/ttyUSB0, COM3
     baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # None: that of the series
     camera: Output = "A"  # the output at the camera's trigger input
     injector: Output = "B"  # the output at the injector's driver
@@ -76,44 +73,29 @@ class PulseGeneratorSettings(Section):
 
     @model_validator(mode="after")
     def _apart(self) -> PulseGeneratorSettings:
-        if (self.host is None) == (self.serial is None):
-            raise ValueError("host, serial: allowed: one of the two")
         if self.camera == self.injector:
             raise ValueError(f"camera, injector: both are {self.camera}; allowed: two outputs")
         return self
 
-    @property
-    def where(self) -> str:
-        """Address for messages, and name of a serial line."""
-        return f"{self.host}:{self.port}" if self.host is not None else str(self.serial)
 
-    def address(self) -> str:
-        """Address by which the instrument is locked."""
-        if self.host is not None:
-            return tcp_address(self.host, self.port)
-        return serial_address(str(self.serial))
-
-
-class PulseGenerator(Linked):
+class PulseGenerator(ScpiInstrument):
     """Implements `cldit.rig.protocols.TriggerGenerator`."""
 
     def __init__(self, settings: PulseGeneratorSettings, context: RigContext) -> None:
+        self._series = SERIES[settings.series]
+        options: dict[str, Any] = {"write_termination": "\r\n"}
+        if settings.serial is not None:
+            options["baud_rate"] = settings.baudrate or self._series.baudrate
         super().__init__(
-            "trigger",
+            DeviceInfo("trigger", "?", settings.series, tested_on_hardware=False),
             f"{settings.series} at {settings.where}",
+            settings.resource,
             by_hand=f"unplug the cable of the output {settings.injector}, or switch it off",
             address=settings.address,
+            **options,
         )
         self._settings = settings
-        self._series = SERIES[settings.series]
         self._clock = context.clock
-        options: dict[str, Any] = {"write_termination": "\r\n"}
-        resource = f"TCPIP::{settings.host}::{settings.port}::SOCKET"
-        if settings.serial is not None:
-            resource = f"ASRL{settings.serial}::INSTR"
-            options["baud_rate"] = settings.baudrate or self._series.baudrate
-        self._line = ScpiLine("trigger", resource, self._asking, again=self._again, **options)
-        self._info = DeviceInfo("trigger", "?", settings.series, tested_on_hardware=False)
         self._camera, self._injector = (
             f":PULSE{'ABCDEFGH'.index(output) + 1}:"
             for output in (settings.camera, settings.injector)
@@ -132,14 +114,11 @@ class PulseGenerator(Linked):
         self._still()
 
     def _drop(self) -> None:
-        self._line.close()
+        super()._drop()
         self._inhibited = True
 
     def _last_known(self) -> str:
         return self._told
-
-    def identify(self) -> DeviceInfo:
-        return self._info
 
     def read_configuration(self) -> dict[str, Any]:
         outputs = {"camera": self._camera, "injector": self._injector}

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from cldit.rig.checks import check_answer
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, HungUp, NotConnected, RigError
+from cldit.rig.link import Linked
 from cldit.rig.protocols import DeviceInfo
 
 T = TypeVar("T")
@@ -19,6 +20,34 @@ _MANAGER = threading.Lock()  # pyvisa makes one resource manager per process, wi
 _QUIET_s = 0.02
 _NO_WORDS = ("NAN", "OK")  # not entries of an enumeration: damaged, or late for a command
 _STALE = 5  # late answers, and parts of some, that may arrive before an identity
+
+
+class ScpiInstrument(Linked):
+    """Instrument behind a line of text commands, `_line`; `info` is its identity until it is read.
+
+    where: model and address. resource and options: as for `ScpiLine`. by_hand and address: as for
+    `cldit.rig.link.Linked`.
+    """
+
+    def __init__(
+        self,
+        info: DeviceInfo,
+        where: str,
+        resource: str,
+        *,
+        by_hand: str,
+        address: Callable[[], str],
+        **options: Any,
+    ) -> None:
+        super().__init__(info.kind, where, by_hand=by_hand, address=address)
+        self._info = info
+        self._line = ScpiLine(info.kind, resource, self._asking, again=self._again, **options)
+
+    def _drop(self) -> None:
+        self._line.close()
+
+    def identify(self) -> DeviceInfo:
+        return self._info
 
 
 class ScpiLine:

@@ -92,12 +92,8 @@ def whole(path: Path, *, sync: bool = True, needed_bytes: int = 0) -> Iterator[P
     """Gives a temporary path to write to, which replaces `path` at the end; raises as `written`.
 
     On an error, `path` is unchanged, and the temporary file is removed. Processes and threads that
-    write the same file do not interfere: the last one wins.
-
-    Args:
-        path: of the file.
-        sync: False for files that can be made again: a power cut may leave them torn.
-        needed_bytes: room that the error of a full disk asks for.
+    write the same file do not interfere: the last one wins. Without `sync`, for files that can be
+    made again, a power cut may leave it torn. `needed_bytes` is as for `written`.
     """
     with written(path, needed_bytes=needed_bytes):
         _sweep(path.parent)

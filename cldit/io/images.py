@@ -34,15 +34,10 @@ def put_image(
 ) -> None:
     """Writes one image (H, W), or several (N, H, W), as ImageJ TIFF: float32, uint16 or uint8.
 
-    Row 0 is at the top. ValueError for another type or shape.
-
-    Args:
-        stream: writable, without descriptor (see `cldit.io.data_streams.DataStream`).
-        image: (H, W) or (N, H, W).
-        name: label for viewers.
-        unit: of the pixel values ("K", "1", "counts").
-        pixel_m: width and height of a pixel on the object, for the scale bar of viewers.
-        meta: data for JSON, which `read_image` returns.
+    Row 0 is at the top. `stream` has no descriptor (see `cldit.io.data_streams.DataStream`).
+    `name` and `unit` of the values ("K", "1", "counts") are the label for viewers, `pixel_m`, the
+    size of a pixel on the object, their scale bar; `meta` is plain data that `read_image` returns.
+    Raises ValueError for another type or shape.
     """
     if image.dtype not in (np.float32, np.uint16, np.uint8) or image.ndim not in (2, 3):
         raise ValueError(f"{name}: {image.dtype} of shape {image.shape} is no image")

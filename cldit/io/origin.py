@@ -108,12 +108,8 @@ class Origin:
         scene: Mapping[str, Any] | None = None,
         scene_sha256: str = "",
     ) -> Origin:
-        """Origin of a result of this process.
-
-        Args:
-            inputs: files that the result is made from.
-            scene: plain data with the seeds, if there is a scene.
-            scene_sha256: of the scene's text.
+        """Origin of a result of this process, made from `inputs`, and from a `scene` as plain data
+        with the seeds, whose text has the digest `scene_sha256`.
         """
         return cls(
             date=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,28 +25,30 @@ from cldit.optics.planck import band_radiance
 from cldit.optics.response import Filter
 from cldit.optics.windows import Pane, band_pane
 from cldit.radiance.weights import Weights, background_radiance, compose
+from cldit.scene.checks import Section, Within
 from cldit.scene.schema import Scene
 from cldit.scene.vessel import Patch, Window
 
 Radiance = Callable[[ArrayLike], Floats]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Uncertainty:
-    """Standard uncertainties of the setup, which no image contains.
+class Uncertainty(Section):
+    """Standard uncertainties of quantities that no image shows, for the evaluation's budget."""
 
-    background_calibration_K: of the black body, at all set points alike. background_uniformity_K:
-    between a point of its surface and its reading. background_emissivity, window_transmission:
-    absolute. filter_um: shift of the filter along the wavelength.
-    """
-
-    background_calibration_K: float = 1.0
-    background_uniformity_K: float = 0.5
-    background_emissivity: float = 0.01
-    wall_temperature_K: float = 1.0
-    window_temperature_K: float = 1.0
-    window_transmission: float = 0.01
-    filter_um: float = 0.01
+    background_calibration_K: Annotated[float, Within(0.0, 100.0)] = 1.0
+    """Uncertainty of the black body's calibration, at all set points alike (data sheet)."""
+    background_uniformity_K: Annotated[float, Within(0.0, 100.0)] = 0.5
+    """Uncertainty of a point of its surface relative to its reading (data sheet)."""
+    background_emissivity: Annotated[float, Within(0.0, 0.5)] = 0.01
+    """Uncertainty of the black body's emissivity."""
+    wall_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
+    """Uncertainty of the walls' temperature."""
+    window_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
+    """Uncertainty of either window's temperature."""
+    window_transmission: Annotated[float, Within(0.0, 0.5)] = 0.01
+    """Uncertainty of either window's transmission."""
+    filter_um: Annotated[float, Within(0.0, 1.0)] = 0.01
+    """Uncertainty of the filter's position."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +70,7 @@ class Surroundings:
     background_error_K: float = 0.0
     camera_offset_error_counts: float = 0.0
     camera_gain_error: float = 0.0
-    uncertainty: Uncertainty = Uncertainty()
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Surroundings:

@@ -81,13 +81,11 @@ class Linked(ABC):
     the line, how to make the instrument harmless, and the last known setting. It wraps every
     exchange in `with self._asking():`, and what may be repeated in `self._again`.
 
-    Args:
-        kind: camera, background or trigger; messages begin with it.
-        where: model and address, to find the instrument.
-        by_hand: what to do at the instrument if the computer cannot reach it.
-        reach_s: time in which `make_safe` tries to reach a lost instrument.
-        address: gives the address by which the instrument is locked while it is used, as
-            `cldit.rig.locks.tcp_address`; None locks nothing, as for simulated instruments.
+    kind: camera, background or trigger; messages begin with it. where: model and address, to find
+    the instrument. by_hand: what to do at the instrument if the computer cannot reach it. reach_s:
+    time in which `make_safe` tries to reach a lost instrument. address: gives the address by which
+    the instrument is locked while it is used, as `cldit.rig.locks.tcp_address`; None locks nothing,
+    as for simulated instruments.
     """
 
     def __init__(
@@ -192,10 +190,8 @@ class Linked(ABC):
         self._unlock()
 
     def reserve(self) -> None:
-        """Locks the instrument for this process, and asks nothing of it; `close` frees it.
-
-        Raises:
-            InUse: names the process that uses it, and since when.
+        """Locks the instrument for this process, and asks nothing of it; `close` frees it. Raises
+        InUse, which names the process that uses it, and since when.
         """
         if self._locked is None and self._address is not None:
             address = self._address()
@@ -230,10 +226,8 @@ class Linked(ABC):
             self._locked = None
 
     def make_safe(self) -> Safety:
-        """Implements `cldit.rig.protocols.Device.make_safe`.
-
-        Raises:
-            NotSafe: names the instrument, its address, its last known settings, and what to do.
+        """Implements `cldit.rig.protocols.Device.make_safe`; NotSafe names the instrument, its
+        address, its last known settings, and what to do.
         """
         before, why = self._state, self._why_lost
         if before is LinkState.NEVER:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -65,25 +65,6 @@ class DriverChoice(Section):
     """Settings of that driver."""
 
 
-class UncertaintySection(Section):
-    """Standard uncertainties of quantities that no image shows, for the evaluation's budget."""
-
-    background_calibration_K: Annotated[float, Within(0.0, 100.0)] = 1.0
-    """Uncertainty of the black body's calibration, at all set points alike (data sheet)."""
-    background_uniformity_K: Annotated[float, Within(0.0, 100.0)] = 0.5
-    """Uncertainty of a point of its surface relative to its reading (data sheet)."""
-    background_emissivity: Annotated[float, Within(0.0, 0.5)] = 0.01
-    """Uncertainty of the black body's emissivity."""
-    wall_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
-    """Uncertainty of the walls' temperature."""
-    window_temperature_K: Annotated[float, Within(0.0, 100.0)] = 1.0
-    """Uncertainty of either window's temperature."""
-    window_transmission: Annotated[float, Within(0.0, 0.5)] = 0.01
-    """Uncertainty of either window's transmission."""
-    filter_um: Annotated[float, Within(0.0, 1.0)] = 0.01
-    """Uncertainty of the filter's position."""
-
-
 class Setup(Section):
     """Properties of the place that the evaluation needs and no instrument measures."""
 
@@ -103,7 +84,7 @@ class Setup(Section):
     """Standard deviation of the camera's offset, from one background to the next."""
     camera_gain_error: Annotated[float, Within(0.0, 1.0)] = 0.0
     """Standard deviation of the camera's gain, relative, from one background to the next."""
-    uncertainty: UncertaintySection = UncertaintySection()
+    uncertainty: Uncertainty = Uncertainty()
     """Uncertainties of the quantities of this section."""
     centre_m: tuple[Coordinate, Coordinate] = (0.0, 0.0)
     """x and z of the image's centre, from the injector's tip."""
@@ -129,17 +110,8 @@ class Setup(Section):
     @property
     def surroundings(self) -> Surroundings:
         """Radiation sources that the camera sees beside the spray."""
-        return Surroundings(
-            wall_temperature_K=self.wall_temperature_K,
-            background_emissivity=self.background_emissivity,
-            background_surroundings_K=self.background_surroundings_K,
-            camera_surroundings_K=self.camera_surroundings_K,
-            windows=self.windows,
-            background_error_K=self.background_error_K,
-            camera_offset_error_counts=self.camera_offset_error_counts,
-            camera_gain_error=self.camera_gain_error,
-            uncertainty=Uncertainty(**self.uncertainty.model_dump()),
-        )
+        shared = {each.name for each in fields(Surroundings)} & set(type(self).model_fields)
+        return Surroundings(**{name: getattr(self, name) for name in shared})
 
 
 class InstrumentsFile(Section):
@@ -202,9 +174,8 @@ class Rig:
     def connect(self, timeout_s: float = 10.0) -> None:
         """Connects all devices at once, after it has locked all of them for this process.
 
-        Raises:
-            InUse: names every device that another process uses; nothing was asked of any.
-            NotConnected: names every device that failed, and why.
+        Raises InUse, which names every device that another process uses, before anything is asked
+        of any, and NotConnected, which names every device that failed, and why.
         """
         self._reserve()
         with ThreadPoolExecutor(len(self.devices), thread_name_prefix="connect") as pool:
@@ -226,7 +197,7 @@ class Rig:
 
     def _reserve(self) -> None:
         linked = [device for device in self.devices.values() if isinstance(device, Linked)]
-        refusals: list[str] = []
+        refusals = []
         for device in linked:
             try:
                 device.reserve()
@@ -246,7 +217,7 @@ class Rig:
 
     def close(self) -> list[str]:
         """Closes every device, the last first, and returns one line for each failure."""
-        problems: list[str] = []
+        problems = []
         for name, device in reversed(self.devices.items()):
             try:
                 device.close()

@@ -55,10 +55,8 @@ _GUARD = threading.Lock()
 
 
 def take(address: str, user: object) -> None:
-    """Locks an instrument for this process, on behalf of `user`, until `free`.
-
-    Raises:
-        InUse: another process holds it; names that process and since when.
+    """Locks an instrument for this process, on behalf of `user`, until `free`. Raises InUse, which
+    names the process that has it, and since when.
     """
     with _GUARD:
         held = _HELD.get(address)
@@ -79,18 +77,15 @@ def free(address: str, user: object) -> None:
             held.lock.release()
 
 
-def _path(address: str) -> Path:
-    return runtime_folder() / "instruments" / re.sub(r"[^A-Za-z0-9.]+", "-", address)
-
-
 def _locked(address: str) -> FileLock:
-    path = _path(address)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(f"{path}.lock", thread_local=False)
+    folder = runtime_folder() / "instruments"
+    folder.mkdir(parents=True, exist_ok=True)
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", address)
+    lock, note = FileLock(folder / f"{name}.lock", thread_local=False), folder / f"{name}.yaml"
     try:
         lock.acquire(timeout=_WAIT_s, poll_interval=0.02)
     except Timeout:
-        raise InUse(f"is in use by {_holder(path)}; wait for it, or end it") from None
+        raise InUse(f"is in use by {_holder(note)}; wait for it, or end it") from None
     command = shlex.join([Path(sys.argv[0] or "python").name, *sys.argv[1:]])
     mine = {
         "pid": os.getpid(),
@@ -98,18 +93,14 @@ def _locked(address: str) -> FileLock:
         "command": " ".join(command.split())[:_MOST_LETTERS],
     }
     with suppress(ClditError):  # a full disk must not keep anybody from an instrument
-        write_text(_note(path), dump_yaml(mine))
+        write_text(note, dump_yaml(mine))
     return lock
 
 
-def _note(path: Path) -> Path:
-    return path.with_name(f"{path.name}.yaml")
-
-
-def _holder(path: Path) -> str:
+def _holder(note: Path) -> str:
     """The process that holds a lock, in words."""
     try:
-        note = read_mapping(_note(path))
-        return f"process {note['pid']} ({note['command']}) since {note['since']}"
+        known = read_mapping(note)
+        return f"process {known['pid']} ({known['command']}) since {known['since']}"
     except (ClditError, KeyError):
         return "another process"

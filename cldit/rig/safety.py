@@ -33,11 +33,8 @@ def make_safe(
 ) -> RigSafety:
     """Makes each device safe, the last first; a dead one does not keep the others from it.
 
-    Args:
-        devices: by name.
-        connected: names of devices that were connected, and that must not deny it.
-        connect_s: time to connect each device first; None leaves the connections as they are. One
-            that answers, and cannot be used, is made safe all the same.
+    `devices` are by name; those that are named in `connected` must not deny it. With `connect_s`
+    each is connected first; one that answers, and cannot be used, is made safe all the same.
     """
     did: dict[str, str] = {}
     problems: list[str] = []
@@ -49,7 +46,8 @@ def make_safe(
                 raise failure
             _check(result, was_connected=connect_s is not None or name in connected)
         except Exception as error:  # as above
-            problems.append(_problem(name, error))
+            still_on = f"; {KINDS[name]}: switch it off by hand" if name in KINDS else ""
+            problems.append(f"{name}: {error}{still_on}")
         else:
             if result.connected:
                 did[name] = result.did
@@ -74,8 +72,3 @@ def _check(result: object, *, was_connected: bool) -> None:
         )
     if was_connected and not result.connected:
         raise NotSafe(f"it was connected, but its make_safe() did {result.did}")
-
-
-def _problem(name: str, error: Exception) -> str:
-    still_on = f"; {KINDS[name]}: switch it off by hand" if name in KINDS else ""
-    return f"{name}: {error}{still_on}"

@@ -20,12 +20,8 @@ def simulated_rig_data(
     """Content of the rig file for a traced run.
 
     The black body accepts all temperatures of the scene, even those that a real one does not.
-
-    Args:
-        scene: of the run.
-        run_folder: with scene.yaml, weights/ and weights_reference/.
-        further_runs: folders of the same scene traced at other times of the spray.
-        real_time_factor: None: the sequence takes no time; 1: real time.
+    `run_folder` has scene.yaml, weights/ and weights_reference/; `further_runs` are of the same
+    scene at other times of the spray. Without `real_time_factor` the sequence takes no time.
     """
     wanted = scene.background.temperatures_K
     return {

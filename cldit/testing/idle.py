@@ -15,16 +15,11 @@ _FIRE = "fire"  # may be refused, because only the session that configured a bur
 
 
 def check_idle(make: Make, settings: Mapping[str, Any] | None = None) -> int:
-    """Runs a session in which the emulator closes the connection before one step, for each step,
-    and returns the number of sessions.
+    """Runs a session in which the emulator closes the connection before one step, for each step.
 
-    Args:
-        make: from `cldit.testing.bed.beds_of`.
-        settings: of the driver, without the address.
-
-    Raises:
-        ContractBroken: one line for each step that failed, returned something wrong, or after which
-            the instrument is left on or has injected twice.
+    `make` and `settings` are as for `cldit.testing.bed.opened`. Returns the number of sessions;
+    raises ContractBroken with a line for each step that failed, returned something wrong, or after
+    which the instrument is left on or has injected twice.
     """
     problems: list[str] = []
     with opened(make, settings) as bed:

@@ -7,7 +7,7 @@ number of every answer is impossible, it may raise NotSafe.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from cldit.rig.safety import make_safe
@@ -22,41 +22,11 @@ _BROKEN_HIGH_K, _BROKEN_LOW_K, _FROZEN_K = 3549.85, 73.15, 295.0  # 3276.7 °C, 
 _ABOVE_K = 50.0  # above the limits of the set point
 
 
-def _connected(bed: Bed) -> Any:
-    """The device of the session, still connected."""
-    return bed.device
-
-
-def _closed(bed: Bed) -> Any:
-    """The device of the session, closed while on."""
-    bed.device.close()
-    return bed.device
-
-
-def _afresh(bed: Bed) -> Any:
-    """Another device for the same instrument, as of the guard after a crash."""
-    bed.device.close()
-    assert bed.afresh is not None
-    return bed.afresh()
-
-
-_WAYS: dict[str, Callable[[Bed], Any]] = {
-    "connected": _connected,
-    "closed": _closed,
-    "afresh": _afresh,
-}
-
-
 def check_implausible(make: Make, settings: Mapping[str, Any] | None = None) -> int:
-    """Checks that implausible readings never keep an instrument from being made safe, and returns
-    the number of sessions.
+    """Checks that implausible readings never keep an instrument from being made safe.
 
-    Args:
-        make: from `cldit.testing.bed.beds_of`.
-        settings: of the driver, without the address.
-
-    Raises:
-        ContractBroken: one line for each session that failed.
+    `make` and `settings` are as for `cldit.testing.bed.opened`. Returns the number of sessions;
+    raises ContractBroken with a line for each that failed.
     """
     with opened(make, settings) as bed:
         readings: dict[str, float | None] = {"impossible answers": None}
@@ -67,27 +37,40 @@ def check_implausible(make: Make, settings: Mapping[str, Any] | None = None) -> 
                 "sensor frozen": _FROZEN_K,
                 "above the limits": bed.device.limits.high_K + _ABOVE_K,
             }
-        ways = [way for way in _WAYS if bed.afresh is not None or way != "afresh"]
+        ways = ["connected", "closed", *(["afresh"] if bed.afresh is not None else [])]
     cases = [(reading, way) for reading in readings for way in ways]
     problems = []
     for reading, way in cases:
         with opened(make, settings, answer_s=_ANSWER_s) as bed:
             try:
-                _left_on(bed, readings[reading], _WAYS[way])
+                _left_on(bed, readings[reading], way)
             except ContractBroken as error:
                 problems.append(f"{reading}, {way}: {error}")
     expect(not problems, "\n".join(problems))
     return len(cases)
 
 
-def _left_on(bed: Bed, reads_K: float | None, way: Callable[[Bed], Any]) -> None:
+def _made_safe(bed: Bed, way: str) -> Any:
+    """Device that is to be made safe: that of the session, connected or closed while on, or another
+    for the same instrument, as of the guard after a crash.
+    """
+    if way == "connected":
+        return bed.device
+    bed.device.close()
+    if way == "closed":
+        return bed.device
+    assert bed.afresh is not None
+    return bed.afresh()
+
+
+def _left_on(bed: Bed, reads_K: float | None, way: str) -> None:
     """Raises ContractBroken if the instrument is left on, or a success is not reported."""
     assert bed.replies is not None
     errors = session(bed)
     expect(not errors and bed.left_on(), f"the session leaves nothing on: {errors}")
     if reads_K is not None and bed.sensor is not None:
         bed.sensor(reads_K)
-    device = way(bed)
+    device = _made_safe(bed, way)
     if reads_K is None:
         bed.replies.spoil(Fault.ODD, bed.replies.sent + 1, last=10**9)
     connect_s = _CONNECT_s if device is not bed.device else None

@@ -33,11 +33,9 @@ _IDENTITY_COMMAS = 3  # an identity is no reading
 class Replies:
     """Channel of all replies of one peer, which calls `passed` for each.
 
-    Attributes:
-        sent: number of replies; a command without a reply does not count.
-        struck: number of replies with a fault.
-        fault: of the chosen replies; None for none.
-        no_number: replaces the data of a reply; if binary, it is repeated over all of them.
+    sent: number of replies; a command without a reply does not count. struck: number of those with
+    a fault. fault: of the chosen replies; None for none. no_number: replaces the data of a reply;
+    if binary, it is repeated over all of them.
     """
 
     def __init__(self, no_number: bytes = TEXT_NAN) -> None:

@@ -18,8 +18,7 @@ from cldit.testing.devices import IDENTITY, LIFE
 from cldit.testing.expect import EVERYTHING, Allowed, Check, ContractBroken, NotAllowed
 from cldit.testing.idle import check_idle
 from cldit.testing.implausible import check_implausible
-from cldit.testing.pulses import PULSES
-from cldit.testing.triggers import TRIGGER
+from cldit.testing.triggers import PULSES, TRIGGER
 
 OF_KIND: dict[str, list[Check]] = {
     "camera": [LIFE, IDENTITY, *CAMERA],

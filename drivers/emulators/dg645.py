@@ -66,11 +66,6 @@ class Dg645Peer(PulsePeer):
     def busy(self) -> bool:
         return self._running or time.monotonic() < self._busy_until_s
 
-    @property
-    def injects_on_trigger(self) -> bool:
-        """True if a trigger now would pulse the output CD."""
-        return self.injects("CD")
-
     def injects(self, output: str) -> bool:
         """True if a trigger now would pulse the output."""
         first = 2 * _NAMES.index(output)

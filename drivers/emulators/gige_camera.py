@@ -61,7 +61,7 @@ class GigePeer:
         self.host = host or ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in "abc")])
         self.serial = f"{secrets.randbelow(10**8):08d}"
         self.loss, self.skip, self.cut, self.skipped = loss, 0, 0, 0
-        self.taken = self.missed = self.lost_packets = self.resent_packets = 0
+        self.taken = self.missed = self.lost_packets = 0
         self.replies = Replies(BINARY_NAN)
         self.scene = image or pattern(sensor)
         self.stuck: set[int] = set()
@@ -368,7 +368,6 @@ class GigePeer:
             target = self._target()
         if target is not None:
             for packet in packets[first & 0xFFFFFF : (last & 0xFFFFFF) + 1]:
-                self.resent_packets += 1
                 self._send(packet, target)
 
     def _expire(self) -> None:

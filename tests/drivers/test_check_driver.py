@@ -16,8 +16,8 @@ from cldit.testing import lost_replies
 from cldit.testing.backgrounds import limits
 from cldit.testing.bed import beds_of, opened
 from cldit.testing.expect import EVERYTHING, Allowed, ContractBroken
-from cldit.testing.pulses import references_do_not_inject
 from cldit.testing.run import Verdict, on_instrument
+from cldit.testing.triggers import references_do_not_inject
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
@@ -155,7 +155,7 @@ def test_an_instrument_never_injects(rig: tuple[Path, ModbusPeer, Dg645Peer]) ->
     got = check("dg645", str(path), "--instrument", "--yes")
     assert got.exit_code == 0, got.output
     assert len(generator.pulses("AB")) == 1 and not generator.pulses("CD")
-    assert not generator.injects_on_trigger and "made safe: inhibited" in got.output
+    assert not generator.injects("CD") and "made safe: inhibited" in got.output
 
 
 def test_a_broken_one_ends_with_status_one(
@@ -165,7 +165,7 @@ def test_a_broken_one_ends_with_status_one(
     monkeypatch.setattr(Dg645, "inhibit", lambda self: None)
     got = check("dg645", str(path), "--instrument", "--yes")
     assert got.exit_code == 1 and "failed" in got.output and "after inhibit()" in got.output
-    assert not generator.injects_on_trigger and "made safe" in got.output
+    assert not generator.injects("CD") and "made safe" in got.output
 
 
 def test_a_dead_one_is_said_to_be_unsafe(

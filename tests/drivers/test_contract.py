@@ -20,9 +20,9 @@ from cldit.testing.backgrounds import BACKGROUND
 from cldit.testing.cameras import CAMERA
 from cldit.testing.devices import IDENTITY, LIFE
 from cldit.testing.expect import EVERYTHING, Check
-from cldit.testing.together import TOGETHER
 from cldit.testing.triggers import TRIGGER
 from tests.rigs import BACKGROUNDS, CAMERAS, RIGS, Make
+from tests.together import TOGETHER
 
 
 def opened(make: Make, data: dict[str, Any]) -> Iterator[Rig]:

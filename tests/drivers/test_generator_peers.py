@@ -75,7 +75,7 @@ def test_dg645_reference_leaves_the_injector_still(generator: Dg645Peer, dg645: 
     assert len(generator.pulses("AB")) == 3
     dg645.configure(Burst(inject=True))
     dg645.make_safe()
-    assert not generator.injects_on_trigger and generator.values["TSRC"] == 5
+    assert not generator.injects("CD") and generator.values["TSRC"] == 5
 
 
 def test_dg645_rate_error_and_inhibit_input(generator: Dg645Peer, dg645: Dg645) -> None:

@@ -13,8 +13,8 @@ from cldit.rig.drivers import describe_drivers
 from cldit.testing import lost_replies
 from cldit.testing.bed import opened
 from cldit.testing.expect import EVERYTHING, Check
-from cldit.testing.pulses import PULSES
 from cldit.testing.replies import LINE_FAULTS, Fault
+from cldit.testing.triggers import PULSES
 from tests.beds import CAMERAS, MANY, cases, make_of
 
 ON_LINES = cases(simulated=False, cameras=False)

@@ -67,7 +67,7 @@ def test_plan_over_sockets(client: str, tmp_path: Path) -> None:
         ]  # fmt: skip
         assert peers.injections == sum(entry["inject"] for entry in fired) >= 9
         assert peers.generator.triggers == len(fired)
-        assert not peers.camera.armed and not peers.generator.injects_on_trigger
+        assert not peers.camera.armed and not peers.generator.injects("CD")
         assert peers.blackbody.setpoint_K == pytest.approx(295.0, abs=0.01)
     assert not peers.camera.controlled
 

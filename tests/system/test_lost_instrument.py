@@ -73,7 +73,7 @@ def test_generator_loses_an_answer(tmp_path: Path) -> None:
         with open_rig(data) as rig, pytest.raises(DeviceTimeout, match="no answer to LAMP 2,5"):
             acquire(rig, PLAN, tmp_path / "a")
         assert peers.generator.replies.struck == 1 and peers.injections == 0
-        assert not peers.generator.injects_on_trigger
+        assert not peers.generator.injects("CD")
         assert peers.generator.values["LAMP 2"] == 0.5 and peers.blackbody.setpoint_K < 296.0
         assert not peers.camera.armed
         entry = read_journal(tmp_path / "a" / "journal.jsonl")[-1]
@@ -107,7 +107,7 @@ def test_generator_stays_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         assert entry["event"] == "unsafe" and said[0] in entry["problems"][0]
         assert set(entry["did"]) == {"background", "camera"}
         peers.generator.replies.heal()
-        assert rig.make_safe().problems == [] and not peers.generator.injects_on_trigger
+        assert rig.make_safe().problems == [] and not peers.generator.injects("CD")
         rig.close()
 
 

@@ -104,7 +104,7 @@ def kill_and_resume(folder: Path, kills: int, plan: Plan, *, fluke: bool) -> Non
             assert peers.blackbody.setpoint_K == pytest.approx(safe_K, abs=0.01)
             assert not getattr(peers.blackbody, "heating", False)
             assert not peers.camera.armed and not peers.camera.controlled
-            assert not peers.generator.injects_on_trigger and not peers.generator.busy
+            assert not peers.generator.injects("CD") and not peers.generator.busy
             assert peers.generator.values["BURM"] == 0 and peers.generator.values["TSRC"] == 5
         with start() as process:
             out, err = process.communicate(timeout=120)
