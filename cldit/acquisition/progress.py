@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,15 +60,8 @@ class Eta:
         """Sets how many backgrounds and shots are left."""
         self._left = {"background": backgrounds, "shot": shots}
 
-    def background(self, took_s: float) -> None:
-        """Counts one more background, reached after `took_s`."""
-        self._add("background", took_s)
-
-    def shot(self, took_s: float) -> None:
-        """Counts one more shot, taken after `took_s`."""
-        self._add("shot", took_s)
-
-    def _add(self, what: str, took_s: float) -> None:
+    def add(self, what: Literal["background", "shot"], took_s: float) -> None:
+        """Counts one more background that was reached, or shot that was taken, after `took_s`."""
         self._took_s[what].append(took_s)
         self._left[what] = max(self._left[what] - 1, 0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -55,15 +56,13 @@ class References:
         self._calibration = ready.calibration
         self._side = max(1, min(_BLOCK_pixels, min(ready.shape) // 32))
         self._sums: dict[tuple[int, int], NDArray[np.float64]] = {}
-        self._counts: dict[tuple[int, int], int] = {}
+        self._counts = Counter[tuple[int, int]]()
 
     def learn(self, shot: Shot, image: NDArray[np.uint16]) -> None:
         """Learns from a kept reference `shot`; its `image` is (h, w) or (n, h, w)."""
         for frame in _frames(image):
-            known = self._sums.get(_place(shot))
-            blocks = self._blocks(frame)
-            self._sums[_place(shot)] = blocks if known is None else known + blocks
-            self._counts[_place(shot)] = self._counts.get(_place(shot), 0) + 1
+            self._sums[_place(shot)] = self._sums.get(_place(shot), 0.0) + self._blocks(frame)
+            self._counts[_place(shot)] += 1
 
     def problem(self, shot: Shot, image: NDArray[np.uint16]) -> str | None:
         """Problem of an injection `shot` with its `image`, (h, w) or (n, h, w), that forbids
@@ -71,7 +70,7 @@ class References:
 
         None also if there is no reference to compare.
         """
-        count = self._counts.get(_place(shot), 0)
+        count = self._counts[_place(shot)]
         if not self._plan.expect_fuel or shot.kind != "injection" or count == 0:
             return None
         reference = self._sums[_place(shot)] / count

@@ -234,7 +234,7 @@ class Sequence:
         except Aborted as error:
             raise _Stopped from error
         elapsed_s = clock.now_s() - start
-        self._eta.background(elapsed_s)
+        self._eta.add("background", elapsed_s)
         journal.append(
             "stable",
             time=clock.wall_time(),
@@ -262,7 +262,7 @@ class Sequence:
                 raise
             if isinstance(result, Taken):
                 self._save(journal, shot, result)
-                self._eta.shot(clock.now_s() - start)
+                self._eta.add("shot", clock.now_s() - start)
                 self._say(self._plan.describe(shot))
                 return SavedShot(shot, result.image, result.meta)
             reason = result.reason

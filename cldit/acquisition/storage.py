@@ -134,25 +134,15 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
     elif entries or pictures:
         raise RunFolderError(f"{folder}: holds images but no {PLAN}; choose another folder")
     known = {shot.id for shot in plan.steps()}
-    present: set[str] = set()
     for path in pictures:
         if path.stem not in known:
             raise RunFolderError(f"{path}: is no shot of this plan; move it out of the folder")
-        present.add(path.stem)
-    ended: set[tuple[str, int]] = set()
-    fired: dict[tuple[str, int], Entry] = {}
-    saved: dict[str, Entry] = {}
-    recorded: set[str] = set()
-    for entry in entries:
-        key = (entry.get("shot", ""), entry.get("attempt", -1))
-        if entry["event"] == "fired":
-            fired[key] = entry
-        elif entry["event"] in ("saved", "rejected", "lost"):
-            ended.add(key)
-        if entry["event"] == "saved":
-            recorded.add(key[0])
-            if key[0] in present:
-                saved[key[0]] = entry
+    present = {path.stem for path in pictures}
+    keyed = [((entry.get("shot", ""), entry.get("attempt", -1)), entry) for entry in entries]
+    fired = {key: entry for key, entry in keyed if entry["event"] == "fired"}
+    ended = {key for key, entry in keyed if entry["event"] in ("saved", "rejected", "lost")}
+    recorded = {key[0]: entry for key, entry in keyed if entry["event"] == "saved"}
+    saved = {shot_id: entry for shot_id, entry in recorded.items() if shot_id in present}
     adoptable: dict[str, dict[str, Any]] = {}
     torn: list[str] = []
     for shot_id in sorted(present - set(saved)):
@@ -164,7 +154,7 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
         adoptable[shot_id] = meta
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
-    gone = tuple(sorted(recorded - present))
+    gone = tuple(sorted(set(recorded) - present))
     return Found(entries, saved, adoptable, tuple(torn), lost, gone, damage)
 
 

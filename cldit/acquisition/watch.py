@@ -6,10 +6,10 @@ new lines. It can neither stop nor delay a shot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from cldit.acquisition.journal import Entry, parse_entry
 from cldit.acquisition.plan import Plan, Shot, load_plan
@@ -61,28 +61,25 @@ class Watch:
         self._known_bytes = known_bytes
         self._at = 0
         self._lines = 0
-        self._plan: Plan | None = None
+        self._seen = Seen(state="preparing")
         self._shots: dict[str, Shot] = {}
         self._saved: set[str] = set()
         self._eta = Eta()
         self._event = ""
-        self._doing = ""
         self._begin_s: float | None = None
         self._before_s = 0.0
-        self._wasted = {"rejected": 0, "lost": 0}
-        self._readings: list[Reading] = []
-        self._last: Entry | None = None
-        self._alarms: tuple[str, ...] = ()
 
     def look(self) -> bool:
         """Reads new lines; True if there were any. Raises FileError if journal or plan cannot be
         read, RunFolderError if the journal is damaged.
         """
-        if self._plan is None:
+        plan = self._seen.plan
+        if plan is None:
             if not (self._folder / PLAN).exists():
                 return False
-            self._plan = load_plan(self._folder / PLAN)
-            self._shots = {shot.id: shot for shot in self._plan.steps()}
+            plan = load_plan(self._folder / PLAN)
+            self._shots = {shot.id: shot for shot in plan.steps()}
+            self._note(plan=plan)
         path = self._folder / JOURNAL
         if not path.exists():
             return False
@@ -96,28 +93,17 @@ class Watch:
                 raise RunFolderError(f"{path}: line {self._lines + 1} {problem}")
             self._at += len(line)
             self._lines += 1
-            self._take(self._plan, entry, here=self._at > self._known_bytes)
+            self._take(plan, entry, here=self._at > self._known_bytes)
         return bool(new)
 
     def seen(self, *, ended: bool = False) -> Seen:
         """Current state; `ended` is True if the recording process has ended."""
-        plan = self._plan
-        if plan is None:
-            return Seen(state="broken off" if ended else "preparing")
-        total = len(self._shots)
-        return Seen(
-            state=self._state(complete=len(self._saved) == total, ended=ended),
-            plan=plan,
-            doing=self._doing,
-            done=len(self._saved),
-            total=total,
-            left_s=self._eta.left_s(),
-            rejected=self._wasted["rejected"],
-            lost=self._wasted["lost"],
-            readings=tuple(self._readings),
-            last=self._last,
-            alarms=self._alarms,
-        )
+        done, total = len(self._saved), len(self._shots)
+        state = self._state(complete=0 < done == total, ended=ended)
+        return replace(self._seen, state=state, done=done, total=total, left_s=self._eta.left_s())
+
+    def _note(self, **changed: Any) -> None:
+        self._seen = replace(self._seen, **changed)
 
     def _state(self, *, complete: bool, ended: bool) -> State:
         if complete:
@@ -133,13 +119,13 @@ class Watch:
         event = entry["event"]
         if event == "saved":
             self._saved.add(entry["shot"])
-            self._last = entry
-        if event in self._wasted:
-            self._wasted[event] += 1
+            self._note(last=entry)
+        if event in ("rejected", "lost"):
+            self._note(**{event: getattr(self._seen, event) + 1})
         if not here:
             return
         if event in ("unsafe", "made safe"):
-            self._alarms = tuple(str(each) for each in entry.get("problems", ()))
+            self._note(alarms=tuple(str(each) for each in entry.get("problems", ())))
             return
         self._event = event
         now_s = datetime.fromisoformat(entry["time"]).timestamp()
@@ -151,11 +137,11 @@ class Watch:
             self._eta.plan(backgrounds=len({shot.background for shot in left}), shots=len(left))
         elif event in ("approaching", "stable") and {"background_K", "reading_K"} <= set(entry):
             setpoint_K = entry["background_K"]
-            self._readings.append(Reading(time_s, entry["reading_K"], setpoint_K))
-            self._doing = f"the black body goes to {setpoint_K:g} K"
+            does = "is stable at" if event == "stable" else "goes to"
+            self._note(doing=f"the black body {does} {setpoint_K:g} K")
+            self._read(Reading(time_s, entry["reading_K"], setpoint_K))
             if event == "stable":
-                self._eta.background(float(entry.get("elapsed_s", 0.0)))
-                self._doing = f"the black body is stable at {setpoint_K:g} K"
+                self._eta.add("background", float(entry.get("elapsed_s", 0.0)))
         elif event in ("fired", "saved", "rejected", "lost"):
             self._shot(plan, entry, time_s, now_s)
         if event != "fired":
@@ -165,12 +151,13 @@ class Watch:
         shot = self._shots.get(entry.get("shot", ""))
         if shot is None:
             return
-        self._doing = f"{plan.describe(shot)}: {entry['event']}"
-        if entry.get("reason"):
-            self._doing += f" ({entry['reason']})"
+        reason = f" ({entry['reason']})" if entry.get("reason") else ""
+        self._note(doing=f"{plan.describe(shot)}: {entry['event']}{reason}")
         if entry["event"] == "saved" and not entry.get("adopted"):
-            self._eta.shot(max(now_s - self._before_s, 0.0))  # somebody may set the clock back
+            # somebody may set the clock back
+            self._eta.add("shot", max(now_s - self._before_s, 0.0))
             if "background_after_K" in entry:
-                self._readings.append(
-                    Reading(time_s, entry["background_after_K"], shot.background_K)
-                )
+                self._read(Reading(time_s, entry["background_after_K"], shot.background_K))
+
+    def _read(self, reading: Reading) -> None:
+        self._note(readings=(*self._seen.readings, reading))

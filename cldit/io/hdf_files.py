@@ -21,23 +21,39 @@ _BLOCK = "%b"  # in names of sources: a number, from 0 as far as there are files
 _DEEPEST = 20  # sources of sources, links to links
 
 
-def check_links(path: Path, file: Any, *, complete: bool) -> None:
-    """Checks all external links of an open file, without following them.
-
-    `complete`: their files must exist. Raises FileError, which names the file.
+def check_links(
+    path: Path, file: Any, *, complete: bool, _seen: set[Path] | None = None
+) -> set[Path]:
+    """Checks all external links of an open file and of the files that they lead to, which are
+    returned; these must exist if `complete`. Raises FileError, which names the file.
     """
-    _check_links(path, file, complete, set())
+    seen = {path.resolve()} if _seen is None else _seen
+    found: set[Path] = set()
+    for name, link in _external(file, set()):
+        other = _search(path, link.filename, "HDF5_EXT_PREFIX")
+        if other is None and complete:
+            raise FileError(
+                f"{path}: {name}: is a link to {path.parent / link.filename}, which is missing"
+            )
+        if other is None or other.resolve() in seen:
+            continue
+        check_regular(other)
+        if len(seen) > _DEEPEST:
+            raise FileError(f"{path}: more than {_DEEPEST} files are linked one to the other")
+        seen.add(other.resolve())
+        with _opened(path, name, other) as linked:
+            found |= {other} | check_links(other, linked, complete=complete, _seen=seen)
+    return found
 
 
-def check_sources(path: Path, data: Any, _depth: int = 0) -> None:
-    """Checks that all values of a data set of an open file are in files that exist.
-
-    Raises FileError, which names the missing file, or the source that is too short.
+def check_sources(path: Path, data: Any, _depth: int = 0) -> set[Path]:
+    """Checks that all values of a data set of an open file are in files that exist, and returns
+    these. Raises FileError, which names the missing file, or the source that is too short.
     """
-    for name, *_ in data.external or ():
-        _found(path, os.fsdecode(name), "HDF5_EXTFILE_PREFIX", data.name)
+    names = [os.fsdecode(name) for name, *_ in data.external or ()]
+    found = {_found(path, name, "HDF5_EXTFILE_PREFIX", data.name) for name in names}
     if not data.is_virtual:
-        return
+        return found
     if _depth > _DEEPEST:
         raise FileError(f"{path}: {data.name}: is a virtual data set of itself")
     for source in data.virtual_sources():
@@ -45,6 +61,7 @@ def check_sources(path: Path, data: Any, _depth: int = 0) -> None:
         if source.file_name != _ITSELF:
             name = source.file_name.replace(_BLOCK, "0")
             where = _found(path, name, "HDF5_VDS_PREFIX", data.name)
+            found.add(where)
         with _opened(path, data.name, where) as file:
             part = file.get(source.dset_name.replace(_BLOCK, "0"))
             if part is None:
@@ -52,7 +69,8 @@ def check_sources(path: Path, data: Any, _depth: int = 0) -> None:
                     f"{path}: {data.name}: {where} has no {source.dset_name}, its source"
                 )
             _check_extent(path, data.name, where, part, source)
-            check_sources(where, part, _depth + 1)
+            found |= check_sources(where, part, _depth + 1)
+    return found
 
 
 def _check_extent(path: Path, name: str, where: Path, part: Any, source: Any) -> None:
@@ -74,23 +92,6 @@ def _check_extent(path: Path, name: str, where: Path, part: Any, source: Any) ->
             f"{path}: {name}: its source {where} has the shape {part.shape}, expected at least "
             f"{needed}; it is incomplete"
         )
-
-
-def _check_links(path: Path, file: Any, complete: bool, seen: set[Path]) -> None:
-    seen.add(path.resolve())
-    for name, link in _external(file, set()):
-        found = _search(path, link.filename, "HDF5_EXT_PREFIX")
-        if found is None and complete:
-            raise FileError(
-                f"{path}: {name}: is a link to {path.parent / link.filename}, which is missing"
-            )
-        if found is None or found.resolve() in seen:
-            continue
-        check_regular(found)
-        if len(seen) > _DEEPEST:
-            raise FileError(f"{path}: more than {_DEEPEST} files are linked one to the other")
-        with _opened(path, name, found) as other:
-            _check_links(found, other, complete, seen)
 
 
 def _opened(path: Path, name: str, other: Path) -> Any:

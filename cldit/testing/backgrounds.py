@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from cldit.rig.errors import DeviceTimeout, OutOfLimits
@@ -24,7 +25,7 @@ def limits(background: Background, allowed: Allowed) -> None:
     before = background.read_configuration()
     for outside in (can.low_K - 1.0, can.high_K + 1.0, math.nan, math.inf):
         what = f"set_setpoint({outside:g})"
-        refuses(lambda K=outside: background.set_setpoint(K), OutOfLimits, what)  # type: ignore[misc]
+        refuses(partial(background.set_setpoint, outside), OutOfLimits, what)
     expect(background.read_configuration() == before, "a rejected set point changed something")
     for inside in (can.high_K, can.low_K):  # it ends cold
         if inside <= allowed.warmest_K:

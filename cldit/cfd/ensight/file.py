@@ -22,14 +22,6 @@ from cldit.io.files import read_text
 
 
 @dataclass(frozen=True)
-class TimeSet:
-    """Times, and their numbers in names of files."""
-
-    times_s: tuple[float, ...]
-    numbers: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class Item:
     """File of the case: its kind ("scalar per element"), name, pattern and time set (or None)."""
 
@@ -41,11 +33,11 @@ class Item:
 
 @dataclass
 class CaseFile:
-    """Content of a .case file."""
+    """Content of a .case file. time_sets: times [s] with their numbers in names of files."""
 
     path: Path
     items: list[Item] = field(default_factory=list)
-    time_sets: dict[int, TimeSet] = field(default_factory=dict)
+    time_sets: dict[int, list[tuple[float, int]]] = field(default_factory=dict)
 
     def files(self, item: Item) -> list[tuple[float | None, Path]]:
         """Times and files of an item; time None if it does not change."""
@@ -53,11 +45,10 @@ class CaseFile:
             return [(None, self.path.parent / item.pattern)]
         if item.time_set not in self.time_sets:
             raise SprayError(f"{self.path}: {item.name}: no time set {item.time_set}")
-        steps = self.time_sets[item.time_set]
         stars = item.pattern.count("*")
         return [
             (time, self.path.parent / re.sub(r"\*+", f"{number:0{stars}d}", item.pattern))
-            for time, number in zip(steps.times_s, steps.numbers, strict=True)
+            for time, number in self.time_sets[item.time_set]
         ]
 
 
@@ -133,18 +124,18 @@ def _item(path: Path, kind: str, text: str) -> Item:
     return Item(kind, name, words[-1] if named else words[0], numbers[0] if numbers else None)
 
 
-def _time_set(path: Path, content: dict[str, list[float]]) -> TimeSet:
-    times = tuple(content.get("time values", []))
+def _time_set(path: Path, content: dict[str, list[float]]) -> list[tuple[float, int]]:
+    times = content.get("time values", [])
     count = int(content.get("number of steps", [len(times)])[0])
     if count != len(times) or not count:
         raise SprayError(f"{path}: TIME: {len(times)} time values for {count} steps")
     start = content.get("filename start number", [0])[0]
     step = int(content.get("filename increment", [1])[0])
     default = (int(start) + step * index for index in range(count))
-    numbers = tuple(int(number) for number in content.get("filename numbers", default))
+    numbers = [int(number) for number in content.get("filename numbers", default)]
     if len(numbers) != count:
         raise SprayError(f"{path}: TIME: {len(numbers)} filename numbers for {count} steps")
-    return TimeSet(times, numbers)
+    return list(zip(times, numbers, strict=True))
 
 
 class Reader:

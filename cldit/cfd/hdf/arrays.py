@@ -23,9 +23,7 @@ def open_hdf(path: Path) -> Iterator[Any]:
     h5py = module("h5py", path)
     try:
         with h5py.File(regular(path), "r") as file:
-            check_links(path, file, complete=True)
-            for each in arrays_in(file):
-                check_sources(path, each)
+            _others(path, file)
             yield file
     except SprayError:
         raise
@@ -33,6 +31,18 @@ def open_hdf(path: Path) -> Iterator[Any]:
         raise SprayError(str(error)) from error
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
+
+
+def _others(path: Path, file: Any) -> set[Path]:
+    """Checked files to which an open one refers, by links or as sources of arrays."""
+    linked = check_links(path, file, complete=True)
+    return linked.union(*(check_sources(path, each) for each in arrays_in(file)))
+
+
+def hdf_files(path: Path) -> tuple[Path, ...]:
+    """The file, and those to which it refers."""
+    with open_hdf(path) as file:
+        return (path, *sorted(_others(path, file)))
 
 
 def arrays_in(root: Any) -> list[Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
-from cldit.cfd.hdf.arrays import arrays_in, bytes_of, open_hdf
+from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import ColumnMap
 from cldit.cfd.mesh.cells import Labels
@@ -56,7 +56,7 @@ def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         zones = [_zone(path, zone) for _, zone in _zones(path, root)]
     several = len(zones) > 1
     found = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES, several=several)
-    return replace(found, time_s=at, files=(path,))
+    return replace(found, time_s=at, files=hdf_files(path))
 
 
 def list_cgns(spec: CfdSpray) -> Listing:

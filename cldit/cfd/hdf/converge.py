@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, joined, only_claimant
-from cldit.cfd.hdf.arrays import array, field, labels, open_hdf
+from cldit.cfd.hdf.arrays import array, field, hdf_files, labels, open_hdf
 from cldit.cfd.mapping.columns import mapped_cloud, read_gas
 from cldit.cfd.mapping.file import (
     CellColumns,
@@ -90,7 +90,7 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             gas=gas,
             available=tuple(available),
             cloud=_cloud(chosen, streams, spec.cloud, names),
-            files=(chosen,),
+            files=hdf_files(chosen),
             remarks=remarks,
         )
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
-from cldit.cfd.hdf.arrays import field, labels, open_hdf, stored
+from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
 from cldit.cfd.mapping.columns import read_gas
 from cldit.cfd.mapping.file import ColumnMap, gas_names
 from cldit.cfd.mesh.cells import Labels
@@ -71,7 +71,8 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             return Column(f"{data}: cell field {name}", _field(data, held[name], cells))
 
         gas = read_gas(str(data), known, wanted, cells, fuel_field, read)
-    return CfdCase(str(data), None, mesh, gas, tuple(known), None, files=(case, data))
+    files = (*hdf_files(case), *hdf_files(data))
+    return CfdCase(str(data), None, mesh, gas, tuple(known), None, files=files)
 
 
 def list_fluent(spec: CfdSpray) -> Listing:

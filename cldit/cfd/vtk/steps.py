@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cldit.cfd.case import NO_CLOUD, only_claimant
+from cldit.cfd.hdf.arrays import hdf_files
 from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
@@ -158,7 +159,9 @@ def _sorted(
     for entry, loaded in (pair for each in found for pair in loader.parts(each).items()):
         kept = without_ghosts([each.data for each in loaded], marked)
         pieces = [replace(each, data=data) for each, data in zip(loaded, kept, strict=True)]
-        files += [*entry.named_by, *entry.pieces]
+        files += entry.named_by
+        for piece in entry.pieces:
+            files += hdf_files(piece) if piece.suffix in COMPOSITE else (piece,)
         high = max(dimension(piece.data) for piece in pieces)
         names = frozenset[str]().union(*(each.point_names | each.cell_names for each in pieces))
         name = entry.name if entry.cloud else without_step(entry.name)

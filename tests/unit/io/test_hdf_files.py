@@ -13,7 +13,7 @@ import pytest
 
 from cldit.acquisition.frames import open_stack
 from cldit.acquisition.pictures.source import Source
-from cldit.cfd.hdf.arrays import open_hdf
+from cldit.cfd.hdf.arrays import hdf_files, open_hdf
 from cldit.errors import EvaluationError, FileError, SprayError
 from cldit.io.hdf_files import check_links, check_sources
 
@@ -144,3 +144,18 @@ def test_a_link_to_a_pipe_is_refused(tmp_path: Path) -> None:
         check_links(path, file, complete=False)
     with pytest.raises(FileError, match="is a pipe"):
         check(master(tmp_path, "pipe.h5"))
+
+
+def test_all_files_of_a_case_are_named(tmp_path: Path) -> None:
+    """Of a link, of the source of an array, and of that source's own source."""
+    write_part(tmp_path / "a.h5")
+    master(tmp_path, "a.h5").rename(tmp_path / "second.h5")
+    layout = h5py.VirtualLayout((3, 4), np.uint16)
+    layout[:] = h5py.VirtualSource("second.h5", "all", (3, 4))
+    with h5py.File(tmp_path / "linked.h5", "w") as file:
+        file["x"] = np.ones(3)
+    with h5py.File(tmp_path / "case.h5", "w") as file:
+        file.create_virtual_dataset("d", layout)
+        file["there"] = h5py.ExternalLink("linked.h5", "x")
+    names = ("case.h5", "a.h5", "linked.h5", "second.h5")
+    assert hdf_files(tmp_path / "case.h5") == tuple(tmp_path / name for name in names)
