@@ -1,10 +1,31 @@
-"""The search index as a script too: a page that is opened as a file cannot fetch JSON."""
+"""The search index as a script too: a page that is opened as a file cannot fetch JSON. Pages that
+a keyboard and a screen reader can use."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
+
+_MENDED = (
+    (r"(<pre[^>]*>(?:<span></span>)?<code)", r'\1 tabindex="0"'),  # wide ones scroll
+    (r"<table>", '<table tabindex="0">'),
+    (r"<th([^>]*)>\s*</th>", r"<td\1></td>"),  # heads nothing
+    (r'<div role="contentinfo">', "<div>"),  # is one part of the footer
+    (r"<footer>", '<footer role="contentinfo">'),
+    (r'(class="rst-versions" role=)"note"', r'\1"navigation"'),
+)
+
+
+def on_post_page(output: str, **_: Any) -> str:
+    for found, mended in _MENDED:
+        output = re.sub(found, mended, output)
+    return output
+
+
+on_post_template = on_post_page  # of 404.html and search.html
 
 
 def on_post_build(config: MkDocsConfig) -> None:

@@ -11,6 +11,10 @@ import pytest
 
 import cldit
 from tests.extras import needs
+from tests.system.test_accessible import axe, found
+from tests.viewed import Viewer
+
+__all__ = ["axe"]  # a fixture
 
 pytestmark = [pytest.mark.slow, needs("mkdocs", "mkdocstrings", extra="docs")]
 
@@ -67,6 +71,16 @@ def test_every_page_is_there(site: Path) -> None:
         title = page.read_text(encoding="utf-8").partition("\n")[0]
         assert title.startswith("# ")
     assert not list(site.rglob("*.json.html"))
+
+
+@pytest.mark.parametrize("page", ["index", "gallery", "studies/walls", "api/index", "spray"])
+def test_pages_are_accessible(viewer: Viewer, axe: str, site: Path, page: str) -> None:
+    """Also on a phone, where code and tables scroll."""
+    viewer.page.set_viewport_size({"width": 400, "height": 800})
+    viewer.page.goto((site / f"{page}.html").as_uri())
+    assert found(viewer, axe) == []
+    viewer.complaints.clear()  # mkdocs' search has no Worker in a file, see search.js
+    del viewer.asked[1:]  # a page of the site loads its own files
 
 
 def test_search_has_its_index_as_a_script(site: Path) -> None:
