@@ -59,11 +59,7 @@ class BudgetRow:
 
 
 def true_error_K(run: Run, reference: Reference) -> float:
-    """RMS of T_app against the reference of as many pixels, over the pixels that have one in both.
-
-    Raises:
-        BenchError: no pixel has a T_app in both.
-    """
+    """RMS of T_app against the reference of as many pixels, where both have one."""
     here = run.maps.has_temperature & np.isfinite(reference.temperature_K)
     if not here.any():
         raise BenchError(f"{run.scene.name}: no pixel has a T_app in the reference as well")
@@ -79,11 +75,7 @@ def beside_reference(errors: Errors, scene: Scene) -> Errors:
 
 
 def held_by(run: Run, asked_K: float) -> str:
-    """Source and key that hold the error above the tolerance, as the run remarks; else empty.
-
-    Raises:
-        BenchError: the error exceeds the tolerance and no remark says so.
-    """
+    """Source and key that hold the error above the tolerance, as the run remarks; else empty."""
     errors = run.errors
     largest = None if errors is None else errors.largest()
     if errors is None or largest is None or not errors.exceed(asked_K):
@@ -137,9 +129,6 @@ def budget(
     `pixels` along an edge are as many as the references have. `before` are rows of other scenes,
     measured earlier. `save` takes the unfinished part after each tolerance, `say` a line for each
     run.
-
-    Raises:
-        BenchError: no scene has a reference of so many pixels.
     """
     rows = [row for row in before if row.scene not in scenes]
     missing: list[str] = []

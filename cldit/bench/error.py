@@ -49,11 +49,7 @@ class Truth:
 
     @classmethod
     def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
-        """Reference by path tracing; `samples` per pixel in both halves together.
-
-        Raises:
-            BenchError: no pixel can be compared.
-        """
+        """Reference by path tracing; `samples` per pixel in both halves together."""
         half = path_settings(case, samples // 2, phase=phase, order=order)
         first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)
         temperature_K = case.temperature_K(first), case.temperature_K(second)

@@ -60,11 +60,7 @@ class Calibration:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Calibration:
-        """Reads the result of `to_dict`.
-
-        Raises:
-            EvaluationError: a value is missing, not a number, or impossible.
-        """
+        """Reads the result of `to_dict`."""
         names = {item.name for item in fields(cls)}
         missing = sorted(names - set(data) - {"step_counts"})
         if missing:

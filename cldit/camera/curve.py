@@ -87,10 +87,6 @@ def fit_curve(temperature_K: Floats, counts: Floats, *, filter_um: Filter) -> Cu
     It is a least-squares fit, in kelvin, of gain, offset and stretch to means over the pixels that
     see the background. Emission of windows and surroundings is part of the offset, losses are part
     of the gain.
-
-    Raises:
-        EvaluationError: fewer than three different temperatures, or references that no stretch
-            brings onto the curve.
     """
     if len(set(temperature_K.tolist())) < 3:
         raise EvaluationError(

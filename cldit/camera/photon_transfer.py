@@ -46,9 +46,6 @@ def photon_transfer(
         offset_counts: counts without light. None: counts at which the variance is that of rounding;
             the offset then includes the read noise, with the same errors as a result.
         step_counts: to which images are rounded.
-
-    Raises:
-        EvaluationError: the variance does not rise with the light.
     """
     order = np.argsort(mean)
     bins = [part for part in np.array_split(order, _BINS) if part.size]

@@ -61,11 +61,7 @@ class SensorModel:
 
     @classmethod
     def from_scene(cls, scene: Scene, integration_time_s: float | None = None) -> SensorModel:
-        """The sensor of `scene`, with `integration_time_s` in place of the scene's if given.
-
-        Raises:
-            SceneError: more bad pixels than pixels, or an offset above saturation.
-        """
+        """The sensor of `scene`, with `integration_time_s` in place of the scene's if given."""
         sensor = scene.camera.sensor
         efficiency = sensor.quantum_efficiency
         return cls(
@@ -132,12 +128,8 @@ class SensorModel:
     ) -> NDArray[np.uint16]:
         """Counts (rows, columns) of one exposure: shot and read noise, rounding, saturation.
 
-        Args:
-            radiance: (rows, columns), photons s-1 m-2 sr-1; values below 0 count as 0.
-            rng: random generator of the noise.
-
-        Raises:
-            TransportError: the radiance has another shape than the sensor or is not finite.
+        radiance: (rows, columns), photons s-1 m-2 sr-1; values below 0 count as 0. rng: random
+        generator of the noise.
         """
         if radiance.shape != self.pixels[::-1]:
             raise TransportError(

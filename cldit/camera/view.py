@@ -64,11 +64,7 @@ class SensorView:
         return edge, edge
 
     def image(self, traced: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Area means (rows, columns) of a traced image (H, W), row 0 at the top of both.
-
-        Raises:
-            TransportError: the traced image is empty or has not two dimensions.
-        """
+        """Area means (rows, columns) of a traced image (H, W), row 0 at the top of both."""
         if traced.ndim != 2 or traced.size == 0:
             raise TransportError(f"traced image of shape {traced.shape}; allowed: (H, W)")
         width, height = (

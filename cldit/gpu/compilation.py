@@ -50,12 +50,7 @@ _FILTERS = threading.Lock()
 
 
 def compiled(device: Device, source: str, options: Sequence[str] = ()) -> Compiled:
-    """Compiles a source in OpenCL C, once for a device, with options beside `OPTIONS`.
-
-    Raises:
-        pyopencl.Error: it does not compile.
-        FileError: PoCL's cache has no room.
-    """
+    """Compiles a source in OpenCL C, once for a device, with options beside `OPTIONS`."""
     opened, key = device.opened, (source, *options)
     with opened.lock:
         found = opened.programs.get(key)

@@ -64,7 +64,6 @@ def temperature_errors_K(
         error: N pixels, for instance half the difference of two independent traces.
         emissivity, temperature_K: of the N pixels, as evaluated.
         surroundings: walls and patches that were assumed.
-        filter_um: edges of the filter.
     """
     emissivity, temperature_K = emissivity.reshape(-1), temperature_K.reshape(-1)
     here = has_temperature(emissivity, temperature_K)
@@ -132,9 +131,7 @@ class TraceTemperature:
         A pixel that does not see the background gets the emissivity of one that does: this only
         steers a trace.
 
-        Args:
-            weights, error: (C, N).
-            outside: radiance that replaces that of walls and patches.
+        weights, error: (C, N). outside: radiance that replaces that of walls and patches.
         """
         own = self.radiances[1:].copy()
         if outside is not None:

@@ -92,9 +92,6 @@ def mean(each: Iterable[Weights], shares: Sequence[float] | None = None) -> Weig
 
     Transfer is linear, so these are the weights of the mean light. `shares` are in proportion to
     the part of each; None: equal.
-
-    Raises:
-        ValueError: there are none.
     """
     sums: dict[str, NDArray[np.float64]] = {}
     total = 0.0

@@ -47,11 +47,7 @@ _FORMAT = 2  # 1: x and z in m, no total error
 
 
 def extra(name: str) -> Any:
-    """A module of the extra `studies`.
-
-    Raises:
-        StudyError: it is not installed.
-    """
+    """A module of the extra `studies`."""
     return needed(name, extra="studies", what="a sweep", error=StudyError)
 
 
@@ -99,11 +95,7 @@ class SweepFolder:
 
 
 def open_folder(path: Path, base: Scene, grid: Grid) -> SweepFolder:
-    """Makes the folder of a sweep, or finds it again.
-
-    Raises:
-        StudyError: the folder has other contents, or the sweep of another scene or grid.
-    """
+    """Makes the folder of a sweep, or finds it again."""
     axes = [[axis.name, axis.key, list(axis.values)] for axis in grid.axes]
     about = {"format": _FORMAT, "axes": axes, "scene": digest(base.model_dump(mode="json"))}
     known = path / "study.json"

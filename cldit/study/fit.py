@@ -54,11 +54,7 @@ class Parameter:
 
     @classmethod
     def parse(cls, text: str, scene: Scene) -> Parameter:
-        """Reads `KEY=LOW:HIGH` or `KEY=LOW:HIGH:MEAN:DEVIATION`; it starts at the scene's value.
-
-        Raises:
-            StudyError: the text is no such parameter. SceneError: a bound is not allowed.
-        """
+        """Reads `KEY=LOW:HIGH` or `KEY=LOW:HIGH:MEAN:DEVIATION`; it starts at the scene's value."""
         name, _, values = text.partition("=")
         key = ALIASES.get(name.strip(), name.strip())
         try:
@@ -178,12 +174,7 @@ def fit(
     cache: Path | None = None,
     progress: Say | None = None,
 ) -> Fit:
-    """Fits values of a scene to a measurement; the same call continues a fit that was stopped.
-
-    Raises:
-        StudyError: none or more than six parameters, one twice, or one without effect.
-        EvaluationError: the measurement has no errors, or another view.
-    """
+    """Fits values of a scene to a measurement; the same call continues a fit that was stopped."""
     keys = [one.key for one in parameters]
     if not 1 <= len(keys) <= MOST or len(set(keys)) < len(keys):
         raise StudyError(f"--vary: {', '.join(keys) or 'none'}; allowed: 1..{MOST} different keys")

@@ -66,11 +66,7 @@ class Grid:
         return tuple(len(axis.values) for axis in self.axes)
 
     def points(self, base: Scene) -> Iterator[Point]:
-        """Scenes of the grid, validated.
-
-        Raises:
-            SceneError: a key or a value is not allowed; the message names both.
-        """
+        """Scenes of the grid, validated."""
         places = itertools.product(*(range(count) for count in self.shape))
         for number, place in enumerate(places):
             chosen = {axis.key: axis.values[at] for axis, at in zip(self.axes, place, strict=True)}
@@ -78,11 +74,7 @@ class Grid:
 
     @classmethod
     def parse(cls, text: str) -> Grid:
-        """Reads the text of the command line.
-
-        Raises:
-            StudyError: the text is not a grid.
-        """
+        """Reads the text of the command line."""
         axes: list[Axis] = []
         for part in text.split(","):
             key, equals, value = part.partition("=")

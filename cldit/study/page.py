@@ -287,9 +287,6 @@ def write_page(
 
     With `markdown_only`, as for docs, only figures, .json and .md, without tables of numbers.
     suffix: .pdf or .svg, of one more file of each figure.
-
-    Raises:
-        StudyError: a file cannot be written.
     """
     path = folder / page.name
     try:
@@ -312,11 +309,7 @@ def write_page(
 
 
 def write_overview(folder: Path, names: Sequence[str], *, markdown_only: bool = False) -> Path:
-    """Writes overview.html and .md with a row for each study that is in the folder.
-
-    Raises:
-        StudyError: the file of a page is damaged, or the overview cannot be written.
-    """
+    """Writes overview.html and .md with a row for each study that is in the folder."""
     paths = [folder / f"{name}.json" for name in names]
     rows = [_overview_row(path) for path in paths if path.is_file()]
     page = show.Page("The paper's studies", [Table(_OVERVIEW, rows)])

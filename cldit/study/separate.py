@@ -49,9 +49,6 @@ def separate(
     """Fastest plan that separates two models, for each delay; runs are kept in `folder`.
 
     Without delays, that of the scenes' sprays is taken.
-
-    Raises:
-        EvaluationError: the scenes differ in more than their spray, optics and transport.
     """
     check_rivals(one, other)
     found = []

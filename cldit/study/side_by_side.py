@@ -34,10 +34,6 @@ def trace_members(
     """Traces the nominal injection, and then the others side by side; returns how many were traced.
 
     `scheduler` and `workers` are as in `run_sweep`, the rest as in `cldit.simulate`.
-
-    Raises:
-        RunFolderError: the folder has another scene.
-        StudyError: an injection failed, or the extra `studies` is not installed.
     """
     folder = Path(out).resolve()
     if members_of(scene) == 1 or stored_run(folder, scene) is not None:

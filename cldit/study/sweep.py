@@ -80,12 +80,6 @@ def run_sweep(
         workers: on this machine; None: one for each GPU, or for each core without one.
         cache: folder of tables, sprays and traces of the workers; None: their default.
         watch: called after each trace.
-
-    Raises:
-        SceneError: a scene of the grid is not allowed.
-        StudyError: images of different size, a folder with something else, no such scheduler, or
-            the extra `studies` is not installed.
-        RunFolderError: another process writes to the folder.
     """
     for name in ("xarray", "zarr", "dask.array", "distributed"):
         extra(name)  # before anything is written

@@ -37,11 +37,7 @@ STUDIES: dict[str, Callable[[Lab], Found]] = {
 
 
 def studies_of(name: str) -> list[str]:
-    """Names of the studies called `name`, which is one of them, `all`, or a figure such as fig12.
-
-    Raises:
-        StudyError: no such study.
-    """
+    """Names of the studies called `name`: one of them, `all`, or a figure such as fig12."""
     if name == "all":
         return list(STUDIES)
     figures = {
@@ -57,12 +53,7 @@ def studies_of(name: str) -> list[str]:
 
 
 def run_study(name: str, lab: Lab) -> StudyPage:
-    """Runs the study `name` in `lab`, with runs and sprays from its cache.
-
-    Raises:
-        StudyError: no such study.
-        ClditError: as `cldit.simulate`.
-    """
+    """Runs the study `name` in `lab`, with runs and sprays from its cache."""
     if name not in STUDIES:
         raise StudyError(f"{name}: no such study; allowed: {', '.join(STUDIES)}, all")
     start = time.perf_counter()
