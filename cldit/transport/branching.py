@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 
 from cldit.errors import TransportError
-from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.buffers import download, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, build
 from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.result import Trace, TraceSettings, weights_of
-from cldit.transport.view import View, check_boundary, upload_tree
+from cldit.transport.view import View, check_boundary, upload_medium
 
 HIGHEST_ORDER = 3  # each order costs about a hundred times the one before
 
@@ -56,9 +56,6 @@ def trace_branching(
     start = time.perf_counter()
     columns, rows = view.pixels
     components = len(cells.needs.components) + 1
-    middles = cells.middles() if settings.linear_coefficients else cells
-    albedo = np.zeros(len(cells.depth), real)
-    albedo[cells.address] = middles.albedo
     outs = []
     for program, (one, mine) in zip(programs, divided, strict=True):
         out = zeros(one, "image", components * rows * columns, real)
@@ -71,10 +68,7 @@ def trace_branching(
                     "weights": out,
                     "started": rays,
                     "key": np.array([settings.seed, 1], np.uint32),
-                    "thermal": upload(one, "thermal source", middles.thermal_planes(real)),
-                    "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real, linear=settings.linear_coefficients),
-                    **view.geometry(one, cells, real),
+                    **upload_medium(one, cells, view, real, linear=settings.linear_coefficients),
                 },
                 offset=(0, mine.start),
             )

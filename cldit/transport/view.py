@@ -232,6 +232,24 @@ def upload_tree(
     return out
 
 
+def upload_medium(
+    device: Device, cells: OpticalCells, view: View, real: type[np.floating], *, linear: bool
+) -> dict[str, Any]:
+    """Kernel arguments of paths: the octree with thermal sources and albedos, and the geometry.
+
+    `linear`: the extinction is linear within cells.
+    """
+    middles = cells.middles() if linear else cells
+    albedo = np.zeros(len(cells.depth), real)
+    albedo[cells.address] = middles.albedo
+    return {
+        "thermal": upload(device, "thermal source", middles.thermal_planes(real)),
+        "albedo": upload(device, "albedo", albedo),
+        **upload_tree(device, cells, real, linear=linear),
+        **view.geometry(device, cells, real),
+    }
+
+
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:
     """Raises TransportError if the disc or a patch is inside the medium.
 

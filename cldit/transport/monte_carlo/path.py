@@ -26,7 +26,7 @@ from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.result import Trace, TraceSettings, weights_of
 from cldit.transport.sobol import columns
-from cldit.transport.view import View, check_boundary, upload_tree
+from cldit.transport.view import View, check_boundary, upload_medium
 
 SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
 _GROUP = 16
@@ -158,18 +158,11 @@ def trace_path(
     components = len(cells.needs.components) + 1  # the last: from within, see energy_balance.py
     column_count, row_count = view.pixels
     pixels = column_count * row_count
-    middles = cells.middles() if settings.linear_coefficients else cells
-    albedo = np.zeros(len(cells.depth))
-    albedo[cells.address] = middles.albedo
 
     def medium(one: Device) -> dict[str, Any]:
-        return {
-            "thermal": upload(one, "source", middles.thermal_planes(real)),
-            "albedo": upload(one, "albedo", albedo.astype(real)),
-            **({} if classes is None else {"shares": upload(one, "size classes", classes)}),
-            **upload_tree(one, cells, real, linear=settings.linear_coefficients),
-            **view.geometry(one, cells, real),
-        }
+        shared = {} if classes is None else {"shares": upload(one, "size classes", classes)}
+        whole = upload_medium(one, cells, view, real, linear=settings.linear_coefficients)
+        return {**whole, **shared}
 
     first = medium(device)
     out = zeros(device, "image", components * pixels, real)
@@ -177,11 +170,7 @@ def trace_path(
     programs[0].launch(
         "straight",
         *view.tiles(programs[0], "straight"),
-        {
-            "weights": out,
-            "scattered": all_scattered,
-            **first,
-        },
+        {"weights": out, "scattered": all_scattered, **first},
     )
     image = download(device, out, np.empty((components, pixels), real))
     scattered = download(device, all_scattered, np.empty(pixels, real))
@@ -228,9 +217,8 @@ def trace_path(
             continue
         if pixel_sample is not None and enough is not None:
             found = (image[:, place] + sums.mean)[:-1]
-            if enough(pixel_sample, found, sums.difference[:-1]):
-                break
-            if sums.batches * SAMPLES >= settings.max_samples:
+            done = enough(pixel_sample, found, sums.difference[:-1])
+            if done or sums.batches * SAMPLES >= settings.max_samples:
                 break
             continue
         error_K = temperature.error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1])
