@@ -12,12 +12,11 @@ from cldit.errors import RunFolderError, SprayError
 from cldit.gpu.device import Device, open_device
 from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.files import write_text
-from cldit.io.plain_data import read_mapping
 from cldit.run import Run, Say, StageLine, simulate
-from cldit.run.folder import ANOTHER_FOLDER, stored_run
+from cldit.run.folder import ANOTHER_FOLDER, stored_run, stored_scene
 from cldit.run.series import SeriesTime, run_times
 from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
-from cldit.scene import Scene, dump_scene, parse_scene
+from cldit.scene import Scene, dump_scene
 from cldit.scene.load import chosen_scene
 from cldit.show.report.series_report import write_series
 
@@ -116,10 +115,7 @@ def _check_folder(folder: Path, scene: Scene) -> None:
         return
     if not (folder / SERIES_FILE).is_file():
         raise RunFolderError(f"{folder}: is not empty and contains no series; {ANOTHER_FOLDER}")
-    known = parse_scene(
-        read_mapping(folder / SERIES_FILE), source=str(folder / SERIES_FILE), finished=True
-    )
-    if known != scene:
+    if stored_scene(folder / SERIES_FILE) != scene:
         raise RunFolderError(
             f"{folder}: contains a series of another scene, or with other settings; "
             f"{ANOTHER_FOLDER}"

@@ -36,19 +36,23 @@ def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except ClditError as error:
-            ERR.print(f"[bold red]error:[/] {escaped(str(error))}")
+            print_problem(str(error))
             sys.exit(Exit.FAILED)
         except OSError as error:
             if error.filename is None:
                 raise
-            reason = f"{error.filename}: {error.strerror}"
-            ERR.print(f"[bold red]error:[/] {escaped(reason)}")
+            print_problem(f"{error.filename}: {error.strerror}")
             sys.exit(Exit.FAILED)
         except KeyboardInterrupt:
             ERR.print("stopped; run the same command again to continue")
             sys.exit(Exit.STOPPED)
 
     return guarded
+
+
+def print_problem(text: str) -> None:
+    """Prints an error to the standard error."""
+    ERR.print(f"[bold red]error:[/] {escaped(text)}")
 
 
 def print_table(*heads: str, rows: Iterable[Iterable[RenderableType]]) -> None:

@@ -20,7 +20,7 @@ from cldit.api.folder_evaluation import (
     evaluate_scattering,
 )
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors
+from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_problem
 from cldit.cli.options import PATH, figures_option
 from cldit.cli.program import Exit
 from cldit.cli.results import print_files, print_maps, print_next
@@ -113,7 +113,7 @@ def evaluate(
         print_files(show_folder(target, suffix=suffix))
     print_next("cldit", "view", folder)
     if problems := delay_problems(found):
-        ERR.print(f"[bold red]error:[/] {escaped(problems)}")
+        print_problem(problems)
     return Outcome(
         {"delays": [_data(one) for one in found]}, Exit.FAILED if problems else Exit.DONE
     )

@@ -27,7 +27,25 @@ def export_command(
 ) -> None:
     """Write an acquisition FOLDER's raw images, or a run's octree, for other programs."""
     if form in _OCTREE:
-        _octree(folder, form, out, node=node, own_frame=own_frame, device=device)
+        # load OpenCL, which is not needed to export images
+        from cldit.gpu.device import open_device
+        from cldit.io.caches import default_cache
+        from cldit.run.folder import open_run
+        from cldit.run.octree_export import export_octree
+
+        with ProgressBar() as bar:
+            written = export_octree(
+                open_run(folder),
+                form,
+                out,
+                device=open_device(device),
+                cache=default_cache(),
+                node=node,
+                own_frame=own_frame,
+                say=bar.say,
+            )
+        for path in written:
+            OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
         return
     if node is not None or own_frame or device is not None:
         raise ExportError(f"--node, --own-frame and --device are for {' and '.join(_OCTREE)}")
@@ -36,33 +54,3 @@ def export_command(
     if acquisition.missing:
         OUT.print(f"[yellow]{len(acquisition.missing)} shots are still missing[/]")
     OUT.print(f"{path}: {len(acquisition.shots)} shots, {path.stat().st_size / 1e6:.1f} MB")
-
-
-def _octree(
-    folder: Path,
-    form: str,
-    out: Path | None,
-    *,
-    node: int | None,
-    own_frame: bool,
-    device: str | None,
-) -> None:
-    # load OpenCL, which is not needed to export images
-    from cldit.gpu.device import open_device
-    from cldit.io.caches import default_cache
-    from cldit.run.folder import open_run
-    from cldit.run.octree_export import export_octree
-
-    with ProgressBar() as bar:
-        written = export_octree(
-            open_run(folder),
-            form,
-            out,
-            device=open_device(device),
-            cache=default_cache(),
-            node=node,
-            own_frame=own_frame,
-            say=bar.say,
-        )
-    for path in written:
-        OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")

@@ -6,14 +6,20 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
 from cldit.accuracy.errors import Errors
 from cldit.acquisition.progress import Progress
 from cldit.api.experiment import run_experiment
 from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
-from cldit.cli.console import ERR, OUT, ProgressBar, escaped, plain_errors, print_table
+from cldit.cli.console import (
+    OUT,
+    ProgressBar,
+    escaped,
+    plain_errors,
+    print_problem,
+    print_table,
+)
 from cldit.cli.options import (
     KELVIN,
     PATH,
@@ -346,19 +352,18 @@ _OF_TIME = (
 
 def _series_outcome(series: Series) -> Outcome:
     """Prints a line for each time, the files, and the times that failed, which set the status."""
-    table = Table("time", *(text for _, text, _ in _OF_TIME), "T_app, K", "", box=None)
+    rows = []
     for each in series.times:
         row = [_number(each.spray.get(name), factor) for name, _, factor in _OF_TIME]
         warm = None if each.dit is None else each.dit.apparent_temperature_K
         note = "" if each.state == "done" else each.state
-        table.add_row(series.plan.text(each.time), *row, _number(warm, 1.0), note)
-    OUT.print(table)
+        rows.append([series.plan.text(each.time), *row, _number(warm, 1.0), note])
+    print_table("time", *(text for _, text, _ in _OF_TIME), "T_app, K", "", rows=rows)
     print_files(*series.files)
     if series.files and not mp4_possible():
         OUT.print(escaped(f"for film.mp4 too: {install_line('film')}"), style="dim")
     for each in series.failed:
-        text = f"{series.plan.text(each.time)}: {each.problem}"
-        ERR.print(f"[bold red]error:[/] {escaped(text)}")
+        print_problem(f"{series.plan.text(each.time)}: {each.problem}")
     print_next("cldit", "view", series.folder)
     times = [
         {

@@ -76,7 +76,7 @@ def free_folder(first: Path, scene: Scene, kept_scene: str = SCENE_FILE) -> Path
         if is_empty(folder):
             return folder
         with suppress(RunFolderError, FileError):
-            if known.is_file() and _stored_scene(known) == scene:
+            if known.is_file() and stored_scene(known) == scene:
                 return folder
     raise AssertionError
 
@@ -88,7 +88,7 @@ def stored_run(folder: Path, scene: Scene) -> Run | None:
     known = folder / SCENE_FILE
     if not known.is_file():
         raise RunFolderError(f"{folder}: is not empty and holds no run; {ANOTHER_FOLDER}")
-    before = _stored_scene(known)
+    before = stored_scene(known)
     if before != scene:
         raise RunFolderError(
             f"{folder}: holds a run of another scene ({before.name}, or other settings); "
@@ -157,7 +157,7 @@ def _traced(folder: Path) -> Run:
         if not (folder / name).is_file():
             hint = "" if name == SCENE_FILE else "; run the same command again to finish it"
             raise RunFolderError(f"{folder}: holds no finished run ({name} is missing){hint}")
-    scene = _stored_scene(folder / SCENE_FILE)
+    scene = stored_scene(folder / SCENE_FILE)
     info = _stored_info(folder / "run.json")
     grey = Quadrature.grey(
         scene_filter(scene),
@@ -188,7 +188,7 @@ def _traced(folder: Path) -> Run:
     )
 
 
-def _stored_scene(path: Path) -> Scene:
+def stored_scene(path: Path) -> Scene:
     """Scene of a run; raises RunFolderError if it is damaged."""
     try:
         return parse_scene(read_mapping(path), source=str(path), finished=True)
