@@ -7,8 +7,6 @@ python -m tests.bench sprays --only half --spacing-mm 2
 from __future__ import annotations
 
 import argparse
-import cProfile
-import pstats
 from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -66,31 +64,6 @@ _TOP = (
     "33°, 0.78 ms, looked at 0.95 ms after the start of injection, unless said otherwise.",
     "",
 )
-
-
-_PARTS = {  # of a step, by the functions that do it
-    "droplets (`advance`)": ("advance",),
-    "exchange between parcels and grid": ("gather", "scatter"),
-    "advection and diffusion": ("_carry", "_mix"),
-    "temperatures": ("_pressures",),
-    "pressure": ("_project",),
-    "eddies": ("_eddies",),
-}
-
-
-def _shares(bench: Bench) -> list[str]:
-    profile = cProfile.Profile()
-    profile.runcall(simulate_spray, at(0.6, 573, box=bench.box()), cache=bench.cache)
-    stats: Any = pstats.Stats(profile)
-    spent: dict[str, float] = {}
-    for (file, _, name), (_, _, _, cumulated, _) in stats.stats.items():
-        if "spray" in Path(file).parts:
-            spent[name] = spent.get(name, 0.0) + cumulated
-    whole = spent["simulate_spray"]
-    parts = {label: sum(spent[name] for name in names) for label, names in _PARTS.items()}
-    parts["rest"] = whole - sum(parts.values())
-    rows = [[label, f"{100 * seconds / whole:.0f}"] for label, seconds in parts.items()]
-    return ["## Where the time goes", "", *table(["part of a step", "% of the time"], rows), ""]
 
 
 def _conditions(bench: Bench) -> list[str]:
@@ -300,7 +273,6 @@ SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
     "parcels": _parcels,
     "half": _half,
     "jet": _eddies,
-    "time": _shares,
 }
 
 
