@@ -18,7 +18,6 @@ from cldit.run import default_cache
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.flow.simulate import simulate_spray
 from tests.bench.spray_g import spray_g
 from tests.bench.spray_history import Bench, table
 from tests.unit.spray.flow.free_jet import free_jet
