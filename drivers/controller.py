@@ -18,7 +18,6 @@ from cldit.scene.values import Temperature
 
 from .line_address import LineAddress
 
-KELVIN = 273.15  # 0 °C
 _COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
 _AGREE_K = 0.1  # a set point is read back rounded to a tenth
 

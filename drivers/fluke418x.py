@@ -13,9 +13,9 @@ from cldit.rig.errors import ConfigRejected
 from cldit.rig.link import Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
-from cldit.scene.values import Temperature
+from cldit.scene.values import ZERO_CELSIUS_K, Temperature
 
-from .controller import KELVIN, BlackBody, ControllerSettings
+from .controller import BlackBody, ControllerSettings
 from .scpi import ScpiInstrument
 
 ABOUT = DriverAbout(
@@ -74,14 +74,14 @@ class Fluke418x(ScpiInstrument, BlackBody[FlukeSettings]):
         self._heater.written("off")
         self._line.write("OUTP:STAT 0")
         self._setpoint.written(f"{safe_K:.1f} K")
-        self._line.write(f"SOUR:SPO {safe_K - KELVIN:.2f}")
+        self._line.write(f"SOUR:SPO {safe_K - ZERO_CELSIUS_K:.2f}")
         self._check_output(False)
         got_K = self._confirmed(safe_K, self._kelvin("SOUR:SPO?"))
         return f"heater off, set point {got_K:.1f} K"
 
     def _aim(self, temperature_K: float) -> float:
         self._setpoint.written(f"{temperature_K:.1f} K")
-        self._line.write(f"SOUR:SPO {temperature_K - KELVIN:.2f}")
+        self._line.write(f"SOUR:SPO {temperature_K - ZERO_CELSIUS_K:.2f}")
         got_K = self._confirmed(temperature_K, self._kelvin("SOUR:SPO?"))
         self._heater.written("on")
         self._line.write("OUTP:STAT 1")
@@ -96,7 +96,9 @@ class Fluke418x(ScpiInstrument, BlackBody[FlukeSettings]):
 
     def _kelvin(self, command: str) -> float:
         def kelvin(answer: str) -> float:
-            return self._plausible(command, check_answer("background", command, answer) + KELVIN)
+            return self._plausible(
+                command, check_answer("background", command, answer) + ZERO_CELSIUS_K
+            )
 
         return self._line.ask(command, kelvin)
 

@@ -158,7 +158,7 @@ class GenicamCamera(Linked):
             integration_time_limits_s=(low, high),
             minimum_period_s=self._period_s,
             saturation_counts=self._settings.calibration.saturation_counts,
-            sensor_pixels=self._sensor(),
+            sensor_pixels=self._connected().sensor_pixels(),
             pixel_formats=self._connected().entries("PixelFormat"),
         )
 
@@ -291,9 +291,6 @@ class GenicamCamera(Linked):
         return self._base + 1 + (since % _BLOCKS if block <= _BLOCKS else since)
 
     # The camera's features
-
-    def _sensor(self) -> tuple[int, int]:
-        return self._connected().sensor_pixels()
 
     def _read_settings(self) -> Settings:
         roi = Roi(

@@ -16,8 +16,9 @@ from cldit.rig.errors import NotConnected, OddAnswer
 from cldit.rig.link import Told
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
+from cldit.scene.values import ZERO_CELSIUS_K
 
-from .controller import KELVIN, BlackBody, ControllerSettings
+from .controller import BlackBody, ControllerSettings
 from .line_templates import Ask, Command, Tell, pattern
 from .scpi import ScpiInstrument
 
@@ -72,7 +73,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
             **options,
         )
         BlackBody.__init__(self, settings, context.clock)
-        self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
+        self._offset_K = ZERO_CELSIUS_K if settings.unit == "celsius" else 0.0
         self._heater = Told("heater")
         self._set_first = False
 

@@ -20,8 +20,9 @@ from cldit.rig.errors import ConfigRejected, NotConnected
 from cldit.rig.link import Linked
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
+from cldit.scene.values import ZERO_CELSIUS_K
 
-from .controller import KELVIN, BlackBody, ControllerSettings
+from .controller import BlackBody, ControllerSettings
 from .modbus_registers import MAPS, Register, RegisterMap
 
 T = TypeVar("T")
@@ -74,7 +75,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         )
         BlackBody.__init__(self, settings, context.clock)
         self._map = settings.map
-        self._offset_K = KELVIN if self._map.unit == "celsius" else 0.0
+        self._offset_K = ZERO_CELSIUS_K if self._map.unit == "celsius" else 0.0
         self._client: Any = None
 
     def _open(self, timeout_s: float) -> None:

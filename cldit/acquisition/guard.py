@@ -112,7 +112,8 @@ def watch(stream: IO[bytes], folder: Path) -> int:
     rig_file = stream.read(int(stream.readline() or 0))
     if stream.read() == _SAFE or not rig_file:
         return 0
-    log = [f"{_now()} the acquisition ended unsafe; making the rig safe"]
+    now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    log = [f"{now} the acquisition ended unsafe; making the rig safe"]
     safety = RigSafety({}, [])
     for attempt, pause_s in enumerate(_PAUSES_s, start=1):
         time.sleep(pause_s)
@@ -145,10 +146,6 @@ def _note(folder: Path, safety: RigSafety, time: str) -> None:
     with suppress(ClditError), Journal(folder / JOURNAL) as journal:  # guard.log has it too
         event = "unsafe" if safety.problems else "made safe"
         journal.append(event, time=time, did=safety.did, problems=safety.problems)
-
-
-def _now() -> str:
-    return time.strftime("%Y-%m-%dT%H:%M:%S%z")
 
 
 def _make_safe(rig_file: bytes) -> RigSafety:

@@ -15,7 +15,6 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError, model_val
 from cldit.acquisition.frames import FrameReader
 from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, find_sources, parse_source
 from cldit.acquisition.pictures.told import (
-    ZERO_CELSIUS_K,
     check_exposures,
     check_times,
     read_temperatures,
@@ -33,7 +32,7 @@ from cldit.optics.response import Response, to_plain
 from cldit.radiance.boundary import Surroundings
 from cldit.rig.load import Setup
 from cldit.scene.checks import Section, Within, describe
-from cldit.scene.values import Filter, Temperature
+from cldit.scene.values import ZERO_CELSIUS_K, Filter, Temperature
 
 MEASURED = "measured.yaml"
 

@@ -12,8 +12,7 @@ from cldit.rig.errors import ConfigRejected, OutOfLimits, RigError
 from cldit.rig.load import Rig
 from cldit.rig.protocols import Limits, TriggerInfo, TriggerMode
 from cldit.scene.delays import SAME_s, delay_text
-
-_ZERO_CELSIUS_K = 273.15
+from cldit.scene.values import ZERO_CELSIUS_K
 
 
 def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
@@ -73,7 +72,7 @@ def _check_backgrounds(limits: Limits, plan: Plan) -> None:
 
 def _celsius(temperature: float, limits: Limits) -> str:
     """A hint where a temperature below the limits would do as one in degrees Celsius."""
-    kelvin = temperature + _ZERO_CELSIUS_K
+    kelvin = temperature + ZERO_CELSIUS_K
     meant = temperature < limits.low_K and limits.low_K <= kelvin <= limits.high_K
     return f" K; {temperature:g} °C are {kelvin:g} K" if meant else ""
 

@@ -11,12 +11,12 @@ from cldit.cfd.case import CfdCase
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from cldit.scene.values import ZERO_CELSIUS_K
 
 _MOST_KG = {"liquid": 0.01, "vapour": 0.1}  # an injection has milligrams, a large engine's grams
 _LONGEST_m = 1.0
 _FITS = 0.05  # relative deviation of a density from an ideal gas
 _OFF = 0.15  # beyond it, another unit of temperature or pressure is tried
-_ZERO_C_K = 273.15
 _FREEZING_K = {
     "CH4": 90.7, "C2H5OH": 159.0, "CH3OH": 175.6, "IC8H18": 165.8, "C7H16": 182.6,
     "NC7H16": 182.6, "C8H18": 165.8, "NC8H18": 216.4, "C10H22": 243.5, "C12H26": 263.5,
@@ -77,7 +77,7 @@ def gas_remarks(
     if not known.any():
         return ()
     kelvin = np.log(density[known] / ideal[known])
-    shifted = kelvin + np.log1p(_ZERO_C_K / temperature_K[known])
+    shifted = kelvin + np.log1p(ZERO_CELSIUS_K / temperature_K[known])
     off, fit = (float(np.expm1(np.median(each))) for each in (kelvin, shifted))
     if abs(off) < _OFF:
         return ()

@@ -283,7 +283,10 @@ def _vapour(
 def _notes(
     case: CfdCase, gas: _Gas, parcels: Parcels | None, vapour: Vapour, frame: Frame
 ) -> dict[str, float]:
-    """Figures that show whether the case was read as meant."""
+    """Figures that show whether the case was read as meant; the ambient temperature is that outside
+    the jet, or the hottest if it fills all cells."""
+    hottest_K = float(gas.temperature_K.max())
+    outside = gas.temperature_K[gas.mass_fraction <= _EDGE_OF_JET]
     notes = {} if case.time_s is None else {"time_s": case.time_s}
     if case.wall_K is not None:
         notes["wall_temperature_K"] = case.wall_K
@@ -299,15 +302,9 @@ def _notes(
         "vapour_mass_kg": vapour.mass_kg,
         "vapour_mass_fraction_max": float(gas.mass_fraction.max()),
         "gas_temperature_min_K": float(gas.temperature_K.min()),
-        "gas_temperature_max_K": float(gas.temperature_K.max()),
-        "ambient_temperature_K": _ambient_K(gas),
+        "gas_temperature_max_K": hottest_K,
+        "ambient_temperature_K": float(np.median(outside) if len(outside) else hottest_K),
     }
     for name, place, along in zip("xyz", frame.nozzle_m, frame.axis, strict=True):
         notes |= {f"nozzle_{name}_m": float(place), f"axis_{name}": float(along)}
     return notes
-
-
-def _ambient_K(gas: _Gas) -> float:
-    """Median temperature of the cells outside the jet; the hottest if it fills all of them."""
-    outside = gas.temperature_K[gas.mass_fraction <= _EDGE_OF_JET]
-    return float(np.median(outside) if len(outside) else gas.temperature_K.max())

@@ -136,13 +136,10 @@ def _search(path: Path, name: str, prefix: str) -> Path | None:
     asked = Path(name)
     below = Path(asked.name) if asked.is_absolute() else asked
     here = path.absolute().parent
-    folders = [part.replace("${ORIGIN}", str(here)) for part in _prefixes(prefix)]
+    prefixes = os.environ.get(prefix, "").replace("${ORIGIN}", str(here))
+    folders = [part for part in prefixes.split(":") if part]
     places = [*(Path(folder) / below for folder in folders), here / below, below]
     places.append(path.resolve().parent / below)
     if asked.is_absolute():
         places.insert(0, asked)
     return next((place for place in places if place.exists()), None)
-
-
-def _prefixes(variable: str) -> list[str]:
-    return [part for part in os.environ.get(variable, "").split(":") if part]

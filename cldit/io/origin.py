@@ -126,8 +126,8 @@ class Origin:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Origin:
         """Reads what `to_dict` gave."""
-        given = {**data, "command": tuple(data["command"])}
-        return cls(**{**given, "inputs": tuple(FileRead.from_dict(one) for one in data["inputs"])})
+        inputs = tuple(FileRead.from_dict(one) for one in data["inputs"])
+        return cls(**{**data, "command": tuple(data["command"]), "inputs": inputs})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

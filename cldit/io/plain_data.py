@@ -50,7 +50,8 @@ class _Loader(SafeLoader):
             return super().construct_object(node, deep=deep)
         except (ValueError, KeyError, AttributeError, OverflowError) as error:
             kind = node.tag.rpartition(":")[2]
-            raise _refused(node.start_mark, f"{_short(text)} is no {kind}") from error
+            short = text if len(text) <= 40 else f"{text[:37]}..."
+            raise _refused(node.start_mark, f"{short} is no {kind}") from error
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         lines: dict[Any, int] = {}
@@ -162,10 +163,6 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _refused(mark: Any, problem: str) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def _check_events(text: str) -> None:

@@ -13,6 +13,8 @@ from cldit.errors import SceneError
 from cldit.scene.checks import Within
 from cldit.scene.curves import FREQUENCY, WAVELENGTH, Axis, Curve, check_curve, read_curve
 
+ZERO_CELSIUS_K = 273.15
+
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
 Temperature = Annotated[float, Within(0.0, 5000.0)]

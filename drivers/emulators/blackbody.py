@@ -11,9 +11,9 @@ import threading
 from typing import Any
 
 from cldit.rig.clock import Clock, SystemClock
+from cldit.scene.values import ZERO_CELSIUS_K
 from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
 
-from ..controller import KELVIN
 from ..heater import Dynamics, Heater
 from ..modbus_registers import MAPS, RegisterMap
 from .lines import AtOneLine, Terminals
@@ -76,7 +76,7 @@ class ModbusPeer(Peer):
         self._map = registers or MAPS[str(model)]
         formats = {self._map.temperature.format, self._map.setpoint.format}
         self.replies = Replies(BINARY_NAN if formats == {"float32"} else INTEGER_NONE)
-        self._offset_K = KELVIN if self._map.unit == "celsius" else 0.0
+        self._offset_K = ZERO_CELSIUS_K if self._map.unit == "celsius" else 0.0
         self._unit = unit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: Any = None
@@ -173,7 +173,8 @@ class ModbusPeer(Peer):
         """Called before pymodbus stores `values`, or answers `current`, which begins at `start`."""
         setpoint = self._map.setpoint
         if values is not None and address == setpoint.address and len(values) == setpoint.words:
-            self._aim(setpoint.decode([int(word) for word in values]) + self._offset_K)
+            self.writes += 1
+            self.heater.aim(setpoint.decode([int(word) for word in values]) + self._offset_K)
         for register, words in self._words().items():
             at = register - start
             if 0 <= at <= len(current) - len(words):
@@ -191,10 +192,6 @@ class ModbusPeer(Peer):
             held[register.address] = tuple(register.encode(kelvin - self._offset_K))
         return held
 
-    def _aim(self, setpoint_K: float) -> None:
-        self.writes += 1
-        self.heater.aim(setpoint_K)
-
 
 class FlukePeer(AtOneLine, Peer):
     """Emulated Fluke 4181."""
@@ -209,9 +206,9 @@ class FlukePeer(AtOneLine, Peer):
         off_K = abs(self.heater.now_K() - self.heater.setpoint_K)
         answers = {
             "*IDN?": "FLUKE,4181,B12345,1.10",
-            "SOUR:SPO?": f"{self.heater.setpoint_K - KELVIN:.2f}",
+            "SOUR:SPO?": f"{self.heater.setpoint_K - ZERO_CELSIUS_K:.2f}",
             "OUTP:STAT?": f"{int(self.heating)}",
-            "SOUR:SENS:DATA?": f"{self.sensed_K() - KELVIN:.3f}",
+            "SOUR:SENS:DATA?": f"{self.sensed_K() - ZERO_CELSIUS_K:.3f}",
             "SOUR:STAB:LIM?": f"{self._limit_K:.2f}",
             "SOUR:STAB:TEST?": f"{int(self.heating and off_K <= self._limit_K)}",
             "UNIT:TEMP?": "C",
@@ -220,7 +217,7 @@ class FlukePeer(AtOneLine, Peer):
             return answers[name].encode() + b"\r\n"
         if name == "SOUR:SPO":
             self.writes += 1
-            self.heater.aim(float(value) + KELVIN)
+            self.heater.aim(float(value) + ZERO_CELSIUS_K)
         elif name == "OUTP:STAT":
             self.heating = value == "1"
         elif name == "SOUR:STAB:LIM":

@@ -165,10 +165,6 @@ class GigePeer:
     def _triggered(self) -> bool:
         return any(self._modes.values())
 
-    @property
-    def _burst_mode(self) -> bool:
-        return self._modes[reg.BURST] == 1
-
     def _miss(self) -> None:
         self.missed += 1
         self._put(reg.MISSED_TRIGGERS, self.missed)
@@ -180,7 +176,7 @@ class GigePeer:
             self._miss()
             return
         counted = reg.FRAME_COUNT if self._legacy else reg.BURST_COUNT
-        count = self._get(counted) if self._burst_mode else 1
+        count = self._get(counted) if self._modes[reg.BURST] == 1 else 1
         for number in range(min(count, self._left)):
             self._last_s = now_s + number / self._rate_Hz
             self._left -= 1

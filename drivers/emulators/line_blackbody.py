@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..controller import KELVIN
+from cldit.scene.values import ZERO_CELSIUS_K
+
 from ..line_blackbody import LineSettings
 from ..line_templates import Command, example, pattern
 from .blackbody import Peer
@@ -19,7 +20,7 @@ class LinePeer(AtOneLine, Peer):
     def __init__(self, settings: LineSettings, **options: Any) -> None:
         super().__init__(**options)
         self._settings = settings
-        self._offset_K = KELVIN if settings.unit == "celsius" else 0.0
+        self._offset_K = ZERO_CELSIUS_K if settings.unit == "celsius" else 0.0
         self.heating = settings.heater_on is None
 
     @property

@@ -20,8 +20,8 @@ from cldit.acquisition.pictures.kinds import kind_of
 from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
 from cldit.errors import EvaluationError, reason
 from cldit.io.text_tables import read_table_text, split_cells, split_line
+from cldit.scene.values import ZERO_CELSIUS_K
 
-ZERO_CELSIUS_K = 273.15
 _SAME = 0.01  # relative: registers of cameras round their exposure
 _SAME_s = 1.0  # clocks that show whole seconds
 _FAR_K = 30.0  # from the set point: another unit, or another column

@@ -8,7 +8,7 @@ parcels: a mapping file names their table (`parcels.file`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -191,16 +191,14 @@ def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]
     return kinds.astype(np.uint8), nodes, np.concatenate([[0], np.cumsum(counts)])
 
 
-@contextmanager
-def open_cgns(path: Path) -> Iterator[Any]:
-    """Opens a file and checks that it is in HDF5."""
+def open_cgns(path: Path) -> AbstractContextManager[Any]:
+    """Opens a file, which must be in HDF5."""
     with regular(path).open("rb") as stream:
         if stream.read(8) != b"\x89HDF\r\n\x1a\n":
             raise SprayError(
                 f"{path}: CGNS in ADF, or damaged; allowed: CGNS in HDF5 (convert it with adf2hdf)"
             )
-    with open_hdf(path) as root:
-        yield root
+    return open_hdf(path)
 
 
 def children(group: Any, label: str) -> list[tuple[str, Any]]:

@@ -11,7 +11,7 @@ import binascii
 import mmap
 import re
 from dataclasses import dataclass
-from math import prod
+from math import inf, prod
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -23,6 +23,7 @@ _KINDS = {".vtu": "UnstructuredGrid", ".vtp": "PolyData", ".vti": "ImageData"}
 _KINDS |= {".vtr": "RectilinearGrid", ".vts": "StructuredGrid"}
 _COUNT = re.compile(rb'\b(NumberOf\w+|offset)\s*=\s*["\']([^"\']*)["\']')
 _EXTENT = re.compile(rb'\b(?:Whole)?Extent\s*=\s*["\']([-\d\s]+)["\']')  # of a grid by rows
+_SPACING = re.compile(rb'\bSpacing\s*=\s*["\']([^"\']*)["\']')
 _MOST_PACKED = 10_000  # bytes of content for each in the file
 _MOST_COMPONENTS = 100
 _OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
@@ -113,6 +114,8 @@ def _check_counts(file: Path, tags: list[bytes], size: int) -> None:
     if kind is None or kind.group(1).decode() != _KINDS[file.suffix]:
         what = "no VTK file in XML" if kind is None else f"of type {kind.group(1).decode()}"
         raise SprayError(f"{file}: is {what}; expected by its name: {_KINDS[file.suffix]}")
+    if file.suffix == ".vti":
+        _check_spacing(file, next(tag for tag in tags if tag.startswith(b"<ImageData")))
     for tag in tags:
         counts = {name.decode(): text for name, text in _COUNT.findall(tag)}
         for name, text in counts.items():
@@ -128,6 +131,18 @@ def _check_counts(file: Path, tags: list[bytes], size: int) -> None:
         raise _damaged(file, "extents that are none")
     if pieces and whole != around:
         raise _damaged(file, f"pieces that fill {around} of {whole}")
+
+
+def _check_spacing(file: Path, image: bytes) -> None:
+    """Refuses an image without edges of its cells, for which vtk takes 1 m, or cells of no size."""
+    found = _SPACING.search(image)
+    text = "" if found is None else found.group(1).decode("latin-1")
+    try:
+        good = [0.0 < float(word) < inf for word in text.split()] == [True] * 3
+    except ValueError:
+        good = False
+    if not good:
+        raise _damaged(file, f"Spacing is {text!a}; allowed: three numbers above 0")
 
 
 _LEGACY = re.compile(
