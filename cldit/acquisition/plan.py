@@ -21,7 +21,7 @@ from cldit.scene.camera import USUAL_INTEGRATION_S
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.delays import SAME_s, delay_text
 from cldit.scene.schema import Scene
-from cldit.scene.values import Temperature
+from cldit.scene.values import Backgrounds
 
 Kind = Literal["reference", "injection"]
 Seconds = Annotated[float, Within(0.0, 1e6)]
@@ -69,7 +69,7 @@ class Shot:
 class Plan(Section):
     """A measurement. Two plans with one hash take the same images."""
 
-    backgrounds_K: tuple[Temperature, ...]
+    backgrounds_K: Backgrounds
     """Set points of the black body, 1 to 1000 of them."""
     shots: Annotated[int, Within(0, 100_000)] = 5
     """Injections at each background."""
@@ -101,13 +101,6 @@ class Plan(Section):
     """Criterion of a stable background."""
     trigger: TriggerSection = TriggerSection()
     """Pulses of a shot."""
-
-    @field_validator("backgrounds_K")
-    @classmethod
-    def _some(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
-        if not 1 <= len(temperatures) <= 1000:
-            raise ValueError(f"{len(temperatures)} temperatures, allowed: 1..1000")
-        return temperatures
 
     @field_validator("delays_s")
     @classmethod

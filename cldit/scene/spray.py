@@ -7,9 +7,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import Field, field_validator
 
-from cldit.scene.checks import Section, Within
+from cldit.scene.checks import Section, Within, length
 from cldit.scene.scatter import OpticalScatter, Scatter
 from cldit.scene.sizes import Droplets, NukiyamaTanasawa
 from cldit.scene.values import Angle, CaseTime, Direction, Fraction, Length, Point
@@ -37,13 +37,7 @@ class Plume(Section):
     """Share of the fuel mass, relative to the other plumes."""
 
 
-def _some(plumes: tuple[Plume, ...]) -> tuple[Plume, ...]:
-    if not 1 <= len(plumes) <= 64:
-        raise ValueError(f"{len(plumes)} plumes; allowed: 1..64")
-    return plumes
-
-
-Plumes = Annotated[tuple[Plume, ...], AfterValidator(_some)]
+Plumes = Annotated[tuple[Plume, ...], length(1, 64, "plumes")]
 EIGHT_PLUMES = tuple(
     Plume(inclination_deg=33.0, azimuth_deg=22.5 + 45.0 * hole) for hole in range(8)
 )

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, ValidationInfo
 
 from cldit.errors import SceneError
-from cldit.scene.checks import Within
+from cldit.scene.checks import Within, length
 from cldit.scene.curves import FREQUENCY, WAVELENGTH, Axis, Curve, check_curve, read_curve
 
 ZERO_CELSIUS_K = 273.15
@@ -18,6 +18,7 @@ ZERO_CELSIUS_K = 273.15
 Length = Annotated[float, Within(1e-6, 100.0)]
 Coordinate = Annotated[float, Within(-100.0, 100.0)]
 Temperature = Annotated[float, Within(0.0, 5000.0)]
+Backgrounds = Annotated[tuple[Temperature, ...], length(1, 1000, "temperatures")]
 Pixels = Annotated[int, Within(1, 16384)]
 Fraction = Annotated[float, Within(0.0, 1.0)]
 Angle = Annotated[float, Within(-360.0, 360.0)]

@@ -6,10 +6,10 @@ from collections import Counter
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
-from cldit.scene.checks import Section, Within
-from cldit.scene.values import Direction, Length, Point, Temperature, WindowCurve
+from cldit.scene.checks import Section, Within, length
+from cldit.scene.values import Backgrounds, Direction, Length, Point, Temperature, WindowCurve
 
 FINEST = 4096  # cells along an edge, at most
 PAPER_LEAF_M = 0.5e-3  # paper, Section "Ray Tracing"
@@ -59,19 +59,12 @@ class Background(Section):
     """Radius of the disc."""
     centre_m: Point | None = None
     """Centre of the disc. Default: centre of the domain's +y face."""
-    temperatures_K: tuple[Temperature, ...] = (400.0, 440.0, 480.0, 520.0, 560.0)
+    temperatures_K: Backgrounds = (400.0, 440.0, 480.0, 520.0, 560.0)
     """Temperatures of the black body, 1 to 1000."""
     emissivity: Annotated[float, Within(1e-3, 1.0)] = 1.0
     """Emissivity of the black body; it reflects the rest from its surroundings."""
     surroundings_K: Temperature | None = None
     """Temperature of the surroundings that it reflects. Default: that of the walls."""
-
-    @field_validator("temperatures_K")
-    @classmethod
-    def _two(cls, temperatures: tuple[float, ...]) -> tuple[float, ...]:
-        if not 1 <= len(temperatures) <= 1000:
-            raise ValueError(f"{len(temperatures)} temperatures; allowed: 1..1000")
-        return temperatures
 
 
 class Walls(Section):
@@ -123,12 +116,10 @@ def _names_differ(patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
                 f"the name {name} is used more than once; allowed: names that differ, and none of "
                 f"{', '.join(_TAKEN)}"
             )
-    if len(patches) > 16:
-        raise ValueError(f"{len(patches)} patches; allowed: 0..16")
     return patches
 
 
-Patches = Annotated[tuple[Patch, ...], AfterValidator(_names_differ)]
+Patches = Annotated[tuple[Patch, ...], AfterValidator(_names_differ), length(0, 16, "patches")]
 
 
 class Window(Section):

@@ -65,7 +65,7 @@ def test_background_order(order: Any, present_K: float, expected: tuple[int, ...
     ("data", "message"),
     [
         ({}, "backgrounds_K: is missing"),
-        ({"backgrounds_K": []}, "backgrounds_K: 0 temperatures, allowed: 1..1000"),
+        ({"backgrounds_K": []}, "backgrounds_K: 0 temperatures; allowed: 1..1000"),
         ({"backgrounds_K": [400, "440 K"]}, "'440 K' is not a number"),
         ({"backgrounds_K": [400], "shots": -1}, "shots: -1 is outside 0..100000"),
         (
