@@ -37,6 +37,7 @@ from cldit.transport.discrete_ordinates.moment_source import moment_source
 from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
+from cldit.transport.final_gather.paths import PathSampler
 from cldit.transport.image import FormalSolution
 from cldit.transport.result import Trace, TraceSettings, weights_of
 from cldit.transport.thick_region import ThickRegion
@@ -80,7 +81,7 @@ def trace_source(
         seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
     image = formal_solution(cells, region, scene, view, device, settings)
     if region is not None and camera is not None and camera.cell_sources is not None:
-        gather = Gather(image, cells.box(), region, camera.cell_sources, settings)
+        gather = Gather(PathSampler(image, cells.box(), region, camera.cell_sources, settings))
 
     sources: list[NDArray[np.floating] | None] = [None] if camera is None else [*camera.halves]
     defect = np.zeros(0) if camera is None else camera.defect

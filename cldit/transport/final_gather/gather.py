@@ -10,19 +10,12 @@ Illumination using Photon Maps, Rendering Techniques 1996; kernels/gather.cl).
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints
-from cldit.gpu.program import Define
-from cldit.transport.cells import SweptBox
-from cldit.transport.final_gather.cell_sources import CellSources
 from cldit.transport.final_gather.paths import PathSampler
-from cldit.transport.image import FormalSolution
-from cldit.transport.result import TraceSettings
-from cldit.transport.thick_region import ThickRegion
 
 
 def neyman_allocation(energy: Floats, had: Ints, size: Ints, *, allowed: float) -> Ints:
@@ -53,18 +46,10 @@ class Gather:
     short: reason why paths stopped before the wanted accuracy; empty if they did not.
     """
 
-    def __init__(
-        self,
-        formal_solution: FormalSolution,
-        box: SweptBox,
-        thick: ThickRegion,
-        ends: CellSources,
-        settings: TraceSettings,
-        flags: Mapping[str, Define] | None = None,
-    ) -> None:
-        """Prepares the sampler; arguments as there."""
-        self.sampler = PathSampler(formal_solution, box, thick, ends, settings, flags)
-        self._image, self._settings = formal_solution, settings
+    def __init__(self, sampler: PathSampler) -> None:
+        """Takes the sampler of the image's paths."""
+        self.sampler = sampler
+        self._image, self._settings = sampler.solution, sampler.settings
         self.samples, self.seconds = 0, 0.0
         self._spent, self._rays = 0.0, 0  # segments and rays of all calls
         self.short = ""

@@ -88,8 +88,9 @@ def _classes(
 class PathSampler:
     """Samples paths from thick cells on every device.
 
-    components: weights of a path, and the part within. programs: that were built. diffusive: paths
-    continue far in thick cells. segments: crossed so far; callers may set it to 0.
+    solution, settings: of the image. components: weights of a path, and the part within. programs:
+    that were built. diffusive: paths continue far in thick cells. segments: crossed so far; callers
+    may set it to 0.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class PathSampler:
         `flags` are further defines of the kernels.
         """
         directions, light = ends.directions, ends.light
-        self._solution, self._settings = formal_solution, settings
+        self.solution, self.settings = formal_solution, settings
         self._device = formal_solution.parts[0].device
         cells = formal_solution.cells
         self._real = formal_solution.real
@@ -213,20 +214,20 @@ class PathSampler:
     def _cumulative(self, directions: Ordinates, steps: Floats) -> Floats:
         """Ordinates (K, 4): unit vectors and cumulative weight of light scattered along +y."""
         weight = directions.weight
-        if self._settings.phase is not None:
+        if self.settings.phase is not None:
             sine = np.sqrt((1 - directions.unit[:, 1]) / 2)
             weight = weight * steps[np.minimum((sine * PHASE_STEPS).astype(int), PHASE_STEPS - 1)]
         return np.column_stack([directions.unit, np.cumsum(weight) / weight.sum()])
 
     def paths(self, pixels: Ints, across: int) -> list[GatherPaths]:
         """Paths from the thick cells on across^2 rays through each pixel (N,), for each device."""
-        row, column = np.divmod(pixels, self._solution.view.pixels[0])
+        row, column = np.divmod(pixels, self.solution.view.pixels[0])
         middle = np.stack([column, row, 0.0 * row, 0.0 * row], axis=1)
-        rays = (middle[:, None] + self._solution.view.places(across)).reshape(-1, 4)
+        rays = (middle[:, None] + self.solution.view.places(across)).reshape(-1, 4)
         numbers = (pixels[:, None] * across**2 + np.arange(across**2)).reshape(-1)
         out = []
         for part, program, traversal, fixed in zip(
-            self._solution.parts, self.programs, self._traversals, self._fixed, strict=True
+            self.solution.parts, self.programs, self._traversals, self._fixed, strict=True
         ):
             one, count = part.device, len(rays)
             group = min(_GROUP, program.largest_group("thick_intervals"))
@@ -276,7 +277,7 @@ class PathSampler:
         `paths` are those of `paths(pixels, across)`; `some` and `half` as in `GatherPaths.launch`.
         """
         rays = (chosen[:, None] * across**2 + np.arange(across**2)).reshape(-1).astype(np.int32)
-        key = np.array([self._settings.seed, 0], np.uint32)
+        key = np.array([self.settings.seed, 0], np.uint32)
         outs = []
         for each, (_, mine) in zip(paths, shares(self._device, len(rays)), strict=True):
             out = zeros(each.device, "means", (self.components + 1) * len(mine), self._real)
