@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6928,
     "study": 3066,
     "testing": 1324,
-    "transport": 7318,
+    "transport": 7305,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
