@@ -46,7 +46,7 @@ def own_reader(path: Path) -> EntryPoint | None:
         return None
 
 
-def open_stack(source: Source) -> Stack:
+def open_stack(source: Source) -> Images:
     """Opens a file of images, without reading them if its reader allows that. Raises
     EvaluationError for another kind of file, a missing or damaged one, a missing data set, or
     temperatures.
@@ -61,8 +61,7 @@ def open_stack(source: Source) -> Stack:
     except Exception as error:  # damaged headers lead the readers into errors of all kinds
         raise EvaluationError(f"{source.path}: cannot be read ({reason(error)})") from error
     try:
-        _check(stack, source)
-        return stack if source == source.whole else _Part(stack, source)
+        return Images(stack, source)
     except BaseException:
         stack.close()
         raise
@@ -101,38 +100,45 @@ def _arranged(opened: Any, source: Source) -> Stack:
     return ArrayStack(whole, source.axes, unit=getattr(stack, "unit", ""))
 
 
-def _check(stack: Stack, source: Source) -> None:
-    count = len(stack)
-    if count == 0:
-        raise EvaluationError(f"{source.text}: cannot be read (holds no image)")
-    if source.last is not None and source.last > count:
-        raise EvaluationError(f"{source.text}: has {count} frames, asked for {source.last}")
-    if source.first >= (count if source.last is None else source.last):
-        raise EvaluationError(f"{source.text}: [{source.first}:..] of {count} holds no image")
-    unit = str(getattr(stack, "unit", ""))
-    if unit.replace(" ", "").lower() in _TEMPERATURES:
-        raise EvaluationError(
-            f"{source.text}: holds temperatures (unit {unit}), not counts; {EXPORT}"
-        )
+class Images:
+    """Images of a file that its source selects, and what the file says of them.
 
-
-class _Part:
-    """Some images of a file."""
+    unit: of their values. notes: remarks, a few words each. `told`: metadata of each image, as far
+    as the file has them.
+    """
 
     def __init__(self, stack: Stack, source: Source) -> None:
+        """Raises EvaluationError if there is none of them, or they are temperatures."""
+        count = len(stack)
+        if count == 0:
+            raise EvaluationError(f"{source.text}: cannot be read (holds no image)")
+        if source.last is not None and source.last > count:
+            raise EvaluationError(f"{source.text}: has {count} frames, asked for {source.last}")
+        if source.first >= (count if source.last is None else source.last):
+            raise EvaluationError(f"{source.text}: [{source.first}:..] of {count} holds no image")
         self._stack = stack
-        self._numbers = range(len(stack))[source.part]
-        self.notes = getattr(stack, "notes", ())
-        self.unit = getattr(stack, "unit", "")
-        self.told = tuple(getattr(stack, "told", ()))[source.part]
+        self._numbers = range(count)[source.part]
+        self.unit = str(getattr(stack, "unit", ""))
+        if self.unit.replace(" ", "").lower() in _TEMPERATURES:
+            raise EvaluationError(
+                f"{source.text}: holds temperatures (unit {self.unit}), not counts; {EXPORT}"
+            )
+        unit = (f"unit {self.unit}",) if self.unit else ()
+        self.notes: tuple[str, ...] = (*getattr(stack, "notes", ()), *unit)
+        told = tuple(getattr(stack, "told", ()))
+        self.told: tuple[Told, ...] = (
+            told[source.part] if len(told) == count else (Told(),) * len(self)
+        )
 
     def __len__(self) -> int:
         return len(self._numbers)
 
     def read(self, number: int) -> NDArray[Any]:
+        """Image `number` of the selected ones, (rows, columns)."""
         return self._stack.read(self._numbers[number])
 
     def close(self) -> None:
+        """Closes the file."""
         self._stack.close()
 
 
@@ -141,31 +147,23 @@ class FrameReader:
 
     def __init__(self) -> None:
         self._source: Source | None = None
-        self._stack: Stack | None = None
-
-    def count(self, source: Source) -> int:
-        """Number of images in a file."""
-        return len(self._open(source))
+        self._images: Images | None = None
 
     def notes(self, source: Source) -> tuple[str, ...]:
         """Remarks of the file about its images, a few words each."""
-        stack = self._open(source)
-        unit = str(getattr(stack, "unit", ""))
-        return (*getattr(stack, "notes", ()), *([f"unit {unit}"] if unit else []))
+        return self._open(source).notes
 
     def told(self, source: Source) -> tuple[Told, ...]:
         """Time and exposure of each image, as far as the file contains them."""
-        stack = self._open(source)
-        found = tuple(getattr(stack, "told", ()))
-        return found if len(found) == len(stack) else (Told(),) * len(stack)
+        return self._open(source).told
 
     def read(self, source: Source, number: int) -> NDArray[Any]:
         """Image `number` of the file `source`, (rows, columns); raises EvaluationError if it cannot
         be read.
         """
-        stack = self._open(source)
+        images = self._open(source)
         try:
-            return stack.read(number)
+            return images.read(number)
         except EvaluationError:
             raise
         except Exception as error:
@@ -173,16 +171,16 @@ class FrameReader:
 
     def close(self) -> None:
         """Closes the file; the next image opens it again."""
-        if self._stack is not None:
-            self._stack.close()
-        self._source = self._stack = None
+        if self._images is not None:
+            self._images.close()
+        self._source = self._images = None
 
     def __del__(self) -> None:
         self.close()
 
-    def _open(self, source: Source) -> Stack:
-        if self._stack is None or source != self._source:
+    def _open(self, source: Source) -> Images:
+        if self._images is None or source != self._source:
             self.close()
-            self._stack = open_stack(source)
+            self._images = open_stack(source)
             self._source = source
-        return self._stack
+        return self._images

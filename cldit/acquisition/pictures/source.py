@@ -51,11 +51,6 @@ class Source:
         return slice(self.first, self.last, self.step)
 
     @property
-    def whole(self) -> Source:
-        """The same place with all images."""
-        return replace(self, first=0, last=None, step=1)
-
-    @property
     def text(self) -> str:
         """The file and the data set in it, as the user names them."""
         return f"{self.path}::{self.dataset}" if self.dataset else str(self.path)

@@ -25,7 +25,7 @@ MATLAB_ORDER = IMAGES.transpose(1, 2, 0)
 def read_all(source: Source) -> Any:
     reader = FrameReader()
     try:
-        return np.stack([reader.read(source, n) for n in range(reader.count(source))])
+        return np.stack([reader.read(source, n) for n in range(len(reader.told(source)))])
     finally:
         reader.close()
 

@@ -28,7 +28,7 @@ PICTURES = np.random.default_rng(1).integers(1000, 9000, SHAPE).astype(np.uint16
 def read_all(source: Source) -> Any:
     reader = FrameReader()
     try:
-        return np.stack([reader.read(source, n) for n in range(reader.count(source))])
+        return np.stack([reader.read(source, n) for n in range(len(reader.told(source)))])
     finally:
         reader.close()
 
