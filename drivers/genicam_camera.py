@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -302,12 +301,8 @@ class GenicamCamera(Linked):
     def _calibration(self, integration_time_s: float) -> Calibration:
         given = self._settings.calibration
         values = given.model_dump(exclude={"integration_time_s"})
-        at_hand = Calibration(**values)
-        return replace(
-            at_hand,
-            counts_per_radiance=at_hand.counts_per_radiance
-            * (integration_time_s / given.integration_time_s),
-        )
+        values["counts_per_radiance"] *= integration_time_s / given.integration_time_s
+        return Calibration(**values)
 
     def _connected(self) -> Features:
         with self._asking():  # raises if it is not connected

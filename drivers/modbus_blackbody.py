@@ -187,29 +187,30 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
 
     def _ask(self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]) -> T:
         """One exchange; every request may be sent twice."""
-        return self._again(lambda: self._exchange(what, address, named, parse), NotConnected)
 
-    def _exchange(
-        self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]
-    ) -> T:
-        with self._asking():
-            for pause_s in (*_BUSY_PAUSES_s, None):
-                try:
-                    answer = getattr(self._client, what)(
-                        address, device_id=self._settings.unit, **named
+        def sent() -> Any:
+            try:
+                return getattr(self._client, what)(address, device_id=self._settings.unit, **named)
+            except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
+                raise NotConnected(
+                    f"background: no answer at register {address} ({error}); check the line"
+                ) from error
+
+        def work() -> T:
+            with self._asking():
+                answer = sent()
+                for pause_s in _BUSY_PAUSES_s:
+                    if getattr(answer, "exception_code", 0) != _BUSY:
+                        break
+                    time.sleep(pause_s)
+                    answer = sent()
+                if answer.isError():
+                    raise ConfigRejected(
+                        f"background: the controller rejects register {address}: {answer}"
                     )
-                except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
-                    raise NotConnected(
-                        f"background: no answer at register {address} ({error}); check the line"
-                    ) from error
-                if pause_s is None or getattr(answer, "exception_code", 0) != _BUSY:
-                    break
-                time.sleep(pause_s)
-            if answer.isError():
-                raise ConfigRejected(
-                    f"background: the controller rejects register {address}: {answer}"
-                )
-            return parse(answer)
+                return parse(answer)
+
+        return self._again(work, NotConnected)
 
 
 def open_modbus_blackbody(settings: dict[str, Any], context: RigContext) -> ModbusBlackBody:

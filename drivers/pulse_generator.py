@@ -236,9 +236,6 @@ class PulseGenerator(ScpiInstrument):
 
     # One command, one answer; written values are read back
 
-    def _command(self, text: str) -> None:
-        self._line.acknowledged(text, "ok")
-
     def _flag(self, keyword: str) -> bool:
         return self._line.flag(f"{keyword}?")
 
@@ -246,18 +243,18 @@ class PulseGenerator(ScpiInstrument):
         return self._line.number(f"{keyword}?")
 
     def _switch(self, keyword: str, on: bool) -> None:
-        self._command(f"{keyword} {int(on)}")
+        self._line.acknowledged(f"{keyword} {int(on)}", "ok")
         if self._flag(keyword) is not on:
             raise ConfigRejected(f"trigger: {keyword} does not switch {'on' if on else 'off'}")
 
     def _choose(self, keyword: str, entry: str) -> None:
-        self._command(f"{keyword} {entry}")
+        self._line.acknowledged(f"{keyword} {entry}", "ok")
         got = self._line.word(f"{keyword}?")
         if not got.startswith(entry):
             raise ConfigRejected(f"trigger: {keyword} reads back {got} after {entry}")
 
     def _set(self, keyword: str, value: str, step: float) -> float:
-        self._command(f"{keyword} {value}")
+        self._line.acknowledged(f"{keyword} {value}", "ok")
         got = self._number(keyword)
         if not abs(got - float(value)) <= step:
             raise ConfigRejected(f"trigger: {keyword} reads back {got:g} after {value}")

@@ -25,11 +25,9 @@ def frame_problem(
     """Problem of the frames of one shot, in the order of arrival, that forbids keeping it; None if
     there is none. `expected_id` is that of the first frame, None if unknown.
     """
-    for number, frame in enumerate(frames):
-        wanted = None if expected_id is None else expected_id + number
-        if number and wanted is None:
-            wanted = frames[0].frame_id + number
-        if wanted is not None and frame.frame_id != wanted:
+    first = frames[0].frame_id if expected_id is None else expected_id
+    for wanted, frame in enumerate(frames, start=first):
+        if frame.frame_id != wanted:
             return f"missing frame: frame {frame.frame_id} came in place of {wanted}"
         if frame.data.shape != ready.shape or frame.data.dtype != np.uint16:
             return (

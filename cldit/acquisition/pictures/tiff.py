@@ -37,10 +37,11 @@ class Tiff:
         try:
             with _quiet():
                 self._file = tifffile.TiffFile(self._stream)
+                self._imagej = self._file.imagej_metadata or {}
                 self._pages = self._images()
                 first = self._file.series[0]
                 self._size = os.fstat(self._stream.fileno()).st_size
-                told = (self._file.imagej_metadata or {}).get("images", 1)
+                told = self._imagej.get("images", 1)
                 in_page = first.ndim > 2 and first.axes.endswith("YX")
                 if len(self._pages) == 1 and (in_page or (self._incomplete and told > 1)):
                     if not self._incomplete:
@@ -102,7 +103,7 @@ class Tiff:
         A truncated file still opens: its readers stop at the last page that they find.
         """
         file = self._file
-        told = (file.imagej_metadata or {}).get("images", 1)
+        told = self._imagej.get("images", 1)
         if len(self) < told:
             raise ValueError(f"ImageJ says {told} images, {len(self)} are there; {CUT_OFF}")
         if self._follows(file.pages[-1].offset):
@@ -134,7 +135,7 @@ class Tiff:
 
     def _told_unit(self) -> str:
         try:
-            info = parse_json((self._file.imagej_metadata or {}).get("Info", "{}"))
+            info = parse_json(self._imagej.get("Info", "{}"))
         except (ValueError, TypeError):
             return ""
         return str(info.get("unit", "")) if isinstance(info, dict) else ""
