@@ -27,19 +27,6 @@ Kind = Literal["reference", "injection"]
 Seconds = Annotated[float, Within(0.0, 1e6)]
 
 
-class StabilitySection(Section):
-    """Criterion of a stable background; see `cldit.rig.stability.wait_stable`."""
-
-    tolerance_K: Annotated[float, Within(1e-3, 100.0)] = 0.2
-    """Largest difference of readings from the set point."""
-    hold_s: Seconds = 30.0
-    """Time for which readings must stay within the tolerance."""
-    settle_s: Seconds = 30.0
-    """Additional waiting time."""
-    timeout_s: Annotated[float, Within(0.1, 1e7)] = 3600.0
-    """Time after which the run stops with an error."""
-
-
 class TriggerSection(Section):
     """Delays and pulse widths of one shot, from the generator's start."""
 
@@ -97,7 +84,7 @@ class Plan(Section):
     """Number of retakes of a rejected shot."""
     expect_fuel: bool = True
     """Reject an injection that equals the reference."""
-    stability: StabilitySection = StabilitySection()
+    stability: Stability = Stability()
     """Criterion of a stable background."""
     trigger: TriggerSection = TriggerSection()
     """Pulses of a shot."""
@@ -211,10 +198,6 @@ class Plan(Section):
         delay = f"{delay_text(self.delays[shot.delay])}, " if len(self.delays) > 1 else ""
         return f"{shot.background_K:g} K, {delay}{shot.kind} {shot.number + 1}"
 
-    def stable(self) -> Stability:
-        """The rule by which the rig waits for a background."""
-        return Stability(**self.stability.model_dump())
-
     def dump(self) -> str:
         """The plan as YAML, every default written out."""
         return dump_yaml(self.model_dump(mode="json"))
@@ -270,6 +253,6 @@ def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATI
         delays_s=scene.plan.delays_s,
         expect_fuel=False,  # a scene may well be one in which nothing can be seen
         integration_time_s=integration_time_s,
-        stability=StabilitySection(timeout_s=timeout_s),
+        stability=Stability(timeout_s=timeout_s),
         trigger=trigger,
     )

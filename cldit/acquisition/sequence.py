@@ -227,7 +227,7 @@ class Sequence:
                 background,
                 clock,
                 temperature_K,
-                self._plan.stable(),
+                self._plan.stability,
                 should_stop=self._interrupts.should_stop,
                 on_progress=approaches,
             )

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from cldit.acquisition.plan import StabilitySection, plan_from_scene
+from cldit.acquisition.plan import plan_from_scene
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, plain_errors, print_table, say
 from cldit.cli.options import KELVIN, PATH, SCENE, device_option, figures_option
@@ -28,6 +28,7 @@ from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
 from cldit.gpu.device import open_device
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
+from cldit.rig.protocols import Stability
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.run.series_plan import SeriesPlan
@@ -165,7 +166,7 @@ def _blackbody(scene: Scene, limits_K: tuple[float, float] | None) -> BlackBody:
         limits_K=limits_K or (min(known), max(known)),
         start_K=scene.rig.background_start_K,
         time_constant_s=scene.rig.background_time_constant_s,
-        stability=StabilitySection(),
+        stability=Stability(),
     )
 
 

@@ -22,10 +22,11 @@ from functools import partial
 
 import numpy as np
 
-from cldit.acquisition.plan import Plan, StabilitySection, plan_from_scene
+from cldit.acquisition.plan import Plan, plan_from_scene
 from cldit.arrays import Floats
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
+from cldit.rig.protocols import Stability
 from cldit.scene.schema import Scene
 
 MOST_SHOTS = 10_000  # of a kind, per background
@@ -41,7 +42,7 @@ class BlackBody:
     limits_K: tuple[float, float]
     start_K: float
     time_constant_s: float
-    stability: StabilitySection
+    stability: Stability
 
     def time_s(self, backgrounds_K: Iterable[float]) -> float:
         """Time until each background was within the tolerance and held, nearer end first."""

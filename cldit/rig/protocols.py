@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.rig.clock import StopCheck
+from cldit.scene.checks import Section, Within
 
 KINDS = {
     "camera": "the camera may still be armed",
@@ -122,14 +123,17 @@ class Burst:
     inject: bool = False
 
 
-@dataclass(frozen=True)
-class Stability:
-    """Criterion of stability: within tolerance_K for hold_s + settle_s without a break."""
+class Stability(Section):
+    """Criterion of a stable background; see `cldit.rig.stability.wait_stable`."""
 
-    tolerance_K: float
-    hold_s: float
-    settle_s: float
-    timeout_s: float
+    tolerance_K: Annotated[float, Within(1e-3, 100.0)] = 0.2
+    """Largest difference of readings from the set point."""
+    hold_s: Annotated[float, Within(0.0, 1e6)] = 30.0
+    """Time for which readings must stay within the tolerance."""
+    settle_s: Annotated[float, Within(0.0, 1e6)] = 30.0
+    """Additional waiting time."""
+    timeout_s: Annotated[float, Within(0.1, 1e7)] = 3600.0
+    """Time after which the run stops with an error."""
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def settles(background: Background, allowed: Allowed) -> None:
     )
     late = [K for K in seen[-15:] if abs(K - wanted_K) > _RULE.tolerance_K]
     expect(not late, f"{late} K within the last 15 s")
-    soon = Stability(0.5, 10.0, 5.0, 20.0)
+    soon = Stability(tolerance_K=0.5, hold_s=10.0, settle_s=5.0, timeout_s=20.0)
     refuses(lambda: background.wait_stable(wanted_K + 50.0, soon), DeviceTimeout, "a wait for it")
 
 

@@ -17,7 +17,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.acquisition.plan import StabilitySection, load_plan
+from cldit.acquisition.plan import load_plan
 from cldit.acquisition.runner import acquire
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.cli import main
@@ -37,6 +37,7 @@ from cldit.optics.spectral import Quadrature, reference_temperature_K
 from cldit.radiance.weights import Weights
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.load import open_rig
+from cldit.rig.protocols import Stability
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, load_scene, parse_scene
 from cldit.show.figures.curves import design_figure
@@ -77,7 +78,7 @@ BLACKBODY = BlackBody(
     limits_K=(360.0, 480.0),
     start_K=295.0,
     time_constant_s=120.0,
-    stability=StabilitySection(),
+    stability=Stability(),
 )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cldit.acquisition.plan import StabilitySection, load_plan
+from cldit.acquisition.plan import load_plan
 from cldit.cli import main
 from cldit.dit.design import MOST_SHOTS, BlackBody
 from cldit.dit.fit import apparent_radiance, fit_pair
@@ -20,12 +20,13 @@ from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature
+from cldit.rig.protocols import Stability
 from cldit.scene import Scene, load_scene
 from cldit.study.separate import check_rivals
 from tests.conftest import tiny_weights
 
 _BLACKBODY = BlackBody(
-    limits_K=(440.0, 480.0), start_K=295.0, time_constant_s=120.0, stability=StabilitySection()
+    limits_K=(440.0, 480.0), start_K=295.0, time_constant_s=120.0, stability=Stability()
 )
 
 
