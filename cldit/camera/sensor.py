@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.camera.calibration import Calibration
 from cldit.errors import SceneError, TransportError
 from cldit.optics.response import Filter, scene_filter
@@ -106,7 +107,7 @@ class SensorModel:
         full = self.offset_counts + self.well_electrons / self.electrons_per_count
         return int(min(2**self.bits - 1, full))
 
-    def mean_electrons(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
+    def mean_electrons(self, radiance: Reals) -> NDArray[np.float64]:
         """Mean electrons of each pixel, without saturation; any shape."""
         return np.asarray(radiance, np.float64) * self.electrons_per_radiance
 
@@ -123,9 +124,7 @@ class SensorModel:
         full = rng.random(self.bad_pixel_count) < 0.5
         return places, np.where(full, self.saturation_counts, 0).astype(np.uint16)
 
-    def expose(
-        self, radiance: NDArray[np.floating], rng: np.random.Generator
-    ) -> NDArray[np.uint16]:
+    def expose(self, radiance: Reals, rng: np.random.Generator) -> NDArray[np.uint16]:
         """Counts (rows, columns) of one exposure: shot and read noise, rounding, saturation.
 
         radiance: (rows, columns), photons s-1 m-2 sr-1; values below 0 count as 0. rng: random

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Reals = NDArray[np.floating]
+from cldit.arrays import Reals
 
 
 def limited(middle: Reals, below: Reals, above: Reals, *, down: Any, up: Any) -> Reals:

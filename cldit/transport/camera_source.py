@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Reals
 from cldit.gpu.program import Program
 from cldit.transport.cell_phases import class_weights
 from cldit.transport.cells import OpticalCells
@@ -27,8 +26,6 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.final_gather.cell_sources import CellSources, records
 from cldit.transport.phase import PHASE_STEPS
-
-Reals = NDArray[np.floating]  # of the device's precision
 
 
 @dataclass(frozen=True)

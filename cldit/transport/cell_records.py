@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.linear_coefficients import MOST
@@ -44,10 +44,10 @@ class CellRecords:
 
     def linear_sources(
         self,
-        listed: list[NDArray[np.floating] | None],
-        gradient: NDArray[np.floating] | None,
+        listed: list[Reals | None],
+        gradient: Reals | None,
         thick: Ints | None,
-    ) -> tuple[list[NDArray[np.floating] | None], NDArray[np.floating]]:
+    ) -> tuple[list[Reals | None], Reals]:
         """Sources in the middles of cells and their gradients, where coefficients are linear.
 
         Args:
@@ -96,11 +96,11 @@ class CellRecords:
 
     def records(
         self,
-        listed: list[NDArray[np.floating] | None],
+        listed: list[Reals | None],
         defect: Floats,
         thick: Ints | None,
         real: type[np.floating],
-    ) -> NDArray[np.floating]:
+    ) -> Reals:
         """Records (F, R) of the cells, in the type `real`.
 
         A record contains the optical depth of the cell's edge; its relative gradient if linear;

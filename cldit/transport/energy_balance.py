@@ -18,8 +18,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.errors import TransportError
 
 _FEW = 10  # pixels, too few to estimate their noise
@@ -43,8 +43,8 @@ class EnergyBalance:
     @classmethod
     def of(
         cls,
-        outside: NDArray[np.floating],
-        within: NDArray[np.floating],
+        outside: Reals,
+        within: Reals,
         *,
         bound: float,
         noise: float = 0.0,

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
@@ -22,7 +22,6 @@ from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
 from cldit.transport.view import View, upload_directory
 
-Reals = NDArray[np.floating]  # of the device's precision
 _GROUP = 64
 
 
@@ -108,11 +107,11 @@ class FormalSolution:
 
     def with_sources(
         self,
-        listed: list[NDArray[np.floating] | None],
+        listed: list[Reals | None],
         defect: Floats,
         gather: Gathered | None = None,
         *,
-        gradient: NDArray[np.floating] | None = None,
+        gradient: Reals | None = None,
     ) -> Rays:
         """Uploads sources, for which rays can then be traced.
 
@@ -126,9 +125,9 @@ class FormalSolution:
 
     def _records(
         self,
-        listed: list[NDArray[np.floating] | None],
+        listed: list[Reals | None],
         defect: Floats,
-        gradient: NDArray[np.floating] | None,
+        gradient: Reals | None,
     ) -> list[dict[str, Any]]:
         """Kernel arguments of the cells' sources, for each device."""
         table = None

@@ -22,12 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.medium.frame import BRICK
 from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
 from cldit.transport.discrete_ordinates.limiter import limit
-
-Reals = NDArray[np.floating]
 
 # As |g| is 2 at most, a value of |s| up to 3/2 S has 3/4 S in the middle at least, and falls by 3/4
 # S to a corner: to 0, not below.

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.apparent_temperature import TraceTemperature
-from cldit.transport.image import Rays, Reals, by_number
+from cldit.transport.image import Rays, by_number
 from cldit.transport.view import View
 
 Counts = Ints

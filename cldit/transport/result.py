@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Ints
+from cldit.arrays import Ints, Reals
 from cldit.gpu.program import Define, Program
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
@@ -168,7 +168,7 @@ class Trace:
     subpixels: Subpixels | None = None
 
 
-def weights_of(image: NDArray[np.floating], cells: OpticalCells) -> Weights:
+def weights_of(image: Reals, cells: OpticalCells) -> Weights:
     """Weights of an image's planes (C or more, H, W), in the order of `cells.needs.components`."""
     planes = dict(zip(cells.needs.components, image, strict=False))
     nothing = np.zeros(image.shape[1:], np.float32)

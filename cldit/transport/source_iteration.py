@@ -22,9 +22,8 @@ import time
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
 from cldit.radiance.weights import Weights
@@ -83,7 +82,7 @@ def trace_source(
     if region is not None and camera is not None and camera.cell_sources is not None:
         gather = Gather(PathSampler(image, cells.box(), region, camera.cell_sources, settings))
 
-    sources: list[NDArray[np.floating] | None] = [None] if camera is None else [*camera.halves]
+    sources: list[Reals | None] = [None] if camera is None else [*camera.halves]
     defect = np.zeros(0) if camera is None else camera.defect
     gradient = None if camera is None else camera.gradient
     start = time.perf_counter()
@@ -129,11 +128,11 @@ def trace_source(
     )
 
 
-def _mean(halves: NDArray[np.floating]) -> NDArray[np.floating]:
+def _mean(halves: Reals) -> Reals:
     return halves[0] if len(halves) < 2 else np.asarray((halves[0] + halves[1]) / 2)
 
 
-def _half(halves: NDArray[np.floating], cells: OpticalCells) -> Weights | None:
+def _half(halves: Reals, cells: OpticalCells) -> Weights | None:
     """Half the difference of both images; None of one."""
     return None if len(halves) < 2 else weights_of((halves[0] - halves[1]) / 2, cells)
 

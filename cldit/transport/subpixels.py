@@ -16,13 +16,12 @@ errors are the probabilities.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.optics.visible import VISIBLE_DISC
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
-from cldit.transport.image import Rays, Reals, by_number
+from cldit.transport.image import Rays, by_number
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.ray_choice import (
     SHARES,
@@ -41,7 +40,7 @@ _MORE, _TWICE = 4, 2
 
 def sampled_subpixels(
     rays: Rays,
-    image: NDArray[np.floating],
+    image: Reals,
     across: Ints,
     temperature: PixelTemperature,
     settings: TraceSettings,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.arrays import Ints
+from cldit.arrays import Ints, Reals
 from cldit.scene.schema import Scene
-from cldit.transport.image import Rays, Reals
+from cldit.transport.image import Rays
 from cldit.transport.ray_choice import PixelTemperature, RayChoice
 from cldit.transport.result import Subpixels, TraceSettings
 from cldit.transport.subpixels import measured_subpixels, sampled_subpixels

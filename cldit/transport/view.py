@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from cldit.arrays import Floats, Ints, Mask
+from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.errors import TransportError
 from cldit.gpu.buffers import upload
 from cldit.gpu.device import Device
@@ -134,7 +133,7 @@ class View:
         """Mask (N,) of pixels in front of the background, by flat number (N,)."""
         return np.asarray(self.boundary_shares(pixels, 1)[0] > 0)
 
-    def has_temperature(self, emissivity: NDArray[np.floating], pixels: Ints) -> Mask:
+    def has_temperature(self, emissivity: Reals, pixels: Ints) -> Mask:
         """Pixels (N,) that see the background, with an emissivity (N,) above `visible`."""
         out = np.asarray(emissivity > self.visible)
         out[out] = self.on_background(pixels[out])

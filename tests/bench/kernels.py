@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.bench.case import Case, Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
@@ -24,7 +25,6 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.final_gather.paths import PathSampler
-from cldit.transport.image import Reals
 from cldit.transport.source_iteration import formal_solution, thick_region
 from cldit.transport.view import View, upload_directory, upload_tree
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats, Mask, Reals
 from cldit.transport.cells import OpticalCells, SweptBox
 from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.tuning import Tuning
@@ -49,7 +49,7 @@ class Gradients:
             weights=np.concatenate([weights for _, weights in axes]),
         )
 
-    def __call__(self, source: NDArray[np.floating]) -> Floats:
+    def __call__(self, source: Reals) -> Floats:
         """Gradient (3, C, N) of a source (C, N), per cell."""
         more = [
             weight * (source[:, neighbour] - source)
@@ -74,11 +74,11 @@ def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning:
 
 
 def spatial_gradients(
-    light: NDArray[np.floating],
+    light: Reals,
     cells: OpticalCells,
     box: SweptBox,
-    known: tuple[NDArray[np.intp], NDArray[np.floating]] | None = None,
-) -> NDArray[np.floating]:
+    known: tuple[NDArray[np.intp], Reals] | None = None,
+) -> Reals:
     """Gradient (3, C, N) of the radiance in each scattering cell along x, y, z, per cell.
 
     The value at a face is between the means of both cells, closer to that of the thinner one: a

@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Reals
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cell_phases import phase_moments
@@ -40,8 +39,8 @@ class Moments:
     gradient: (3, C, K) spatial gradient along x, y, z in the K linear cells, per cell; None: K = 0.
     """
 
-    angular: NDArray[np.floating]
-    gradient: NDArray[np.floating] | None
+    angular: Reals
+    gradient: Reals | None
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class SolvedSource:
     solution: Solution
     light: Moments | None
     albedo: Floats
-    thermal: NDArray[np.floating]
+    thermal: Reals
     defect: Floats
     programs: tuple[Program, ...]
     sweeper: Sweeper | None

@@ -18,9 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Reals
 from cldit.gpu.program import Program
 from cldit.transport.angular_moments import phase_coefficients
 from cldit.transport.cell_phases import phase_moments
@@ -93,9 +92,7 @@ def moment_source(
     return FinalSource(sweeper, medium, source, solution, solved.defect, programs, solved.sweeps)
 
 
-def limited_gradient(
-    sweeper: Sweeper, light: NDArray[np.floating], source: NDArray[np.floating]
-) -> NDArray[np.floating]:
+def limited_gradient(sweeper: Sweeper, light: Reals, source: Reals) -> Reals:
     """Gradient (3, C, K) of the source in the sweeper's linear cells, limited to positive sources.
 
     `light` (3, C, K) is the gradient of the radiance there, and `source` (C or more, N) the source

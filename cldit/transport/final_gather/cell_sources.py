@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cldit.arrays import Reals
 from cldit.gpu.program import Program
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.iteration import Moments
@@ -27,10 +27,10 @@ class CellSources:
     directions: Ordinates
     light: InterfaceRadiance
     program: Program
-    records: NDArray[np.floating]
+    records: Reals
 
     @property
-    def depth(self) -> NDArray[np.floating]:
+    def depth(self) -> Reals:
         """Optical depth (R,) of the cells' edges, negative if paths continue (path_segment.h)."""
         depth, albedo = self.records[:, :2].T
         return np.asarray(np.where(albedo > 0, -depth, depth))
@@ -41,9 +41,9 @@ def records(
     region: ThickRegion,
     final: FinalSource,
     *,
-    light: NDArray[np.floating],
-    gradient: NDArray[np.floating] | None,
-) -> NDArray[np.floating]:
+    light: Reals,
+    gradient: Reals | None,
+) -> Reals:
     """Records (R, ...) of the region's cells, see `ThickRegion.records`.
 
     The sources are those after the final sweeps, which have more ordinates and are one iteration
@@ -71,8 +71,8 @@ def records(
 def _updated(
     problem: SweepProblem,
     final: FinalSource,
-    light: NDArray[np.floating],
-    gradient: NDArray[np.floating],
+    light: Reals,
+    gradient: Reals,
 ) -> Moments:
     """Source from the radiance of the final sweeps.
 

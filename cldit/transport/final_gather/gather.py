@@ -12,9 +12,8 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats, Ints, Reals
 from cldit.transport.final_gather.paths import PathSampler
 
 
@@ -58,7 +57,7 @@ class Gather:
         self,
         pixels: Ints,
         across: int,
-        seen: NDArray[np.floating],
+        seen: Reals,
         other: int,
     ) -> Floats:
         """Traces paths until their noise in T_app is `noise_share` of accuracy_K, or to a limit.

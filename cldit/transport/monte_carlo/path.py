@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Reals
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
@@ -78,7 +78,7 @@ class _PathTracer:
         program: Program,
         *,
         pixels: NDArray[np.int32],
-        scattered: NDArray[np.floating],
+        scattered: Reals,
         fixed: dict[str, Any],
         components: int,
     ) -> _PathTracer:
@@ -111,7 +111,7 @@ class _PathTracer:
         )
         self.device.queue.flush()
 
-    def means(self, components: int, real: type[np.floating]) -> NDArray[np.floating]:
+    def means(self, components: int, real: type[np.floating]) -> Reals:
         """Waits for the means (C, N) of the batch."""
         return download(self.device, self.out, np.empty((components, self.count), real))
 
