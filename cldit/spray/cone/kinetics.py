@@ -9,7 +9,6 @@ and slip after Abramzon and Sirignano (`spray.droplet`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,33 +30,27 @@ _FIRST = 1e-3  # age of the first step, over the last
 _TOLERANCE = 1e-2  # of a droplet's step
 
 
-def age_s(travel_s: Floats, xi2: Floats) -> Floats:
-    """Time since the fuel left the hole: the edge of the plume lags behind its axis."""
-    return travel_s / _lag(xi2)
-
-
-def _lag(xi2: Floats) -> Floats:
+def lag(xi2: Floats) -> Floats:
+    """Speed across the plume over its mean: the edge lags behind the axis."""
     return np.asarray(1 - ROUNDING * (xi2 - MEAN_SQUARE))
 
 
 @dataclass(frozen=True)
 class Kinetics:
-    """Evaporated share (A,) of the fuel of a plume by its age (A,), which rises."""
+    """Droplets of a plume by their age (A,), which rises, and class of equal mass: (A, C) each.
+
+    left: share that is liquid. distance_m, speed_m_s: from the hole; droplets are ahead of the gas
+    that left with them, the large ones by most.
+    """
 
     age_s: Floats
-    share: Floats
+    left: Floats
+    distance_m: Floats
+    speed_m_s: Floats
 
-    def __call__(self, age_s: Floats) -> Floats:
-        """Share 0..1 at ages, any shape."""
-        return np.interp(age_s, self.age_s, self.share)
-
-
-Rule = Callable[[Floats], Floats]
-
-
-def at_once(age_s: Floats) -> Floats:
-    """Kinetics of a gaseous fuel, or of one that exchanges nothing: share 1."""
-    return np.ones(np.shape(age_s))
+    def share(self, age_s: Floats) -> Floats:
+        """Evaporated share 0..1 of the fuel at ages, any shape."""
+        return np.asarray(np.interp(age_s, self.age_s, 1 - self.left.mean(axis=1)))
 
 
 def plume_kinetics(
@@ -74,35 +67,38 @@ def plume_kinetics(
     fuel, carrier = fluids()
     assert spec.droplets is not None
     age = np.append(0.0, np.geomspace(_FIRST, 1.0, steps)) * oldest_s
-    xi2 = (np.arange(rings) + 0.5) / rings
-    middle = 0.5 * (age[1:] + age[:-1])[:, None] * _lag(xi2)
-    along = np.geomspace(1e-6, 1.0, 4000) * jet.tip_m(float(middle.max()))
-    s = np.interp(middle, jet.travel_s(along), along)
-    ratio = jet.axis_ratio(s) * profile(np.sqrt(xi2))
-    speed = jet.mean_speed_m_s(s) * speed_profile(np.sqrt(xi2))
+    xi = np.sqrt((np.arange(rings) + 0.5) / rings)
     diameter = strata_m(spec.droplets, classes)
     hot = np.full(classes, spec.fuel_temperature_K)
     start = fuel.mass_kg(diameter, hot)
     drops = DropletStates(start, hot, np.full((classes, 1), jet.speed_m_s))
     pressure = np.full(classes, spec.ambient.pressure_Pa)
 
-    share = np.zeros(len(age))
-    for n, (b, u) in enumerate(zip(ratio, speed, strict=True)):
-        done = np.full(rings, share[n])
-        vapour = b * mixture.evaporated(b, done)
-        fuel_here = mixture.content(b, done)
-        around = (mixture.gas_at(b, done), vapour / (1 + vapour), u)
-        gas_K, fraction, gas_m_s = (
-            np.full(classes, np.average(each, weights=fuel_here)) for each in around
+    shape = (len(age), classes)
+    left, distance, speed = np.ones(shape), np.zeros(shape), np.full(shape, jet.speed_m_s)
+    for n, step in enumerate(np.diff(age)):
+        s = distance[n] + 0.5 * step * speed[n]
+        gone = np.interp(s, distance[: n + 1].mean(axis=1), 1 - left[: n + 1].mean(axis=1))
+        done = np.broadcast_to(gone[:, None], (classes, rings))
+        ratio = jet.axis_ratio(s)[:, None] * profile(xi)
+        vapour = ratio * mixture.evaporated(ratio, done)
+        here = mixture.content(ratio, done)
+        around = (
+            mixture.gas_at(ratio, done),
+            vapour / (1 + vapour),
+            jet.mean_speed_m_s(s)[:, None] * speed_profile(xi),
         )
+        gas_K, fraction, gas_m_s = (np.average(one, axis=1, weights=here) for one in around)
         drops = advance(
             drops,
             DropletSurroundings(gas_K, pressure, fraction, gas_m_s[:, None]),
-            float(age[n + 1] - age[n]),
+            float(step),
             fuel=fuel,
             gas=carrier,
             model=MODELS["abramzon-sirignano"],
             tolerance=_TOLERANCE,
         ).droplets
-        share[n + 1] = np.clip(1 - np.mean(drops.mass_kg / start), share[n], 1.0)
-    return Kinetics(age, share)
+        left[n + 1] = np.minimum(drops.mass_kg / start, left[n])
+        speed[n + 1] = np.where(left[n + 1] > 0, drops.velocity_m_s[:, 0], gas_m_s)
+        distance[n + 1] = distance[n] + 0.5 * step * (speed[n] + speed[n + 1])
+    return Kinetics(age, left, distance, speed)

@@ -89,7 +89,7 @@ class Mixture:
         with np.errstate(divide="ignore"):
             wanted = np.log(fuel_kg_m3)
         axis, tables = self._by_content
-        gas, liquid, ratio = _bilinear(self.kinetic, axis, tables, kinetic, wanted)
+        gas, liquid, ratio = bilinear(self.kinetic, axis, tables, kinetic, wanted)
         fuel_to_gas = np.exp(ratio)
         return gas, liquid, self.evaporated(fuel_to_gas, kinetic), fuel_to_gas
 
@@ -105,14 +105,14 @@ class Mixture:
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
         ratio, known = self._logarithms
-        (content,) = _bilinear(self.kinetic, ratio, [known], kinetic, wanted)
+        (content,) = bilinear(self.kinetic, ratio, [known], kinetic, wanted)
         return np.asarray(np.exp(content))
 
     def gas_at(self, fuel_to_gas: ArrayLike, kinetic: ArrayLike = 1.0) -> Floats:
         """Temperature [K] of the gas at the ratio `fuel_to_gas`, any shape."""
         with np.errstate(divide="ignore"):
             wanted = np.log(np.asarray(fuel_to_gas, dtype=float))
-        (gas,) = _bilinear(self.kinetic, self._logarithms[0], [self.gas_K], kinetic, wanted)
+        (gas,) = bilinear(self.kinetic, self._logarithms[0], [self.gas_K], kinetic, wanted)
         return gas
 
     @cached_property
@@ -133,7 +133,7 @@ class Mixture:
         ]
 
 
-def _bilinear(
+def bilinear(
     rows: Floats, columns: Floats, tables: list[Floats], row: ArrayLike, column: ArrayLike
 ) -> list[Floats]:
     """Values of tables (rows, columns) between their entries, clamped at the ends."""

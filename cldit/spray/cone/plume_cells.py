@@ -13,19 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats, Ints
-from cldit.errors import SprayError
-from cldit.scene.spray import ConeSpray, Plume
-from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
-from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
-from cldit.spray.cone.kinetics import ROUNDING, Rule, age_s, at_once, plume_kinetics
+from cldit.scene.spray import ConeSpray
+from cldit.spray.cone.jet import profile
+from cldit.spray.cone.mixing import bilinear
 from cldit.spray.cone.nozzle import NozzleFlow
+from cldit.spray.cone.plumes import XI2, Plume, plumes_of
 
-SOFTNESS = 0.1  # half the width of tip and tail, over the travel time
 NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
-RESOLVED = 1.5  # smallest radius of the plume, in cells
 ACROSS = 4.0  # cells in the radius of the plume, as far as `DEEPEST` halvings allow
 DEEPEST = 3  # halvings of a cell of the lattice
-MOST_CELLS = 2e8  # in the boxes around all plumes
 _AT_ONCE = 1e5  # of these, processed in the cache
 
 
@@ -57,51 +53,6 @@ class PlumeCells:
 
 
 @dataclass(frozen=True)
-class _Plume:
-    """Plume from the nozzle along `axis`; its radius at distances (A,) from the jet's start."""
-
-    axis: Floats
-    jet: Jet
-    kinetics: Rule
-    start_m: float
-    along_m: Floats
-    radius_m: Floats
-
-    @classmethod
-    def of(
-        cls, plume: Plume, jet: Jet, kinetics: Rule, source: NozzleFlow, *, reach_m: float
-    ) -> _Plume:
-        inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
-        side = np.sin(inclination)
-        axis = np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
-        along = np.linspace(0.0, reach_m, 600)[1:]
-        radius = _edge_m(jet, source, kinetics, along)
-        return cls(axis, jet, kinetics, source.barrel_m(jet.rate_kg_s), along, radius)
-
-    @property
-    def reach_m(self) -> float:
-        """Distance of the farthest fuel from the start of the jet."""
-        return float(self.along_m[-1])
-
-    def width_m(self, edge_m: float) -> Floats:
-        """Radius in cells of this edge, in which a plume that is finer than them is widened."""
-        return np.hypot(self.radius_m, RESOLVED * edge_m)
-
-    def box_m(self, edge_m: float, within_m: float = np.inf) -> tuple[Floats, Floats]:
-        """Corners of the box around the plume `within_m` of the nozzle, in cells of this edge."""
-        end_m = min(self.start_m + self.reach_m, within_m)
-        width_m = np.interp(end_m - self.start_m, self.along_m, self.width_m(edge_m))
-        across, end = width_m * np.sqrt(1 - self.axis**2), end_m * self.axis
-        return np.minimum(0.0, end) - across, np.maximum(0.0, end) + across
-
-    def distance_m(self, radius_m: float) -> float:
-        """Distance from the nozzle up to which the plume is narrower than a radius."""
-        if self.radius_m[0] >= radius_m:
-            return 0.0
-        return self.start_m + float(np.interp(radius_m, self.radius_m, self.along_m))
-
-
-@dataclass(frozen=True)
 class _Lattice:
     """Lattice of cells. A cell within `near[k]` edges of the nozzle is halved more than k times."""
 
@@ -109,7 +60,7 @@ class _Lattice:
     near: tuple[float, ...]
 
     @classmethod
-    def of(cls, edge_m: float, plumes: list[_Plume]) -> _Lattice:
+    def of(cls, edge_m: float, plumes: list[Plume]) -> _Lattice:
         radii = [ACROSS * edge_m / 2**halvings for halvings in range(DEEPEST)]
         near = (max(plume.distance_m(radius) for plume in plumes) / edge_m for radius in radii)
         return cls(edge_m, tuple(one for one in near if one > 0))
@@ -127,7 +78,7 @@ def plume_cells(spec: ConeSpray, source: NozzleFlow, *, injected: float) -> Plum
     """Cells that the plumes of a spray fill with the `injected` fuel, in order."""
     total = sum(plume.mass_fraction for plume in spec.plumes)
     shares = [plume.mass_fraction / total for plume in spec.plumes]
-    plumes = _plumes(spec, source, shares)
+    plumes = plumes_of(spec, source, shares)
     lattice = _Lattice.of(spec.lattice_m, plumes)
     runs = [_filled(spec, plume, source, lattice) for plume in plumes]
     cells = [cell for cell, *_ in runs]
@@ -181,45 +132,7 @@ def thinnest(amount: Floats, most: float) -> Ints:
     return np.asarray(order[np.cumsum(amount[order]) <= most])
 
 
-def _plumes(spec: ConeSpray, source: NozzleFlow, shares: list[float]) -> list[_Plume]:
-    """All plumes; raises SprayError if the lattice does not suit one."""
-    gas_kg_m3 = (
-        spec.ambient.pressure_Pa
-        * NITROGEN.molar_mass_kg_mol
-        / (GAS_CONSTANT_J_mol_K * spec.ambient.temperature_K)
-    )
-    kinetics: dict[Jet, Rule] = {}  # equal plumes share one
-    made = []
-    for plume, share in zip(spec.plumes, shares, strict=True):
-        jet = Jet(
-            rate_kg_s=share * spec.injected_mass_kg / spec.injection_duration_s,
-            speed_m_s=source.speed_m_s,
-            half_angle_rad=float(np.radians(plume.cone_angle_deg / 2)),
-            fuel_kg_m3=source.density_kg_m3,
-            gas_kg_m3=gas_kg_m3,
-        )
-        reach_m = jet.tip_m(spec.time_s * (1 + SOFTNESS + ROUNDING * MEAN_SQUARE))
-        if jet not in kinetics:
-            kinetics[jet] = _kinetics(spec, jet, source, reach_m=reach_m)
-        made.append(_Plume.of(plume, jet, kinetics[jet], source, reach_m=reach_m))
-        least, most = made[-1].box_m(spec.lattice_m)
-        finest = float(np.prod(most - least) * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
-        if not finest <= spec.lattice_m <= reach_m / 2:
-            raise SprayError(
-                f"spray.spacing_m: {spec.lattice_m:g} does not suit a plume of {reach_m:.3g} m, "
-                f"one of {len(spec.plumes)}; allowed: {finest:.2g}..{reach_m / 2:.2g}"
-            )
-    return made
-
-
-def _kinetics(spec: ConeSpray, jet: Jet, source: NozzleFlow, *, reach_m: float) -> Rule:
-    if source.bulb is None:
-        return at_once
-    oldest = float(age_s(jet.travel_s(reach_m), np.ones(())))
-    return plume_kinetics(spec, jet, source.mixture, oldest_s=oldest)
-
-
-def _filled(spec: ConeSpray, plume: _Plume, source: NozzleFlow, lattice: _Lattice) -> _Run:
+def _filled(spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice) -> _Run:
     """Parts of cells that one plume fills: cell (3, N), number in it, and three values (N,).
 
     These are the fuel in kg, the filled share, and the share of the fuel that has had time to
@@ -237,7 +150,7 @@ def _filled(spec: ConeSpray, plume: _Plume, source: NozzleFlow, lattice: _Lattic
 
 
 def _in_parts(
-    spec: ConeSpray, plume: _Plume, source: NozzleFlow, lattice: _Lattice, halvings: int
+    spec: ConeSpray, plume: Plume, source: NozzleFlow, lattice: _Lattice, halvings: int
 ) -> Iterator[_Run]:
     """Yields the parts of cells that are halved so many times, as `_filled`, slab by slab."""
     h = lattice.edge_m / 2**halvings
@@ -245,6 +158,7 @@ def _in_parts(
     # A cell whose middle is near the nozzle reaches beyond it by less than its edge.
     within_m = (lattice.near[halvings - 1] + 1) * lattice.edge_m if halvings else np.inf
     least, most = plume.box_m(h, within_m)
+    most_m = float(np.max(width_m + np.linalg.norm(plume.aside_m, axis=1)))
     low, high = np.floor(least / h).astype(np.int64), np.ceil(most / h).astype(np.int64)
     slabs = max(1, int(np.prod((high - low).astype(float)) / _AT_ONCE))
     for x in np.array_split(np.arange(low[0], high[0]), slabs):
@@ -255,12 +169,16 @@ def _in_parts(
         centre = [(one + 0.5) * h for one in np.ix_(*ranges)]
         s = sum(a * c for a, c in zip(plume.axis, centre, strict=True))
         r2 = sum(c * c for c in centre) - s * s
-        at = np.flatnonzero((s > 0) & (s < start + plume.reach_m) & (r2 < width_m[-1] ** 2))
+        end = start + plume.projected_m[-1]
+        at = np.flatnonzero((s > 0) & (s < end) & (r2 < most_m**2))
         box = s.shape
         s, r2 = s.reshape(-1)[at], r2.reshape(-1)[at]
         # In the barrel the fuel is unmixed, as at the start of the jet.
-        s = np.maximum(s - start, plume.along_m[0])
+        s = np.interp(s - start, plume.projected_m, plume.along_m)
         width = np.interp(s, plume.along_m, width_m)
+        for one, aside in zip(centre, plume.aside_m.T, strict=True):
+            moved = np.interp(s, plume.along_m, aside)
+            r2 += moved * (moved - 2 * np.broadcast_to(one, box).reshape(-1)[at])
         xi2 = np.maximum(r2, 0.0) / width**2
         place = [one[i] for one, i in zip(ranges, np.unravel_index(at, box), strict=True)]
         cell = np.stack([one >> halvings for one in place])
@@ -268,51 +186,11 @@ def _in_parts(
         s, xi2, width, cell = s[near], xi2[near], width[near], cell[:, near]
         ratio = plume.jet.axis_ratio(s) * profile(np.sqrt(xi2))
         filled = (np.interp(s, plume.along_m, plume.radius_m) / width) ** 2
-        travel = plume.jet.travel_s(s)
-        kinetic = plume.kinetics(age_s(travel, xi2))
-        amount = (
-            source.mixture.content(ratio, kinetic) * filled * _present(spec, travel, xi2) * h**3
-        )
+        kinetic, part = bilinear(plume.along_m, XI2, plume.fuel, s, xi2)
+        amount = source.mixture.content(ratio, kinetic) * filled * part * h**3
         x_, y_, z_ = (
             one[near] - (whole << halvings) for one, whole in zip(place, cell, strict=True)
         )
         number = (((x_ << halvings) + y_) << halvings) + z_
         some = amount > 0
         yield cell[:, some], number[some], amount[some], filled[some], kinetic[some]
-
-
-def _edge_m(
-    jet: Jet,
-    source: NozzleFlow,
-    kinetics: Rule,
-    along_m: Floats,
-) -> Floats:
-    """Radius of the plume at distances (N,), by the fuel per length, rate / speed."""
-    xi = (np.arange(64) + 0.5) / 64
-    ratio = jet.axis_ratio(along_m)[:, None] * profile(xi)
-    kinetic = kinetics(age_s(jet.travel_s(along_m)[:, None], xi * xi))
-    content = source.mixture.content(ratio, kinetic)
-    mean = np.sum(content * 2 * xi / 64, axis=1)
-    line = jet.rate_kg_s / jet.mean_speed_m_s(along_m)
-    return np.asarray(np.sqrt(line / (np.pi * mean)))
-
-
-def _present(spec: ConeSpray, travel_s: Floats, xi2: Floats) -> Floats:
-    """Share (0..1) of the fuel between tip and tail.
-
-    Both steps are symmetric in the travel time and the mean lag of the edge is 0, so that the mass
-    between tip and tail is the injected mass.
-    """
-    first = spec.time_s * (1 - ROUNDING * (xi2 - MEAN_SQUARE))
-    last = first - min(spec.injection_duration_s, spec.time_s) * (first / spec.time_s)
-    present = _smooth_step((first - travel_s) / (SOFTNESS * spec.time_s))
-    if spec.time_s <= spec.injection_duration_s:
-        return present
-    width = SOFTNESS * (spec.time_s - spec.injection_duration_s)
-    return present * _smooth_step((travel_s - last) / width)
-
-
-def _smooth_step(x: Floats) -> Floats:
-    """Smooth step: 0 below -1, 1 above 1, a cubic between."""
-    t = np.clip((x + 1) / 2, 0.0, 1.0)
-    return np.asarray(t * t * (3 - 2 * t))

@@ -1,0 +1,56 @@
+"""Paths of the plumes of an injector, which draw each other together.
+
+A jet takes in gas along its way, so that it is a line of sinks, and the other jets are in the flow
+towards it. A sink of strength e in a flow u is subject to the force e u (Lagally's theorem): the
+gas that it takes in brings the momentum of that flow, which turns and slows the jet. The head of a
+growing jet displaces as much gas as the jet takes in, so each tip is a source of the same strength.
+e and u are those of the jets themselves: nothing is fitted. Sinks and tips are those of the time
+at which the fuel was on its way, in open gas.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.spray.cone.jet import SPREADING, Jet
+
+_POINTS = 120  # of a path, at equal steps of the travel time
+
+
+def displaced_m(
+    axes: Sequence[Floats], jets: Sequence[Jet], reach_m: Sequence[float]
+) -> list[tuple[Floats, Floats]]:
+    """Distances (P,) along each plume's axis, and displacement (P, 3) of its fuel from there."""
+    along = [_equal_steps(jet, reach) for jet, reach in zip(jets, reach_m, strict=True)]
+    lines = [at[:, None] * axis for at, axis in zip(along, axes, strict=True)]
+    taken = [jet.gas_kg_s(at) for jet, at in zip(jets, along, strict=True)]
+    found = []
+    for one, jet in enumerate(jets):
+        flow = np.zeros((_POINTS, _POINTS, 3))  # by point and by the others' tips
+        for other, line in enumerate(lines):
+            if other == one:
+                continue
+            way = line - lines[one][:, None]
+            width = SPREADING * np.tan(jets[other].half_angle_rad) * along[other]
+            far = (np.sum(way * way, axis=2) + width * width) ** -1.5
+            drawn = way * (far * np.diff(taken[other], prepend=0.0))[:, :, None]
+            flow += np.cumsum(drawn, axis=1) - way * (far * taken[other])[:, :, None]
+        strength = np.diff(taken[one], prepend=0.0) / jet.momentum_N
+        turn = flow * (strength / (4 * np.pi * jet.gas_kg_m3))[:, None, None]
+        path = np.zeros((_POINTS, 3))
+        step = np.diff(along[one], prepend=0.0)[:, None]
+        for now in range(_POINTS):  # fuel that is there now, and the tips while it was on its way
+            passed = np.arange(now + 1)
+            slope = np.cumsum(turn[passed, _POINTS - 1 - now + passed], axis=0)
+            path[now] = np.sum(slope * step[passed], axis=0)
+        found.append((along[one], path))
+    return found
+
+
+def _equal_steps(jet: Jet, reach_m: float) -> Floats:
+    fine = np.linspace(0.0, reach_m, 2000)
+    travel = jet.travel_s(fine)
+    return np.asarray(np.interp(np.arange(1, _POINTS + 1) / _POINTS * travel[-1], travel, fine))
