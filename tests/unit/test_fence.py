@@ -42,8 +42,8 @@ BUDGETS: dict[str, int] = {
     "run": 2256,
     "scene": 2030,
     "show": 6967,
-    "spray": 6928,
-    "study": 3066,
+    "spray": 7084,
+    "study": 3074,
     "testing": 1324,
     "transport": 7292,
 }

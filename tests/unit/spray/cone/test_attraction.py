@@ -37,7 +37,7 @@ def test_symmetry() -> None:
     assert np.abs(middle[:, :2]).max() < 1e-12
     inwards = [-path[:, :2] @ axis[:2] for axis, path in zip(axes[1:], ring, strict=True)]
     assert np.allclose(inwards, inwards[0], rtol=1e-9)
-    assert inwards[0].min() > 0
+    assert inwards[0][:90].min() > 0  # the heads push each other apart
 
 
 def test_ring_turns_as_in_the_computed_spray() -> None:
