@@ -14,9 +14,9 @@ from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 
-# Injector of `gdi` with a computed spray, in the conditions of the paper's Figs. 9 to 13. It is open
-# for 1.5 ms, since the paper's spray still hangs on it at 0.95 ms. The field is the part of the
-# paper's 16 cm with spray, at its 0.16 mm per pixel.
+# Injector of `gdi` with a computed spray, in the conditions of the paper's Figs. 9 to 13, open for
+# 1.5 ms: the paper's spray still hangs on it at 0.95 ms. The field is the part of the paper's 16 cm
+# with spray, at its 0.16 mm per pixel.
 _OPEN_s = 1.5e-3
 _CAMERA = {
     "camera.field_m": [0.1, 0.1],
