@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2256,
     "scene": 2030,
     "show": 6967,
-    "spray": 7084,
+    "spray": 7085,
     "study": 3074,
     "testing": 1324,
     "transport": 7292,

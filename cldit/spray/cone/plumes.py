@@ -53,6 +53,7 @@ class Plume:
         path: tuple[Floats, Floats],
         reach_m: float,
     ) -> Plume:
+        """Plume of a jet and its droplets on its path, up to a distance."""
         along = np.linspace(0.0, reach_m, 600)[1:]
         radius = _edge_m(jet, source, kinetics, along)
         moved = np.stack([np.interp(along, path[0], one) for one in path[1].T], axis=1)
