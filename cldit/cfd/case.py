@@ -39,6 +39,12 @@ class Cloud:
     position_m: Column
     fields: Mapping[str, Column]
 
+    @property
+    def masses(self) -> AnyFloats:
+        """Masses of the parcels, (N,), up to the factor pi/6."""
+        count, density, size = (self.fields[name].values for name in ("nParticle", "rho", "d"))
+        return count * density * size**3
+
 
 @dataclass(frozen=True)
 class Injector:

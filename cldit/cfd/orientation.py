@@ -113,8 +113,7 @@ def _axis(case: CfdCase, share: float, remarks: list[str]) -> Floats:
     if velocity is None or velocity.values.ndim != 2:
         raise _unknown(case, f"cloud {cloud.name!r} has no velocity U")
     known = _finite(cloud, ("U", "nParticle", "rho", "d"), share, remarks)
-    count, density, size = (cloud.fields[name].values[known] for name in ("nParticle", "rho", "d"))
-    momentum = (count * density * size**3)[:, None] * velocity.values[known]
+    momentum = cloud.masses[known, None] * velocity.values[known]
     mean = momentum.sum(axis=0)
     if not np.linalg.norm(mean) > 0.2 * np.linalg.norm(momentum, axis=1).sum():
         raise _unknown(case, f"the parcels of {velocity.label} have no common direction")
@@ -221,7 +220,7 @@ def _check_place(case: CfdCase, nozzle: Floats) -> None:
 
 def check_downstream(spec: CfdSpray, parcels: Parcels, frame: Frame) -> None:
     """Refuses a nozzle and axis that place more than half of the liquid behind the nozzle."""
-    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    mass = parcels.masses_kg
     share = float(mass[parcels.position_m[:, 2] > 0.0].sum() / mass.sum()) if mass.sum() else 0.0
     if share > 0.5:
         depth = -parcels.position_m[:, 2]

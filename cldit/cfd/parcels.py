@@ -94,8 +94,7 @@ def _mass_share(cloud: Cloud, away: Mask, wrong: list[tuple[Mask, str]]) -> floa
         possible &= ~mask | (mask is away)
     if not (away & possible).any():
         return 0.0
-    count, density, size = (cloud.fields[name].values for name in ("nParticle", "rho", "d"))
-    mass = np.where(possible, count * density * size**3, 0.0)
+    mass = np.where(possible, cloud.masses, 0.0)
     return float(mass[away].sum() / mass.sum()) if mass.sum() > 0 else 0.0
 
 
@@ -107,9 +106,8 @@ def farthest_m(cloud: Cloud, share: float) -> float | None:
     if "origin" not in cloud.fields:
         return None
     distance = np.linalg.norm(cloud.position_m.values - cloud.fields["origin"].values, axis=1)
-    count, density, size = (cloud.fields[name].values for name in ("nParticle", "rho", "d"))
     order = np.argsort(distance, kind="stable")
-    distance, mass = distance[order], (count * density * size**3)[order]
+    distance, mass = distance[order], cloud.masses[order]
     beyond = np.cumsum(mass[::-1])[::-1]  # with the parcel itself
     rest = (1.0 - share) * beyond[0]
     here = int(np.flatnonzero(beyond > rest)[-1]) if beyond[0] > 0 else len(distance) - 1

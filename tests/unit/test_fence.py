@@ -25,7 +25,7 @@ BUDGETS: dict[str, int] = {
     "api": 1113,
     "bench": 1025,
     "camera": 544,
-    "cfd": 8393,
+    "cfd": 8398,
     "cldit": 156,
     "cli": 3013,
     "comparison": 1686,

@@ -7,17 +7,19 @@ particles: a mapping file names their table (`parcels.file`).
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
 from cldit.cfd.mapping.columns import read_gas
 from cldit.cfd.mapping.file import ColumnMap, gas_names
-from cldit.cfd.mesh.cells import Labels
+from cldit.cfd.mesh.cells import AnyFloats, Labels
 from cldit.cfd.mesh.faces import Mesh, turned_faces
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
@@ -168,7 +170,7 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
     owner = np.where(sides[0] > 0, sides[0], sides[1]) - 1
     neighbour = np.where((sides > 0).all(axis=0), sides[1], 0) - 1
     mesh = Mesh(point, corner, start, owner, neighbour, cells, str(path))
-    return Mesh(point, _outwards(mesh), start, owner, neighbour, cells, str(path))
+    return replace(mesh, corners=_outwards(mesh))
 
 
 def _outwards(mesh: Mesh) -> Labels:
@@ -179,20 +181,20 @@ def _outwards(mesh: Mesh) -> Labels:
     """
     count = np.diff(mesh.start)
     face = np.repeat(np.arange(len(count)), count)
-    centre = np.stack(
-        [np.bincount(face, mesh.points_m[mesh.corners, axis]) / count for axis in range(3)], axis=1
-    )
+    centre = _sums(face, mesh.points_m[mesh.corners], len(count)) / count[:, None]
     here = mesh.points_m[mesh.corners] - centre[face]
     follow = np.arange(len(mesh.corners)) + 1
     follow[mesh.start[1:] - 1] = mesh.start[:-1]
-    area = np.cross(here, here[follow])
-    normal = np.stack([np.bincount(face, area[:, axis]) for axis in range(3)], axis=1)
+    normal = _sums(face, np.cross(here, here[follow]), len(count))
     inner = mesh.neighbour >= 0
     cell = np.concatenate([mesh.owner, mesh.neighbour[inner]])
     of = np.concatenate([np.arange(len(count)), np.flatnonzero(inner)])
     sides = np.maximum(np.bincount(cell, minlength=mesh.cells), 1)
-    middle = np.stack(
-        [np.bincount(cell, centre[of, axis], mesh.cells) / sides for axis in range(3)], axis=1
-    )
+    middle = _sums(cell, centre[of], mesh.cells) / sides[:, None]
     turned = np.einsum("ij,ij->i", normal, centre - middle[mesh.owner]) < 0
     return turned_faces(mesh.corners, mesh.start, turned)
+
+
+def _sums(place: Labels, vectors: AnyFloats, count: int) -> Floats:
+    """Sums (count, 3) of vectors (N, 3) by the place (N,) to which each belongs."""
+    return np.stack([np.bincount(place, part, count) for part in vectors.T], axis=1)
