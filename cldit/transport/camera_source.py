@@ -8,7 +8,7 @@ of the two estimates measures the quadrature error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -102,7 +102,7 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
     return CameraSource(
         halves=(halves[0], halves[1]),
         gradient=_source_gradient(problem, final, light, gradient),
-        solution=replace(final.solution, camera_source=np.mean(halves, axis=0)),
+        solution=final.solution,
         defect=final.defect,
         cell_sources=cell_sources,
         programs=(problem.update, *final.programs, program),

@@ -37,7 +37,6 @@ class Solution:
     residual_rms: RMS of the preconditioned residual of the worst component; 0 at a fixed order.
     error: RMS error of the source, from the smallest singular value in GMRES; 0 at a fixed order.
     residual: (C, N) preconditioned residual, about the error of the source.
-    camera_source: (C, N) source to the camera, after the final sweeps.
     """
 
     source: Array
@@ -45,7 +44,6 @@ class Solution:
     residual_rms: float
     error: float
     residual: Array | None = None
-    camera_source: Array | None = None
 
 
 def order_0(sweeper: Sweeper, albedo: NDArray[np.float64]) -> Array:

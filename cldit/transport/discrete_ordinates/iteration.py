@@ -48,8 +48,6 @@ class SolvedSource:
     """Source of the solver, and data of the solver that later stages reuse.
 
     light: radiance of the solution; None if the final sweeps use the solution itself.
-    albedo: (N,) of the solver's cells.
-    thermal: (C, N) thermal source of the solver's cells.
     defect: (N,) error of sweeps and solver in a cavity of radiance 1.
     sweeper: None if the final sweeps need another, which takes as much memory.
     sweeps: ordinates swept by a sweeper that was released.
@@ -58,8 +56,6 @@ class SolvedSource:
 
     solution: Solution
     light: Moments | None
-    albedo: Floats
-    thermal: Reals
     defect: Floats
     programs: tuple[Program, ...]
     sweeper: Sweeper | None
@@ -94,7 +90,7 @@ def _constant(
     else:
         solution = _of_order(problem, sweeper, rng, settings.order - 1)
     solution, defect = _checked(problem, sweeper, solution)
-    return SolvedSource(solution, None, sweeper.albedo, sweeper.thermal, defect, (plain,), sweeper)
+    return SolvedSource(solution, None, defect, (plain,), sweeper)
 
 
 def _moments(
@@ -148,8 +144,6 @@ def _moments(
     return SolvedSource(
         solution=solution,
         light=Moments(light, gradient),
-        albedo=sweeper.albedo,
-        thermal=sweeper.thermal,
         defect=defect,
         programs=tuple(programs),
         sweeper=sweeper if serves else None,

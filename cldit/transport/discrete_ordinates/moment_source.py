@@ -85,11 +85,11 @@ def moment_source(
             more = sweeper.moments(program, ordinates, out=light.angular, room=solved.scratch)
             if more is not None and source.gradient is not None:
                 light = replace(light, gradient=source.gradient + more)
-    isotropic = solved.albedo * light.angular[0] + solved.thermal
-    solution = replace(solved.solution, source=isotropic.astype(sweeper.real))
     source = _scattered(problem, sweeper, light)
     sweeper.set_source(source.angular, shining=True, gradient=source.gradient)
-    return FinalSource(sweeper, medium, source, solution, solved.defect, programs, solved.sweeps)
+    return FinalSource(
+        sweeper, medium, source, solved.solution, solved.defect, programs, solved.sweeps
+    )
 
 
 def limited_gradient(sweeper: Sweeper, light: Reals, source: Reals) -> Reals:
