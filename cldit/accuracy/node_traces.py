@@ -154,7 +154,7 @@ def summed(traces: Sequence[Trace], quadrature: Quadrature, scene: Scene) -> Nod
 def traced_stages(result: NodeTraces, order: int | None) -> list[Stage]:
     """Steps of the traces in order, with times; `order` of scattering is the last, None: all."""
     counts = result.counts
-    iterations = [one.solution.iterations for one in result.traces if one.solution is not None]
+    iterations = [one.iterations for one in result.traces if one.iterations is not None]
     samples = f"{counts['samples']} samples a pixel" if "samples" in counts else ""
     notes = {
         "audit": "of some pixels, by path tracing",

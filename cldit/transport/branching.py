@@ -96,7 +96,6 @@ def trace_branching(
         closure=closure,
         weights_difference=None,
         programs=tuple(programs),
-        solution=None,
         seconds={
             "compile": sum(program.build_s for program in programs),
             "scattering": time.perf_counter() - start,

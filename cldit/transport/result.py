@@ -13,7 +13,6 @@ from cldit.gpu.program import Define, Program
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.gmres import Solution
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
@@ -132,7 +131,8 @@ class Trace:
         ordinates or of the samples; its RMS estimates the standard error of the weights. None if
         nothing scatters, and for `branching`, which does not estimate its error.
     standard_error: of every pixel, from the scatter of its samples (`path` only).
-    solution: of source iteration; None for other methods.
+    iterations: sets of sweeps of source iteration; None for other methods. source_error: RMS error
+        of its source, a weight.
     seconds: wall time of each part.
     precision: of the device, float32 or float64.
     counts: sizes for the record: cells, sweeps, samples.
@@ -151,10 +151,11 @@ class Trace:
     weights: Weights
     weights_difference: Weights | None
     programs: tuple[Program, ...]
-    solution: Solution | None
     seconds: dict[str, float]
     precision: str
     counts: dict[str, int] = field(default_factory=dict)
+    iterations: int | None = None
+    source_error: float = 0.0
     standard_error: Weights | None = None
     middle: Weights | None = None
     middle_difference: Weights | None = None

@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 7085,
     "study": 3074,
     "testing": 1324,
-    "transport": 7292,
+    "transport": 7284,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

@@ -31,6 +31,6 @@ def test_a_tolerance_below_rounding_is_reached_in_double(device: Device, tables:
     run = trace(case.tree, case.scene, device, settings, report=lines.append)
     assert run.precision == "float64"
     assert any("repeating in double precision" in line for line in lines)
-    assert run.solution is not None and run.solution.error <= 1e-9
+    assert run.iterations is not None and run.source_error <= 1e-9
     with pytest.raises(NotConvergedError, match=r"increase transport\.accuracy_K"):
         trace(case.tree, case.scene, device, replace(settings, precision="float32"))

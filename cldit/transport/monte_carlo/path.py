@@ -251,7 +251,6 @@ def trace_path(
         weights_difference=weights_of(difference.reshape(shape), cells),
         standard_error=weights_of(error_of.reshape(shape), cells),
         programs=tuple(programs),
-        solution=None,
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts={
             "scattering_cells": len(cells.address),
