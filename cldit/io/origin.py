@@ -199,12 +199,11 @@ def _command(words: Sequence[str]) -> tuple[str, ...]:
         return ()
     first = Path(words[0])
     name = first.parent.name if first.name == "__main__.py" else first.name
-    return (name, *(_without_home(word) for word in words[1:]))
-
-
-def _without_home(word: str) -> str:
     home = os.path.expanduser("~")
-    return re.sub(re.escape(home) + r"(?=[/\\]|$)", "~", word) if len(home) > 1 else word
+    if len(home) < 2:
+        return (name, *words[1:])
+    folder = re.compile(re.escape(home) + r"(?=[/\\]|$)")
+    return (name, *(folder.sub("~", word) for word in words[1:]))
 
 
 def _seeds(data: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, int]]:

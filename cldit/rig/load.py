@@ -6,7 +6,6 @@ from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
@@ -229,19 +228,12 @@ class Rig:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        problems = self.make_safe().problems + self.close()
-        if not problems:
-            return
-        text = "the rig was not left safe:\n" + "\n".join(problems)
-        if error is None:
-            raise RigError(text)
-        error.add_note(text)
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
+        if problems := self.make_safe().problems + self.close():
+            text = "the rig was not left safe:\n" + "\n".join(problems)
+            if error is None:
+                raise RigError(text)
+            error.add_note(text)
 
 
 File = TypeVar("File", bound=InstrumentsFile)
