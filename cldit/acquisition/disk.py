@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -42,22 +42,23 @@ def check_room(folder: Path, needed: int) -> None:
         )
 
 
-def write_checked(path: Path, write: Callable[[IO[bytes]], None]) -> None:
-    """Writes a file that carries its own checksum; it is on the disk on return.
+@contextmanager
+def checked_stream(path: Path) -> Iterator[IO[bytes]]:
+    """Stream into a file that carries its own checksum; it is on the disk at the end.
 
     It is renamed before it is synced, so that the system can write data and entry in one go, which
-    is three times as fast. A kill leaves the file complete or absent; a power cut before the return
+    is three times as fast. A kill leaves the file complete or absent; a power cut before the end
     may leave it torn, which its reader detects by the checksum. A failure leaves nothing behind.
     """
     part = path.with_name(path.name + ".part")
     try:
         with DataStream(part) as stream:
-            write(stream)
+            yield stream
         part.replace(path)
         with ThreadPoolExecutor(1) as pool:
             folder = pool.submit(fsync_folder, path.parent)
-            with path.open("r+b") as stream:
-                os.fsync(stream.fileno())
+            with path.open("r+b") as whole:
+                os.fsync(whole.fileno())
             folder.result()
     except OSError:
         for name in (part, path):

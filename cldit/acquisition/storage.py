@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.disk import existing, write_checked
+from cldit.acquisition.disk import checked_stream, existing
 from cldit.acquisition.journal import Entry, check_entry, read_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
@@ -79,11 +79,8 @@ def save_shot(
     """Writes the images of a shot, (h, w) or (n, h, w) counts, with their metadata; durable on
     return. A failure leaves nothing behind.
     """
-
-    def write(stream: IO[bytes]) -> None:
+    with checked_stream(shot_path(folder, shot.id)) as stream:
         put_image(stream, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
-
-    write_checked(shot_path(folder, shot.id), write)
 
 
 def load_shot(
