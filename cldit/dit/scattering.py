@@ -60,12 +60,6 @@ class Scattered:
     radiance: Floats
     share_error: Floats
 
-    @classmethod
-    def of_share(cls, share: Floats, radiance: float, error: Floats | None = None) -> Scattered:
-        """Light of a uniform enclosure; the error (H, W) of its `share` (H, W) may be None: 0."""
-        none = np.zeros_like(share) if error is None else error
-        return cls(share, share * radiance, none)
-
 
 def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
     """Radiance L_j of each part of an enclosure by name, the walls first, then patches."""

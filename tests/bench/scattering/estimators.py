@@ -178,7 +178,8 @@ def _plates(truth: Traced) -> Iterator[Estimator]:
     zones = {"ring": third - angles["background"], "beside": third, "before": third}
 
     def medium(maps: Seen, share: Floats, error: Floats) -> Said:
-        scattered = Scattered.of_share(np.clip(share, 0.0, None), wall, error)
+        share = np.clip(share, 0.0, None)
+        scattered = Scattered(share=share, radiance=share * wall, share_error=error)
         return Said.of_medium(medium_temperature(maps["as it is"], scattered, curve))
 
     def larger(maps: Seen) -> Said:
