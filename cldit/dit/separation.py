@@ -108,18 +108,17 @@ class Rivals:
         *,
         shot_s: float,
         counts: Sequence[int] = (2, 3, 5, 7),
-        sets: Sequence[tuple[float, ...]] = (),
     ) -> Separation:
-        """The fastest of all sets of backgrounds within the limits, or of the `sets` given."""
+        """The fastest of all sets of backgrounds within the limits."""
         low_K, high_K = blackbody.limits_K
         levels = np.linspace(low_K, high_K, _LEVELS)
-        made = [
-            temperatures_K(low, high, count)
+        tried = [
+            made
             for count in counts
             for low in levels
             for high in levels[levels > low]
+            if len(set(made := temperatures_K(low, high, count))) > 1
         ]
-        tried = [one for one in (sets or made) if len(set(one)) > 1]
         if not tried:
             raise EvaluationError(
                 f"backgrounds: {low_K:g} K alone; two models are separated with two or more"

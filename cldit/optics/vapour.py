@@ -18,7 +18,6 @@ with dz = S / k du / pi: periodic and analytic in u, so equal steps in u converg
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Literal
@@ -130,16 +129,13 @@ class VapourBand:
         pressure_Pa: float,
         points: int,
         mole_fraction: float = 0.0,
-        weight: Callable[[Floats], Floats] | None = None,
     ) -> KDistribution:
         """Absorption within a filter as at most `points` values with weights.
 
         The mean absorption is exact. Error of the transmission of methane, 3.3 to 3.5 um, optical
         depths of 0.01 to 100, 1 kPa to 10 MPa, 300 to 600 K: 1.7e-2 with 8 points, 2.1e-3 with 16,
-        1.6e-4 with 32, 1.1e-5 with 64.
-
-        mole_fraction: of the species, which broadens its own lines. weight: relative importance of
-        wavelengths (M,) in um; None: uniform.
+        1.6e-4 with 32, 1.1e-5 with 64. The `mole_fraction` is that of the species, which broadens
+        its own lines.
         """
         low, high = filter_um
         if not 0 < low < high:
@@ -151,10 +147,7 @@ class VapourBand:
             )
         wavelength = low + (high - low) * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
         self.absorption_m2_mol([1e4 / low, 1e4 / high], temperature_K)  # refuses what is outside
-        share = np.ones(_SAMPLES) if weight is None else np.asarray(weight(wavelength), float)
-        if not (np.all(share >= 0) and 0 < share.sum() < np.inf):
-            raise OpticsError("k-distribution: weights must be finite, not negative, and not all 0")
-        share = share / share.sum()
+        share = np.full(_SAMPLES, 1.0 / _SAMPLES)
         if self.lines is None:
             return _grouped(self.absorption_m2_mol(1e4 / wavelength, temperature_K), share, points)
         bins = self._bin(1e4 / wavelength)

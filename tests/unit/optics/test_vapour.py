@@ -133,7 +133,7 @@ def test_methane_stays_translucent_where_the_mean_would_be_black() -> None:
 
 
 def test_smooth_spectrum_sorts_itself() -> None:
-    """n-heptane: against the integral over the spectrum; a heavier weight on 3.4 um is seen."""
+    """n-heptane: against the integral over the spectrum."""
     band = vapour_band("n-heptane")
     wavelength = np.linspace(*FILTER, 20001)
     k = band.absorption_m2_mol(1e4 / wavelength, 450.0)
@@ -142,11 +142,6 @@ def test_smooth_spectrum_sorts_itself() -> None:
     for column in (1e-4, 1e-2, 0.1, 1.0):
         exact = np.mean(np.exp(-k * column))
         assert found.transmission(column) == pytest.approx(exact, abs=3e-3)
-    peaked = band.k_distribution(
-        FILTER, **given, weight=lambda at: np.exp(-(((at - 3.41) / 0.01) ** 2))
-    )
-    mean = [float(each.weights @ each.absorption_m2_mol) for each in (found, peaked)]
-    assert mean[1] > 1.8 * mean[0]
 
 
 @pytest.mark.parametrize(
@@ -161,7 +156,6 @@ def test_smooth_spectrum_sorts_itself() -> None:
         ({"pressure_Pa": 0.0}, "allowed: pressures"),
         ({"mole_fraction": 1.5}, "allowed: pressures"),
         ({"points": 0}, "allowed: pressures"),
-        ({"weight": lambda at: 0 * at}, "not all 0"),
     ],
 )
 def test_impossible_k_distributions_are_refused(change: dict[str, object], message: str) -> None:
