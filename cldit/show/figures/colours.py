@@ -32,7 +32,6 @@ HUE = ListedColormap(
 """Of apparent temperature in the paper (Section 3), whose lightness is not monotone."""
 
 UNKNOWN = 0.83  # light grey of pixels without a value
-_COUNTS_FROM = 0.1  # least emissivity of pixels that determine the default range
 _FADED = 0.1  # share of the full emissivity below which pixels fade
 
 
@@ -64,13 +63,14 @@ class Scale:
 
 
 def temperature_range_K(maps: Maps) -> tuple[float, float]:
-    """Percentiles 0.5 and 99.5 of the apparent temperatures, weighted by emissivity.
+    """Percentiles 2 and 99.5 of the apparent temperatures, weighted by emissivity: a small cold
+    nozzle does not take half of the colours.
 
-    Only pixels of emissivity above 0.1 count, or all if there are none. Rounded outwards to 5 K;
-    (0, 0) without any temperature.
+    Only pixels that do not fade count, or all if there are none. Rounded outwards to 5 K; (0, 0)
+    without any temperature.
     """
     known = np.isfinite(maps.apparent_temperature_K)
-    counted = known & (maps.emissivity > _COUNTS_FROM)
+    counted = known & (maps.emissivity > _FADED * emissivity_scale(maps))
     chosen = counted if counted.any() else known
     if not chosen.any():
         return 0.0, 0.0
@@ -78,7 +78,7 @@ def temperature_range_K(maps: Maps) -> tuple[float, float]:
     weight = np.maximum(maps.emissivity[chosen].astype(np.float64), 1e-12)
     order = np.argsort(temperature)
     share = np.cumsum(weight[order]) / weight.sum()
-    low, high = (float(temperature[order][np.searchsorted(share, at)]) for at in (0.005, 0.995))
+    low, high = (float(temperature[order][np.searchsorted(share, at)]) for at in (0.02, 0.995))
     low, high = 5.0 * math.floor(low / 5.0), 5.0 * math.ceil(high / 5.0)
     return (low, high) if high > low else (low, low + 5.0)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, fields
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,8 @@ def comparison_figure(found: Difference) -> Drawing:
     most = float(np.percentile(np.abs(change[visible]), 99)) if both.size else 1.0
     frame = Frame(pixel_m=one.pixel_m, centre_m=one.centre_m)
     panels = [
-        Panel(image, each.name, "T_app / K", limits=limits, colours=TEMPERATURE)
-        for image, each in zip(warm, (one, other), strict=True)
+        Panel(image, name, "T_app / K", limits=limits, colours=TEMPERATURE)
+        for image, name in zip(warm, _ends_apart(one.name, other.name), strict=True)
     ]
     panels += [
         Panel(change, "difference", "change of T_app / K", limits=(-most, most), colours=CHANGE),
@@ -48,6 +49,14 @@ def comparison_figure(found: Difference) -> Drawing:
     ]
     window = window_around(np.where(visible, one.maps.emissivity, 0.0), frame)
     return panels_figure(panels, frame, title=found.verdict, window=window)
+
+
+def _ends_apart(one: str, other: str) -> tuple[str, str]:
+    """Two names of folders, without what they have in common at their beginning."""
+    parts = [Path(name).parts for name in (one, other)]
+    same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(*parts, strict=False)))
+    first, second = ("/".join(each[same:]) or each[-1] for each in parts)
+    return first, second
 
 
 def write_comparison(found: Comparison, folder: Path, *, suffix: str = ".png") -> list[Path]:
