@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1705,
     "run": 2256,
     "scene": 2030,
-    "show": 6974,
+    "show": 6980,
     "spray": 7085,
     "study": 3074,
     "testing": 1324,

@@ -30,7 +30,8 @@ _INTRODUCTION = """\
 Look up a key here; `cldit scenes --show gdi` prints a whole scene to begin with. Units are in the
 names, and paths are relative to the file. Defaults of scenes are the paper's numbers where it gives
 them; those of the sensor are assumptions, typical of a cooled InSb camera. A section that is not
-given has the defaults of its keys. This page is made by `cldit scenes --reference`.
+given has the defaults of its keys; a range without a type is one of numbers, and the default null
+means that the key is not given. This page is made by `cldit scenes --reference`.
 
 VS Code (YAML extension) and PyCharm complete and check scenes with
 `cldit scenes --schema > scene.schema.json` and the first line
@@ -148,11 +149,16 @@ def _table(section: Schema, places: dict[str, _Place]) -> Table:
     rows = []
     needed = section.get("required", [])
     for key, value in section.get("properties", {}).items():
+        default = "required" if key in needed else _default(value)
         kinds = dict.fromkeys(_type(part, places) for part in _parts(value))
         ranges = dict.fromkeys(text for part in _parts(value) for text in _ranges(part))
-        default = "required" if key in needed else _default(value)
+        if default == "null":
+            del kinds["null"]
+        if ranges and list(kinds) == ["number"]:
+            kinds = {}
         about = _text(value) or " ".join(_text(places[n].schema) for n in _references(value))
-        rows.append([f"`{key}`", ", ".join([" or ".join(kinds), *ranges]), default, about])
+        named = [" or ".join(kinds)] if kinds else []
+        rows.append([f"`{key}`", ", ".join([*named, *ranges]), default, about])
     return Table(_COLUMNS, rows)
 
 
