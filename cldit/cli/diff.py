@@ -19,10 +19,9 @@ from cldit.comparison.difference import (
     MapDifference,
     difference,
 )
+from cldit.comparison.modes import LARGE
 from cldit.gpu.device import open_device
 from cldit.io.images import words
-
-_LARGE = 2.0  # standard errors of an error of all pixels, to be named
 
 
 @click.command("compare")
@@ -115,14 +114,16 @@ def print_difference(found: Difference) -> None:
     OUT.print(f"  stated errors of T_app, RMS: {stated[0]} and {stated[1]}")
     if found.shared:
         OUT.print(f"  shared errors, not counted: {', '.join(found.shared)}")
+    if found.code:
+        OUT.print(f"  computed by other code, whose errors count: {', '.join(found.code)}")
     if found.tested:
         OUT.print(f"  omitted by one alone, not counted as its error: {', '.join(found.tested)}")
     if found.p_value is not None:
         regions = [(name, *region.cells) for name, region in found.regions.items()]
         print_table("T_app", "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
-    large = [f"{one.name} {one.size:+.1f}" for one in found.modes if abs(one.size) > _LARGE]
-    if large:
-        OUT.print(escaped(f"  errors of all pixels, in standard errors: {', '.join(large)}"))
+    for mode in found.modes:
+        if abs(mode.size) > LARGE:
+            OUT.print(escaped(f"  {mode.text}"))
     for key in found.keys:
         OUT.print(escaped(f"  {key.text}"), style="dim")
     OUT.print(f"  {found.verdict}", style="bold")

@@ -18,7 +18,9 @@ Errors of neighbours are correlated, which leaves the mean of chi2 unchanged and
 variance to 2 sum rho_ij^2. The effective number of pixels is therefore N^2 / sum rho_ij^2
 (Satterthwaite 1946). The correlation rho(d) at a distance d is 1 - v(d), with the semivariance
 v(d) = <(z_i - z_j)^2> / 2 and the sill 1 that errors of the stated size have: a smooth difference
-does not change v at short distances, and is not mistaken for a correlation.
+does not change v at short distances, and is not mistaken for a correlation. It is averaged over all
+directions and counts up to the first distance at which it is within its noise: each pair alone is
+too noisy, while their sum increases the variance of a mean tenfold.
 """
 
 from __future__ import annotations
@@ -33,7 +35,6 @@ from scipy.special import chdtrc
 from cldit.arrays import Floats, Mask
 
 _FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
-_SURE = 3.0  # standard errors by which a correlation differs from 0
 _KNOWN_SILL = 3.0  # variance of rho times pairs, of white noise with a known sill; else 1
 
 
@@ -127,12 +128,11 @@ def correlation(z: Floats) -> tuple[float, float]:
     mean = float(np.mean(z[known] ** 2))
     if not mean > 0.0:
         return float(known.sum()), float(known.sum())  # equal: as good as one pixel
-    rho = 1.0 - half / (np.maximum(pairs, 1.0) * min(mean, 1.0))
-    noise2 = (_KNOWN_SILL if mean >= 1.0 else 1.0) / np.maximum(pairs, 1.0)
-    rho = np.where(pairs > 0, np.clip(rho, 0.0, 1.0), 0.0)
-    rho[far, far] = 1.0
-    weight = pairs / pairs[far, far]
-    by_chance = float(np.sum(np.where(pairs > 0, weight * noise2 / 2, 0.0)))
-    sure = rho > _SURE * np.sqrt(noise2)
-    sure[far, far] = True
-    return max(float(np.sum(weight * rho**2)) - by_chance, 1.0), float(np.sum((weight * rho)[sure]))
+    down, across = np.indices(pairs.shape) - far
+    ring = np.rint(np.hypot(down, across)).astype(int)
+    count = np.bincount(ring.ravel(), pairs.ravel())
+    rho = 1.0 - np.bincount(ring.ravel(), half.ravel()) / np.maximum(count, 1.0) / min(mean, 1.0)
+    noise = np.sqrt((_KNOWN_SILL if mean >= 1.0 else 1.0) * 2.0 / np.maximum(count, 1.0))
+    near = np.cumprod((rho > noise) & (count > 0))[1 : far + 1]  # up to the first by chance
+    rho, weight = rho[1 : far + 1] * near, count[1 : far + 1] / pairs[far, far]
+    return 1.0 + float(weight @ rho**2), 1.0 + float(weight @ rho)

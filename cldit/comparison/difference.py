@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from cldit.comparison.chi_square import ChiSquare, chi_square
 from cldit.comparison.keys import KeyDifference, key_differences
+from cldit.comparison.modes import Mode, shared_modes
 from cldit.comparison.pixels import together
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.registration import aligned
 from cldit.comparison.shape import Value, shape_of
 from cldit.comparison.shared import unshared
 from cldit.comparison.shown import Openable, Shown, open_shown
-from cldit.dit.budget import Part
 
 Image = NDArray[np.float64]
 Align = Literal["metadata", "images"]
@@ -85,18 +85,6 @@ class RegionDifference:
         ]
 
 
-@dataclass(frozen=True)
-class Mode:
-    """An error that all pixels share: change (H, W) of the difference by one standard deviation.
-
-    size: the value that fits the difference best, in standard deviations.
-    """
-
-    name: str
-    kelvin: Image = field(repr=False)
-    size: float = 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class Difference:
     """Difference between two results, other minus one.
@@ -105,11 +93,11 @@ class Difference:
     instead. at_least: True if a cause of a stated error is unknown. only: number of pixels with a
     T_app only in the first, and only in the second. unshared_K: the errors that they do not share;
     shared: names of sources whose errors they share; tested: of those by keys that omit physics in
-    one alone, which no error explains. regions: `all` pixels that are visible in both, and the
-    parts of the spray. modes: errors that all pixels share. averaged: description of an average
-    onto the other's pixels. view: as found from the images, with its errors. keys: that differ
-    between the scenes. seen: both in one view. change_K, residuals: (H, W), the latter in standard
-    errors, less the modes that fit best.
+    one alone, which no error explains. code: rooms of cldit whose sources differ. regions: `all`
+    pixels that are visible in both, and the parts of the spray. modes: errors that all pixels
+    share. averaged: description of an average onto the other's pixels. view: as found from the
+    images, with its errors. keys: that differ between the scenes. seen: both in one view.
+    change_K, residuals: (H, W), the latter in standard errors, less the modes that fit best.
     """
 
     one: str
@@ -120,6 +108,7 @@ class Difference:
     unshared_K: tuple[float | None, float | None]
     shared: tuple[str, ...]
     tested: tuple[str, ...]
+    code: tuple[str, ...]
     at_least: bool
     given_K: float | None
     regions: Mapping[str, RegionDifference]
@@ -259,6 +248,7 @@ def difference(
         unshared_K=(first.error_K, second.error_K),
         shared=parts.shared,
         tested=parts.tested,
+        code=parts.code,
         at_least=first.at_least or second.at_least,
         given_K=within_K,
         regions=regions,
@@ -298,7 +288,7 @@ def _tested(
     """Regions, modes with their best sizes, and standardised residuals."""
     spray = seen_in_both(one, other)
     regions = spray.regions
-    modes = _modes(one, other) + tuple(
+    modes = shared_modes(one, other) + tuple(
         Mode(f"view {number}", kelvin) for number, kelvin in enumerate(of_view, start=1)
     )
     squares = [each.independent_K2 for each in (one, other)]
@@ -379,22 +369,3 @@ def seen_in_both(one: Shown, other: Shown) -> Spray2D:
             known &= emissivity > _CLEAR * each.maps.emissivity_standard_error
     x_m, z_m = positions_m(emissivity.shape, pixel_m=one.pixel_m, centre_m=one.centre_m)
     return Spray2D(emissivity=emissivity, x_m=x_m, z_m=z_m, known=known)
-
-
-def _modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
-    """Errors that all pixels share; a systematic error of the same name is the same in both.
-
-    With both corrected for a quantity that is larger by s of its spreads they are equal if other +
-    s change(other) = one + s change(one).
-    """
-    found = [Mode(f"{part.name} of {one.name}", -part.kelvin) for part in one.common]
-    found += [Mode(f"{part.name} of {other.name}", part.kelvin) for part in other.common]
-    first, second = ({part.name: part for part in each.systematic} for each in (one, other))
-
-    def kelvin(parts: Mapping[str, Part], name: str) -> Image | float:
-        return parts[name].kelvin if name in parts else 0.0
-
-    for name in dict.fromkeys((*first, *second)):
-        change = np.asarray(kelvin(first, name)) - kelvin(second, name)
-        found.append(Mode(name, np.nan_to_num(change)))
-    return tuple(found)

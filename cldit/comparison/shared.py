@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
@@ -15,6 +15,16 @@ from cldit.run import Run
 from cldit.scene import Scene
 from cldit.scene.scatter import without_scatter
 
+_ROOMS = {  # the part of a run that the sources of a room make
+    "spray": "spray",
+    "cfd": "spray",
+    "optics": "optics",
+    "medium": "cells",
+    "prepare": "cells",
+    "camera": "pixels",
+    "transport": "seed",
+    "kernels": "seed",
+}
 _LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
 
 
@@ -24,12 +34,14 @@ class Unshared:
 
     shared: sources whose errors are the same in both. tested: sources by keys that omit physics in
     one alone, or otherwise in the other; the difference contains them, and no error explains them.
+    code: rooms of the package whose sources differ.
     """
 
     one: Shown
     other: Shown
     shared: tuple[str, ...] = ()
     tested: tuple[str, ...] = ()
+    code: tuple[str, ...] = ()
 
 
 def unshared(one: Shown, other: Shown) -> Unshared:
@@ -41,7 +53,8 @@ def unshared(one: Shown, other: Shown) -> Unshared:
     if one.traced is None or other.traced is None:
         return Unshared(one, other)
     first, second = one.traced, other.traced
-    parts = _same_parts(first, second)
+    code = _other_code(first, second)
+    parts = _same_parts(first, second, code)
     causes = {cause for run in (first, second) for cause in _causes(run)}
     omitted = {one.name for one in causes if one.shared_by == OMISSION}
     tested = {
@@ -51,13 +64,25 @@ def unshared(one: Shown, other: Shown) -> Unshared:
     }
     shared = {one.name for one in causes if one.shared_by in parts} | omitted - tested
     less = [_without(each, shared | tested, same="" in parts) for each in (one, other)]
-    return Unshared(less[0], less[1], tuple(sorted(shared)), tuple(sorted(tested)))
+    return Unshared(less[0], less[1], tuple(sorted(shared)), tuple(sorted(tested)), code)
 
 
-def _same_parts(one: Run, other: Run) -> set[str]:
+def _other_code(one: Run, other: Run) -> tuple[str, ...]:
+    """Rooms whose sources differ; all of them if only versions or commits are known, and differ."""
+    origins = [run.info.origin for run in (one, other)]
+    codes = [{} if origin is None else origin.code for origin in origins]
+    if all(codes):
+        return tuple(room for room in _ROOMS if codes[0].get(room) != codes[1].get(room))
+    commits = [origin and origin.commit for origin in origins]
+    versions = [run.info.versions.get("cldit") for run in (one, other)]
+    return () if commits[0] == commits[1] and versions[0] == versions[1] else tuple(_ROOMS)
+
+
+def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
     """Parts of a run (`cldit.accuracy.errors.PARTS`) that are the same in both."""
     if one is other or (one.folder is not None and one.folder == other.folder):
         return {*PARTS, ""}
+    changed = {part for room, part in _ROOMS.items() if room in code}
     first, second = one.scene, other.scene
     plans = [run.info.plan or {} for run in (one, other)]
 
@@ -66,19 +91,25 @@ def _same_parts(one: Run, other: Run) -> set[str]:
 
     files = [[file.sha256 for file in run.info.files] for run in (one, other)]
     same = without_scatter(first) == without_scatter(second) and files[0] == files[1]
+    same &= "spray" not in changed
     spray, classes = same and planned(_LATTICE), same and planned(_CLASSES)
     both = spray and classes
     optics = both and first.optics == second.optics and one.quadrature == other.quadrature
-    cells = both and first.domain == second.domain and planned(_CELLS)
+    optics &= "optics" not in changed
+    cells = both and first.domain == second.domain and planned(_CELLS) and "cells" not in changed
     # Pixels miss the same part of a spray, whatever its lattice is.
-    pixels = same and first.camera == second.camera
+    pixels = same and first.camera == second.camera and "pixels" not in changed
     found = {
         "spray": spray,
         "classes": classes,
         "optics": optics,
         "cells": cells,
         "pixels": pixels,
-        "seed": optics and cells and pixels and first.transport == second.transport,
+        "seed": optics
+        and cells
+        and pixels
+        and first.transport == second.transport
+        and "seed" not in changed,
     }
     return {name for name, each in found.items() if each}
 

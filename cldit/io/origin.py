@@ -10,9 +10,11 @@ import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from functools import cache
+from importlib import resources
+from importlib.abc import Traversable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,8 @@ from cldit.io.files import read_text
 
 # Packages that affect the numbers; those that are not installed are omitted.
 _COMPUTE = ("cldit", "numpy", "scipy", "numba", "pyopencl", "CoolProp", "miepython", "tifffile")
+
+_ROOMS = ("spray", "cfd", "optics", "medium", "prepare", "camera", "transport", "kernels")
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,9 @@ class Origin:
 
     date: UTC, ISO 8601. command: program and arguments, the home folder as `~`; of a script, its
     name. processor, system: kind of the host, which is not named. commit: of the checkout that
-    cldit is installed from, with `+changes` if sources differ from it; None: no checkout. seeds:
-    by the scene's keys. inputs: files that the result was made from. scene_sha256: of scene.yaml.
+    cldit is installed from, with `+changes` if sources differ from it; None: no checkout. code:
+    digests of the sources by room; empty in older results. seeds: by the scene's keys. inputs:
+    files that the result was made from. scene_sha256: of scene.yaml.
     """
 
     date: str
@@ -99,6 +104,7 @@ class Origin:
     seeds: dict[str, int] | None = None
     inputs: tuple[FileRead, ...] = ()
     scene_sha256: str = ""
+    code: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def now(
@@ -121,6 +127,7 @@ class Origin:
             seeds=None if scene is None else dict(_seeds(scene)),
             inputs=tuple(inputs),
             scene_sha256=scene_sha256,
+            code=code(),
         )
 
     @classmethod
@@ -166,6 +173,26 @@ def processor() -> str:
             if name.strip() == "model name":
                 return value.strip()
     return platform.processor() or platform.machine()
+
+
+@cache
+def code() -> dict[str, str]:
+    """Digest of the sources by room of cldit, for those that compute an image."""
+    found = {}
+    for room in _ROOMS:
+        digest = hashlib.sha256()
+        for path in sorted(_sources(resources.files(f"cldit.{room}")), key=lambda one: one.name):
+            digest.update(path.name.encode() + path.read_bytes())
+        found[room] = digest.hexdigest()[:16]
+    return found
+
+
+def _sources(folder: Traversable) -> Iterator[Traversable]:
+    for path in folder.iterdir():
+        if path.is_dir():
+            yield from _sources(path)
+        elif path.name.endswith((".py", ".cl", ".h")):
+            yield path
 
 
 @cache

@@ -10,6 +10,7 @@ from pathlib import Path
 MEASUREMENTS = (
     "ablation",
     "budget_reference",
+    "calibration",
     "cost_cases",
     "drawn_pixels",
     "droplets",

@@ -261,7 +261,10 @@ def between_kinds(
     lines = [_Difference.of(patterns, patterns.sees & one) for one in (wide, clear)]
     if lines[0] is None or lines[1] is None:
         return Renewed()
-    offset2, doubt = min(lines[0].beyond(x, 1.0) for x in warmest * _RADIANCES)
+    found_at = [(*lines[0].beyond(x, 1.0), x) for x in warmest * _RADIANCES]
+    offset2, doubt, at = min(found_at)
+    # Offsets are the same in clear pixels; what is more in thin spray is of the spray.
+    offset2 = min(offset2, sum(lines[1].beyond(at, 1.0)))
     slopes2, slopes_doubt = lines[1].beyond(1.0, 0.0)
     spray2 = max(slopes2 + 2.0 * slopes_doubt, 0.0)
     gain = lines[1].gain

@@ -81,7 +81,7 @@ def _sections(found: Difference, png: bytes) -> list[Block]:
         "Apparent temperature of both, their difference, and the difference in standard errors, "
         "less the errors of all pixels that fit best.",
     )
-    large = [[one.name, f"{one.size:+.2f}"] for one in found.modes]
+    large = [[one.name, f"{one.size:+.3g} times"] for one in found.modes]
     return [
         found.verdict,
         figure,
@@ -96,7 +96,7 @@ def _sections(found: Difference, png: bytes) -> list[Block]:
                 for name, values in found.shapes.items()
             ],
         ),
-        Table(("error of all pixels", "best fit in standard errors"), large),
+        Table(("error that all pixels share", "size that fits best, of the stated one"), large),
         Bullets([key.text for key in found.keys]),
     ]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.stats import kstest
 
-from cldit.comparison.chi_square import chi_square
+from cldit.comparison.chi_square import chi_square, correlation
 
 SHAPE = (48, 60)
 EVERYWHERE = np.ones(SHAPE, bool)
@@ -64,6 +64,15 @@ def test_a_smooth_difference_is_no_correlation() -> None:
     assert found is not None
     assert found.effective > 0.9 * found.pixels
     assert found.p_value < 0.02
+
+
+def test_weak_correlation_of_many_pixels_counts() -> None:
+    """A tenth of the variance is smooth over 3 pixels: sum rho = 1 + 0.1 (4 pi 3^2 - 1) = 12.2."""
+    rng = np.random.default_rng(4)
+    found = [
+        correlation(0.9**0.5 * smooth(rng, 0.0) + 0.1**0.5 * smooth(rng, 3.0))[1] for _ in range(30)
+    ]
+    assert 5.0 < np.mean(found) < 15.0  # its far part is below the noise of one image
 
 
 def test_no_pixel_is_none() -> None:

@@ -20,6 +20,7 @@ from cldit.comparison.shared import unshared
 from cldit.dit.budget import Part
 from cldit.dit.maps import Maps
 from cldit.errors import EvaluationError, RunFolderError
+from cldit.io.origin import Origin, code
 from cldit.radiance.weights import Weights
 from cldit.run import Run, open_run
 from cldit.scene import load_scene
@@ -121,6 +122,7 @@ def test_an_error_of_all_pixels_explains_what_they_share() -> None:
     assert not both.within  # the same black body: it cancels
     far = difference(one, replace(shown(image + 5.0, error_K=0.0), systematic=(part,)))
     assert not far.within  # five times as far off as stated
+    assert "black body, would explain most if it were 5.04 times as large" in far.modes[0].text
 
 
 def test_no_pixel_in_both() -> None:
@@ -262,6 +264,25 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     apart = replace(run, scene=run.scene.model_copy(update={"spray": spray}))
     found = difference(run, apart)
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
+
+
+def test_what_the_code_changed_is_not_shared() -> None:
+    """Another commit alone shares nothing; with digests, all but what the changed room makes."""
+    old = open_run(WRITTEN)
+    causes = tuple(Cause(name, 1.0, "", shared_by=name) for name in ("spray", "cells", "seed"))
+
+    def computed(code: dict[str, str], commit: str) -> Run:
+        origin = replace(Origin.now(), commit=commit, code=code)
+        info = replace(old.info, errors=Errors(causes), origin=origin)
+        return replace(old, folder=None, info=info, error_maps={})
+
+    one, whole = computed({}, "a"), dict.fromkeys(code(), "1")
+    assert difference(one, computed({}, "a")).shared == ("cells", "seed", "spray")
+    assert difference(one, computed({}, "b")).shared == ()
+    one = computed(whole, "a")
+    for room, shared in (("medium", ("spray",)), ("transport", ("cells", "spray")), ("spray", ())):
+        found = difference(one, computed({**whole, room: "2"}, "b"))
+        assert (found.shared, found.code) == (shared, (room,))
 
 
 def with_causes(run: Run, *causes: Cause, order: int | None) -> Run:

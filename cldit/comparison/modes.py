@@ -1,0 +1,56 @@
+"""Errors that all pixels share, as changes of a difference by one standard deviation each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.comparison.shown import Shown
+from cldit.dit.budget import COMMON, Part
+
+LARGE = 2.0  # times its stated size: a mode worth a line
+
+
+@dataclass(frozen=True)
+class Mode:
+    """An error that all pixels share: change (H, W) of the difference by one standard deviation.
+
+    size: the value that fits the difference best, in standard deviations.
+    """
+
+    name: str
+    kelvin: Floats = field(repr=False)
+    size: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """The size that would explain most of the difference, in words."""
+        of = self.name
+        if of.startswith(COMMON):
+            of = f"of black body, camera or amount of spray ({of})"
+        return (
+            f"an error that all pixels share, {of}, would explain most if it were "
+            f"{abs(self.size):.3g} times as large as stated"
+        )
+
+
+def shared_modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
+    """Errors that all pixels share; a systematic error of the same name is the same in both.
+
+    With both corrected for a quantity that is larger by s of its spreads they are equal if other +
+    s change(other) = one + s change(one).
+    """
+    found = [Mode(f"{part.name} of {one.name}", -part.kelvin) for part in one.common]
+    found += [Mode(f"{part.name} of {other.name}", part.kelvin) for part in other.common]
+    first, second = ({part.name: part for part in each.systematic} for each in (one, other))
+
+    def kelvin(parts: Mapping[str, Part], name: str) -> Floats | float:
+        return parts[name].kelvin if name in parts else 0.0
+
+    for name in dict.fromkeys((*first, *second)):
+        change = np.asarray(kelvin(first, name)) - kelvin(second, name)
+        found.append(Mode(name, np.nan_to_num(change)))
+    return tuple(found)
