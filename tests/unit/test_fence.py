@@ -39,7 +39,7 @@ BUDGETS: dict[str, int] = {
     "prepare": 999,
     "radiance": 747,
     "rig": 1705,
-    "run": 2256,
+    "run": 2258,
     "scene": 2030,
     "show": 6980,
     "spray": 7085,
