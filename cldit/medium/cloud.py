@@ -113,8 +113,11 @@ def _length(vector: Floats) -> Floats:
     return np.asarray(np.sqrt(np.einsum("ni,ni->n", vector, vector)))
 
 
-def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
+def halves(parcels: Parcels, *, seed: int, copies: int = 1) -> tuple[Parcels, Parcels]:
     """Two sprays of half of the parcels each, drawn at random, each with the mass of all.
+
+    With `copies`, the parcels are so many equal parts, one after the other, of equal plumes: all
+    copies of a parcel are in the same half, since they share its error.
 
     Spread each half again: clouds of all parcels have followed their noise already, and their
     halves would differ by too little (`variants`). Raises MediumError if the parcels are not a
@@ -125,8 +128,10 @@ def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
     filled = np.flatnonzero(parcels.droplets > 0)
     if len(filled) < 2:
         raise MediumError(f"halves: {len(filled)} parcels with droplets, at least 2 are needed")
-    first = np.zeros(len(parcels.droplets), bool)
+    filled = filled[filled < len(parcels.droplets) // copies]
+    first = np.zeros(len(parcels.droplets) // copies, bool)
     first[np.random.default_rng(seed).permutation(filled)[: len(filled) // 2]] = True
+    first = np.tile(first, copies)
     whole = parcels.mass_kg
 
     def weighted(half: Parcels) -> Parcels:
@@ -134,6 +139,13 @@ def halves(parcels: Parcels, *, seed: int) -> tuple[Parcels, Parcels]:
         return replace(half, droplets=half.droplets * (whole / half.mass_kg))
 
     return weighted(parcels.take(first)), weighted(parcels.take(~first))
+
+
+def copies_of(spray: Spray) -> int:
+    """Number of equal parts that the parcels of a spray consist of."""
+    copies = int(spray.notes.get("equal_plumes", 1))
+    count = 0 if spray.parcels is None else len(spray.parcels.droplets)
+    return copies if count % copies == 0 else 1
 
 
 @dataclass(frozen=True)
@@ -159,7 +171,9 @@ def variants(spray: Spray, *, kernel: Kernel, seed: int) -> Variants:
     if spray.parcels is None:
         raise MediumError("variants: the spray has no parcels")
     whole = kernel.spread(spray.parcels)
-    first, second = (kernel.spread(half) for half in halves(spray.parcels, seed=seed))
+    first, second = (
+        kernel.spread(half) for half in halves(spray.parcels, seed=seed, copies=copies_of(spray))
+    )
     narrow = replace(kernel, width=kernel.width / 2**0.5).spread(spray.parcels)
     return Variants(
         whole=replace(spray, parcels=whole),

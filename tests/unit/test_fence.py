@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3914,
+    "accuracy": 3928,
     "acquisition": 5365,
     "api": 1113,
     "bench": 1025,
@@ -34,7 +34,7 @@ BUDGETS: dict[str, int] = {
     "gpu": 1041,
     "io": 1881,
     "kernels": 2960,
-    "medium": 1831,
+    "medium": 1845,
     "optics": 3490,
     "prepare": 999,
     "radiance": 747,
@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2258,
     "scene": 2030,
     "show": 6980,
-    "spray": 7085,
+    "spray": 7086,
     "study": 3074,
     "testing": 1324,
     "transport": 7284,

@@ -4,18 +4,19 @@ The lattice of a cone is varied by factors of two and four, and the error extrap
 gas is computed again on cells twice and four times as large. Droplets start alike on all three, but
 eddies move them differently at every time step, so that the random parts of the sprays are
 independent: images of the same seed differ as much as those of different ones. The square of each
-difference contains the square of that error twice, which is subtracted. If the error is C h^p, the
-rest of both steps has the ratio 2^p and the same sign everywhere. During injection this is often
-not so: then no order is inferred, and the finer step alone is stated, as a lower bound. A gas that
-is read comes on one grid alone: what is stated is the error of its linear reconstruction
-(`cldit.medium.gas_reconstruction`), by the same gas in cells twice and four
-times as large.
+difference contains the square of that error twice, which is subtracted. Each step to half of the
+cells is smaller than the one before by a ratio, and correlates with it. Both are measured, and the
+steps that are left are summed with them: with full correlation that is Richardson's extrapolation,
+without any a sum of squares. A gas that is read comes on one grid alone: what is stated is the
+error of its linear reconstruction (`cldit.medium.gas_reconstruction`), by the same gas in cells
+twice and four times as large.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from typing import ClassVar
@@ -42,8 +43,8 @@ _FEWEST = 12  # cells along the gas's fuel, 4 mm of 48: fewer were not seen to f
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
 _HALF = 0.5  # of the square of a difference: if chance makes more, it hides the error
-_ORDERS = (1.0, 2.0)  # of an error that is extrapolated, as of cells
-_ALIKE = 0.5  # least correlation of both steps: those of C h^p have 1, unrelated ones 0
+_SMALLEST_RATIO = 0.25  # of two steps, as for second order; a smaller one is chance
+_LARGEST_RATIO = 0.75  # steps that fall by less need not converge
 _FINEST_LATTICE_m = 0.1e-3
 # A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
 NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
@@ -147,20 +148,21 @@ class _GasGrid(ErrorSource):
         whole = tracer.difference(image, first)
         last, chance = without_chance(whole, sampling_K)
         second = self._traced(at, spec, 4)
-        order: float | str
+        left: Rest | str
         if isinstance(second, str):
-            order = second
+            left = second
         else:
-            both = tracer.difference(image, second)
-            order = order_of(whole, tracer.difference(first, second), both, sampling_K)
+            steps = (whole, tracer.difference(first, second), tracer.difference(image, second))
+            left = Rest.of([one.error_K for one in steps], sampling_K)
         h_mm = 1e3 * spec.box.spacing_m
         how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm; {chance}"
-        if isinstance(order, float):
-            how += f"; extrapolated by order {order:.2g} of the step from {4 * h_mm:.3g} mm"
-            found = last.times(1.0 / (2.0**order - 1.0))
-            return [Estimate.of(self.name, found, how, fixed, order=order)]
+        if isinstance(left, Rest):
+            how += f"; times {left.factor:.2g}: steps fall by {left.ratio:.2g}, "
+            how += f"correlation {left.correlation:.2g}"
+            found = last.times(left.factor)
+            return [Estimate.of(self.name, found, how, fixed, order=-math.log2(left.ratio))]
         stated = Estimate.of(self.name, last, how, fixed, at_most=last is whole)
-        return [stated, Estimate.unknown(ORDER, order, fixed)]
+        return [stated, Estimate.unknown(ORDER, left, fixed)]
 
     def _imported(self, at: Measurement) -> list[Estimate]:
         """The error of linear cells, by the same gas in cells twice and four times as large."""
@@ -240,31 +242,43 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources |
     return sources
 
 
-def order_of(
-    last: ImageDifference,
-    before: ImageDifference,
-    both: ImageDifference,
-    sampling_K: float | None,
-) -> float | str:
-    """Order of an error by its steps from 2 h to h and from 4 h to 2 h, or why none is known.
+@dataclass(frozen=True)
+class Rest:
+    """Sum of the steps to ever smaller cells that are left, over the last step.
 
-    `both` is the step from 4 h to h. The square of each contains twice that of `sampling_K`, the
-    random part of one spray.
+    ratio: of a step to the one before; correlation: of both.
     """
-    steps_K = [one.error_K for one in (last, before, both)]
-    if sampling_K is None or None in steps_K:
-        return "the random part of the sprays is unknown"
-    square, earlier, total = ((step_K or 0.0) ** 2 - 2.0 * sampling_K**2 for step_K in steps_K)
-    if square <= _HALF * (steps_K[0] or 0.0) ** 2 or earlier <= _HALF * (steps_K[1] or 0.0) ** 2:
-        return "chance may contribute half of the square of a step"
-    order = math.log2(earlier / square) / 2.0
-    alike = (total - square - earlier) / (2.0 * (square * earlier) ** 0.5)
-    if alike < _ALIKE or not _ORDERS[0] <= order <= _ORDERS[1]:
-        return (
-            f"the steps are {earlier**0.5:.2g} and {square**0.5:.2g} K, with a correlation of "
-            f"{alike:.2g}: an error of order 1 to 2 falls by 2 to 4, with a correlation of 1"
-        )
-    return order
+
+    ratio: float
+    correlation: float
+
+    @classmethod
+    def of(cls, steps_K: Sequence[float | None], sampling_K: float | None) -> Rest | str:
+        """The sum by the last step, the one before, and that over both; or why it is unknown.
+
+        The square of each contains twice that of `sampling_K`, the random part of one spray.
+        """
+        last_K, before_K, both_K = steps_K
+        if sampling_K is None or not last_K or not before_K or both_K is None:
+            return "a step, or the random part of the sprays, is unknown"
+        chance = 2.0 * sampling_K**2
+        last, before, both = (step_K**2 - chance for step_K in (last_K, before_K, both_K))
+        if last <= _HALF * last_K**2 or before <= _HALF * before_K**2:
+            return "chance may contribute half of the square of a step"
+        ratio = (last / before) ** 0.5
+        if ratio > _LARGEST_RATIO:
+            return (
+                f"the steps are {before**0.5:.2g} and {last**0.5:.2g} K: no convergence is seen; "
+                f"allowed: a smaller {_FLOW_KEY}"
+            )
+        alike = (both - last - before) / (2.0 * (last * before) ** 0.5)
+        return cls(max(ratio, _SMALLEST_RATIO), min(max(alike, 0.0), 1.0))
+
+    @property
+    def factor(self) -> float:
+        """Root of the sum of r^(j + k) c^|j - k| over all j, k >= 1."""
+        r, c = self.ratio, self.correlation
+        return float((r**2 / (1 - r**2) * (1 + c * r) / (1 - c * r)) ** 0.5)
 
 
 def without_chance(found: ImageDifference, sampling_K: float | None) -> tuple[ImageDifference, str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.sources.base import ErrorSource, Measurement
-from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
+from cldit.medium.cloud import SAMPLING, Kernel, copies_of, halves, variants
 from cldit.medium.octree import Sources
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
@@ -49,7 +49,7 @@ class ParcelVariants:
         made, spray = prepared.made, prepared.spray
         assert made.parcels is not None and spray.parcels is not None
         if spray.parcels.extent is None or made.parcels.extent is not None:
-            both = halves(spray.parcels, seed=_SEED)
+            both = halves(spray.parcels, seed=_SEED, copies=copies_of(made))
             one, other = (prepared.sources_of(replace(spray, parcels=half)) for half in both)
             return cls((one, other), None, 0.5)
         kernel = Kernel(exposure_s=prepared.scene.camera.smear_s)

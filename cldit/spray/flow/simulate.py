@@ -179,6 +179,7 @@ class _State:
             "flow_coefficient": self.injection.flow_coefficient,
             "pressure_Pa": flow.pressure_Pa,
             "steps": float(self.steps),
+            "equal_plumes": float(self.alike),
             "gas_spacing_m": spec.box.spacing_m,
             "grid_cells": float(np.prod(flow.grid.shape)),
         }

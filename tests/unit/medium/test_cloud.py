@@ -278,6 +278,17 @@ def test_halves_are_the_whole() -> None:
         halves(parcels_at(np.zeros((2, 3)), np.array([1.0, 0.0])), seed=1)
 
 
+def test_copies_of_a_parcel_are_in_one_half() -> None:
+    """Three equal plumes: a half has the same parcels of each, and the spray's mass."""
+    place = np.random.default_rng(2).normal(0, 0.01, (10, 3))
+    parcels = parcels_at(np.concatenate([place + np.array([0.1 * k, 0, 0]) for k in range(3)]))
+    for half in halves(parcels, seed=1, copies=3):
+        assert half.mass_kg == pytest.approx(parcels.mass_kg)
+        one, *others = np.split(half.position_m, 3)
+        for k, other in enumerate(others, 1):
+            assert other == pytest.approx(one + np.array([0.1 * k, 0, 0]))
+
+
 def test_halves_tell_the_error_by_sampling() -> None:
     """SAMPLING times the halves' difference, against that of two samples over sqrt(2), RMS over
     columns. Each is one draw over some 100 independent columns, 10 %; the error of columns falls
