@@ -26,9 +26,7 @@ Terms of the field, and where they are:
 - Importance sampling (`drawn_pixels`): of a large image few pixels are traced for the estimates,
   each with a known chance, which makes sums over them unbiased.
 
-Keys that omit physics (`sources.omissions`) are sources as well: the image is compared with
-one that omits nothing.
-
-A new source of error is one file in `sources`, a subclass of `ErrorSource` with `name`, `key`,
-`cost_power`, `estimate` and `finer`, and one entry of the list `SOURCES`; nothing else changes.
+Keys that omit physics (`sources.omissions`) are rows of a table: the image is compared with one
+that omits nothing. Any other source is a class with `name`, `key`, `cost_power`, `estimate` and
+`finer`; a new one needs an entry of the list `SOURCES`, and nothing else changes.
 """

@@ -18,24 +18,23 @@ from cldit.accuracy import remarks
 from cldit.accuracy.allocation import IN_VAIN, Allocation, free_sources, shares_of
 from cldit.accuracy.error_maps import error_maps
 from cldit.accuracy.errors import Cause, Errors, Estimate
-from cldit.accuracy.evaluation import evaluated, sensor_of
-from cldit.accuracy.expected_cost import expected
 from cldit.accuracy.image_pair import ImagePair
-from cldit.accuracy.lens_omission import lens_omission
+from cldit.accuracy.model_spread import lens_omission, phase_spread
 from cldit.accuracy.node_traces import NodeTraces, summed, traced_stages
-from cldit.accuracy.phase_spread import phase_spread
 from cldit.accuracy.predict import predict
 from cldit.accuracy.problem import Problem
+from cldit.accuracy.remarks import expected
 from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.base import Excess, Measurement, Solved
-from cldit.accuracy.sources.cells import CELLS
-from cldit.accuracy.sources.ordinates import ORDINATES, audited_K
+from cldit.accuracy.sources.base import Measurement
+from cldit.accuracy.sources.discretisation import ORDINATES, audited_K
+from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.sources.pixel_sampling import MOST_RAYS, PIXEL_SAMPLING
 from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
+from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.medium.octree import build_octree
 from cldit.optics.spectral import Quadrature
 from cldit.prepare.medium import Medium
@@ -197,11 +196,10 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     scene, traces, depth = problem.scene, result.traces, result.resolution.depth
     assert depth is not None
     image = ImagePair.of(traces.traces[tracer.prepared.number])
-    by_path = scene.transport.method == "path"
+    exact = scene.transport.method == "path"
     if scene.transport.method == "source":
         tracer.levels[depth] = tracer.picked(traces.traces[tracer.prepared.number])
-        exact = not traces.scatters or scene.transport.order == 0
-        by_path = exact or traces.audit is not None
+        exact = not traces.scatters or scene.transport.order == 0 or traces.audit is not None
     at = Measurement(
         scene,
         tracer,
@@ -209,7 +207,9 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
         depth=depth,
         coarse=max(depth - 1, 0),
         resolution=result.resolution,
-        solved=Solved(image, by_path, result.trace_error),
+        image=image,
+        exact=exact,
+        trace_error=result.trace_error,
         predicted=problem.predicted,
         found=dict(problem.estimates),
     )
@@ -256,15 +256,17 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
     if hopeless or free_K2 <= left_K2:
         return None  # no refinement of these mends the sum
     shares_K = shares_of(left_K2, {name: errors_K[name] for name in free})
-    resolution = result.resolution
+    resolution, remedy = result.resolution, _remedy(problem, result)
     for name in free:
         if errors_K[name] > shares_K[name]:
             ratio = min(errors_K[name] / shares_K[name], _MOST_RATIO)
-            excess = Excess(shares_K[name], ratio, known[name].order)
-            change = BY_NAME[name].finer
-            if name == "trace" and not _shrinks(result):
-                change = {_MORE: ORDINATES.denser, "cells": CELLS.finer}[_remedy(problem, result)]
-            resolution = change(resolution, excess)
+            by = "cells" if name == "trace" and remedy == "cells" else name
+            if name == "trace" and remedy == _MORE:
+                resolution = ORDINATES.denser(resolution, ratio)
+                continue
+            resolution = BY_NAME[by].finer(
+                resolution, share_K=shares_K[name], ratio=ratio, order=known[name].order
+            )
     return resolution, replace(result.allocation, shares_K=shares_K)
 
 
@@ -287,9 +289,12 @@ def _shrinks(result: Result) -> bool:
 def _remedy(problem: Problem, result: Result) -> str:
     """Remedy to try for an error that only the audit shows; empty: none is left.
 
-    More ordinates cost less than smaller cells, which are tried for the voxels of a grid.
+    More ordinates cost less than smaller cells, which are tried for the voxels of a grid. With a
+    key that omits what `path` sees, neither helps.
     """
     scene, limits = problem.scene, result.resolution.limits
+    if CUTOFF.key(scene) or GATHER.key(scene):
+        return ""
     if result.trace_error is None or _shrinks(result) or scene.transport.method != "source":
         return ""
     if scene.transport.directions is None and _MORE not in limits:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.node_traces import NodeTraces
-from cldit.accuracy.sampled_map import sampled_square
 from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
 from cldit.optics.response import scene_filter
@@ -16,7 +16,6 @@ from cldit.radiance.apparent_temperature import temperature_errors_K
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.scene.transport import Transport
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.ray_choice import contrast_K
 
@@ -111,32 +110,6 @@ class TraceError:
             return ()
         part = f"error of the trace in T_app: at least {self.error_K:.2g} K RMS, by directions and "
         return (part + f"paths alone ({self.unknown})",)
-
-    def remarks(self, asked: Transport) -> tuple[str, ...]:
-        """Remarks of a run without audit: unknown parts, and an error that exceeds the tolerance
-        as it is printed, with its cause and remedy."""
-        error_K, unknown = self.error_K, self.unknown_remarks
-        if error_K is None or not float(f"{error_K:.2g}") > asked.accuracy_K:
-            return unknown
-        if asked.method == "source":
-            finer = "a smaller transport.accuracy_K"
-            if asked.directions is not None:
-                finer = "more transport.directions"
-            why = f"by directions and chains; allowed: {finer}"
-            if self.halves_K is not None and error_K > self.halves_K:
-                why = (
-                    f"by the audit with path tracing, where directions and chains contribute some "
-                    f"{self.halves_K:.2g} K; allowed: {finer} for that part, and "
-                    "transport.method: path for the rest"
-                )
-        else:
-            why = "by the noise of the samples; allowed: a larger transport.max_samples, or less "
-            why += "accuracy"
-        return (
-            *unknown,
-            f"stated error {error_K:.2g} K RMS, more than transport.accuracy_K: "
-            f"{asked.accuracy_K:g} asks for: {why}",
-        )
 
 
 def _audited_map(maps: Maps, sample: PixelSample, square: Floats, halves_K: Floats) -> Floats:

@@ -3,15 +3,18 @@
 All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
 rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
 are drawn (`cldit.accuracy.drawn_pixels`), the same for all traces of a run.
+
+The cost of the image is expected from that of the coarse traces: sweeps take time in proportion to
+cells and ordinates, rays of the image to pixels and to the cells along a ray.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cldit.accuracy.coarse_cost import CoarseCost
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.preview import previewed
@@ -229,3 +232,38 @@ def temperature_of(
     nothing = build_octrees(prepared.cube.at(0), [(None, [])], optical_depth_split=1.0)
     view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
     return NodeTemperature.of(scene, prepared.node, view.sees_background_alone, visible=visible)
+
+
+@dataclass(frozen=True)
+class CoarseCost:
+    """Measured cost of one coarse trace: swept cells, ordinates, pixels, and core seconds of the
+    sweeps and of the rest."""
+
+    cells: int
+    ordinates: int
+    pixels: int
+    sweeps_s: float
+    rays_s: float
+
+    @classmethod
+    def measured(
+        cls, device: Device, cells: int, settings: TraceSettings, work: Callable[[], Trace]
+    ) -> tuple[Trace, CoarseCost]:
+        """Traces and measures: core seconds of this process, on a GPU those of the clock."""
+        clock = time.process_time if device.is_cpu else time.perf_counter
+        start = clock()
+        found = work()
+        spent_s = clock() - start
+        whole = sum(found.seconds.values())
+        swept = found.seconds.get("scattering", 0.0) / whole if whole > 0.0 else 0.0
+        pixels = found.weights.background.size
+        ordinates = settings.final_directions
+        return found, cls(cells, ordinates, pixels, swept * spent_s, (1.0 - swept) * spent_s)
+
+    def scaled_s(self, cells: int, ordinates: int, pixels: int, wavelengths: int) -> float:
+        """Core seconds of an image of `wavelengths` with so many ordinates in all."""
+        more = cells / max(self.cells, 1)  # an empty medium has none
+        return float(
+            self.sweeps_s * more * ordinates / self.ordinates
+            + self.rays_s * more ** (1 / 3) * pixels / self.pixels * wavelengths
+        )

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.camera.view import overlap_matrix
 from cldit.comparison.shown import Shown
+from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.errors import EvaluationError
 from cldit.radiance.weights import Weights
 

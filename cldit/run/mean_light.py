@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
+from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights, mean
 from cldit.run.result import Run

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.converge import Result, converge, solve
-from cldit.accuracy.evaluation import evaluated, sensor_of
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
+from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.errors import EvaluationError, SprayError
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache

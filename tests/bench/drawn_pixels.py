@@ -21,7 +21,7 @@ from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.preview import previewed
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.sources.wavelengths import spectral_K
+from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.bench.case import changed
 from cldit.gpu.device import open_device

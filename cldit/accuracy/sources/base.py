@@ -5,45 +5,20 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.trace_error import TraceError
 from cldit.accuracy.variant_tracer import VariantTracer
+from cldit.errors import MediumError, SprayError, TransportError
 from cldit.prepare.medium import Prepared
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene
+from cldit.scene.spray import ConeSpray
 
-OR_NONE = ", or none, so that the run chooses"
-
-
-@dataclass(frozen=True)
-class Excess:
-    """An error above its share: the share, the ratio of both, and the order of the error."""
-
-    share_K: float
-    ratio: float
-    order: float = 1.0
-
-
-@dataclass(frozen=True)
-class Solved:
-    """The image of a run at the tracer's wavelength.
-
-    by_path: True if it contains no error that `path` would not see. trace_error: None if nothing
-    scatters.
-    """
-
-    image: ImagePair
-    by_path: bool
-    trace_error: TraceError | None
-
-    @property
-    def scatters(self) -> bool:
-        """True if anything scatters."""
-        return self.trace_error is not None
+# A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
+NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
 
 
 @dataclass
@@ -51,9 +26,10 @@ class Measurement:
     """Data from which errors are estimated, before or after the image is traced.
 
     depth: number of halvings of the cells that errors are estimated for; coarse: of those on which
-    errors are estimated that do not depend on the cells. resolution: of the image; solved: the
-    image; both None before it is traced. predicted: estimates from before. found: estimates by
-    source, each made once.
+    errors are estimated that do not depend on the cells. resolution: of the image. image: of the
+    run at the tracer's wavelength; None before it is traced. exact: True if it has no error that
+    `path` would not see. trace_error: its own; None if nothing scatters. predicted: estimates from
+    before. found: estimates by source, each made once.
     """
 
     scene: Scene
@@ -62,7 +38,9 @@ class Measurement:
     depth: int
     coarse: int
     resolution: Resolution | None = None
-    solved: Solved | None = None
+    image: ImagePair | None = None
+    exact: bool = False
+    trace_error: TraceError | None = None
     predicted: Mapping[str, Estimate] = field(default_factory=dict)
     found: dict[str, Sequence[Estimate]] = field(default_factory=dict)
 
@@ -74,7 +52,7 @@ class Measurement:
     def of(self, source: ErrorSource) -> Sequence[Estimate]:
         """Estimates of a source."""
         if source.name not in self.found:
-            estimated = source.predict if self.solved is None else source.estimate
+            estimated = source.predict if self.image is None else source.estimate
             self.found[source.name] = [one.shared(source.shared_by) for one in estimated(self)]
         return self.found[source.name]
 
@@ -82,9 +60,26 @@ class Measurement:
         """Error of a source that another depends on; None: unknown."""
         return next((one.error_K for one in self.of(source) if one.cause.name == source.name), None)
 
+    def on_lattice(self, up: int) -> tuple[ConeSpray, ImagePair]:
+        """The cone on a lattice so much coarser, and its image; raises `NO_COARSER_LATTICE`."""
+        cone = self.prepared.cone
+        assert cone is not None
+        wider = cone.model_copy(update={"spacing_m": up * cone.lattice_m})
+        name = f"{up} times the lattice"
+        return wider, self.tracer.variant(name, lambda: self.prepared.resprayed(wider), self.coarse)
+
+
+def remedies(text: str, key: str = "", **others: str) -> Mapping[str, str]:
+    """Advice that makes an error smaller, by the key that fixes it; "": by any other, or none.
+
+    Without the `key` the run chooses by itself. `others` have __ in place of dots.
+    """
+    by_key = {key: f"{text}, or none, so that the run chooses"} if key else {}
+    return {"": text} | by_key | {one.replace("__", "."): what for one, what in others.items()}
+
 
 class ErrorSource(ABC):
-    """A source of error of T_app. Each has a file with one instance, which `SOURCES` lists.
+    """A source of error of T_app, an entry of `SOURCES`.
 
     cost_power: the cost grows as error ** -cost_power; 0: no resolution makes the error smaller.
     cost_share: part of a run's cost that grows so; sources that multiply each other's cost (cells,
@@ -95,17 +90,21 @@ class ErrorSource(ABC):
     one of `cldit.accuracy.errors.PARTS`, or `OMISSION`.
     """
 
-    name: ClassVar[str]
-    shared_by: ClassVar[str]
-    cost_power: ClassVar[float] = 0.0
-    cost_share: ClassVar[float] = 1.0
-    of_spray: ClassVar[bool] = False
-    remedy: ClassVar[Mapping[str, str]] = {"": "a larger transport.accuracy_K"}
-    also: ClassVar[tuple[str, ...]] = ()
+    name: str
+    shared_by: str
+    cost_power: float = 0.0
+    cost_share: float = 1.0
+    of_spray: bool = False
+    remedy: Mapping[str, str] = remedies("a larger transport.accuracy_K")
+    also: tuple[str, ...] = ()
 
-    @abstractmethod
     def key(self, scene: Scene) -> str:
-        """Key of the scene that fixes the source; empty: none."""
+        """Key of the scene that fixes the source, of those with a remedy; empty: none."""
+        for key in filter(None, self.remedy):
+            section, name = key.split(".")
+            if getattr(getattr(scene, section), name, None) not in (None, "auto"):
+                return key
+        return ""
 
     def is_free(self, scene: Scene) -> bool:
         """True if the scene leaves the source to choice."""
@@ -127,6 +126,7 @@ class ErrorSource(ABC):
     def estimate(self, at: Measurement) -> Sequence[Estimate]:
         """Errors of the image by this source; none where the scene does not have it."""
 
-    def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
-        """A resolution with a smaller error; sources with a `cost_power` have one."""
-        raise TypeError(f"{self.name}: no resolution makes this error smaller")
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        """A now whose error, `ratio` times its share and of an order, is that of its share;
+        sources with a `cost_power` have one."""
+        raise TypeError(f"{self.name}: no now makes this error smaller")

@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.resolution import Resolution, lattice_is_cells
 from cldit.accuracy.richardson import RichardsonEstimate
-from cldit.accuracy.sources.base import OR_NONE, ErrorSource, Excess, Measurement
+from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
@@ -46,8 +45,6 @@ _HALF = 0.5  # of the square of a difference: if chance makes more, it hides the
 _SMALLEST_RATIO = 0.25  # of two steps, as for second order; a smaller one is chance
 _LARGEST_RATIO = 0.75  # steps that fall by less need not converge
 _FINEST_LATTICE_m = 0.1e-3
-# A coarser lattice does not resolve the plumes, reaches out of the domain, or behind a patch.
-NO_COARSER_LATTICE = (SprayError, MediumError, TransportError)
 _CONE_KEY, _FLOW_KEY, _FILE_KEY = "spray.spacing_m", "spray.box.spacing_m", "spray.file"
 ORDER = "order of the gas grid"
 
@@ -61,12 +58,11 @@ class _GasGrid(ErrorSource):
     # made, a third of a run of gdi at 0.5 K.
     cost_power, cost_share = 2.0, 0.3
     of_spray = True
-    remedy: ClassVar = {
-        "": "a smaller spray.spacing_m",
-        _CONE_KEY: f"a smaller spray.spacing_m{OR_NONE}",
-        _FLOW_KEY: "a smaller spray.box.spacing_m (half takes 3 to 12 times as long)",
-        _FILE_KEY: "finer cells in the file",
-    }
+    remedy = remedies(
+        "a smaller spray.spacing_m",
+        _CONE_KEY,
+        spray__box__spacing_m="a smaller spray.box.spacing_m (half takes 3 to 12 times as long)",
+    )
     also = (ORDER,)
 
     def key(self, scene: Scene) -> str:
@@ -105,18 +101,18 @@ class _GasGrid(ErrorSource):
         )
         return [Estimate.unknown(self.name, why, _CONE_KEY)]
 
-    def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
-        if resolution.spacing_m is None:
-            return resolution
-        spacing_m = resolution.spacing_m / excess.ratio ** (1.0 / excess.order)
-        return replace(resolution, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if now.spacing_m is None:
+            return now
+        spacing_m = now.spacing_m / ratio ** (1.0 / order)
+        return replace(now, spacing_m=max(spacing_m, _FINEST_LATTICE_m))
 
     def _lattice(self, at: Measurement) -> list[Estimate]:
         cone, tracer = at.prepared.cone, at.tracer
         assert cone is not None
         at.stages.tell("errors: a lattice twice and four times as coarse")
         try:
-            coarser, coarsest = (cone_image(at, cone, up)[1] for up in (2, 4))
+            coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
         before = tracer.difference(coarser, coarsest)
@@ -199,13 +195,6 @@ class _GasGrid(ErrorSource):
             return at.tracer.variant(name, lambda: gas, at.depth)
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return f"the spray on larger cells of gas: {error}"
-
-
-def cone_image(at: Measurement, cone: ConeSpray, up: int) -> tuple[ConeSpray, ImagePair]:
-    """A cone on a lattice `up` times as coarse, and its image; raises `NO_COARSER_LATTICE`."""
-    wider = cone.model_copy(update={"spacing_m": up * cone.lattice_m})
-    name = f"{up} times the lattice"
-    return wider, at.tracer.variant(name, lambda: at.prepared.resprayed(wider), at.coarse)
 
 
 def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Sources | str:

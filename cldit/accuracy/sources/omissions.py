@@ -6,13 +6,11 @@ the side of it that omits less, is no source of error and costs nothing.
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from cldit.accuracy.errors import OMISSION, Estimate
-from cldit.accuracy.image_pair import ImagePair
-from cldit.accuracy.sources.base import ErrorSource, Measurement
+from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import swept_cells
 from cldit.prepare.medium import Prepared
@@ -26,42 +24,59 @@ _CUTOFF = float(Transport.model_fields["cutoff"].default)
 _SPLIT = float(Domain.model_fields["optical_depth_split"].default)
 
 
-class _Omission(ErrorSource):
-    """A key that omits physics.
+class Omission(ErrorSource):
+    """A key that omits physics, a row of the table below.
 
-    whole: settings of the trace without it. of_gas: the error depends on the absorption of gas,
-    which changes by orders of magnitude with the wavelength.
+    omits: True if a scene omits something. how: both images, with {} for the scene's value. whole:
+    settings of a trace without it, or `split`: the optical depth at which its cells are divided.
+    of_gas: the error depends on the absorption of gas, which changes by orders of magnitude with
+    the wavelength. costly: all else costs many times the image, so that larger cells are compared,
+    of a grid its voxels.
     """
 
     of_spray = True
     shared_by = OMISSION
-    fixed_by: ClassVar[str]
-    whole: ClassVar[Mapping[str, Any]] = {}
-    of_gas: ClassVar[bool] = False
 
-    @abstractmethod
-    def omits(self, scene: Scene) -> bool:
-        """True if the scene omits something."""
-
-    @abstractmethod
-    def how(self, scene: Scene) -> str:
-        """Description of both images."""
+    def __init__(
+        self,
+        name: str,
+        key: str,
+        how: str,
+        remedy: str,
+        omits: Callable[[Scene], bool],
+        whole: Mapping[str, Any],
+        *,
+        split: float | None = None,
+        of_gas: bool = False,
+        costly: bool = False,
+    ) -> None:
+        self.name, self.fixed_by, self.how, self.remedy = name, key, how, remedies(remedy)
+        self.omits, self.whole, self.split = omits, whole, split
+        self.of_gas, self.costly = of_gas, costly
 
     def key(self, scene: Scene) -> str:
+        """The key, where the scene omits something by it."""
         return self.fixed_by if self.omits(scene) else ""
 
     def applies(self, prepared: Prepared) -> bool:
+        """True if the scene omits something of a medium."""
         return self.omits(prepared.scene) and not prepared.is_empty
 
     def predict(self, at: Measurement) -> list[Estimate]:
+        """The error on coarse cells."""
         return self._stated(at, at.coarse) if self.applies(at.prepared) else []
 
     def estimate(self, at: Measurement) -> list[Estimate]:
-        return self._stated(at, at.depth) if self.applies(at.prepared) else []
-
-    def without(self, at: Measurement, depth: int) -> ImagePair:
-        """The image that omits nothing."""
-        return at.tracer.changed(self.name, depth, self.whole)
+        """The error of the image."""
+        method = at.scene.transport.method
+        if not self.applies(at.prepared):
+            return []
+        if self is CUTOFF and method != "source" and at.trace_error is not None:
+            why = f"method {method} ends rays at every scattering"  # `path` has one of its own
+            return [] if method == "path" else [Estimate.unknown(self.name, why, self.fixed_by)]
+        cells = swept_cells(at.prepared.cube.at(at.depth), at.prepared.sources)
+        fine = isinstance(at.scene.spray, GridSpray) and cells <= _MOST_CELLS
+        return self._stated(at, at.depth if fine or not self.costly else at.coarse)
 
     def _stated(self, at: Measurement, depth: int) -> list[Estimate]:
         out = [self._compared(at, depth)]
@@ -74,97 +89,57 @@ class _Omission(ErrorSource):
 
     def _compared(self, at: Measurement, depth: int) -> Estimate:
         at.stages.tell(f"errors: {self.name}")
+        tracer = at.tracer
         try:
-            given, whole = at.tracer.level(depth), self.without(at, depth)
+            given = tracer.level(depth)
+            whole = tracer.changed(self.name, depth, self.whole, split=self.split)
         except (MediumError, SprayError, TransportError) as error:
             why = f"the image that omits nothing cannot be traced: {error}"
             return Estimate.unknown(self.name, why, self.fixed_by)
         cell_mm = 1e3 * at.prepared.cube.at(depth).cell_m
-        how = f"{self.how(at.scene)}, on cells of {cell_mm:.3g} mm"
-        return Estimate.of(self.name, at.tracer.difference(given, whole), how, self.fixed_by)
+        section, name = self.fixed_by.split(".")
+        value = getattr(getattr(at.scene, section), name)
+        how = f"{self.how.format(value)}, on cells of {cell_mm:.3g} mm"
+        return Estimate.of(self.name, tracer.difference(given, whole), how, self.fixed_by)
 
 
-class _Orders(_Omission):
-    """Light that is scattered more often than `transport.order`."""
-
-    name = "orders of scattering"
-    fixed_by = "transport.order"
-    whole: ClassVar = {"order": None}
-    remedy: ClassVar = {"": "a larger transport.order, or none for all orders"}
-
-    def omits(self, scene: Scene) -> bool:
-        return scene.transport.order is not None
-
-    def how(self, scene: Scene) -> str:
-        return f"order {scene.transport.order} against all orders"
-
-    def estimate(self, at: Measurement) -> list[Estimate]:
-        """Compares larger cells, as all orders cost many times the first; of a grid its voxels."""
-        if not self.applies(at.prepared):
-            return []
-        cells = swept_cells(at.prepared.cube.at(at.depth), at.prepared.sources)
-        fine = isinstance(at.scene.spray, GridSpray) and cells <= _MOST_CELLS
-        return self._stated(at, at.depth if fine else at.coarse)
-
-
-class _Cutoff(_Omission):
-    """Content behind the transmission at which rays end."""
-
-    name = "cutoff of rays"
-    fixed_by = "transport.cutoff"
-    whole: ClassVar = {"cutoff": _CUTOFF}
-    of_gas = True
-    remedy: ClassVar = {"": f"transport.cutoff: {_CUTOFF:g}"}
-
-    def omits(self, scene: Scene) -> bool:
-        return scene.transport.cutoff > _CUTOFF
-
-    def how(self, scene: Scene) -> str:
-        return f"cutoff {scene.transport.cutoff:g} against {_CUTOFF:g}"
-
-    def estimate(self, at: Measurement) -> list[Estimate]:
-        method = at.scene.transport.method
-        assert at.solved is not None
-        if method == "source" or not self.applies(at.prepared) or not at.solved.scatters:
-            return super().estimate(at)
-        if method == "path":  # has a cutoff of its own
-            return []
-        why = f"method {method} ends rays at every scattering"
-        return [Estimate.unknown(self.name, why, self.fixed_by)]
-
-
-class _Gather(_Omission):
-    """Variation of sources within cells, which `transport.gather: false` omits."""
-
-    name = "sources within cells"
-    fixed_by = "transport.gather"
-    whole: ClassVar = {"gather": True}
-    remedy: ClassVar = {"": "transport.gather: true"}
-
-    def omits(self, scene: Scene) -> bool:
-        spec = scene.transport
-        return not spec.gather and spec.method == "source" and spec.order != 0
-
-    def how(self, scene: Scene) -> str:
-        return "constant sources against the final gather"
-
-
-class _VapourCells(_Omission):
-    """Vapour in cells that `domain.optical_depth_split` does not divide."""
-
-    name = "cells of vapour"
-    fixed_by = "domain.optical_depth_split"
-    of_gas = True
-    remedy: ClassVar = {"": f"domain.optical_depth_split: {_SPLIT:g}"}
-
-    def omits(self, scene: Scene) -> bool:
-        return scene.domain.optical_depth_split > _SPLIT
-
-    def how(self, scene: Scene) -> str:
-        return f"split at {scene.domain.optical_depth_split:g} against {_SPLIT:g}"
-
-    def without(self, at: Measurement, depth: int) -> ImagePair:
-        return at.tracer.changed(self.name, depth, {}, split=_SPLIT)
-
-
-ORDERS, CUTOFF, GATHER, VAPOUR_CELLS = _Orders(), _Cutoff(), _Gather(), _VapourCells()
+ORDERS = Omission(
+    "orders of scattering",
+    "transport.order",
+    "order {} against all orders",
+    "a larger transport.order, or none for all orders",
+    lambda scene: scene.transport.order is not None,
+    {"order": None},
+    costly=True,
+)
+CUTOFF = Omission(
+    "cutoff of rays",
+    "transport.cutoff",
+    f"cutoff {{:g}} against {_CUTOFF:g}",
+    f"transport.cutoff: {_CUTOFF:g}",
+    lambda scene: scene.transport.cutoff > _CUTOFF,
+    {"cutoff": _CUTOFF},
+    of_gas=True,
+)
+GATHER = Omission(
+    "sources within cells",
+    "transport.gather",
+    "constant sources against the final gather",
+    "transport.gather: true",
+    lambda scene: (
+        not scene.transport.gather
+        and scene.transport.method == "source"
+        and scene.transport.order != 0
+    ),
+    {"gather": True},
+)
+VAPOUR_CELLS = Omission(
+    "cells of vapour",
+    "domain.optical_depth_split",
+    f"split at {{:g}} against {_SPLIT:g}",
+    f"domain.optical_depth_split: {_SPLIT:g}",
+    lambda scene: scene.domain.optical_depth_split > _SPLIT,
+    {},
+    split=_SPLIT,
+    of_gas=True,
+)

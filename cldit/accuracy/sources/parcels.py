@@ -1,23 +1,24 @@
-"""Error by the number of parcels and by the width of their deposit.
+"""Errors by the sample of droplets: parcels, the width of their deposit, classes of size.
 
-Half of the parcels are traced against the other half. What does not depend on the cells is traced
-on cells twice as large as those of the image.
+Half of the parcels are traced against the other half, and a cone against one with half of the
+classes, on cells twice as large as those of the image.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
 from cldit.accuracy.errors import Estimate
-from cldit.accuracy.sources.base import ErrorSource, Measurement
+from cldit.accuracy.resolution import Resolution
+from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
 from cldit.medium.cloud import SAMPLING, Kernel, copies_of, halves, variants
 from cldit.medium.octree import Sources
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
-from cldit.scene.spray import LagrangianSpray
+from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 _SEED = 1  # of the halves
 # The bias of the width falls with its fourth power: a variance and its half differ by 3/4 of it.
@@ -25,10 +26,7 @@ _OF_WIDTH = 4.0 / 3.0
 # Split-half estimates of 13,700 parcels of gdi-flow are 0.9 of the scatter between seeds, those of
 # 6,900 are 0.67 (docs/errors.md): the halves share a gas that few parcels drive more randomly.
 _FEWEST = 13_000
-_REMEDY = (
-    "a smaller spray.droplets_per_parcel (run time grows as the number of parcels), or more "
-    "parcels in the file"
-)
+_MOST_CLASSES = 64
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,10 @@ class _Parcels(ErrorSource):
     name = "parcels"
     shared_by = "spray"
     of_spray = True
-    remedy: ClassVar = {"": _REMEDY}
+    remedy = remedies(
+        "a smaller spray.droplets_per_parcel (run time grows as the number of parcels), or more "
+        "parcels in the file"
+    )
     also = ("deposit width",)
 
     def key(self, scene: Scene) -> str:
@@ -112,4 +113,60 @@ class _Parcels(ErrorSource):
         return self.predict(at)
 
 
-PARCELS = _Parcels()
+class _SizeClasses(ErrorSource):
+    """The number of classes of droplet size: the error falls as one over their number."""
+
+    name = "size classes"
+    shared_by = "classes"
+    cost_power, cost_share = 1.0, 0.3  # classes cost time only where the medium is made
+    of_spray = True
+    remedy = remedies("more spray.size_classes", "spray.size_classes")
+
+    def is_free(self, scene: Scene) -> bool:
+        spray = scene.spray
+        droplets = isinstance(spray, ConeSpray) and spray.droplets is not None
+        return droplets and not self.key(scene)
+
+    def applies(self, prepared: Prepared) -> bool:
+        cone = prepared.cone
+        return cone is not None and cone.droplets is not None and cone.classes > 1
+
+    def predict(self, at: Measurement) -> list[Estimate]:
+        cone = at.prepared.cone
+        if cone is None or not self.applies(at.prepared):
+            return []
+        try:
+            if at.prepared.on_lattice:
+                cone, whole = at.tracer.cone_at(at.coarse), at.tracer.level(at.coarse)
+            else:
+                (cone, whole), _ = (at.on_lattice(up) for up in (2, 4))
+            at.stages.tell("errors: half of the classes of size")
+            half = cone.model_copy(update={"size_classes": cone.classes // 2})
+            image = at.tracer.variant(
+                f"{half.size_classes} classes", lambda: at.prepared.resprayed(half), at.coarse
+            )
+        except NO_COARSER_LATTICE:
+            return []
+        found = at.tracer.difference(whole, image)
+        how = f"{half.size_classes} classes for {cone.classes}: error falls as 1 / number"
+        return [Estimate.of(self.name, found, how, self.key(at.scene), size=1 / cone.classes)]
+
+    def estimate(self, at: Measurement) -> list[Estimate]:
+        cone = at.prepared.cone
+        if cone is None or cone.droplets is None:
+            return []
+        if self.name in at.predicted:
+            return [at.predicted[self.name].at(1 / cone.classes)]
+        if at.prepared.is_empty:
+            return []
+        why = "one class alone, or no coarser lattice to compare on"
+        return [Estimate.unknown(self.name, why, "spray.size_classes")]
+
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if now.size_classes is None:
+            return now
+        classes = min(_MOST_CLASSES, math.ceil(now.size_classes * ratio))
+        return replace(now, size_classes=classes)
+
+
+PARCELS, SIZE_CLASSES = _Parcels(), _SizeClasses()

@@ -6,15 +6,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
+from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
-from cldit.accuracy.sampled_map import sampled_square
-from cldit.accuracy.sources.base import ErrorSource, Excess, Measurement
+from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.accuracy.variant_tracer import temperature_of
 from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
@@ -35,13 +34,10 @@ class _PixelSampling(ErrorSource):
     shared_by = "pixels"
     cost_power = 4 / 3  # at edges the error falls with the number of rays to the power -3/4
     cost_share = 0.3  # rays are the smaller part of most runs
-    remedy: ClassVar = {
-        "": "more camera.pixels, or a larger transport.accuracy_K",
-        "camera.rays_per_pixel": "camera.rays_per_pixel: auto",
-    }
-
-    def key(self, scene: Scene) -> str:
-        return "" if scene.camera.rays_across is None else "camera.rays_per_pixel"
+    remedy = remedies(
+        "more camera.pixels, or a larger transport.accuracy_K",
+        camera__rays_per_pixel="camera.rays_per_pixel: auto",
+    )
 
     def is_free(self, scene: Scene) -> bool:
         return scene.camera.rays_across is None and scene.transport.method == "source"
@@ -53,14 +49,14 @@ class _PixelSampling(ErrorSource):
         return _pixel_error(at, image).error_K
 
     def estimate(self, at: Measurement) -> list[Estimate]:
-        assert at.solved is not None
+        assert at.image is not None
         if at.scene.transport.method != "source":
             why = "not known from an image of random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, why, self.key(at.scene))]
-        return [_pixel_error(at, at.solved.image)]
+        return [_pixel_error(at, at.image)]
 
-    def finer(self, resolution: Resolution, excess: Excess) -> Resolution:
-        return replace(resolution, pixels_K=excess.share_K)
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        return replace(now, pixels_K=share_K)
 
 
 PIXEL_SAMPLING = _PixelSampling()

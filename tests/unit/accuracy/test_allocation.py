@@ -16,8 +16,7 @@ from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, lattice_is_cells
 from cldit.accuracy.sources import BY_NAME
-from cldit.accuracy.sources.base import Excess
-from cldit.accuracy.sources.wavelengths import spectral_K
+from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
@@ -237,7 +236,7 @@ def test_a_lattice_for_what_the_cells_leave() -> None:
     assert allocation.shares_K["size classes"] == 0.1  # small as it is
     share_K = allocation.shares_K["gas grid"]
     resolution = first(scene)
-    finer = BY_NAME["gas grid"].finer(resolution, Excess(share_K, 1.2 / share_K, 1.5))
+    finer = BY_NAME["gas grid"].finer(resolution, share_K=share_K, ratio=1.2 / share_K, order=1.5)
     assert resolution.spacing_m is not None and finer.spacing_m is not None
     left = 1.2 * (finer.spacing_m / resolution.spacing_m) ** 1.5
     trace_K = 0.6 * before.shares_K["trace"]

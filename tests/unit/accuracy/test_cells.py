@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.cell_choice import choose_cells
 from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.predict import choose_cells
 from cldit.accuracy.richardson import RichardsonEstimate, error_at, predicted_error
 from cldit.errors import MediumError, SprayError
 from cldit.medium.frame import Frame

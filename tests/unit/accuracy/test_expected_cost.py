@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy import expected_cost
+from cldit.accuracy import remarks
 from cldit.accuracy.allocation import Allocation
-from cldit.accuracy.coarse_cost import CoarseCost
-from cldit.accuracy.expected_cost import expected
+from cldit.accuracy.remarks import expected
+from cldit.accuracy.variant_tracer import CoarseCost
 from cldit.medium.frame import Frame
 from cldit.medium.octree import PointSource, Sources
 from cldit.scene import Scene, load_scene
@@ -58,7 +58,7 @@ def test_sweeps_grow_with_cells_and_ordinates_rays_with_pixels() -> None:
 
 
 def test_an_image_of_a_minute_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(expected_cost, "memory_bytes", lambda _: 64 * GB)
+    monkeypatch.setattr(remarks, "memory_bytes", lambda _: 64 * GB)
     assert remark(coarse=COARSE) == remark(depth=7, coarse=None) == ()  # 8 + 2 core-s; unknown
     (text,) = remark(depth=7, coarse=COARSE)  # 64 + 4
     assert text.startswith("expected for the image: 68 core-s and 0.017 GB")
@@ -72,7 +72,7 @@ def test_an_image_of_a_minute_is_announced(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_half_of_the_memory_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where nothing was traced before, and no time is known."""
-    monkeypatch.setattr(expected_cost, "memory_bytes", lambda _: 0.03 * GB)
+    monkeypatch.setattr(remarks, "memory_bytes", lambda _: 0.03 * GB)
     assert remark(coarse=None) == ()
     (text,) = remark(depth=7, coarse=None)
     assert text.startswith("expected for the image: 0.017 GB, by ")

@@ -15,10 +15,10 @@ from cldit.accuracy import allocation
 from cldit.accuracy.errors import Cause
 from cldit.accuracy.sources import SOURCES
 from cldit.accuracy.sources.base import ErrorSource
-from cldit.accuracy.sources.omissions import _Omission
+from cldit.accuracy.sources.omissions import Omission
 from cldit.scene import load_scene
 
-OMISSIONS = [one for one in SOURCES if isinstance(one, _Omission)]
+OMISSIONS = [one for one in SOURCES if isinstance(one, Omission)]
 PIXELS = 32
 
 

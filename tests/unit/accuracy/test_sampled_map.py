@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cldit.accuracy.sampled_map import sampled_square
+from cldit.accuracy.error_maps import sampled_square
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 COUNT = 60

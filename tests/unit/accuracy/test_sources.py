@@ -9,7 +9,6 @@ import pytest
 import cldit
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources import BY_NAME, SOURCES
-from cldit.accuracy.sources.base import Excess
 from cldit.scene import Scene, load_scene
 
 
@@ -53,4 +52,4 @@ def test_every_free_source_can_be_refined(name: str) -> None:
     for source in SOURCES:
         if source.is_free(scene):
             assert source.cost_power > 0.0 and source.key(scene) == ""
-            assert source.finer(first, Excess(0.25, 2.0)) != first
+            assert source.finer(first, share_K=0.25, ratio=2.0, order=1.0) != first

@@ -1,0 +1,130 @@
+"""Spread of T_app by the model: the lens that a pinhole omits, and the phase function.
+
+The lens is estimated from the pinhole's image, blurred by diffraction at the f-number of the sensor
+and by the mean disc of the depths at which droplets or gas are; light of all depths counts as equal
+in each pixel. Mie's phase function is compared with isotropic scattering on coarse cells, any other
+with Mie's where the droplets have diameters, else with isotropic scattering. Which lens a camera
+has, and which phase function is right, is no numerical error: both are stated beside the errors,
+and never in their sum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cldit.accuracy.errors import NO_PIXEL, Cause
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
+from cldit.arrays import Floats
+from cldit.errors import MediumError, SprayError, TransportError
+from cldit.medium.resolution import swept_cells
+from cldit.optics.scene_phase import has_coefficients, scene_phase
+from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.prepare.medium import Prepared
+from cldit.radiance.point_spread import PointSpread
+from cldit.scene.camera import Camera, Lens
+from cldit.scene.spray import GridSpray
+from cldit.spray.result import Spray
+from cldit.transport.phase import PhaseError
+from cldit.transport.trace import settings_for
+
+_DEPTHS = 16  # that stand for the distribution of depths
+
+
+def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
+    """Change by a lens, of an `image` (H, W) of a pinhole; none for cameras of another model."""
+    scene = prepared.scene
+    if scene.camera.lens is not None or scene.camera.model != "pinhole":
+        return ()
+    camera = scene.camera.model_copy(update={"lens": Lens()})
+    radii_m = blur_radii_m(camera, depths_m(prepared.spray) - scene.target_m[1])
+    seen = scene.model_copy(update={"camera": camera})
+    blurred = PointSpread.of(seen, radii_m)(image.weights)
+    temperature = temperature_of(scene, prepared)
+    apart = temperature(blurred) - temperature(image.weights)
+    fainter = 1.0 - np.maximum(blurred.background, image.weights.background)
+    known = np.isfinite(apart) & (fainter > VISIBLE_EMISSIVITY)
+    how = f"a pinhole's image against one blurred as by f/{camera.f_number:g} and by diffraction"
+    if not known.any():
+        return (Cause("lens", None, f"not known: {NO_PIXEL}"),)
+    rms_K = float(np.sqrt(np.mean(apart[known] ** 2)))
+    return (Cause("lens", rms_K, f"{how}; camera.lens traces it"),)
+
+
+def blur_radii_m(camera: Camera, behind_m: Floats) -> tuple[float, ...]:
+    """Radii, in the plane of the target, of the discs of points so far behind it."""
+    away_m = np.maximum(camera.distance_m + behind_m, 1e-3 * camera.distance_m)
+    sizes = np.abs(camera.distance_m / away_m - camera.distance_m / camera.focus_m)
+    return tuple((camera.aperture_m / 2 * sizes).tolist())
+
+
+def depths_m(spray: Spray) -> Floats:
+    """Depths y of equal parts of the droplets' area, of the vapour, or of given coefficients."""
+    y, part = np.zeros(1), np.ones(1)
+    if spray.parcels is not None and spray.parcels.droplets.any():
+        y = spray.parcels.position_m[:, 1]
+        part = spray.parcels.droplets * spray.parcels.diameter_m**2
+    elif spray.vapour is not None and spray.vapour.masses_kg.any():
+        cells = spray.vapour.cells
+        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, spray.vapour.masses_kg
+    elif (given := spray.prescribed) is not None:
+        cells = given.cells
+        whole = given.vapour_absorption_per_m + given.droplet_absorption_per_m
+        whole = whole + given.droplet_scattering_per_m
+        y, part = (cells.lower_m[:, 1] + cells.upper_m[:, 1]) / 2, whole * cells.volume_m3
+    order = np.argsort(y)
+    sums = np.cumsum(part[order])
+    if not sums[-1] > 0.0:
+        return np.zeros(1)
+    places = (np.arange(_DEPTHS) + 0.5) / _DEPTHS * sums[-1]
+    return np.asarray(y[order][np.searchsorted(sums, places)])
+
+
+_PHASE = "phase function"
+_COARSER = 2  # halvings fewer than those of the image: the spread is needed to a tenth or so
+_LEAST_K = 2.0  # of the second trace, whose noise is separated
+_MOST_CELLS = 1e6  # swept: more take longer than most images
+
+
+def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
+    """Spread by the phase function of an image in a cube that is halved `depth` times."""
+    scene, prepared = tracer.scene, tracer.prepared
+    now = scene_phase(scene, prepared.spray, scene.optics.preset)
+    given = has_coefficients(prepared.spray)
+    if now.mie or (given and now.asymmetry):
+        other = "isotropic"
+    elif given:
+        return Cause(_PHASE, None, "not known: the droplets are coefficients without diameters")
+    else:
+        other = "mie"
+    if not isinstance(scene.spray, GridSpray):
+        depth = max(depth - _COARSER, 0)
+    if swept_cells(prepared.cube.at(depth), prepared.sources) > _MOST_CELLS:
+        why = f"not known: a second trace is long; compare a run with transport.phase: {other}"
+        return Cause(_PHASE, None, why)
+    changed = scene.with_(**{"transport.phase": other})
+    try:
+        medium = prepared.rescattered(mie=other == "mie")
+        phase = medium.properties.phases[medium.number]
+        settings = settings_for(
+            changed, phase, tolerance_K=max(tracer.settings.accuracy_K, _LEAST_K)
+        )
+        second = replace(
+            tracer,
+            scene=changed,
+            settings=replace(settings, method="source", audit=False, subpixels=False),
+            prepared=medium,
+            levels={},
+            variants={},
+            earlier={},
+        )
+        found = tracer.difference(tracer.level(depth), second.level(depth))
+    except (MediumError, PhaseError, SprayError, TransportError) as error:
+        return Cause(_PHASE, None, f"not known: {error}")
+    if found.error_K is None:
+        return Cause(_PHASE, None, f"not known: {NO_PIXEL}")
+    cell_mm = 1e3 * prepared.cube.at(depth).cell_m
+    how = f"RMS of {now.name} against {other}, on cells of {cell_mm:.3g} mm"
+    return Cause(_PHASE, found.error_K, how)

@@ -1,0 +1,213 @@
+"""Errors by wavelengths, cells and ordinates, whose numbers multiply each other's cost.
+
+The error of the wavelengths is estimated where they are chosen; that of the cells by Richardson
+extrapolation from two coarser grids; that of ordinates, iteration and final gather from the halves
+of the trace and its audit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.resolution import Resolution, cells_are_free
+from cldit.accuracy.richardson import error_at, predicted_error
+from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
+from cldit.accuracy.sources.omissions import CUTOFF, GATHER
+from cldit.medium.resolution import in_whole_cells, swept_cells
+from cldit.prepare.medium import Prepared
+from cldit.scene import Scene
+from cldit.scene.spray import GridSpray
+
+_FINER_CELLS = 4e6  # swept, in a trace that estimates the error of a grid's voxels
+_SAFE = 0.9  # of the share, which a finer lattice aims at
+_FEWEST_K = 0.4  # for which, and for any larger error, a trace has its fewest ordinates
+_LEAST_MORE = 2.0  # times the ordinates of a trial: less is lost in the audit's own error
+
+
+class _Wavelengths(ErrorSource):
+    """The number of wavelengths; `cldit.optics.wavelengths` knows the error of each number."""
+
+    name = "wavelengths"
+    shared_by = "optics"
+    cost_power = 1.0  # the error falls about as one over their number
+    remedy = remedies(
+        "more optics.wavelengths",
+        "optics.wavelengths",
+        optics__spectral_error_K="a smaller optics.spectral_error_K, or none, so that the run "
+        "chooses",
+    )
+
+    def is_free(self, scene: Scene) -> bool:
+        return scene.optics.preset == "spectral" and not self.key(scene)
+
+    def estimate(self, at: Measurement) -> list[Estimate]:
+        chosen = at.prepared.properties.chosen
+        if not chosen.errors_K:
+            return []
+        how = f"{len(chosen.nodes)} nodes against more, on lines of sight through the spray"
+        return [Estimate(Cause(self.name, chosen.error_K, how, self.key(at.scene)))]
+
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        return replace(now, spectral_K=_bounded(share_K))
+
+
+def spectral_K(scene: Scene, share_K: float) -> float:
+    """Error asked of the wavelengths for a share: that of the scene where it sets one."""
+    fixed_K = scene.optics.spectral_error_K
+    return _bounded(share_K) if fixed_K is None else fixed_K
+
+
+def _bounded(share_K: float) -> float:
+    return min(max(share_K, 1e-3), 100.0)  # as the scene's own key
+
+
+class _Cells(ErrorSource):
+    """The cells of the medium, which are the lattice of a cone as well where both are free."""
+
+    name = "cells"
+    shared_by = "cells"
+    also = ("order of the cells",)
+    cost_power = 3.0  # the number of cells grows as h^-3, the error falls at least as h
+    remedy = remedies(
+        "a smaller domain.leaf_edge_m",
+        "domain.leaf_edge_m",
+        domain__rule="domain.rule: need, or a smaller domain.leaf_edge_m",
+    )
+
+    def key(self, scene: Scene) -> str:
+        if scene.domain.leaf_edge_m is not None:
+            return "domain.leaf_edge_m"
+        return "domain.rule" if scene.domain.rule == "paper" else ""
+
+    def is_free(self, scene: Scene) -> bool:
+        return cells_are_free(scene) and not isinstance(scene.spray, GridSpray)
+
+    def predict(self, at: Measurement) -> list[Estimate]:
+        """The error of cells that the scene fixes, by larger ones."""
+        if isinstance(at.scene.spray, GridSpray):
+            return []
+        error_K, at_most = predicted_error(at.tracer, at.prepared.cube.depth)
+        return [Estimate(Cause(self.name, error_K, "by larger ones", at_most=at_most))]
+
+    def estimate(self, at: Measurement) -> list[Estimate]:
+        assert at.image is not None
+        # In exact cells only the light has an error, which a trace by `path` sees as a whole.
+        if at.exact and _exact(at.prepared, at.depth, at.scene):
+            return []
+        fixed = self.key(at.scene)
+        if isinstance(at.scene.spray, GridSpray):
+            return [self._by_finer(at, fixed)]
+        at.stages.tell("errors: larger cells")
+        found = error_at(at.tracer, at.depth)
+        if found is None:
+            why = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL
+            return [Estimate.unknown(self.name, why, fixed)]
+        cell_mm = 1e3 * at.prepared.cube.at(at.depth).cell_m
+        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in found.sizes)
+        what = "cone and cells" if at.prepared.on_lattice else "cells"
+        how = f"{what} of {sizes} mm, extrapolated by order {found.order:.2g}"
+        out = [Estimate.of(self.name, found.difference, how, fixed, order=found.order)]
+        if fixed and not found.shown:
+            why = f"cells of {sizes} mm show no order of convergence between 1 and 2"
+            out.append(Estimate.unknown(self.also[0], why, fixed))
+        return out
+
+    def _by_finer(self, at: Measurement, fixed: str) -> Estimate:
+        """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
+        cube = at.prepared.cube
+        cells = swept_cells(cube, at.prepared.sources) * 8
+        if cells > _FINER_CELLS:
+            why = (
+                f"cells half as large are {cells:.2g}, which would take longer than the image; "
+                "compare with a run of half the domain.leaf_edge_m"
+            )
+            return Estimate.unknown(self.name, why, fixed)
+        at.stages.tell("errors: cells half as large")
+        found = at.tracer.difference(at.tracer.level(at.depth), at.tracer.level(at.depth + 1))
+        h_mm = 1e3 * cube.at(at.depth).cell_m
+        how = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
+        return Estimate.of(self.name, found.times(2.0), how, fixed)
+
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if now.depth is None:
+            return now
+        if now.cube_m is None:
+            return now.at_depth(now.depth + 1)
+        assert now.spacing_m is not None
+        less = (_SAFE / ratio) ** (1.0 / order)
+        return now.on_lattice(now.spacing_m * max(less, 0.5))
+
+
+def _exact(prepared: Prepared, depth: int, scene: Scene) -> bool:
+    """True if cells are the voxels of a user's grid, or parts of them."""
+    return isinstance(scene.spray, GridSpray) and in_whole_cells(
+        prepared.cube.at(depth), prepared.sources
+    )
+
+
+class _Ordinates(ErrorSource):
+    """The ordinates of a trace, or its random samples."""
+
+    name = "trace"
+    shared_by = "seed"
+    cost_power = 1.5  # the error falls with the number of ordinates to the power -2/3
+    remedy = remedies(
+        "more transport.directions or a larger transport.max_samples, or, for the part that only "
+        "the audit shows, transport.method: path, or domain.leaf_edge_m of half the voxels of a "
+        "grid",
+        transport__directions="more transport.directions, or none, so that the run chooses",
+    )
+
+    def is_free(self, scene: Scene) -> bool:
+        droplets = getattr(scene.spray, "droplets", True) is not None
+        return scene.transport.directions is None and droplets
+
+    def of_image(self, at: Measurement, image: ImagePair) -> float | None:
+        noise_K = at.tracer.noise_K(image)
+        if not noise_K:
+            return noise_K
+        # Each wavelength has ordinates of its own, whose errors are independent.
+        assert at.resolution is not None
+        return noise_K * (at.resolution.ordinates_K / at.tracer.settings.accuracy_K)
+
+    def estimate(self, at: Measurement) -> list[Estimate]:
+        found = at.trace_error
+        if found is None:
+            return []
+        key = self.key(at.scene)
+        found = found.beyond(audited_K(at))
+        if found.error_K is None:
+            return [Estimate.unknown(self.name, found.unknown, key)]
+        how = "half the difference of two images, each by half of the ordinates or samples"
+        if found.audit_K is not None:
+            how = "some pixels traced by `path` as well, one standard error added, less the cells'"
+        how += "; contains ordinates, iteration and gather"
+        out = [Estimate(Cause(self.name, found.error_K, how, key), found.map_K)]
+        return out + ([Estimate.unknown("audit", found.unknown, key)] if found.unknown else [])
+
+    def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        finer = ratio**self.cost_power
+        now_K, then_K = now.ordinates_K, now.ordinates_K / finer
+        more = finer * max(1.0, _FEWEST_K / now_K) / max(1.0, _FEWEST_K / then_K)
+        more *= now.more_ordinates
+        return replace(now, ordinates_K=then_K, more_ordinates=more)
+
+    def denser(self, resolution: Resolution, ratio: float) -> Resolution:
+        """More ordinates with as many paths: a trial for an error that both halves share."""
+        more = max(ratio**self.cost_power, _LEAST_MORE)
+        return replace(resolution, more_ordinates=more * resolution.more_ordinates)
+
+
+def audited_K(at: Measurement) -> float | None:
+    """Error that other sources state and the audit sees, too; None: none is known.
+
+    `path` samples sources within cells, and follows rays to a cutoff of its own.
+    """
+    known = [one for one in map(at.error_K, (CELLS, CUTOFF, GATHER)) if one is not None]
+    return math.hypot(*known) if known else None
+
+
+WAVELENGTHS, CELLS, ORDINATES = _Wavelengths(), _Cells(), _Ordinates()
