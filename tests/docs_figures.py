@@ -61,7 +61,8 @@ def _flow(work: Path) -> None:
 def _compare(work: Path) -> None:
     runs = {"all orders": (), "order 1": ("--order", "1")}
     for name, words in runs.items():
-        _cldit("run", "gdi", "--pixels", "200", "--trace-only", *words, "--out", work / name)
+        sizes = ("--pixels", "200", "--accuracy", "4")
+        _cldit("run", "gdi", *sizes, "--trace-only", *words, "--out", work / name)
     found = cldit.compare(*(work / name for name in runs)).differences[0]
     write_figure(comparison_figure(found), DOCS / "compare.png")
 
