@@ -16,7 +16,7 @@ from cldit.scene import load_scene
 
 
 def test_each_wavelength_shows_the_pixels_of_the_filter(device: Device, tmp_path: Path) -> None:
-    """Lines of methane absorb a hundredfold: the faintest reach 0.05 in a quarter of the pixels."""
+    """Lines of methane absorb a hundredfold: the faintest reach 0.05 in half of the pixels."""
     scene = load_scene("methane-jet").with_(
         **{"camera.pixels": [60, 60], "spray.spacing_m": 2e-3, "optics.wavelengths": 4}
     )
@@ -25,7 +25,7 @@ def test_each_wavelength_shows_the_pixels_of_the_filter(device: Device, tmp_path
     before = np.all(each < 1.0, axis=0)  # the background
     each, filtered = each[:, before], filtered[before]
     count = int(np.count_nonzero(filtered > VISIBLE_EMISSIVITY))
-    assert np.count_nonzero(each > VISIBLE_EMISSIVITY, axis=1).min() < 0.5 * count
+    assert np.count_nonzero(each > VISIBLE_EMISSIVITY, axis=1).min() < 0.6 * count
     chosen = prepared.properties.chosen
     light = [float(one.share(chosen.quadrature.reference_K)) for one in chosen.nodes]
     assert np.argmax(light * each.mean(axis=1)) == prepared.number  # not that of most light
