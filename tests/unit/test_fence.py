@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2258,
     "scene": 2030,
     "show": 6980,
-    "spray": 7086,
+    "spray": 7088,
     "study": 3074,
     "testing": 1324,
     "transport": 7284,

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.spray.cone.jet import SPREADING, Jet
+from cldit.spray.cone.jet import Jet
 
 _POINTS = 120  # of a path, at equal steps of the travel time
 
@@ -34,7 +34,7 @@ def displaced_m(
             if other == one:
                 continue
             way = line - lines[one][:, None]
-            width = SPREADING * np.tan(jets[other].half_angle_rad) * along[other]
+            width = jets[other].spreading * np.tan(jets[other].half_angle_rad) * along[other]
             far = (np.sum(way * way, axis=2) + width * width) ** -1.5
             drawn = way * (far * np.diff(taken[other], prepend=0.0))[:, :, None]
             flow += np.cumsum(drawn, axis=1) - way * (far * taken[other])[:, :, None]

@@ -19,8 +19,8 @@ from cldit.arrays import Floats
 
 # a: radius of the uniform jet of equal mass and momentum over that of the visible one, so that a
 # plume of 22 degrees has the half width of jets, 0.085 s: 0.085 sqrt(2 / ln 2) / tan(11 degrees).
-# Naber and Siebers have 0.66, by which the tip of one plume agrees with theirs.
 SPREADING = 0.743
+NABER_SIEBERS = 0.66  # theirs, by which the tip of one plume is as they measured
 SCHMIDT = 0.7  # turbulent Schmidt number of a round jet: its speed profile is the narrower
 
 
@@ -57,7 +57,7 @@ class Jet:
     """Jet of one plume.
 
     rate_kg_s: fuel flow; speed_m_s: at the hole, or of the expanded gas; half_angle_rad: of the
-    visible cone; densities of the fuel at the hole and of the surrounding gas.
+    visible cone; densities of the fuel at the hole and of the surrounding gas; spreading: a.
     """
 
     rate_kg_s: float
@@ -65,6 +65,7 @@ class Jet:
     half_angle_rad: float
     fuel_kg_m3: float
     gas_kg_m3: float
+    spreading: float = SPREADING
 
     @property
     def diameter_m(self) -> float:
@@ -75,7 +76,7 @@ class Jet:
     def length_m(self) -> float:
         """Length scale x+."""
         ratio = sqrt(self.fuel_kg_m3 / self.gas_kg_m3)
-        return self.diameter_m * ratio / (SPREADING * float(np.tan(self.half_angle_rad)))
+        return self.diameter_m * ratio / (self.spreading * float(np.tan(self.half_angle_rad)))
 
     def _root(self, distance_m: ArrayLike) -> Floats:
         return np.sqrt(1 + 16 * (np.asarray(distance_m, dtype=float) / self.length_m) ** 2)

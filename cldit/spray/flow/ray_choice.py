@@ -9,7 +9,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
-from cldit.spray.cone.jet import Jet
+from cldit.spray.cone.jet import NABER_SIEBERS, Jet
 from cldit.spray.flow.injector import Injection, plume_axis
 from cldit.spray.flow.rays import RayGrid
 
@@ -127,6 +127,7 @@ def farthest_m(spec: LagrangianSpray, injection: Injection) -> float:
             half_angle_rad=float(np.radians(plume.cone_angle_deg / 2)),
             fuel_kg_m3=injection.density_kg_m3,
             gas_kg_m3=gas,
+            spreading=NABER_SIEBERS,
         )
         reach = max(reach, jet.tip_m(domain_time_s(spec)))
     return max(1.6 * reach + 5e-3, wide)

@@ -18,7 +18,7 @@ from cldit.spray.cone.fluid_properties import (
     heptane_liquid_enthalpy_J_kg,
     heptane_vapour_enthalpy_J_kg,
 )
-from cldit.spray.cone.jet import CENTRE, MEAN_SQUARE, SPREADING, Jet, profile
+from cldit.spray.cone.jet import CENTRE, MEAN_SQUARE, NABER_SIEBERS, SPREADING, Jet, profile
 from cldit.spray.cone.kinetics import plume_kinetics
 from cldit.spray.cone.nozzle import nozzle_flow
 from cldit.spray.cone.spray import make_cone
@@ -62,7 +62,8 @@ def _jet(pressure_Pa: float, gas_K: float) -> Jet:
     return Jet(
         rate_kg_s=spec.injected_mass_kg / spec.injection_duration_s,
         speed_m_s=0.9 * float(np.sqrt(2 * (20e6 - pressure_Pa) / density)),
-        half_angle_rad=float(np.arctan(0.66 / SPREADING * np.tan(np.radians(11.0)))),  # their a
+        half_angle_rad=float(np.radians(11.0)),
+        spreading=NABER_SIEBERS,
         fuel_kg_m3=density,
         gas_kg_m3=pressure_Pa * 0.0280134 / (8.314462618 * gas_K),
     )
@@ -126,7 +127,7 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
     spray = make_cone(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine))
     assert spray.parcels is not None
     farthest = float(np.max(-spray.parcels.position_m[:, 2])) * 1e3
-    assert farthest == pytest.approx(length_mm * 0.66 / SPREADING, rel=0.15)
+    assert farthest == pytest.approx(length_mm * NABER_SIEBERS / SPREADING, rel=0.15)
 
 
 def test_masses_are_exact_and_notes_tell_them() -> None:
@@ -156,7 +157,7 @@ def test_droplets_live_about_as_long_as_alone() -> None:
     """Alone and at rest droplets of 9 um are gone after 530 us. In the plume their slip shortens
     that, and their own vapour and the cooled gas prolong it. Droplets of 1 um are limited by the
     entrained heat, and 20 um last."""
-    jet = replace(_jet(0.6e6, 570.0), half_angle_rad=np.radians(11.0))
+    jet = replace(_jet(0.6e6, 570.0), spreading=SPREADING)
     life_s = 1.055 * 81e-12 / 0.161e-6
     spray = make_cone(_spec(droplets=Monodisperse(diameter_um=9.0)))
     assert spray.parcels is not None

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cldit.scene.spray import EIGHT_PLUMES, Ambient, LagrangianSpray, Plume
-from cldit.spray.cone.jet import Jet
+from cldit.spray.cone.jet import NABER_SIEBERS, Jet
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
 from cldit.spray.flow.injector import inject
 from cldit.spray.flow.measures import History, half_angle_rad
@@ -95,6 +95,7 @@ def jet(spec: LagrangianSpray, fuel: Fuel, gas: Gas) -> Jet:
         half_angle_rad=float(np.radians(spec.plumes[0].cone_angle_deg / 2)),
         fuel_kg_m3=injection.density_kg_m3,
         gas_kg_m3=density,
+        spreading=NABER_SIEBERS,
     )
 
 
