@@ -41,7 +41,7 @@ from cldit.io.images import words
     metavar="NAME=RUN",
     help="Run with one quantity changed by its spread, an error that simulations share.",
 )
-@click.option("--out", type=PATH, help="Folder of a page, its figures, and regions.csv.")
+@click.option("--out", type=PATH, help="Folder of a page, its figures and tables.")
 @figures_option
 @within_option
 @json_option

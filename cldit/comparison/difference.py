@@ -14,6 +14,7 @@ from cldit.comparison.chi_square import ChiSquare, chi_square
 from cldit.comparison.keys import KeyDifference, key_differences
 from cldit.comparison.modes import Mode, shared_modes
 from cldit.comparison.pixels import together
+from cldit.comparison.profiles import LineDifference, line_differences
 from cldit.comparison.regions import Spray2D, positions_m
 from cldit.comparison.registration import aligned
 from cldit.comparison.shape import Value, shape_of
@@ -97,7 +98,8 @@ class Difference:
     pixels that are visible in both, and the parts of the spray. modes: errors that all pixels
     share. averaged: description of an average onto the other's pixels. view: as found from the
     images, with its errors. keys: that differ between the scenes. seen: both in one view.
-    change_K, residuals: (H, W), the latter in standard errors, less the modes that fit best.
+    change_K, error_K, residuals: (H, W), the second with the modes, the last in standard errors,
+    less the modes that fit best.
     """
 
     one: str
@@ -118,6 +120,7 @@ class Difference:
     keys: tuple[KeyDifference, ...]
     seen: tuple[Shown, Shown] = field(repr=False)
     change_K: Image = field(repr=False)
+    error_K: Image = field(repr=False)
     residuals: Image = field(repr=False)
 
     @property
@@ -130,6 +133,12 @@ class Difference:
         """Penetration, angle and areas of both, each with its error."""
         one, other = (shape_of(each) for each in self.seen)
         return {name: (value, other[name]) for name, value in one.items()}
+
+    @property
+    def profiles(self) -> dict[str, LineDifference]:
+        """Profiles of both along the spray's axis and across it, with errors."""
+        spray = seen_in_both(*self.seen)
+        return line_differences(self.seen, spray, self.change_K, self.error_K)
 
     @property
     def same(self) -> bool:
@@ -187,13 +196,14 @@ class Difference:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        images = {"seen", "change_K", "residuals", "modes", "regions"}
+        images = {"seen", "change_K", "error_K", "residuals", "modes", "regions"}
         data = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in images}
         data["maps"] = [asdict(one) for one in self.maps]
         data["keys"] = [asdict(one) for one in self.keys]
         data["regions"] = {name: asdict(one) for name, one in self.regions.items()}
         data["modes"] = {one.name: one.size for one in self.modes}
         data["shapes"] = self.shapes
+        data["profiles"] = {name: one.columns for name, one in self.profiles.items()}
         more = {"same": self.same, "within": self.within, "where": self.where}
         return {**data, **more, "verdict": self.verdict}
 
@@ -234,7 +244,7 @@ def difference(
     )
     has = np.isfinite(t_one), np.isfinite(t_other)
     change_K = t_other - t_one
-    regions, modes, residuals = _tested(change_K, first, second, of_view)
+    regions, modes, error_K, residuals = _tested(change_K, first, second, of_view)
     return Difference(
         one=first.name,
         other=second.name,
@@ -258,6 +268,7 @@ def difference(
         keys=key_differences(first.scene, second.scene) if first.scene and second.scene else (),
         seen=(first, second),
         change_K=change_K,
+        error_K=error_K,
         residuals=residuals,
     )
 
@@ -284,8 +295,8 @@ def _of(
 
 def _tested(
     change_K: Image, one: Shown, other: Shown, of_view: Sequence[Image]
-) -> tuple[dict[str, RegionDifference], tuple[Mode, ...], Image]:
-    """Regions, modes with their best sizes, and standardised residuals."""
+) -> tuple[dict[str, RegionDifference], tuple[Mode, ...], Image, Image]:
+    """Regions, modes with their best sizes, standard errors, and standardised residuals."""
     spray = seen_in_both(one, other)
     regions = spray.regions
     modes = shared_modes(one, other) + tuple(
@@ -294,7 +305,8 @@ def _tested(
     squares = [each.independent_K2 for each in (one, other)]
     nothing = np.full(change_K.shape, np.nan)
     if squares[0] is None or squares[1] is None:
-        return {name: _untested(change_K, where) for name, where in regions.items()}, (), nothing
+        untested = {name: _untested(change_K, where) for name, where in regions.items()}
+        return untested, (), nothing, nothing
     variance = squares[0] + squares[1] + _ROUNDED_K**2
     known = spray.visible & np.isfinite(variance)
     weights = [float(np.sum(mode.kelvin[known] ** 2 / variance[known])) for mode in modes]
@@ -305,6 +317,7 @@ def _tested(
     modes = tuple(modes[number] for number in kept)
     kelvin = np.array([mode.kelvin for mode in modes]).reshape(-1, *change_K.shape)
     test = partial(chi_square, change_K, np.sqrt(variance), kelvin)
+    error_K = np.sqrt(variance + np.sum(kelvin**2, axis=0))
     found = {name: test(where) for name, where in regions.items()}
     whole = found["all"]
     if whole is not None:
@@ -316,6 +329,7 @@ def _tested(
             for name, result in found.items()
         },
         modes,
+        error_K,
         nothing if whole is None else whole.residuals,
     )
 

@@ -129,9 +129,22 @@ def _places(
     angle = math.radians(angle_deg)
     x_m = start_m[0] + distance_m * math.sin(angle)
     z_m = start_m[1] - distance_m * math.cos(angle)
-    column = np.asarray(np.floor((x_m - centre_m[0]) / pixel_m[0] + columns / 2), np.int64)
-    row = np.asarray(np.floor((centre_m[1] - z_m) / pixel_m[1] + rows / 2), np.int64)
+    row, column = pixels_at(shape, pixel_m, centre_m, x_m, z_m)
     inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     end = count if inside.all() else int(np.argmin(inside))
     x_m, z_m = np.asarray(x_m[:end], np.float64), np.asarray(z_m[:end], np.float64)
     return distance_m[:end], x_m, z_m, row[:end], column[:end]
+
+
+def pixels_at(
+    shape: tuple[int, ...],
+    pixel_m: tuple[float, float],
+    centre_m: tuple[float, float],
+    x_m: Floats,
+    z_m: Floats,
+) -> tuple[Ints, Ints]:
+    """Row and column of the pixels at points, beyond the image too."""
+    rows, columns = shape
+    column = np.asarray(np.floor((x_m - centre_m[0]) / pixel_m[0] + columns / 2), np.int64)
+    row = np.asarray(np.floor((centre_m[1] - z_m) / pixel_m[1] + rows / 2), np.int64)
+    return row, column

@@ -15,11 +15,14 @@ from cldit.comparison.difference import Difference, RegionDifference
 from cldit.io.files import make_folder, write_text
 from cldit.io.text_tables import csv_text
 from cldit.show.figures.colours import CHANGE, TEMPERATURE, robust_limits
+from cldit.show.figures.onto import draw_profile
 from cldit.show.figures.panels import Frame, Panel, panels_figure, window_around
-from cldit.show.figures.style import png_of, write_figure
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain, png_of, styled, write_figure
 from cldit.show.page import Block, Bullets, Figure, Page, Section, Table, write_page
 
-PAGE, REGIONS = "report.html", "regions.csv"
+PAGE, REGIONS, PROFILES = "report.html", "regions.csv", "profiles.csv"
+_FROM = {"axis": "injector's tip", "across": "axis"}
+_LABELS = ("apparent temperature / K", "change / K", "emissivity", "change")
 _RESIDUAL = 4.0  # standard errors at the ends of the colours
 
 
@@ -51,6 +54,53 @@ def comparison_figure(found: Difference) -> Drawing:
     return panels_figure(panels, frame, title=found.verdict, window=window)
 
 
+@styled
+def profiles_figure(found: Difference) -> Drawing:
+    """T_app and emissivity of both along each line, and their changes, with bands of the errors."""
+    lines = found.profiles
+    figure = figure_of(WIDTH_IN, 6.4)
+    axes = figure.subplots(
+        4, len(lines), sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1, 2, 1)
+    )
+    names = [plain(name) for name in _ends_apart(*(each.name for each in found.seen))]
+    warm = []
+    for column, (where, line) in zip(axes.T, lines.items(), strict=True):
+        visible = np.isfinite(line.change_K)
+        along = 1e3 * line.one.distance_m
+        for each, name, color in ((line.one, names[0], "C0"), (line.other, names[1], "C3")):
+            for row, emissivity in ((0, False), (2, True)):
+                draw_profile(column[row], each, emissivity=emissivity, color=color)
+                column[row].lines[-1].set_label(name)
+                column[row].set(xlabel="", ylabel="")
+            error_K = np.nan_to_num(each.apparent_temperature_standard_error_K)
+            warm += [(each.apparent_temperature_K + sign * error_K)[visible] for sign in (-1, 1)]
+        for row, change, error in (
+            (1, line.change_K, line.change_error_K),
+            (3, line.emissivity_change, line.emissivity_change_error),
+        ):
+            column[row].plot(along, change, color="0.2")
+            column[row].fill_between(along, change - error, change + error, color="0.7", lw=0)
+            column[row].axhline(0.0, color="0.2", lw=0.6, ls=":")
+        column[0].set_title(line.title)
+        if visible.any():
+            beside = along[visible].min(), along[visible].max()
+            wide = 0.15 * (beside[1] - beside[0]) + 1.0
+            column[0].set_xlim(max(beside[0] - wide, along[0]), min(beside[1] + wide, along[-1]))
+        column[-1].set_xlabel(f"distance from the {_FROM[where]} / mm")
+    for row, label in zip(axes, _LABELS, strict=True):
+        row[0].set_ylabel(label)
+        for each in row:
+            each.grid()
+    known = np.concatenate(warm)
+    if known.size:  # T_app of thin spray is mostly noise
+        low, high = np.percentile(known, (1.0, 99.0))
+        margin = 0.05 * (high - low) + 0.1
+        axes[0, 0].set_ylim(low - margin, high + margin)
+    axes[0, 0].legend()
+    figure.align_ylabels()
+    return figure
+
+
 def _ends_apart(one: str, other: str) -> tuple[str, str]:
     """Two names of folders, without what they have in common at their beginning."""
     parts = [Path(name).parts for name in (one, other)]
@@ -60,31 +110,40 @@ def _ends_apart(one: str, other: str) -> tuple[str, str]:
 
 
 def write_comparison(found: Comparison, folder: Path, *, suffix: str = ".png") -> list[Path]:
-    """Writes the page of a comparison, `regions.csv` and the figure of each difference, as .png,
-    .pdf or .svg, into a folder; returns the paths of figures and page.
+    """Writes the page of a comparison, `regions.csv`, `profiles.csv` and two figures of each
+    difference, as .png, .pdf or .svg, into a folder; returns the paths of figures and page.
     """
     make_folder(folder)
     write_text(folder / REGIONS, regions_csv(found.differences))
+    write_text(folder / PROFILES, profiles_csv(found.differences))
     content: list[Block] = []
     written: list[Path] = []
     for number, each in enumerate(found.differences, start=1):
-        drawn = comparison_figure(each)
-        name = "difference" if number == 1 else f"difference-{number}"
-        written.append(write_figure(drawn, folder / f"{name}{suffix}"))
-        content.append(Section(f"{each.other} minus {each.one}", _sections(each, png_of(drawn))))
+        drawn = {"difference": comparison_figure(each)}
+        if each.profiles:
+            drawn["profiles"] = profiles_figure(each)
+        more = "" if number == 1 else f"-{number}"
+        written += [
+            write_figure(figure, folder / f"{name}{more}{suffix}") for name, figure in drawn.items()
+        ]
+        images = [Figure(png_of(figure), _ABOUT[name]) for name, figure in drawn.items()]
+        content.append(Section(f"{each.other} minus {each.one}", _sections(each, images)))
     return [*written, write_page(Page("Comparison", content), folder / PAGE)]
 
 
-def _sections(found: Difference, png: bytes) -> list[Block]:
-    figure = Figure(
-        png,
-        "Apparent temperature of both, their difference, and the difference in standard errors, "
-        "less the errors of all pixels that fit best.",
-    )
+_ABOUT = {
+    "difference": "Apparent temperature of both, their difference, and the difference in standard "
+    "errors, less the errors of all pixels that fit best.",
+    "profiles": "Profiles along the spray's axis and across it, with bands of one standard error "
+    "that the two do not share, and their changes where the spray is visible in both.",
+}
+
+
+def _sections(found: Difference, figures: Sequence[Figure]) -> list[Block]:
     large = [[one.name, f"{one.size:+.3g} times"] for one in found.modes]
     return [
         found.verdict,
-        figure,
+        *figures,
         Table(
             ("region", "RMS", "mean", "chi-square", "p", "pixels"),
             [[name, *region.cells] for name, region in found.regions.items()],
@@ -110,3 +169,19 @@ def regions_csv(differences: Sequence[Difference]) -> str:
         for name, region in each.regions.items()
     )
     return csv_text(["one", "other", "region", *names], rows)
+
+
+def profiles_csv(differences: Sequence[Difference]) -> str:
+    """Table of the profiles of all differences, a row for each point."""
+    tables = [
+        ([each.one, each.other, name], line.columns)
+        for each in differences
+        for name, line in each.profiles.items()
+    ]
+    names = list(tables[0][1]) if tables else []
+    rows = (
+        [*start, *(f"{value:.7g}" for value in row)]
+        for start, columns in tables
+        for row in zip(*columns.values(), strict=True)
+    )
+    return csv_text(["one", "other", "line", *names], rows)

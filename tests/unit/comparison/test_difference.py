@@ -351,16 +351,66 @@ def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
     one, other = shown(0 * warm + 400.0, error_K=1.0), shown(warm, name="b", error_K=0.0)
     found = compare(one, other, other)
     *figures, page_file = write_comparison(found, tmp_path / "out", suffix=".pdf")
-    assert [path.name for path in figures] == ["difference.pdf", "difference-2.pdf"]
+    names = ["difference", "profiles", "difference-2", "profiles-2"]
+    assert [path.name for path in figures] == [f"{name}.pdf" for name in names]
     assert all(path.read_bytes().startswith(b"%PDF") for path in figures)
     page = page_file.read_text()
     assert "b minus a" in page and found.differences[0].verdict in page
     table = (tmp_path / "out" / "regions.csv").read_text().splitlines()
     assert len(table) == 1 + 2 * 5 and table[1].startswith("a,b,all,1600,")
-    assert len(found.to_dict()["comparisons"]) == 2
+    lines = (tmp_path / "out" / "profiles.csv").read_text().splitlines()
+    listed = found.to_dict()["comparisons"]
+    points = [len(each["profiles"][name]["change_K"]) for each in listed for name in _LINES]
+    assert len(points) == 4 and len(lines) == 1 + sum(points)
     data = found.to_xarray()
     assert isinstance(data, xarray.Dataset) and dict(data.sizes) == {"other": 2, "z": 40, "x": 40}
     np.testing.assert_allclose(data.change_K[0], found.differences[0].change_K)
+
+
+_LINES = ("axis", "across")
+
+
+@pytest.mark.parametrize("centre_m", [(0.02, -0.03), (0.03, -0.05)], ids=["tip", "no tip"])
+def test_profiles_follow_the_axis_with_the_errors_of_both(centre_m: tuple[float, float]) -> None:
+    """A sector of 40 degrees around 30, warmer by 1 K/mm; 0.6 K, 0.8 K and 2 K in all pixels."""
+    place: dict[str, Any] = {"pixel_m": (0.5e-3, 0.5e-3), "centre_m": centre_m}
+    x_m, z_m = positions_m((160, 160), **place)
+    far_m, angle = np.hypot(x_m, z_m), np.degrees(np.arctan2(x_m, -z_m))
+    inside = (np.abs(angle - 30.0) < 20.0) & (far_m < 0.06)
+    warm = np.where(inside, 400.0 + 1e3 * far_m, np.nan)
+    same = Part(name="common error 1", kelvin=np.full(warm.shape, 2.0), emissivity=0.0 * warm)
+    part = Part(name="walls", kelvin=np.full(warm.shape, 0.8), emissivity=np.full_like(warm, 1.2))
+    one = shown(warm, error_K=0.6, **place)
+    map_K = np.full(warm.shape, np.hypot(0.8, 2.0))
+    other = shown(
+        warm + 3.0, error_map_K=map_K, common=(same,), systematic=(part,), name="b", **place
+    )
+    found = difference(one, other).profiles
+    axis, across = (found[name] for name in _LINES)
+    seen = np.isfinite(axis.change_K)
+    pixel_m = 0.5e-3
+    assert axis.one.distance_m == pytest.approx(np.hypot(axis.one.x_m, axis.one.z_m))
+    along = np.degrees(np.arctan2(axis.one.x_m, -axis.one.z_m))[1:]
+    assert along == pytest.approx(30.0, abs=0.5)
+    expected_K = 400.0 + 1e3 * axis.one.distance_m
+    assert axis.one.apparent_temperature_K[seen] == pytest.approx(expected_K[seen], abs=0.4)
+    assert seen.sum() == pytest.approx((0.06 - axis.one.distance_m[0]) / pixel_m, abs=3)
+    assert axis.one.apparent_temperature_standard_error_K == pytest.approx(0.6)
+    second = np.sqrt(0.8**2 + 2.0**2 + 0.8**2)  # the systematic one is not in the map
+    assert axis.other.apparent_temperature_standard_error_K == pytest.approx(second)
+    assert axis.emissivity_change_error == pytest.approx(np.sqrt(0.5**2 + 0.5**2 + 1.2**2))
+    for each in (axis, across):
+        here = np.isfinite(each.change_K)
+        assert each.change_K[here] == pytest.approx(3.0)
+        assert each.change_error_K[here] == pytest.approx(np.hypot(0.6, second), abs=1e-4)
+    middle = np.argmin(np.abs(across.one.distance_m))
+    half_m = 0.06 * 0.97**0.5 / 2.0
+    x, z = across.one.x_m[middle], across.one.z_m[middle]
+    assert np.hypot(x, z) == pytest.approx(half_m, abs=pixel_m)
+    wide_m = across.one.distance_m[np.isfinite(across.change_K)]
+    expected_m = half_m * np.tan(np.radians(20.0))
+    assert np.abs(wide_m).max() == pytest.approx(expected_m, abs=2 * pixel_m)
+    assert wide_m.min() == pytest.approx(-expected_m, abs=2 * pixel_m)
 
 
 def test_area_and_penetration_of_a_disc() -> None:

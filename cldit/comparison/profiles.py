@@ -1,0 +1,145 @@
+"""Profiles of two results along a spray's axis and across it, with errors, and their difference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.comparison.regions import Spray2D
+from cldit.comparison.shown import Shown
+from cldit.dit.profile import Profile, pixels_at, profile_of
+
+_LEAST = 1e-3  # length of the mean direction of a spray that has one
+_INSIDE = 1.0 - 1e-9  # of half the image, for rounding
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineDifference:
+    """Profiles of `one` and `other` at the same N points, and other minus one, (N,) each.
+
+    title: position of the line. Distances are from the injector's tip along the axis, or from the
+    axis across it. Errors are those that the two do not share. The change of T_app is NaN where the
+    spray is not visible in both; its error contains those that all pixels share.
+    """
+
+    title: str
+    one: Profile
+    other: Profile
+    change_K: Floats
+    change_error_K: Floats
+
+    @property
+    def emissivity_change(self) -> Floats:
+        """Difference of the emissivities."""
+        return self.other.emissivity - self.one.emissivity
+
+    @property
+    def emissivity_change_error(self) -> Floats:
+        """Standard error of the difference of the emissivities: both errors, as if independent."""
+        return np.hypot(self.one.emissivity_standard_error, self.other.emissivity_standard_error)
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """Columns of a table by name."""
+        found = {name: getattr(self.one, name) for name in ("distance_m", "x_m", "z_m")}
+        for name in _VALUES:
+            found |= {f"one_{name}": getattr(self.one, name)}
+            found |= {f"other_{name}": getattr(self.other, name)}
+        changes = ("change_K", "change_error_K", "emissivity_change", "emissivity_change_error")
+        return found | {name: getattr(self, name) for name in changes}
+
+
+_VALUES = (
+    "apparent_temperature_K",
+    "apparent_temperature_standard_error_K",
+    "emissivity",
+    "emissivity_standard_error",
+)
+
+
+def line_differences(
+    seen: Sequence[Shown], spray: Spray2D, change_K: Floats, error_K: Floats
+) -> dict[str, LineDifference]:
+    """Profiles `axis`, from the injector's tip, and `across`, at half the reach of the spray.
+
+    seen: two results on the same pixels. spray: as visible in both. change_K, error_K: (H, W) of
+    the second minus the first. The axis has the mean direction of the spray, by emissivity,
+    or is straight down if it has none. Without a visible spray there are none.
+    """
+    visible = spray.visible
+    if not visible.any():
+        return {}
+    weight = spray.emissivity[visible]
+    far_m = np.hypot(spray.x_m, spray.z_m)
+    x_m, z_m = (float(np.sum(weight * at[visible])) for at in (spray.x_m, spray.z_m))
+    directed = math.hypot(x_m, z_m) > _LEAST * float(np.sum(weight * far_m[visible]))
+    angle_deg = math.degrees(math.atan2(x_m, -z_m)) if directed else 0.0
+    turn, away_m = math.radians(angle_deg), spray.reach_m / 2.0
+    middle_m = away_m * math.sin(turn), -away_m * math.cos(turn)
+    lines = {
+        "axis": _both(seen, (0.0, 0.0), angle_deg, 0.0),
+        "across": _both(seen, middle_m, angle_deg + 90.0, -math.inf),
+    }
+    titles = {
+        "axis": f"along the axis, {angle_deg:.1f}° from downwards",
+        "across": f"across it, {1e3 * away_m:.3g} mm from the tip",
+    }
+    found = {}
+    for name, both in lines.items():
+        if both is not None:
+            one, other = both
+            at = pixels_at(change_K.shape, seen[0].pixel_m, seen[0].centre_m, one.x_m, one.z_m)
+            found[name] = LineDifference(
+                title=titles[name],
+                one=one,
+                other=other,
+                change_K=np.where(visible, change_K, np.nan)[at],
+                change_error_K=np.where(visible, error_K, np.nan)[at],
+            )
+    return found
+
+
+def _both(
+    seen: Sequence[Shown], through_m: tuple[float, float], angle_deg: float, least_m: float
+) -> tuple[Profile, Profile] | None:
+    """Profiles of two along a line, from `least_m` or where it enters; None beside the image."""
+    place = {"pixel_m": seen[0].pixel_m, "centre_m": seen[0].centre_m}
+    shape = seen[0].maps.emissivity.shape
+    half_m = [n * p / 2.0 for n, p in zip(reversed(shape), place["pixel_m"], strict=True)]
+    along = math.sin(math.radians(angle_deg)), -math.cos(math.radians(angle_deg))
+    step_m = min(place["pixel_m"])
+    count = int(2.0 * math.hypot(*half_m, math.dist(through_m, place["centre_m"])) / step_m)
+    away_m = np.arange(-count, count + 1) * step_m
+    inside = away_m >= least_m
+    for start, step, centre, half in zip(through_m, along, place["centre_m"], half_m, strict=True):
+        inside &= np.abs(start + away_m * step - centre) < _INSIDE * half
+    if not inside.any():
+        return None
+    first_m = float(away_m[np.argmax(inside)])
+    start_m = (through_m[0] + first_m * along[0], through_m[1] + first_m * along[1])
+    found = []
+    for each in seen:
+        warm, emissivity = _errors(each)
+        maps = replace(each.maps, emissivity_standard_error=emissivity.astype(np.float32))
+        profile = profile_of(
+            maps, **place, start_m=start_m, angle_deg=angle_deg, temperature_error_K=warm
+        )
+        found.append(replace(profile, distance_m=profile.distance_m + first_m))
+    return found[0], found[1]
+
+
+def _errors(shown: Shown) -> tuple[Floats, Floats]:
+    """Standard errors of T_app and emissivity, systematic ones too; NaN if not stated."""
+    error_K = shown.error_map_K
+    if error_K is None:
+        stated_K = math.nan if shown.error_K is None else shown.error_K
+        error_K = np.full(shown.maps.emissivity.shape, stated_K)
+    emissivity = shown.maps.emissivity_standard_error.astype(np.float64)
+    for part in shown.systematic:
+        error_K = np.hypot(error_K, np.nan_to_num(part.kelvin))
+        emissivity = np.hypot(emissivity, np.nan_to_num(part.emissivity))
+    return error_K, emissivity
