@@ -1,4 +1,4 @@
-"""Point spread of the lens in focus: diffraction, a given spread or MTF, on images of weights.
+"""Point spread of the lens in focus: diffraction, a given spread, MTF or samples, on weights.
 
 The modulation transfer functions multiply each other, and the coefficients of an image's discrete
 cosine transform: that is a convolution with the image mirrored at its edges. It is linear, changes
@@ -14,6 +14,9 @@ frequency appear below it in the traced image. A frequency f in 1/pixel so gets 
 and 1 - f, by the share of either in edges, which have 1 / f^4 of their power there. An edge at any
 place in a pixel is then blurred to 0.05 of its step in the worst pixel. Weights below 0 beside the
 middle of a narrow spread are set to 0: so no pixel gets less than no light.
+
+Samples of a point spread have no symmetry: they multiply the Fourier transform of the mirrored
+image, with the same aliases. They keep even images, and the sum of others but for the edges.
 """
 
 from __future__ import annotations
@@ -24,7 +27,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.fft import dctn, idctn
+from numpy.typing import NDArray
+from scipy.fft import dctn, idctn, irfft2, rfft2
 from scipy.special import j1
 
 from cldit.arrays import Floats
@@ -122,9 +126,42 @@ class PointSpread:
         positive = dctn(spread, type=1)
         return np.asarray((positive / positive[0, 0])[:-1, :-1])
 
+    @cached_property
+    def given(self) -> NDArray[np.complex128] | None:
+        """(2 H, W + 1) factor of the mirrored image's Fourier transform by samples; None: none."""
+        camera, lens = self.camera, self.camera.lens
+        if lens is None or lens.point_spread is None:
+            return None
+        samples = np.array(lens.point_spread)
+        sides = []
+        for count, size_m, number in zip(
+            camera.pixels, camera.field_m, reversed(samples.shape), strict=True
+        ):
+            step = camera.spread_step_m * count / size_m  # in traced pixels
+            places = (np.arange(number) - number // 2) * step
+            near = np.fft.fftfreq(2 * count)
+            far = near - np.where(near < 0.0, -1.0, 1.0)
+            share = far**4 / (near**4 + far**4)
+            sides.append(
+                sum(
+                    (part * np.sinc(f * step) ** 2)[:, None]
+                    * np.exp(-2j * np.pi * f[:, None] * places)
+                    for f, part in ((near, share), (far, 1.0 - share))
+                )
+            )
+        across, down = sides
+        whole = down @ samples @ across[: camera.pixels[0] + 1].T
+        spread = np.maximum(irfft2(whole, [2 * n for n in reversed(camera.pixels)]), 0.0)
+        return np.asarray(rfft2(spread / spread.sum()))
+
     def image(self, sharp: Image) -> Image:
         """The blurred image (H, W)."""
-        return idctn(dctn(sharp.astype(np.float64)) * self.transfer).astype(np.float32)
+        out = idctn(dctn(sharp.astype(np.float64)) * self.transfer)
+        if self.given is not None:
+            rows, columns = out.shape
+            mirrored = np.pad(out, ((0, rows), (0, columns)), mode="symmetric")
+            out = irfft2(rfft2(mirrored) * self.given, mirrored.shape)[:rows, :columns]
+        return np.asarray(out, np.float32)
 
     def __call__(self, weights: Weights) -> Weights:
         """Blurred weights (H, W)."""
@@ -134,6 +171,6 @@ class PointSpread:
 def blur_of(scene: Scene) -> Callable[[Weights], Weights]:
     """Point spread of the scene's lens; the weights themselves where nothing spreads them."""
     lens = scene.camera.lens
-    if lens is None or not (lens.diffraction or lens.spread_m or lens.mtf):
+    if lens is None or not (lens.diffraction or lens.spread_m or lens.mtf or lens.point_spread):
         return lambda weights: weights
     return PointSpread.of(scene)

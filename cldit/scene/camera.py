@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import field_validator, model_validator
 
 from cldit.scene.checks import Section, Within
@@ -15,6 +16,7 @@ from cldit.scene.values import (
     Length,
     Pixels,
     Point,
+    PointSamples,
     QuantumEfficiency,
     Temperature,
     TransferCurve,
@@ -71,6 +73,19 @@ class Lens(Section):
     mtf: TransferCurve | None = None
     """MTF in focus, beside the aperture's: pairs of frequency on the sensor (1/mm) and value, or a
     file of them."""
+    point_spread: PointSamples | None = None
+    """Samples of a point spread in focus, as in the image, of any sum: rows of numbers, or a file
+    of them or a TIFF. Linear between samples; its middle is the middle sample."""
+    point_spread_pixel_m: Annotated[float, Within(1e-8, 1e-3)] | None = None
+    """Distance between the samples of `point_spread` on the sensor."""
+
+    @model_validator(mode="after")
+    def _stated(self) -> Lens:
+        if (self.point_spread is None) != (self.point_spread_pixel_m is None):
+            names = "point_spread", "point_spread_pixel_m"
+            missing, given = names if self.point_spread is None else names[::-1]
+            raise ValueError(f"{missing}: missing with {given}; allowed: both or none")
+        return self
 
 
 class Camera(Section):
@@ -118,6 +133,14 @@ class Camera(Section):
             raise ValueError(f"lens: given with model {self.model}; allowed: model pinhole")
         if self.rays_per_pixel == 1:
             raise ValueError("rays_per_pixel: 1 with a lens; allowed: auto, 4, 16 or 64")
+        if self.lens.point_spread is not None:
+            rows, columns = np.shape(self.lens.point_spread)
+            size_m = (columns * self.spread_step_m, rows * self.spread_step_m)
+            if any(size > field for size, field in zip(size_m, self.field_m, strict=True)):
+                raise ValueError(
+                    f"lens.point_spread: {size_m[0]:.3g} x {size_m[1]:.3g} m at the target; "
+                    f"allowed: at most the field, {self.field_m[0]:g} x {self.field_m[1]:g} m"
+                )
         return self
 
     @property
@@ -156,6 +179,12 @@ class Camera(Section):
     def aperture_m(self) -> float:
         """Diameter of the lens' aperture; 0 for a pinhole."""
         return 0.0 if self.lens is None else self.focal_length_m / self.f_number
+
+    @property
+    def spread_step_m(self) -> float:
+        """Distance between samples of the given point spread, at the target; 0 without one."""
+        on_sensor_m = (self.lens and self.lens.point_spread_pixel_m) or 0.0
+        return on_sensor_m * self.pixel_m / self.sensor.pitch_m
 
     @property
     def seen_through(self) -> str:

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from cldit.errors import SceneError
 from cldit.scene.checks import Within, length
 from cldit.scene.curves import FREQUENCY, WAVELENGTH, Axis, Curve, check_curve, read_curve
+from cldit.scene.point_samples import Samples, check_samples, read_samples
 
 ZERO_CELSIUS_K = 273.15
 
@@ -159,3 +160,15 @@ def _transfer(value: object, info: ValidationInfo) -> object:
 
 
 TransferCurve = Annotated[Curve, BeforeValidator(_transfer, json_schema_input_type=Curve | Path)]
+
+
+def _samples(value: object, info: ValidationInfo) -> object:
+    try:
+        if isinstance(value, (str, Path)):
+            return read_samples(_in_folder(value, info))
+        return check_samples(value, what="samples")
+    except SceneError as error:
+        raise ValueError(str(error)) from error
+
+
+PointSamples = Annotated[Samples, BeforeValidator(_samples, json_schema_input_type=Samples | Path)]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
+import yaml
 from scipy.special import erf, j1
 
 import cldit
@@ -113,6 +116,73 @@ def test_given_mtf() -> None:
     cutoff = camera.aperture_m / image_m / WAVELENGTH_M
     expected = airy(1e3 * at_per_mm / cutoff)
     np.testing.assert_allclose(one, expected, atol=1e-3)
+
+
+def gauss(sigma: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """81 x 81 samples of a Gaussian, of a sum other than 1."""
+    line = np.exp(-0.5 * (np.arange(-40, 41) / sigma) ** 2)
+    return 1e3 * np.outer(line, line)
+
+
+def test_samples_of_a_gaussian_blur_as_its_mtf(tmp_path: Path) -> None:
+    """1.7 traced pixels; linear between samples 10 um apart adds 1/600 to the variance."""
+    samples = gauss(10.0)
+    np.savetxt(tmp_path / "spread.csv", samples, delimiter=",")
+    tifffile.imwrite(tmp_path / "spread.tif", samples.astype(np.float32))
+    sharp = np.zeros((PIXELS, PIXELS), np.float32)
+    sharp[30:90, 70:] = sharp[120, 40] = 1.0
+    expected = PointSpread.of(scene(diffraction=False, spread_m=1e-4)).image(sharp)
+    for name in ("spread.csv", "spread.tif"):
+        lens = {"point_spread": str(tmp_path / name), "point_spread_pixel_m": 1e-5}
+        got = PointSpread.of(scene(diffraction=False, **lens)).image(sharp)
+        np.testing.assert_allclose(got, expected, atol=1e-3)
+        assert got.sum() == pytest.approx(sharp.sum(), rel=1e-6)
+        written = cldit.dump_scene(scene(**lens))
+        assert cldit.parse_scene(yaml.safe_load(written)) == scene(**lens)
+        even = PointSpread.of(scene(**lens)).image(np.full_like(sharp, 0.7))
+        np.testing.assert_allclose(even, 0.7, rtol=1e-6)
+
+
+def test_samples_are_seen_as_in_the_image() -> None:
+    """All light two traced pixels to the right and one up, of samples one traced pixel apart."""
+    samples = np.zeros((5, 7))
+    samples[1, 5] = 3.0
+    step_m = PITCH_M * magnification()
+    lens = {"point_spread": samples.tolist(), "point_spread_pixel_m": step_m}
+    sharp = np.zeros((PIXELS, PIXELS), np.float32)
+    sharp[60, 50] = 1.0
+    got = PointSpread.of(scene(diffraction=False, **lens)).image(sharp).astype(float)
+    rows, columns = np.indices(got.shape)
+    assert got.sum() == pytest.approx(1.0, rel=1e-6) and got.min() > -1e-7
+    assert got[59, 52] == got.max()
+    assert [np.sum(got * rows), np.sum(got * columns)] == pytest.approx([59.0, 52.0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("lens", "message"),
+    [
+        (
+            {"point_spread": [[1.0] * 3] * 4},
+            r"lens\.point_spread: samples: 4 x 3 samples; allowed: odd",
+        ),
+        ({"point_spread": [[1.0] * 3] * 3}, r"point_spread_pixel_m: missing with point_spread"),
+        ({"point_spread_pixel_m": 1e-5}, r"point_spread: missing with point_spread_pixel_m"),
+        (
+            {"point_spread": [[1.0, 2.0, -1.0]] * 3},
+            r"a sample is -1; allowed: finite numbers from 0",
+        ),
+        ({"point_spread": [[0.0] * 3] * 3}, r"all samples are 0"),
+        ({"point_spread": [[1.0], [1.0, 2.0]]}, r"no table of numbers"),
+        ({"point_spread": "nowhere.csv"}, r"lens\.point_spread: .*nowhere\.csv"),
+        (
+            {"point_spread": [[1.0] * 129] * 3, "point_spread_pixel_m": 1e-3},
+            r"0\.537 x 0\.0125 m at the target; allowed: at most the field, 0\.04 x 0\.04 m",
+        ),
+    ],
+)
+def test_no_samples(lens: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        scene(**lens)
 
 
 @pytest.mark.parametrize(
