@@ -36,6 +36,9 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
     """The resolution that a scene needs for a tolerance, and the error allocated to each source."""
     scene = problem.scene
     first = Resolution.first(scene, ordinates_K=tolerance_K, spectral_K=scene.optics.bound_K)
+    if first.gas_m is not None and problem.spray is not None:
+        gas_m = problem.spray.notes.get("gas_spacing_m", first.gas_m)
+        first = replace(first, gas_m=gas_m).limited("gas grid", "the spray was given")
     if not scene.transport.audit:
         problem.stages.remark((_NO_AUDIT,))
         return first, Allocation(tolerance_K, tolerance_K, {})

@@ -66,7 +66,7 @@ class Problem:
                     self.stages,
                     self.cache,
                     self.spray,
-                    cone=resolution.cone(self.scene),
+                    spec=resolution.spray(self.scene),
                     cube_m=resolution.cube_m,
                     spectral_K=resolution.spectral_K,
                 )

@@ -8,9 +8,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cldit.scene import Scene
-from cldit.scene.spray import ConeSpray
+from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 _FIRST_LATTICE_m = 1e-3
+# Cells of a computed gas to begin with, per kelvin asked (docs/spray.md), and their limits: a
+# spray on half of the finest takes ten times as long.
+_GAS_PER_K, _FINEST_GAS_m, _COARSEST_GAS_m = 0.145e-3, 0.35e-3, 2e-3
+_FINEST_GAS = (
+    f"a run chooses no gas cells below {1e3 * _FINEST_GAS_m:g} mm by itself, for the spray alone "
+    "then takes minutes; allowed: a smaller spray.box.spacing_m"
+)
 
 
 @dataclass(frozen=True)
@@ -19,12 +26,13 @@ class Resolution:
 
     ordinates_K, spectral_K: errors of T_app asked of the ordinates and of the choice of
     wavelengths. size_classes, spacing_m: classes of droplet size and lattice of a cone; None: the
-    spray is no cone. domain_m: edge of the domain. depth: number of times that the cube is halved;
-    None: not chosen yet. cube_m: edge of the cube whose cells are the cone's lattice as well, where
-    the scene leaves both to choice; spacing_m then follows depth. more_ordinates: ordinates over
-    those of ordinates_K, for an error that only the audit shows. pixels_K: error asked of the rays
-    that sample a pixel; None: the scene has their number. limits: why a source cannot be
-    made smaller, and what would help, by its name.
+    spray is no cone. gas_m: cells of a computed gas; None: as the scene has them. domain_m: edge of
+    the domain. depth: number of times that the cube is halved; None: not chosen yet. cube_m: edge
+    of the cube whose cells are the cone's lattice as well, where the scene leaves both to choice;
+    spacing_m then follows depth. more_ordinates: ordinates over those of ordinates_K, for an error
+    that only the audit shows. pixels_K: error asked of the rays that sample a pixel; None: the
+    scene has their number. limits: why a source cannot be made smaller, and what would help, by its
+    name.
     """
 
     ordinates_K: float
@@ -36,6 +44,7 @@ class Resolution:
     cube_m: float | None = None
     more_ordinates: float = 1.0
     pixels_K: float | None = None
+    gas_m: float | None = None
     limits: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -46,19 +55,23 @@ class Resolution:
         edge_m, cube_m = scene.domain.edge_m, None
         if lattice_is_cells(scene):  # a first lattice, to learn from
             cube_m, spacing_m = edge_m, _FIRST_LATTICE_m
-        return cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
+        first = cls(ordinates_K, spectral_K, classes, spacing_m, edge_m, cube_m=cube_m)
+        return first.with_gas(_GAS_PER_K * ordinates_K) if gas_is_free(scene) else first
 
     @property
     def prepared_key(self) -> tuple[Any, ...]:
         """The part that spray and optics depend on."""
-        return (self.spectral_K, self.size_classes, self.spacing_m)
+        return (self.spectral_K, self.size_classes, self.spacing_m, self.gas_m)
 
-    def cone(self, scene: Scene) -> ConeSpray | None:
-        """The scene's cone with these classes of size and this lattice; None: it has no cone."""
-        if not isinstance(scene.spray, ConeSpray):
+    def spray(self, scene: Scene) -> ConeSpray | LagrangianSpray | None:
+        """The scene's spray with these classes of size, lattice and gas; None: it has none."""
+        spec = scene.spray
+        if isinstance(spec, LagrangianSpray):
+            return spec if self.gas_m is None else spec.on_gas(self.gas_m)
+        if not isinstance(spec, ConeSpray):
             return None
         update = {"size_classes": self.size_classes, "spacing_m": self.spacing_m}
-        return scene.spray.model_copy(update=update)
+        return spec.model_copy(update=update)
 
     def at_depth(self, depth: int) -> Resolution:
         """The cube halved `depth` times, and the lattice that goes with it."""
@@ -78,6 +91,12 @@ class Resolution:
         while edge_m < self.domain_m * (1 - 1e-9):
             edge_m, depth = 2 * edge_m, depth + 1
         return replace(self, depth=depth, spacing_m=spacing_m, cube_m=edge_m)
+
+    def with_gas(self, gas_m: float) -> Resolution:
+        """Cells of a computed gas, within the limits of what a run chooses by itself."""
+        gas_m = float(f"{min(max(gas_m, _FINEST_GAS_m), _COARSEST_GAS_m):.2g}")
+        limit = _FINEST_GAS if gas_m == _FINEST_GAS_m else ""
+        return replace(self, gas_m=gas_m).limited("gas grid", limit)
 
     def limited(self, source: str, why: str) -> Resolution:
         """Notes why a source cannot be made smaller; with an empty text, that it can."""
@@ -105,13 +124,22 @@ _STORED = {
     **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
     "more_ordinates": "more_ordinates",
     "pixels_K": "pixels_K",
+    "gas_m": "gas_m",
 }  # attributes by their keys
-_LATER = ("more_ordinates", "pixels_K")  # not in runs of 0.1.0
+_LATER = ("more_ordinates", "pixels_K", "gas_m")  # not in runs of 0.1.0
 
 
 def cells_are_free(scene: Scene) -> bool:
     """True if the scene leaves its cells to choice. Those of a user's grid begin as its voxels."""
     return scene.domain.leaf_edge_m is None and scene.domain.rule == "need"
+
+
+def gas_is_free(scene: Scene) -> bool:
+    """True if the scene leaves the cells of a computed gas to choice."""
+    spray = scene.spray
+    return (
+        isinstance(spray, LagrangianSpray) and spray.box.spacing_m is None and scene.transport.audit
+    )
 
 
 def lattice_is_cells(scene: Scene) -> bool:

@@ -135,9 +135,9 @@ class Prepared:
 
     made, spray: before and after its parcels are deposited. frame: the cube that is divided into
     cells; cube: the domain's, which differs where the cells are a cone's lattice (`on_lattice`).
-    cone: the cone that was made, where the spray is one. number: of the wavelength at which the
-    spray hides or sends most light. limit: number of cells that fit the memory. kept: variants of
-    the medium by name.
+    spec: the scene's spray with what the run chose. number: of the wavelength at which the spray
+    hides or sends most light. limit: number of cells that fit the memory. kept: variants of the
+    medium by name.
     """
 
     scene: Scene
@@ -147,11 +147,16 @@ class Prepared:
     frame: Frame
     cube: Frame
     on_lattice: bool
-    cone: ConeSpray | None
+    spec: AnySpray
     number: int
     limit: int
     cache: Path
     kept: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def cone(self) -> ConeSpray | None:
+        """The cone that was made, where the spray is one."""
+        return self.spec if isinstance(self.spec, ConeSpray) else None
 
     @property
     def node(self) -> SpectralNode:
@@ -253,7 +258,7 @@ def prepare(
     cache: Path,
     spray: Spray | None = None,
     *,
-    cone: ConeSpray | None = None,
+    spec: AnySpray | None = None,
     cube_m: float | None = None,
     spectral_K: float | None = None,
 ) -> Prepared:
@@ -261,14 +266,16 @@ def prepare(
 
     Args:
         spray: that of the scene, where it is there already.
-        cone: the scene's cone with chosen classes of size and lattice; None: the scene's own.
+        spec: the scene's spray with chosen classes of size, lattice or gas cells; None: the
+            scene's own.
         cube_m: edge of the cube whose cells are the cone's lattice; None: cells are as the scene
             has them.
         spectral_K: error of T_app that the wavelengths may leave; None: as the scene has it.
     """
+    spec = spec or scene.spray
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
-        made = spray or make_spray(cone or scene.spray, cache=cache, watch=stages.watch)
+        made = spray or make_spray(spec, cache=cache, watch=stages.watch)
         spray = deposited(scene, made)
         stages.remark((*spray.remarks, *_motion_remarks(scene, made)))
     if isinstance(scene.spray, CfdSpray):
@@ -281,12 +288,10 @@ def prepare(
     phase = any(one is not None for one in (*found.phases, found.paper_phase))
     sweeps = scene.transport.method == "source"
     limit = cells_that_fit(device, wavelengths=len(found.sources), phase=phase, sweeps=sweeps)
-    if cone is None and isinstance(scene.spray, ConeSpray):
-        cone = scene.spray
     if cube_m is not None:
-        assert cone is not None
+        assert isinstance(spec, ConeSpray)
         cube, frame = lattice_frames(
-            scene.domain, found.sources[0], edge_m=cube_m, spacing_m=cone.lattice_m
+            scene.domain, found.sources[0], edge_m=cube_m, spacing_m=spec.lattice_m
         )
     else:
         frame, remarks = chosen_frame(
@@ -305,7 +310,7 @@ def prepare(
         frame=frame,
         cube=cube,
         on_lattice=cube_m is not None,
-        cone=cone,
+        spec=spec,
         number=found.chosen.main,
         limit=limit,
         cache=cache,

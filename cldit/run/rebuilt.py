@@ -65,8 +65,8 @@ def rebuilt(
     scene = run.scene.with_(**{"optics.compare_paper": False})
     _check_files(run)
     stages = Stages(say)
-    cone = resolution.cone(scene)
-    spray = make_spray(cone or scene.spray, cache=cache)
+    spec = resolution.spray(scene)
+    spray = make_spray(spec or scene.spray, cache=cache)
     _check_figures(run, "spray", run.info.spray, spray.notes)
     prepared = prepare(
         scene,
@@ -74,7 +74,7 @@ def rebuilt(
         stages,
         cache,
         spray,
-        cone=cone,
+        spec=spec,
         cube_m=resolution.cube_m,
         spectral_K=resolution.spectral_K,
     )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from cldit.scene.checks import Section, Within, length
 from cldit.scene.scatter import OpticalScatter, Scatter
@@ -119,14 +119,26 @@ class InjectionRate(Section):
 class FlowBox(Section):
     """Closed space of rays from the injector tip, in which the gas flow is computed."""
 
-    spacing_m: Annotated[float, Within(1e-4, 1e-2)] = 1e-3
-    """Edge of the gas cells 25 mm from the tip; it is proportional to that distance."""
+    spacing_m: Annotated[float, Within(1e-4, 1e-2)] | None = None
+    """Edge of the gas cells 25 mm from the tip; it is proportional to that distance. Default: as
+    `transport.accuracy_K` needs; 1 mm without a choice."""
     width_m: Length | None = None
     """Diameter of the space, at least. Default: wide enough for the spray."""
     depth_m: Length | None = None
     """Radius of the space. Default: deep enough for the spray."""
-    above_m: Annotated[float, Within(0.0, 1.0)] = 5e-3
-    """No effect (scenes of 0.1.0)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _older(cls, data: Any) -> Any:
+        """Drops `above_m` with its only value that runs of older versions contain by themselves."""
+        if isinstance(data, dict) and data.get("above_m") == 5e-3:
+            return {key: value for key, value in data.items() if key != "above_m"}
+        return data
+
+    @property
+    def cell_m(self) -> float:
+        """The spacing, or that without a choice."""
+        return 1e-3 if self.spacing_m is None else self.spacing_m
 
 
 class LagrangianSpray(Section):
@@ -172,6 +184,11 @@ class LagrangianSpray(Section):
     """Plumes, one per hole, 1 to 64."""
     scatter: Scatter = Scatter()
     """Differences between injections."""
+
+    def on_gas(self, spacing_m: float) -> LagrangianSpray:
+        """The spray on other cells of gas."""
+        box = self.box.model_copy(update={"spacing_m": spacing_m})
+        return self.model_copy(update={"box": box})
 
 
 class GridSpray(Section):

@@ -100,7 +100,7 @@ class Lab:
             return scene
         widths = {"domain.leaf_edge_m": scene.domain.leaf_edge_m}
         if isinstance(scene.spray, LagrangianSpray):
-            widths["spray.box.spacing_m"] = scene.spray.box.spacing_m
+            widths["spray.box.spacing_m"] = scene.spray.box.cell_m
         elif isinstance(scene.spray, ConeSpray):
             widths["spray.spacing_m"] = scene.spray.lattice_m
         return scene.with_(

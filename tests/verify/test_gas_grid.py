@@ -72,7 +72,7 @@ def test_stated_gas_grid_is_within_twice_the_truth(tmp_path: Path) -> None:
         assert "spray on cells of gas four times as large" in stages
         (cause,) = (one for one in run.errors.causes if one.name == "gas grid")
         assert cause.error_K is not None
-        assert ("extrapolated by order" in cause.how) == (ORDER not in run.errors.unknown)
+        assert ("correlation" in cause.how) == (ORDER not in run.errors.unknown)
         assert set(run.errors.unknown) <= {ORDER}
         stated.append(cause.error_K)
         assert run.errors.total_K is not None and run.errors.total_K >= cause.error_K

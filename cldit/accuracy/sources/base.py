@@ -127,6 +127,6 @@ class ErrorSource(ABC):
         """Errors of the image by this source; none where the scene does not have it."""
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
-        """A now whose error, `ratio` times its share and of an order, is that of its share;
+        """A resolution that makes an error, `ratio` times its share and of an order, its share;
         sources with a `cost_power` have one."""
-        raise TypeError(f"{self.name}: no now makes this error smaller")
+        raise TypeError(f"{self.name}: no resolution makes this error smaller")

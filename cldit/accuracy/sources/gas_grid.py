@@ -1,12 +1,11 @@
 """Error by the grid that the gas is computed on.
 
 The lattice of a cone is varied by factors of two and four, and the error extrapolated. A computed
-gas is computed again on cells twice and four times as large. Droplets start alike on all three, but
-eddies move them differently at every time step, so that the random parts of the sprays are
-independent: images of the same seed differ as much as those of different ones. The square of each
-difference contains the square of that error twice, which is subtracted. Each step to half of the
-cells is smaller than the one before by a ratio, and correlates with it. Both are measured, and the
-steps that are left are summed with them: with full correlation that is Richardson's extrapolation,
+gas is computed again on cells twice and four times as large. Its droplets start alike on all three,
+and the eddies that a droplet meets are drawn by its number and time, so the random part of all
+three sprays is the same and the differences are the grid's. Each step to half of the cells is
+smaller than the one before by a ratio, and correlates with it. Both are measured, and the steps
+that are left are summed with them: with full correlation that is Richardson's extrapolation,
 without any a sum of squares. A gas that is read comes on one grid alone: what is stated is the
 error of its linear reconstruction (`cldit.medium.gas_reconstruction`), by the same gas in cells
 twice and four times as large.
@@ -15,7 +14,6 @@ twice and four times as large.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -23,11 +21,10 @@ from itertools import pairwise
 import numpy as np
 
 from cldit.accuracy.errors import Estimate
-from cldit.accuracy.image_pair import ImageDifference, ImagePair
-from cldit.accuracy.resolution import Resolution, lattice_is_cells
+from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.resolution import Resolution, gas_is_free, lattice_is_cells
 from cldit.accuracy.richardson import RichardsonEstimate
 from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
-from cldit.accuracy.sources.parcels import PARCELS
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
 from cldit.medium.octree import Sources
@@ -41,7 +38,6 @@ _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 12  # cells along the gas's fuel, 4 mm of 48: fewer were not seen to follow first order
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
-_HALF = 0.5  # of the square of a difference: if chance makes more, it hides the error
 _SMALLEST_RATIO = 0.25  # of two steps, as for second order; a smaller one is chance
 _LARGEST_RATIO = 0.75  # steps that fall by less need not converge
 _FINEST_LATTICE_m = 0.1e-3
@@ -59,18 +55,23 @@ class _GasGrid(ErrorSource):
     cost_power, cost_share = 2.0, 0.3
     of_spray = True
     remedy = remedies(
-        "a smaller spray.spacing_m",
-        _CONE_KEY,
+        "a smaller spray.spacing_m, or spray.box.spacing_m of a computed spray",
+        spray__spacing_m="a smaller spray.spacing_m, or none, so that the run chooses",
         spray__box__spacing_m="a smaller spray.box.spacing_m (half takes 3 to 12 times as long)",
+        spray__file="finer cells in the file",
     )
     also = (ORDER,)
 
     def key(self, scene: Scene) -> str:
         if isinstance(scene.spray, ConeSpray):
             return "" if scene.spray.spacing_m is None else _CONE_KEY
-        return _FLOW_KEY if isinstance(scene.spray, LagrangianSpray) else _FILE_KEY
+        if isinstance(scene.spray, LagrangianSpray):
+            return "" if gas_is_free(scene) else _FLOW_KEY
+        return _FILE_KEY
 
     def is_free(self, scene: Scene) -> bool:
+        if gas_is_free(scene):
+            return True
         cone = isinstance(scene.spray, ConeSpray)
         return cone and not self.key(scene) and not lattice_is_cells(scene)
 
@@ -102,6 +103,8 @@ class _GasGrid(ErrorSource):
         return [Estimate.unknown(self.name, why, _CONE_KEY)]
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
+        if now.gas_m is not None:
+            return now.with_gas(now.gas_m / min(ratio ** (1.0 / order), 2.0))
         if now.spacing_m is None:
             return now
         spacing_m = now.spacing_m / ratio ** (1.0 / order)
@@ -132,33 +135,31 @@ class _GasGrid(ErrorSource):
         ]
 
     def _grid(self, at: Measurement) -> list[Estimate]:
-        fixed, spec = self.key(at.scene), at.scene.spray
+        fixed, spec = self.key(at.scene), at.prepared.spec
         if not isinstance(spec, LagrangianSpray):
             why = "the gas comes on one grid alone; compare with a run from a finer one"
             return [Estimate.unknown(ORDER, why, fixed)]
         first = self._traced(at, spec, 2)
         if isinstance(first, str):
             return [Estimate.unknown(self.name, first, fixed)]
-        sampling_K, tracer = at.error_K(PARCELS), at.tracer
+        tracer = at.tracer
         image = tracer.level(at.depth)
-        whole = tracer.difference(image, first)
-        last, chance = without_chance(whole, sampling_K)
+        last = tracer.difference(image, first)
+        h_mm = 1e3 * spec.box.cell_m
+        how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
         second = self._traced(at, spec, 4)
         left: Rest | str
         if isinstance(second, str):
             left = second
         else:
-            steps = (whole, tracer.difference(first, second), tracer.difference(image, second))
-            left = Rest.of([one.error_K for one in steps], sampling_K)
-        h_mm = 1e3 * spec.box.spacing_m
-        how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm; {chance}"
-        if isinstance(left, Rest):
-            how += f"; times {left.factor:.2g}: steps fall by {left.ratio:.2g}, "
-            how += f"correlation {left.correlation:.2g}"
-            found = last.times(left.factor)
-            return [Estimate.of(self.name, found, how, fixed, order=-math.log2(left.ratio))]
-        stated = Estimate.of(self.name, last, how, fixed, at_most=last is whole)
-        return [stated, Estimate.unknown(ORDER, left, fixed)]
+            both = tracer.difference(image, second)
+            left = Rest.of(last.error_K, tracer.difference(first, second).error_K, both.error_K)
+        if isinstance(left, str):
+            stated = Estimate.of(self.name, last, how, fixed)
+            return [stated, Estimate.unknown(ORDER, left, fixed)]
+        how += f", times {left.factor:.2g}: {left.text}"
+        found = last.times(left.factor)
+        return [Estimate.of(self.name, found, how, fixed, order=left.order, size=spec.box.cell_m)]
 
     def _imported(self, at: Measurement) -> list[Estimate]:
         """The error of linear cells, by the same gas in cells twice and four times as large."""
@@ -204,7 +205,7 @@ def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Sources | s
 
 def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources | str:
     """The spray on cells of gas `up` times as large, or the reason why there is none."""
-    vapour, h_m = prepared.spray.vapour, spec.box.spacing_m
+    vapour, h_m = prepared.spray.vapour, spec.box.cell_m
     assert vapour is not None
     larger_m, name = up * h_m, f"cells {_TIMES[up]} as large"
     if prepared.spray.notes.get("gas_spacing_m") != h_m:
@@ -217,9 +218,8 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources |
         )
     if larger_m > _LARGEST_M:
         return f"{name} are above {_LARGEST_M:g} m"
-    box = spec.box.model_copy(update={"spacing_m": larger_m})
     try:
-        sources = prepared.resprayed(spec.model_copy(update={"box": box}))
+        sources = prepared.resprayed(spec.on_gas(larger_m))
     except (SprayError, OpticsError) as error:
         return f"the spray on {name}: {error}"
     sources, lost = within(prepared.cube, sources)
@@ -242,25 +242,17 @@ class Rest:
     correlation: float
 
     @classmethod
-    def of(cls, steps_K: Sequence[float | None], sampling_K: float | None) -> Rest | str:
-        """The sum by the last step, the one before, and that over both; or why it is unknown.
-
-        The square of each contains twice that of `sampling_K`, the random part of one spray.
-        """
-        last_K, before_K, both_K = steps_K
-        if sampling_K is None or not last_K or not before_K or both_K is None:
-            return "a step, or the random part of the sprays, is unknown"
-        chance = 2.0 * sampling_K**2
-        last, before, both = (step_K**2 - chance for step_K in (last_K, before_K, both_K))
-        if last <= _HALF * last_K**2 or before <= _HALF * before_K**2:
-            return "chance may contribute half of the square of a step"
-        ratio = (last / before) ** 0.5
+    def of(cls, last_K: float | None, before_K: float | None, both_K: float | None) -> Rest | str:
+        """The sum by the last step, the one before, and that over both; or why it is unknown."""
+        if not last_K or not before_K or both_K is None:
+            return "a step is unknown"
+        ratio = last_K / before_K
         if ratio > _LARGEST_RATIO:
             return (
-                f"the steps are {before**0.5:.2g} and {last**0.5:.2g} K: no convergence is seen; "
+                f"the steps are {before_K:.2g} and {last_K:.2g} K: no convergence is seen; "
                 f"allowed: a smaller {_FLOW_KEY}"
             )
-        alike = (both - last - before) / (2.0 * (last * before) ** 0.5)
+        alike = (both_K**2 - last_K**2 - before_K**2) / (2.0 * last_K * before_K)
         return cls(max(ratio, _SMALLEST_RATIO), min(max(alike, 0.0), 1.0))
 
     @property
@@ -269,21 +261,15 @@ class Rest:
         r, c = self.ratio, self.correlation
         return float((r**2 / (1 - r**2) * (1 + c * r) / (1 - c * r)) ** 0.5)
 
+    @property
+    def order(self) -> float:
+        """Power of the cell with which the steps fall."""
+        return -math.log2(self.ratio)
 
-def without_chance(found: ImageDifference, sampling_K: float | None) -> tuple[ImageDifference, str]:
-    """Subtracts the random part of two sprays from their difference.
-
-    `sampling_K` is the RMS of the random part of one spray. If it is unknown, or contributes more
-    than half of the square, the difference stays whole: an upper bound. The text says which.
-    """
-    if found.error_K is None:
-        return found, ""
-    if sampling_K is None:
-        return found, "at most: it contains the random part of both sprays"
-    square = found.error_K**2 - 2.0 * sampling_K**2
-    if square < _HALF * found.error_K**2:
-        return found, "at most: chance may contribute half of its square"
-    return found.times(square**0.5 / found.error_K), "random part of both sprays subtracted"
+    @property
+    def text(self) -> str:
+        """Ratio and correlation."""
+        return f"steps fall by {self.ratio:.2g}, correlation {self.correlation:.2g}"
 
 
 GAS_GRID = _GasGrid()

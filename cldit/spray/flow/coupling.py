@@ -23,14 +23,15 @@ TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
 class FlyingParcels:
     """Parcels in flight.
 
-    mass_kg, temperature_K: of one droplet, (N,). droplets, hole: (N,). position_m, velocity_m_s:
-    (N, 3).
+    mass_kg, temperature_K: of one droplet, (N,). droplets, hole: (N,). number: (N,), in the order
+    of injection. position_m, velocity_m_s: (N, 3).
     """
 
     mass_kg: Floats
     temperature_K: Floats
     droplets: Floats
     hole: Ints
+    number: Ints
     position_m: Floats
     velocity_m_s: Floats
 
@@ -81,7 +82,8 @@ def move(
     The surroundings of the droplets are an estimate of the gas at the end of the step (`_seen`),
     because the gas changes faster than a step where there is much liquid. The sources are the
     difference of the liquid, so that all is conserved. Exchange is with the gas half a step ahead.
-    `flow` is unchanged, and `random` draws the eddies.
+    `flow` is unchanged. `random` draws the eddies, for a parcel by its number: sprays of equal
+    steps, on any grid, have the same.
     """
     grid = flow.grid
     half = cloud.position_m + 0.5 * step_s * cloud.velocity_m_s
@@ -98,14 +100,12 @@ def move(
     mass = cloud.droplets * found.mass_kg
     enthalpy = cloud.droplets * found.enthalpy_J - mass * flow.mixture.zero_J_kg
     momentum = folded(grid, at, cloud.droplets[:, None] * found.momentum_kg_m_s)
-    sources = GasSources(
-        mass=scatter(grid, at, mass),
-        enthalpy=scatter(grid, at, enthalpy),
-        momentum=np.stack([scatter(grid, at, each) for each in momentum.T]),
-    )
+    given = scatter(grid, at, mass, enthalpy, *momentum.T)
+    sources = GasSources(mass=given[0], enthalpy=given[1], momentum=given[2:])
     # With the eddies at the end of the displacement: with those at its start, droplets would
     # accumulate in calm regions, which vapour does not.
-    chance = np.sqrt(2 * step_s) * random.standard_normal(half.shape)
+    drawn = random.standard_normal((int(cloud.number.max(initial=-1)) + 1, 3))
+    chance = np.sqrt(2 * step_s) * drawn[cloud.number]
     trial = places(grid, half + np.sqrt(gather(at, flow.eddy))[:, None] * chance)
     position = cloud.position_m + found.path_m
     position = position + np.sqrt(gather(trial, flow.eddy))[:, None] * chance
@@ -157,10 +157,10 @@ def _seen(
 
     def sums(weight: Floats, *values: Floats) -> tuple[Floats, list[Floats]]:
         """Coefficient K, and the means."""
-        whole = gather(at, scatter(grid, at, weight))
+        fields = scatter(grid, at, weight, *(weight * each for each in values))
+        whole, *parts = (gather(at, each) for each in fields)
         safe = np.where(whole > 0, whole, 1.0)
-        means = [gather(at, scatter(grid, at, weight * each)) / safe for each in values]
-        return whole / density, means
+        return whole / density, [each / safe for each in parts]
 
     k, mean = sums(drag, *own.T)
     speed = (speed + k[:, None] * np.stack(mean, axis=1)) / (1 + k[:, None])

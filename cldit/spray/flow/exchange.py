@@ -7,8 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats, Ints
+from cldit.spray.flow.advection import mix
 from cldit.spray.flow.rays import RayGrid
 from cldit.spray.numba_typing import compiled
+
+SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
 
 
 @dataclass(frozen=True)
@@ -55,12 +58,34 @@ def gather(at: Places, field: Floats) -> Floats:
     return result
 
 
-def scatter(grid: RayGrid, at: Places, amounts: Floats) -> Floats:
-    """Amounts (N,) of one plume of equal ones, or of all, as a field per volume."""
-    field = np.zeros(grid.shape)
-    _scatter(at.cell, at.weight, amounts, field.reshape(-1))
-    field /= grid.volume_m3 * (grid.copies / max(grid.symmetry, 1))
-    return field
+def scatter(grid: RayGrid, at: Places, *amounts: Floats) -> Floats:
+    """Amounts, each (N,), of one plume of equal ones, or of all, as fields per volume (S, ...).
+
+    A parcel represents droplets around it. So what it gives is spread across the rays by `SPOT`, by
+    what diffuses in a step, which keeps content and sign. Linear weights alone spread it by 0.4
+    cells, so that finer cells would see single parcels.
+    """
+    fields = np.zeros((len(amounts), *grid.shape))
+    for field, amount in zip(fields, amounts, strict=True):
+        _scatter(at.cell, at.weight, amount, field.reshape(-1))
+    fields /= grid.volume_m3 * (grid.copies / max(grid.symmetry, 1))
+    around, down, _ = grid.conductance
+    polar, radius = grid.middle[1:]
+    wide = np.diff(grid.azimuth)[:, None] * np.sin(polar)
+    for axis, conductance, size in ((1, down, np.diff(grid.polar)), (0, around, wide)):
+        if grid.shape[axis] > 1:
+            half = np.broadcast_to(0.5 * np.maximum(SPOT**2 - size**2 / 6, 0.0), grid.shape[:2])
+            mix(
+                fields,
+                grid.volume_m3.copy(),
+                np.zeros(grid.shape),
+                half[:, :, None] * radius**2,
+                conductance,
+                grid.strip_m2 / radius,
+                1.0,
+                axis == 0,
+            )
+    return fields
 
 
 def folded(grid: RayGrid, at: Places, vectors: Floats) -> Floats:

@@ -90,16 +90,20 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
         part = {"plumes": spec.plumes[:1], "injected_mass_kg": spec.injected_mass_kg / equal}
         spec, shares = spec.model_copy(update=part), np.ones(1)
         top, wanted = top / equal, wanted / equal
-    random = np.random.default_rng(spec.seed)
-    drawn = [
-        _hole(spec, fuel, index, share, wanted * share, (times, released), random)
-        for index, share in enumerate(shares)
-        if spec.injected_mass_kg > 0
-    ]
-    columns = [np.concatenate(column) for column in zip(*drawn, strict=True)] or [np.empty(0)] * 4
-    order = np.argsort(columns[0], kind="stable")
-    time, diameter, droplets, hole = (column[order] for column in columns)
-    hole = hole.astype(np.int64)
+    counts = [max(1, round(wanted * share)) for share in shares]
+    counts = counts if spec.injected_mass_kg > 0 else [0] * len(counts)
+    hole = np.repeat(np.arange(len(counts)), counts)
+    level = [(np.arange(count) + 0.5) / count for count in counts]
+    time = np.interp(np.concatenate(level), released, times)
+    order = np.argsort(time, kind="stable")
+    time, hole = time[order], hole[order]
+    even = _even(hole, len(shares), np.random.default_rng(spec.seed))
+    diameter = quantile_m(spec.droplets, even[2], by="mass")
+    if not diameter.max(initial=0.0) < 1e-3:
+        raise SprayError(
+            f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: below 1e-3"
+        )
+    each = fuel.mass_kg(diameter, np.full(len(time), spec.fuel_temperature_K))
     holes = tuple(
         Hole(
             plume_axis(plume),
@@ -107,7 +111,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
         )
         for plume, share in zip(spec.plumes, shares, strict=True)
     )
-    position, direction = _spread(spec, holes, hole, random)
+    position, direction = _spread(spec, holes, hole, even)
     flowing = times[np.flatnonzero(np.diff(released) > 0)]
     return Injection(
         holes=holes,
@@ -119,7 +123,7 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
         time_s=time,
         hole=hole,
         diameter_m=diameter,
-        droplets=droplets,
+        droplets=(shares / np.maximum(counts, 1))[hole] * spec.injected_mass_kg / each,
         position_m=position,
         velocity_m_s=speed * direction,
     )
@@ -141,34 +145,6 @@ def _released(spec: LagrangianSpray) -> tuple[Floats, Floats]:
     return fine, released / released[-1]
 
 
-def _hole(
-    spec: LagrangianSpray,
-    fuel: Fuel,
-    index: int,
-    share: float,
-    wanted: float,
-    release: tuple[Floats, Floats],
-    random: np.random.Generator,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Times, diameters, droplets and hole's index of the parcels of one hole.
-
-    They are one sample of each of equal parts of the mass, in random order. Sampled by number, most
-    parcels would have negligible droplets that vanish immediately, and a few heavy ones all of the
-    effect on the gas.
-    """
-    count = max(1, round(wanted))
-    level = (random.permutation(count) + random.random(count)) / count
-    diameter = quantile_m(spec.droplets, level, by="mass")
-    if not diameter.max() < 1e-3:
-        raise SprayError(
-            f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: below 1e-3"
-        )
-    each = fuel.mass_kg(diameter, spec.fuel_temperature_K)
-    droplets = share * spec.injected_mass_kg / count / each
-    time = np.interp((np.arange(count) + 0.5) / count, release[1], release[0])
-    return time, diameter, droplets, np.full(count, float(index))
-
-
 def plume_axis(plume: Plume) -> Floats:
     """Direction of a plume, a unit vector."""
     inclination, azimuth = np.radians(plume.inclination_deg), np.radians(plume.azimuth_deg)
@@ -177,11 +153,11 @@ def plume_axis(plume: Plume) -> Floats:
 
 
 def _spread(
-    spec: LagrangianSpray, holes: tuple[Hole, ...], hole: Ints, random: np.random.Generator
+    spec: LagrangianSpray, holes: tuple[Hole, ...], hole: Ints, level: Floats
 ) -> tuple[Floats, Floats]:
     """Initial positions, on the discs of the holes, and directions (unit vectors) of the parcels.
 
-    Consecutive parcels of a hole fill its cone uniformly.
+    `level` (2, N) are their places in the cone, radius and angle, from 0 to 1.
     """
     axes = np.array([each.axis for each in holes]).reshape(-1, 3)
     helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
@@ -192,7 +168,6 @@ def _spread(
     # Radius by inversion of the integral of 2 xi profile(xi).
     xi = np.linspace(0.0, 1.0, 400)
     inside = np.concatenate([[0.0], np.cumsum(np.diff(xi**2) * profile(0.5 * (xi[1:] + xi[:-1])))])
-    level = _even(hole, len(holes), random)
     size = np.interp(level[0], inside / inside[-1], xi)
     angle = 2 * np.pi * level[1]
     sideways = np.cos(angle)[:, None] * first[hole] + np.sin(angle)[:, None] * second[hole]
@@ -203,16 +178,16 @@ def _spread(
 
 
 def _even(hole: Ints, holes: int, random: np.random.Generator) -> Floats:
-    """Two numbers from 0 to 1 for each parcel, (2, N).
+    """Three numbers from 0 to 1 for each parcel, (3, N): radius, angle, and size by mass.
 
-    For each hole they are a Kronecker sequence with the plastic number (ratio^3 = ratio + 1) with a
-    random shift, which fills the square more uniformly than random numbers.
+    For each hole they are a Kronecker sequence with a random shift (ratio^4 = ratio + 1), which
+    fills the cube more uniformly than random numbers, at any time.
     """
-    ratio = 1.324717957244746
-    result = np.empty((2, len(hole)))
+    ratio = 1.2207440846057596
+    result = np.empty((3, len(hole)))
     for index in range(holes):
         mine = hole == index
         count = np.arange(np.count_nonzero(mine))
-        for axis in range(2):
+        for axis in range(3):
             result[axis, mine] = (random.random() + count / ratio ** (axis + 1)) % 1.0
     return result

@@ -40,13 +40,24 @@ def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, flo
         aside = position[:, axis] - (position[:, axis] - _CUT * spot).min() + PIXEL_m
         across = int((aside + _CUT * spot).max() / PIXEL_m) + 2
         image = np.zeros((across, rows))
-        _paint(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume / PIXEL_m**2, image)
+        _paint(*_binned(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume), image)
         tops.append(image.max(axis=0))
     far, thin = (
         float(np.mean([_farthest(top, edge) for top in tops]))
         for edge in (PROJECTED_m, THIN_PROJECTED_m)
     )
     return far, thin
+
+
+def _binned(
+    aside: Floats, deep: Floats, spot: Floats, volume: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """One spot for each pixel with parcels: mean place and width, and volume per area."""
+    pixel = aside.astype(np.int64) * (int(deep.max()) + 1) + deep.astype(np.int64)
+    at = np.unique(pixel, return_inverse=True)[1].reshape(-1)
+    whole = np.bincount(at, volume)
+    x, y, wide = (np.bincount(at, volume * each) / whole for each in (aside, deep, spot))
+    return x, y, wide, whole / PIXEL_m**2
 
 
 def _farthest(top: Floats, edge: float) -> float:

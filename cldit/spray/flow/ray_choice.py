@@ -29,7 +29,6 @@ _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
 _FIRST_TIME_S = 1.25e-3
 _FEWEST = 3  # cells between planes of symmetry
-_AROUND = 1.5  # cells there, over those of the spacing: plumes touch there near the hole
 
 
 def symmetry(plumes: tuple[Plume, ...]) -> int:
@@ -48,17 +47,17 @@ def symmetry(plumes: tuple[Plume, ...]) -> int:
 
 def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
     """Grid for the plumes of `spec`; raises SprayError if there are too many cells."""
-    h = spec.box.spacing_m / SPACING_AT_m
+    h = spec.box.cell_m / SPACING_AT_m
     axes = np.array([plume_axis(each) for each in spec.plumes])
     kind = symmetry(spec.plumes)
     radius = _radii(LONGER * h, farthest_m(spec, injection))
     if kind == 0:
-        return round_grid(axes[0], spacing_m=spec.box.spacing_m, far_m=farthest_m(spec, injection))
+        return round_grid(axes[0], spacing_m=spec.box.cell_m, far_m=farthest_m(spec, injection))
     if kind > 1:
         down = np.array([0.0, 0.0, -1.0])
         lean = float(np.arccos(axes[0] @ down))
         polar = _fine(max(lean - _BESIDE, 0.0), lean + _BESIDE, h, 0.0, max(_BEHIND, lean + 0.4))
-        count = max(_FEWEST, int(np.ceil(_AROUND * np.pi / kind * np.sin(lean) / h)))
+        count = max(_FEWEST, int(np.ceil(np.pi / kind * np.sin(lean) / h)))
         azimuth = np.linspace(0.0, np.pi / kind, count + 1)
         return _checked(RayGrid(_frame(down, axes[0]), radius, polar, azimuth, kind), spec)
     # The pole across the injector's axis that is farthest from all plumes.
@@ -93,9 +92,9 @@ def round_grid(axis: Floats, *, spacing_m: float, far_m: float) -> RayGrid:
 def _checked(grid: RayGrid, spec: LagrangianSpray) -> RayGrid:
     cells = float(np.prod(grid.shape))
     if cells > MOST_CELLS:
-        least = spec.box.spacing_m * (cells / MOST_CELLS) ** (1 / 3)
+        least = spec.box.cell_m * (cells / MOST_CELLS) ** (1 / 3)
         raise SprayError(
-            f"spray.box.spacing_m: {spec.box.spacing_m:g} gives {cells:.3g} cells; at least "
+            f"spray.box.spacing_m: {spec.box.cell_m:g} gives {cells:.3g} cells; at least "
             f"{least:.2g}"
         )
     return grid

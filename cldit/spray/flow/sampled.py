@@ -17,6 +17,7 @@ from cldit.spray.result import Cells, Vapour
 
 NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
 SPACING_m = 0.5e-3  # of the lattice, whatever the grid is
+_FAINT = 0.1  # of NEGLIGIBLE, which is added to voxels
 _MOST = 240  # voxels along an axis
 _AVOGADRO = 6.02214076e23
 
@@ -62,6 +63,8 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     x, y, z = (int(n) + 2 for n in np.ceil((high - origin) / spacing_m))
     shape = (x, y, z)
     found = np.zeros((2, *shape))
+    least = _FAINT * NEGLIGIBLE * flow.far_density_kg_m3
+    cosines = _cosines(grid, flow.fuel >= 0.1 * least)
     shells, factor = np.zeros(len(content)), np.ones(len(content))
     for again in (False, True):
         if again:
@@ -71,7 +74,8 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
             (grid.frame, grid.azimuth, grid.polar, grid.radius_m, grid.symmetry),
             flow.fuel,
             flow.temperature_K,
-            1e-2 * NEGLIGIBLE * flow.far_density_kg_m3,
+            least,
+            cosines,
             factor,
             origin,
             spacing_m,
@@ -87,6 +91,20 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
         temperature_K=heat[index] / mass[index],
         molar_mass_kg_mol=fuel.molar_mass_kg_mol,
     )
+
+
+def _cosines(grid: RayGrid, rich: Mask) -> Floats:
+    """Least and largest cosine of the polar angle (2, R) at which a shell, or one beside it, has
+    rich cells (A, P, R), with a cell more on both sides."""
+    any_ = np.asarray(rich.any(axis=0))
+    any_[:, 1:] |= any_[:, :-1].copy()
+    any_[:, :-1] |= any_[:, 1:].copy()
+    count = len(any_)
+    first, last = any_.argmax(axis=0), count - 1 - any_[::-1].argmax(axis=0)
+    some = any_.any(axis=0)
+    low = np.cos(grid.polar[np.minimum(last + 2, count)])
+    high = np.cos(grid.polar[np.maximum(first - 1, 0)])
+    return np.stack([np.where(some, low, 2.0), np.where(some, high, -2.0)])
 
 
 def _bounds(grid: RayGrid, rich: Mask) -> tuple[Floats, Floats]:
@@ -110,6 +128,7 @@ def _fill(
     fuel: Floats,
     temperature: Floats,
     least: float,
+    cosines: Floats,
     factor: Floats,
     origin: Floats,
     spacing: float,
@@ -122,6 +141,7 @@ def _fill(
         grid: frame, azimuth, polar, radius_m and symmetry of a `RayGrid`.
         fuel, temperature: of its cells.
         least: density of vapour below which there is none.
+        cosines: (2, R) bounds of the polar angle's within which each shell has vapour.
         factor: (R,) on what is found in each shell.
         origin, spacing: of the voxels.
         shells: (R,) sum of what is found without the factor; added to.
@@ -141,8 +161,19 @@ def _fill(
                 away = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
                 if away > radius[nr] + spacing:
                     continue
+                if away > 8 * spacing:
+                    up = 0.0
+                    for a in range(3):
+                        up += frame[2, a] * p[a]
+                    shell = min(max(np.searchsorted(radius, away) - 1, 0), nr - 1)
+                    slack = spacing / away
+                    up /= away
+                    if up < cosines[0, shell] - slack or up > cosines[1, shell] + slack:
+                        continue
                 # A voxel near the tip is wider than the plumes there.
-                points = 2 if away > 8 * spacing else 6
+                points = 6
+                if away > 8 * spacing:
+                    points = 2 if away < 30 * spacing else 1
                 part = (spacing / points) ** 3
                 near = away <= 8 * spacing
                 for n in range(-1, points**3):
@@ -181,7 +212,7 @@ def _fill(
                         mass += here
                         heat += here * warm[cell[c]]
                     if n < 0:
-                        if mass < 1e-2 * least:
+                        if mass < 0.1 * least:
                             break
                         continue
                     if mass < least:

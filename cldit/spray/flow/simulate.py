@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from itertools import groupby
@@ -104,7 +105,6 @@ class _State:
         )
         model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
         self.liquid = LiquidModel(fuel=self.fuel, carrier=carrier, model=model)
-        self.random = np.random.default_rng([spec.seed, 1])
         droplet = np.full(1, spec.fuel_temperature_K)
         self.each_kg = self.fuel.mass_kg(self.injection.diameter_m, droplet)
         self.cloud = _born(self.injection, self.each_kg, spec, 0, 0, 0.0)
@@ -121,18 +121,23 @@ class _State:
 
     @property
     def longest_step_s(self) -> float:
-        """Time step in which the parcels fly by `REACH_m` at most."""
-        fastest = float(np.linalg.norm(self.cloud.velocity_m_s, axis=1).max(initial=0.0))
+        """Time step in which the parcels fly by `REACH_m` at most: that of the injection's speed,
+        doubled when they are half as fast, so that it is the same on different grids."""
+        first = REACH_m / self.injection.speed_m_s
         if self.time_s < self.injection.end_s:
-            fastest = max(fastest, self.injection.speed_m_s)
-        return min(REACH_m / max(fastest, 1e-9), LONGEST_STEP_S)
+            return min(first, LONGEST_STEP_S)
+        fastest = float(np.linalg.norm(self.cloud.velocity_m_s, axis=1).max(initial=0.0))
+        doubled = math.floor(math.log2(self.injection.speed_m_s / max(fastest, 1e-9)))
+        return min(first * 2.0 ** max(doubled, 0), LONGEST_STEP_S)
 
     def step(self, step_s: float) -> None:
         """Advances parcels and gas."""
         flow, injection = self.flow, self.injection
         until = int(np.searchsorted(injection.time_s, self.time_s + step_s, side="left"))
         if len(self.cloud.mass_kg):
-            moved, gain = move(self.cloud, flow, self.liquid, step_s=step_s, random=self.random)
+            first = round(self.time_s / min(REACH_m / injection.speed_m_s, LONGEST_STEP_S))
+            random = np.random.default_rng([self.spec.seed, 1, first])
+            moved, gain = move(self.cloud, flow, self.liquid, step_s=step_s, random=random)
             self.station.watch(self.cloud, moved, self.fuel)
             flow.proceed(step_s, mass=gain.mass, enthalpy=gain.enthalpy, momentum=gain.momentum)
             inside = flow.grid.contains(moved.position_m)
@@ -179,8 +184,8 @@ class _State:
             "flow_coefficient": self.injection.flow_coefficient,
             "pressure_Pa": flow.pressure_Pa,
             "steps": float(self.steps),
-            "equal_plumes": float(self.alike),
-            "gas_spacing_m": spec.box.spacing_m,
+            "gas_spacing_m": spec.box.cell_m,
+            "equal_plumes": float(max(flow.grid.symmetry, 1)),
             "grid_cells": float(np.prod(flow.grid.shape)),
         }
         remarks: tuple[str, ...] = ()
@@ -240,6 +245,7 @@ def _born(
         temperature_K=np.full(last - first, spec.fuel_temperature_K),
         droplets=injection.droplets[new],
         hole=injection.hole[new],
+        number=np.arange(first, last),
         position_m=injection.position_m[new] + flown,
         velocity_m_s=velocity,
     )

@@ -20,6 +20,7 @@ from cldit.accuracy.sources.discretisation import spectral_K
 from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
+from cldit.scene.spray import ConeSpray
 
 NOTHING: Any = None
 
@@ -28,6 +29,8 @@ def scene_of(name: str = "gdi", **sections: dict[str, Any]) -> Scene:
     """A shipped scene with one ray a pixel."""
     data = load_scene(name).model_dump(mode="json")
     data["camera"]["rays_per_pixel"] = 1
+    if name == "gdi-flow":
+        data["spray"]["box"]["spacing_m"] = 1e-3  # given: the gas grid is not free
     for section, values in sections.items():
         data[section].update(values)
     return parse_scene(data)
@@ -225,7 +228,7 @@ def test_fixed_keys_stay() -> None:
     scene = scene_of(spray={"size_classes": 7, "spacing_m": 0.7e-3})
     before = allocation_of(scene)
     assert before.beside_cells(scene, 0.1, {"size classes": 5.0, "gas grid": 5.0}) is before
-    assert first(scene).cone(scene) == scene.spray
+    assert first(scene).spray(scene) == scene.spray
 
 
 def test_a_lattice_for_what_the_cells_leave() -> None:
@@ -325,8 +328,8 @@ def test_any_edge_is_a_cell_of_the_cube(spacing_m: float) -> None:
     assert resolution.cube_m / 2**resolution.depth == pytest.approx(spacing_m, rel=1e-12)
     assert resolution.domain_m * (1 - 1e-8) <= resolution.cube_m < 2 * resolution.domain_m
     assert resolution.at_depth(resolution.depth) == resolution
-    cone = resolution.cone(scene_of())
-    assert cone is not None and cone.spacing_m == spacing_m
+    cone = resolution.spray(scene_of())
+    assert isinstance(cone, ConeSpray) and cone.spacing_m == spacing_m
 
 
 def test_memory_makes_lattice_and_cells_coarser_together() -> None:

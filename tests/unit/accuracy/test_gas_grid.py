@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.accuracy.errors import Cause, Errors, Estimate
+from cldit.accuracy.errors import Errors
 from cldit.accuracy.image_pair import ImageDifference
 from cldit.accuracy.remarks import too_large
 from cldit.accuracy.sources.base import Measurement
@@ -19,7 +19,6 @@ from cldit.accuracy.sources.gas_grid import (
     ORDER,
     Rest,
     coarser_gas,
-    without_chance,
 )
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
@@ -83,7 +82,7 @@ def test_the_same_spray_on_cells_twice_as_large() -> None:
         found = coarser_gas(prepared(vapour(long=48), made), spec, up)
         assert not isinstance(found, str)
         other = asked.pop()
-        assert other.box.spacing_m == up * spec.box.spacing_m
+        assert other.box.spacing_m == up * spec.box.cell_m
         data = other.model_dump()
         data["box"]["spacing_m"] = spec.box.spacing_m
         assert data == spec.model_dump()
@@ -154,37 +153,24 @@ def _both(one: CellSource, other: CellSource) -> CellSource:
     )
 
 
-def test_chance_is_taken_out_where_it_is_the_smaller_part() -> None:
-    """9 K and 1.5 K for each of two sprays: the root of 81 - 2 x 2.25, and the map with it."""
-    less, how = without_chance(difference(9.0), 1.5)
-    assert less.error_K == pytest.approx(76.5**0.5) == pytest.approx(less.map_K[0, 0])
-    assert "subtracted" in how
-    for sampling_K in (None, 4.6):  # 2 x 4.6^2 is more than half of 81
-        whole, how = without_chance(difference(9.0), sampling_K)
-        assert whole.error_K == 9.0 and how.startswith("at most")
-    assert without_chance(difference(None), 1.0)[0].error_K is None
-
-
 @pytest.mark.parametrize(
-    ("steps_K", "sampling_K", "factor"),
+    ("steps_K", "factor"),
     [
-        ((4.0, 8.0, 12.0), 0.0, 1.0),  # 4 C h and 8 C h, all of one sign: Richardson's, order 1
-        ((3.0, 12.0, 15.0), 0.0, 1 / 3),  # order 2
-        ((18.0**0.5, 66.0**0.5, 146.0**0.5), 1.0, 1.0),  # 4, 8, 12 and 2 K^2 of chance in each
-        ((4.0, 8.0, 80.0**0.5), 0.0, 3**-0.5),  # unrelated: 1/4 + 1/16 + ..
-        ((4.0, 8.0, 4.0), 0.0, 3**-0.5),  # of opposite sign: not less than unrelated
-        ((1.0, 8.0, 9.0), 0.0, 1 / 3),  # faster than by second order
-        ((15.2, 17.7, 32.9), 0.0, "steps are 18 and 15 K"),  # hardly smaller on smaller cells
-        ((4.0, 8.0, 12.0), 2.1, "chance may contribute"),
-        ((4.0, 8.0, 12.0), None, "unknown"),
-        ((None, 8.0, 12.0), 1.0, "unknown"),
-        ((0.0, 0.0, 0.0), 0.0, "unknown"),
+        ((4.0, 8.0, 12.0), 1.0),  # 4 C h and 8 C h, all of one sign: Richardson's, order 1
+        ((3.0, 12.0, 15.0), 1 / 3),  # order 2
+        ((4.0, 8.0, 80.0**0.5), 3**-0.5),  # unrelated: 1/4 + 1/16 + ..
+        ((4.0, 8.0, 4.0), 3**-0.5),  # of opposite sign: not more than unrelated
+        ((1.0, 8.0, 9.0), 1 / 3),  # faster than by second order
+        ((15.2, 17.7, 32.9), "steps are 18 and 15 K"),  # hardly smaller on smaller cells
+        ((None, 8.0, 12.0), "unknown"),
+        ((0.0, 0.0, 0.0), "unknown"),
     ],
 )
 def test_the_steps_that_are_left_are_summed(
-    steps_K: tuple[float | None, ...], sampling_K: float | None, factor: float | str
+    steps_K: tuple[float | None, float | None, float | None], factor: float | str
 ) -> None:
-    found = Rest.of(steps_K, sampling_K)
+    last_K, before_K, both_K = steps_K
+    found = Rest.of(last_K, before_K, both_K)
     if isinstance(factor, float):
         assert isinstance(found, Rest) and found.factor == pytest.approx(factor)
     else:
@@ -235,13 +221,13 @@ def errors_of(
 ) -> Errors:
     prepared = SimpleNamespace(
         cone=None,
+        spec=scene().spray,
         made=SimpleNamespace(parcels=None),
         spray=SimpleNamespace(vapour=gas),
         variant=lambda name, _: {TWICE: gas, FOUR: more}[name],
     )
     tracer: Any = Tracer(prepared, {TWICE: once_K, FOUR: twice_K})
     at = Measurement(scene(), tracer, Stages(None), depth=6, coarse=5)
-    at.found["parcels"] = [Estimate(Cause("parcels", 0.0, ""))]
     return Errors.of(one.cause for one in GAS_GRID.estimate(at))
 
 
@@ -267,7 +253,9 @@ def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
     def stated(gas: Vapour) -> Errors:
         made = SimpleNamespace(vapour=gas, parcels=None)
         case = Spray(vapour=gas)
-        prepared = SimpleNamespace(cone=None, made=made, spray=case, sources_of=lambda one: one)
+        prepared = SimpleNamespace(
+            cone=None, spec=None, made=made, spray=case, sources_of=lambda one: one
+        )
         averaged = "gas averaged over cells {} as large"
         images: Any = {averaged.format("twice"): 509.0, averaged.format("four times"): 545.0}
         of: Any = SimpleNamespace(spray=None)
@@ -291,10 +279,11 @@ def test_without_an_order_the_step_is_a_lower_bound(more: Any, twice_K: float) -
     assert errors.unknown == (ORDER,) and errors.text == "at least 9 K"
 
 
+SPEC = {"model": "lagrangian", "box": {"spacing_m": H}}
+
+
 def scene() -> Scene:
-    return parse_scene(
-        {"name": "s", "spray": {"model": "lagrangian"}, "optics": {"compare_paper": False}}
-    )
+    return parse_scene({"name": "s", "spray": SPEC, "optics": {"compare_paper": False}})
 
 
 def test_two_more_sprays_are_made_for_the_estimate_alone(

@@ -22,9 +22,9 @@ def tried_m(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Lattices that were asked for, of a cone that suits those of 0.14 to 0.8 mm."""
     tried: list[float] = []
 
-    def prepare(*_: Any, cone: ConeSpray, **__: Any) -> Any:
-        tried.append(cone.lattice_m)
-        if not 0.14e-3 <= cone.lattice_m <= 0.8e-3:
+    def prepare(*_: Any, spec: ConeSpray, **__: Any) -> Any:
+        tried.append(spec.lattice_m)
+        if not 0.14e-3 <= spec.lattice_m <= 0.8e-3:
             raise SprayError("spray.spacing_m: does not suit a plume")
         return object()
 

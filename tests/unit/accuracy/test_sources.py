@@ -48,7 +48,7 @@ def test_a_key_fixes_its_source_alone(name: str, key: str, value: Any) -> None:
 @pytest.mark.parametrize("name", cldit.shipped_scenes())
 def test_every_free_source_can_be_refined(name: str) -> None:
     scene = load_scene(name)
-    first = Resolution.first(scene, ordinates_K=0.5, spectral_K=0.5).at_depth(6)
+    first = Resolution.first(scene, ordinates_K=4.0, spectral_K=0.5).at_depth(6)
     for source in SOURCES:
         if source.is_free(scene):
             assert source.cost_power > 0.0 and source.key(scene) == ""

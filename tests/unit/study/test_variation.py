@@ -77,7 +77,7 @@ def test_seeds_and_cells_reach_the_scene() -> None:
     assert coarse.domain.leaf_edge_m == 2 * normal.domain.leaf_edge_m  # type: ignore[operator]
     scene, fine = coarse.spray, normal.spray
     assert (scene.seed, fine.seed) == (4, 1)  # type: ignore[union-attr]
-    assert scene.box.spacing_m == 2 * fine.box.spacing_m  # type: ignore[union-attr]
+    assert scene.box.spacing_m == 2 * fine.box.cell_m  # type: ignore[union-attr]
 
 
 def test_studies_by_figure() -> None:

@@ -60,6 +60,7 @@ def test_mass_momentum_and_energy_of_a_spray(kind: str, name: str) -> None:
         temperature_K=warm,
         droplets=injection.droplets,
         hole=injection.hole,
+        number=np.arange(len(warm)),
         position_m=injection.position_m + ahead * injection.velocity_m_s,
         velocity_m_s=injection.velocity_m_s * 0.4,  # none gets to a wall within the time
     )

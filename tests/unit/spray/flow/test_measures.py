@@ -106,6 +106,7 @@ def test_the_station_counts_what_passes_once() -> None:
             temperature_K=warm,
             droplets=np.arange(1.0, count + 1),
             hole=np.zeros(count, dtype=np.int64),
+            number=np.arange(count),
             position_m=np.stack([*np.zeros((2, count)), -1e-3 * np.array(depth_mm)], axis=1),
             velocity_m_s=np.zeros((count, 3)),
         )
