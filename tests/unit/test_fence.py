@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3702,
+    "accuracy": 3719,
     "acquisition": 5365,
     "api": 1113,
     "bench": 1025,
@@ -36,13 +36,13 @@ BUDGETS: dict[str, int] = {
     "kernels": 2960,
     "medium": 1845,
     "optics": 3490,
-    "prepare": 999,
+    "prepare": 1004,
     "radiance": 784,
     "rig": 1705,
     "run": 2258,
-    "scene": 2118,
+    "scene": 2135,
     "show": 7055,
-    "spray": 7088,
+    "spray": 7135,
     "study": 3074,
     "testing": 1324,
     "transport": 7284,

@@ -160,6 +160,7 @@ def test_command_of_some_scenes_names_them() -> None:
         "asked_K": (4.0,),
         "seeds": 5,
         "out": Path("docs"),
+        "suffix": None,
         "device": None,
     }
     asked = Options(**options, budget_scenes=("gdi", "droplets-only"))
