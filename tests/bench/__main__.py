@@ -22,6 +22,7 @@ MEASUREMENTS = (
     "live_timing",
     "memory",
     "mutations",
+    "named_changes",
     "optics",
     "pixel_sampling",
     "proof",

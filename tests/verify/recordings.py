@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,9 @@ from cldit.camera.sensor import SensorModel
 from cldit.comparison.shown import Shown, recorded
 from cldit.dit.recorded import evaluate_shots
 from cldit.radiance.boundary import Surroundings, camera_radiance
+from cldit.radiance.weights import Weights
 from cldit.run import Run
+from cldit.run.ensemble import member_folder
 from drivers.simulated_scene import SceneSettings, _Loaded
 from tests.verify.evaluation_bias import Recorded, Shot
 
@@ -18,9 +21,15 @@ READING_K = 0.02  # noise of the black body's reading
 
 
 def recording(run: Run, *, seed: int) -> Shown:
-    """Evaluated recording of a run: shots with scatter of the spray, camera and readings."""
+    """Evaluated recording of a run: shots with scatter of the spray, camera and readings.
+
+    Each shot of an ensemble is one of its injections, drawn at random.
+    """
     assert run.folder is not None
     bench = _Loaded.read(run.folder, SceneSettings(run=run.folder))
+    drawn = range(0 if run.ensemble is None else run.ensemble.members)
+    members = [member_folder(run.folder, 1 + number) for number in drawn]
+    sprays = [_Loaded.read(one, SceneSettings(run=one)) for one in members] or [bench]
     rng = np.random.default_rng(seed)
     bare = [bench.reference] * len(bench.boundaries)
     backgrounds_K = run.scene.background.temperatures_K
@@ -34,7 +43,9 @@ def recording(run: Run, *, seed: int) -> Shown:
             ("injection", run.scene.plan.shots),
         ):
             for number in range(count):
-                weights = bare if kind == "reference" else bench.shot(rng)
+                weights: Sequence[Weights] = bare
+                if kind == "injection":
+                    weights = sprays[rng.integers(len(sprays)) if drawn else 0].shot(rng)
                 light = camera_radiance(weights, bench.boundaries, background_K=background_K)
                 shots.append(
                     Shot(
