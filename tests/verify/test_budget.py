@@ -140,7 +140,7 @@ def test_errors_are_kept(tmp_path: Path) -> None:
     Its fixed cells are so coarse that they show no order of convergence: "at least"."""
     data: dict[str, Any] = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["camera"]["pixels"] = [32, 32]
-    data["domain"]["leaf_edge_m"] = 4e-3
+    data["domain"]["leaf_edge_m"] = 8e-3
     run = cldit.simulate(cldit.parse_scene(data), tmp_path / "run")
     assert run.errors is not None and run.errors.unknown == ("order of the cells",)
     assert by_name(run.errors)["gas grid"]
