@@ -19,6 +19,7 @@ def test_spectral_run_says_how_far_it_is_from_the_paper(tmp_path: Path) -> None:
     data = cldit.load_scene("gdi").model_dump(mode="json")
     data["camera"]["pixels"] = [40, 40]
     data["domain"]["leaf_edge_m"] = 4e-3
+    data["optics"]["wavelengths"] = 3
     scene = tmp_path / "small.yaml"
     scene.write_text(yaml.safe_dump(data))
     folder = tmp_path / "spectral"

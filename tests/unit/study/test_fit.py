@@ -38,7 +38,7 @@ def scene() -> Scene:
             "spray.spacing_m": 2e-3,
             "spray.scatter.optical_depth": 0.0,
             "transport.audit": False,
-            "transport.accuracy_K": 0.2,
+            "transport.accuracy_K": 0.05,
             "plan": {"shots": 8, "references": 8},
             "background.temperatures_K": [413.0, 473.0, 533.0],
         }
