@@ -11,8 +11,8 @@ from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 _FIRST_LATTICE_m = 1e-3
-# Cells of a computed gas to begin with, per kelvin asked (docs/spray.md), and their limits: a
-# spray on half of the finest takes ten times as long.
+# Cells of a computed gas to begin with, per kelvin asked (docs/benchmarks/error-sources.md), and
+# their limits: half the cells take 3 to 12 times as long.
 _GAS_PER_K, _FINEST_GAS_m, _COARSEST_GAS_m = 0.145e-3, 0.35e-3, 2e-3
 _FINEST_GAS = (
     f"a run chooses no gas cells below {1e3 * _FINEST_GAS_m:g} mm by itself, for the spray alone "
@@ -118,15 +118,13 @@ class Resolution:
         return cls(**read, **{key: data[key] for key in _LATER if key in data})
 
 
+_LATER = ("more_ordinates", "pixels_K", "gas_m")  # not in runs of 0.1.0
 _STORED = {
     "trace_K": "ordinates_K",
     "lattice_of_m": "cube_m",
     **{name: name for name in ("spectral_K", "size_classes", "spacing_m", "domain_m", "depth")},
-    "more_ordinates": "more_ordinates",
-    "pixels_K": "pixels_K",
-    "gas_m": "gas_m",
+    **{name: name for name in _LATER},
 }  # attributes by their keys
-_LATER = ("more_ordinates", "pixels_K", "gas_m")  # not in runs of 0.1.0
 
 
 def cells_are_free(scene: Scene) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -134,7 +134,7 @@ class Difference:
         one, other = (shape_of(each) for each in self.seen)
         return {name: (value, other[name]) for name, value in one.items()}
 
-    @property
+    @cached_property
     def profiles(self) -> dict[str, LineDifference]:
         """Profiles of both along the spray's axis and across it, with errors."""
         spray = seen_in_both(*self.seen)

@@ -53,7 +53,7 @@ def model_of(run: Run) -> Model:
 
 
 def needed(data: Model, model: Model) -> str:
-    """Injections that would tell the data and the model apart, or what stands in the way."""
+    """Number of injections that would separate the data from the model, or why none would."""
     known_K, rig = data.run.scene.background.temperatures_K, data.run.scene.rig
     blackbody = BlackBody(
         limits_K=(min(known_K), max(known_K)),
