@@ -7,6 +7,8 @@ from importlib import resources
 
 from cldit.errors import KernelError
 
+_LINE = re.compile(r'#line (\d+) "([^"]+)"')
+_COUNTED = re.compile(r"<kernel>:(\d+)")
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$')
 
 
@@ -21,9 +23,26 @@ def read_source(name: str) -> str:
 def assemble(name: str) -> str:
     """The source of a kernel with every `#include "x.h"` replaced by the file, once each.
 
-    `#line` directives make the compiler's messages name the right file and line.
+    `#line` directives make the compiler's messages name the right file and line; what a compiler
+    says of a line that it has counted itself is put right by `with_files`.
     """
     return "\n".join(_expand(name, read_source(name), set())) + "\n"
+
+
+def with_files(log: str, source: str) -> str:
+    """Replaces `<kernel>:N`, NVIDIA's name of a source's line N, by the file and its line."""
+    places, file, number = ["<kernel>:0"], "<kernel>", 0
+    for line in source.splitlines():
+        number += 1
+        places.append(f"{file}:{number}")
+        if named := _LINE.match(line):
+            file, number = named.group(2), int(named.group(1)) - 1
+    return _COUNTED.sub(
+        lambda found: (
+            places[int(found.group(1))] if int(found.group(1)) < len(places) else found.group()
+        ),
+        log,
+    )
 
 
 def _expand(name: str, text: str, seen: set[str]) -> list[str]:

@@ -15,7 +15,7 @@ import pyopencl as cl
 from cldit.errors import KernelError
 from cldit.gpu.compilation import Compiled, compiled
 from cldit.gpu.device import Device
-from cldit.gpu.kernel_source import assemble
+from cldit.gpu.kernel_source import assemble, with_files
 from cldit.gpu.pocl import check_room
 from cldit.gpu.signature import Signature
 
@@ -137,7 +137,8 @@ def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
         built = compiled(device, source, options)
     except cl.Error as error:
         hint = _OLD_POCL if "unknown target CPU" in str(error) else ""
-        raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{error}{hint}") from error
+        log = with_files(str(error), source)
+        raise KernelError(f"kernels/{name} with {' '.join(options)}:\n{log}{hint}") from error
     return Program(
         device=device,
         name=name,

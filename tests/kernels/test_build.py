@@ -11,7 +11,7 @@ from filelock import FileLock, Timeout
 from cldit.errors import KernelError
 from cldit.gpu import compilation, kernel_source
 from cldit.gpu.device import Device
-from cldit.gpu.kernel_source import assemble
+from cldit.gpu.kernel_source import assemble, with_files
 from cldit.gpu.program import build
 
 
@@ -62,6 +62,17 @@ def test_compiler_errors_name_the_kernel_file(
     monkeypatch.setattr(kernel_source, "read_source", broken)
     with pytest.raises(KernelError, match=r"kernels/real\.h:3"):
         build(device, "count.cl", {"BOUNDARY_DISC": 1, "CAMERA_PINHOLE": 1})
+
+
+def test_lines_that_a_compiler_counts_itself_are_named_by_file() -> None:
+    """NVIDIA's ignores `#line`: line 47 of the whole text was line 3 of real.h."""
+    source = assemble("count.cl")
+    line = source.splitlines().index('#line 1 "kernels/real.h"') + 4
+    log = f"<kernel>:{line}:1: error: unknown type\n<kernel>:99999:1: error"
+    assert (
+        with_files(log, source)
+        == "kernels/real.h:3:1: error: unknown type\n<kernel>:99999:1: error"
+    )
 
 
 def test_what_was_built_is_built_once_a_device(device: Device) -> None:

@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3719,
+    "accuracy": 3717,
     "acquisition": 5365,
     "api": 1113,
     "bench": 1025,
@@ -31,7 +31,7 @@ BUDGETS: dict[str, int] = {
     "comparison": 1903,
     "dit": 6095,
     "drivers": 5643,
-    "gpu": 1041,
+    "gpu": 1061,
     "io": 1881,
     "kernels": 2960,
     "medium": 1845,
