@@ -50,10 +50,14 @@ def study(
     """Run the paper's study NAME, or all; or a sweep over the scene NAME (gdi) with --grid.
 
     \b
-    Names, or figures of the paper (fig12):
-      methane, optics, visible, camera, conditions, order, walls,
-      sizes, index, vapour, evaporation, models,
-      fuel-temperature
+    By name, or by figure (fig12):
+      methane           fig2          order             fig9
+      optics            fig3, fig4    walls             fig10
+      visible           fig5          sizes             fig11
+      camera            fig6          index             fig12
+      conditions        fig7, fig8    vapour            fig13
+      evaporation       fig14         models            fig14
+      fuel-temperature  fig15
 
     --grid "walls.temperature_K=300:600:25,fuel.temperature_K=330,350,370": all combinations;
     start:stop:step includes the stop.

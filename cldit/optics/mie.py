@@ -161,9 +161,9 @@ def _solve(*, n: float, k: float, x: Floats, spacing: float = 0.0) -> _Series:
             before, psi = psi, factor * psi - before
         else:
             before, psi = psi, psi / (outer[order] + order / x)
-        chi_before, chi = chi, factor * chi - chi_before
-        here = _Order(order, x, psi - 1j * chi, before - 1j * chi_before)
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # of orders that a sphere does not need
+            chi_before, chi = chi, factor * chi - chi_before
+            here = _Order(order, x, psi - 1j * chi, before - 1j * chi_before)
             for power, found in ((-1, a), (1, b)):
                 matched = inner[order] * m**power
                 wave = here.wave(matched)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -48,6 +48,16 @@ _QUICK_SPRAY: dict[str, Any] = {
 }
 
 
+def open_for(duration_s: float) -> dict[str, float]:
+    """Values of `gdi` with an injection of another duration at the same rate."""
+    spray = load_scene("gdi").spray
+    assert isinstance(spray, ConeSpray)
+    return {
+        "spray.injection_duration_s": duration_s,
+        "spray.injected_mass_kg": spray.injected_mass_kg / spray.injection_duration_s * duration_s,
+    }
+
+
 @dataclass(frozen=True)
 class Lab:
     """Runs and sprays of scenes, from the cache if they are there.
@@ -70,11 +80,8 @@ class Lab:
         """Gasoline spray of the paper, called `name`, with some `values` changed (dotted keys)."""
         base = load_scene("gdi")
         assert isinstance(base.spray, ConeSpray)
-        rate_kg_s = base.spray.injected_mass_kg / base.spray.injection_duration_s
         spray = {
             "model": "lagrangian",
-            "injection_duration_s": _OPEN_s,
-            "injected_mass_kg": rate_kg_s * _OPEN_s,
             "plumes": base.spray.model_dump(include={"plumes"})["plumes"],
         }
         fixed = {
@@ -82,6 +89,7 @@ class Lab:
             "description": "",
             "spray": {**spray, "droplets_per_parcel": _PARCELS, "seed": self.seed},
             "walls.temperature_K": _WALLS_K,
+            **open_for(_OPEN_s),
             **_COMPARED,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
@@ -107,10 +115,10 @@ class Lab:
             **{key: self.coarser * width for key, width in widths.items() if width is not None}
         )
 
-    def run(self, scene: Scene) -> Run:
-        """Run of a scene, from the cache if it is there."""
+    def run(self, scene: Scene, *, spray: Callable[[], Spray] | None = None) -> Run:
+        """Run of a scene, from the cache if it is there; `spray` makes its spray."""
         self._note(scene)
-        return self.runs.run(scene, device=self.device, progress=self.say)
+        return self.runs.run(scene, device=self.device, spray=spray, progress=self.say)
 
     def spray(self, scene: Scene) -> Spray:
         """Spray of a scene, from the cache if it is there."""

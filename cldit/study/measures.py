@@ -114,7 +114,7 @@ def droplets_K(spray: Spray, *, within_m: float | None = None) -> float:
     parcels = spray.parcels
     if parcels is None or not len(parcels.diameter_m):
         return float("nan")
-    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
+    mass = parcels.masses_kg
     if within_m is not None:
         mass = mass * (np.linalg.norm(parcels.position_m, axis=1) < within_m)
     return float(np.average(parcels.temperature_K, weights=mass)) if mass.any() else float("nan")

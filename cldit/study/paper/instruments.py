@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
 from cldit.optics.droplets import droplet_table
@@ -16,16 +20,15 @@ from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
 from cldit.run import Run
 from cldit.scene import Scene
 from cldit.scene.sizes import Monodisperse
-from cldit.show.figures.colours import COUNTS
+from cldit.show.figures.colours import COUNTS, NEGATIVE
 from cldit.show.figures.maps import frame_of
 from cldit.show.figures.optics_figures import optics_figure
-from cldit.show.figures.panels import Panel, joined, panels_figure
+from cldit.show.figures.panels import Frame, Panel, joined, panels_figure, window_around
 from cldit.show.report.optics_summary import FIG4, scene_optics
-from cldit.show.report.spray_report import liquid_mass, mass_panel
 from cldit.spray.result import Spray
 from cldit.spray.sizes import mean_diameter_m
 from cldit.study.lab import Lab
-from cldit.study.measures import mean_K, root, visible
+from cldit.study.measures import mean_K, root, spray_of, visible
 from cldit.study.page import Row
 from cldit.study.paper.found import Found
 
@@ -82,37 +85,76 @@ def optics(lab: Lab) -> Found:
 # MPa, K: pressure alone, temperature alone, and the corners
 _CONDITIONS = ((0.15, 300.0), (0.6, 300.0), (0.3, 500.0), (0.6, 570.0), (0.9, 620.0))
 _TOLD = ((0.15, 300.0), (0.6, 300.0), (0.6, 570.0), (0.9, 620.0))
-_WITHIN = 0.97  # of the liquid's mass
+_WITHIN = 0.97  # of the light, or of the liquid's mass
+_SIDE_M = 0.2  # of the enclosure, one side of which is the lamp
+# Green light, which n-heptane does not absorb (n at 20 C), seen without perspective.
+_LIGHT: dict[str, Any] = {
+    "optics.wavelength_um": 0.55,
+    "optics.filter_um": [0.54, 0.56],
+    "optics.n": 1.388,
+    "optics.k": 1e-7,
+    "optics.vapour_m2_mol": 0.0,
+    "transport.phase": "mie",
+    "transport.directions": 48,
+    "transport.gather": False,
+    "domain.edge_m": _SIDE_M,
+    "domain.centre_m": [0.0, 0.0, 0.0],
+    "camera.model": "orthographic",
+    "camera.target_m": [0.0, 0.0, 0.0],
+    "patches": [
+        {
+            "name": "lamp",
+            "shape": "rectangle",
+            "centre_m": [0.4999 * _SIDE_M, 0.0, 0.0],
+            "facing": [-1.0, 0.0, 0.0],
+            "size_m": [_SIDE_M, _SIDE_M],
+            "temperature_K": 300.0,  # of no effect: light is a weight of the trace
+        }
+    ],
+}
 
 
-def projected_m(spray: Spray) -> float:
-    """Radius of the circle, seen from below, that contains 97 % of the liquid's mass."""
-    if spray.parcels is None or not len(spray.parcels.diameter_m):
-        return float("nan")
-    parcels = spray.parcels
-    mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
-    radius = np.hypot(parcels.position_m[:, 0], parcels.position_m[:, 1])
-    order = np.argsort(radius)
-    share = np.cumsum(mass[order]) / mass.sum()
-    return float(radius[order][np.searchsorted(share, _WITHIN)])
+def within_m(radius_m: Floats, amount: Floats) -> float:
+    """Radius of the circle that contains 97 % of an amount at radii, both (N,)."""
+    order = np.argsort(radius_m)
+    share = np.cumsum(amount[order]) / amount.sum()
+    return float(radius_m[order][np.searchsorted(share, _WITHIN)])
+
+
+def from_below(spray: Spray) -> Spray:
+    """The droplets as mirrored to the plane of the camera, which sees them from below.
+
+    Up is y and right is x, as in drawings of an injector.
+    """
+    assert spray.parcels is not None
+    place = spray.parcels.position_m[:, [0, 2, 1]]
+    return Spray(parcels=replace(spray.parcels, position_m=place, velocity_m_s=None))
 
 
 def visible_light(lab: Lab) -> Found:
-    """Sprays alone, 1.5 ms after the start: nothing is traced."""
-    sprays: dict[str, Spray] = {}
+    """Light of a lamp that droplets scatter to a camera below, 1.5 ms after the start."""
+    seen: dict[str, tuple[Floats, Frame]] = {}
     rows: list[Row] = []
     reach: dict[tuple[float, float], float] = {}
     for pressure_MPa, gas_K in _CONDITIONS:
         gas = f"{pressure_MPa:g} MPa, {gas_K:g} K"
         ambient = {"pressure_Pa": pressure_MPa * 1e6, "temperature_K": gas_K}
-        values = {"spray.time_s": 1.5e-3, "spray.ambient": ambient}
+        values = {"spray.time_s": 1.5e-3, "spray.ambient": ambient, **_LIGHT}
         scene = lab.gdi(f"visible-{pressure_MPa:g}MPa-{gas_K:g}K", values)
-        spray = sprays[gas] = lab.spray(scene)
-        reach[pressure_MPa, gas_K] = projected_m(spray) * 1e3
+        spray = lab.spray(scene)
+        run = lab.run(scene, spray=partial(from_below, spray))
+        light = run.weights.patches["lamp"].astype(float)
+        seen[gas] = light, replace(frame_of(scene), axes=("x", "y"))
+        pixels = spray_of(run)
+        light_m = within_m(np.hypot(pixels.x_m, pixels.z_m).ravel(), light.ravel())
+        reach[pressure_MPa, gas_K] = light_m * 1e3
+        assert spray.parcels is not None
+        radius_m = np.hypot(*spray.parcels.position_m[:, :2].T)
         rows.append(
             {
                 "gas": gas,
-                "projected penetration / mm": projected_m(spray) * 1e3,
+                "projected penetration of the light / mm": light_m * 1e3,
+                "of the liquid / mm": within_m(radius_m, spray.parcels.masses_kg) * 1e3,
                 "penetration / mm": spray.notes["liquid_penetration_m"] * 1e3,
                 "vapour penetration / mm": spray.notes["vapour_penetration_m"] * 1e3,
                 "liquid / mg": spray.notes["liquid_mass_kg"] * 1e6,
@@ -120,35 +162,43 @@ def visible_light(lab: Lab) -> Found:
             }
         )
 
-    def seen(at: tuple[float, float]) -> str:
+    def told(at: tuple[float, float]) -> str:
         row = rows[_CONDITIONS.index(at)]
         liquid_mg, vapour_mg = float(row["liquid / mg"]), float(row["vapour / mg"])
         return (
-            f"{float(row['projected penetration / mm']):.1f} mm at {row['gas']}, with "
+            f"{float(row['projected penetration of the light / mm']):.1f} mm at {row['gas']}, with "
             f"{100 * liquid_mg / (liquid_mg + vapour_mg):.0f} % of the fuel still liquid"
         )
 
-    *most, last = (seen(at) for at in _TOLD)
+    *most, last = (told(at) for at in _TOLD)
+    liquid_mm = [float(row["of the liquid / mm"]) for row in rows]
+    apart = [mass / light - 1 for mass, light in zip(liquid_mm, reach.values(), strict=True)]
     return Found(
         values={
             "within": 100 * _WITHIN,
             "seen": f"{'; '.join(most)}; and {last}",
+            "least": 100 * min(apart),
+            "most": 100 * max(apart),
             "by_pressure_mm": reach[0.6, 300.0] - reach[0.15, 300.0],
             "by_temperature_mm": reach[0.6, 570.0] - reach[0.6, 300.0],
             "hot_over_cold": reach[0.9, 620.0] / reach[0.15, 300.0],
         },
         table=rows,
-        sheets={"below": _from_below(sprays)},
+        sheets={"below": _light_sheet(seen)},
     )
 
 
-def _from_below(sprays: dict[str, Spray]) -> Figure:
-    seen = {gas: liquid_mass(spray, "below", pixel_m=5e-4) for gas, spray in sprays.items()}
-    top = max(float(each.image.max(initial=0.0)) for each in seen.values()) or 1.0
-    panels = [mass_panel(each, gas, "below", most=top) for gas, each in seen.items()]
-    window = joined([panel.window for panel in panels if panel.window])
-    panels = [replace(panel, window=window) for panel in panels]
-    return panels_figure(panels, title="liquid from below", columns=3, shared=True)
+def _light_sheet(seen: Mapping[str, tuple[Floats, Frame]]) -> Figure:
+    top = max(float(np.percentile(light, 99.9)) for light, _ in seen.values())
+    label = "radiance / that of the lamp"
+    panels = [
+        Panel(light, gas, label, (0.0, top), NEGATIVE, frame=frame)
+        for gas, (light, frame) in seen.items()
+    ]
+    window = joined([window_around(light, frame) for light, frame in seen.values()])
+    return panels_figure(
+        panels, title="scattered light from below", window=window, columns=3, shared=True
+    )
 
 
 _BACKGROUND_K = 443.0

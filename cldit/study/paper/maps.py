@@ -18,7 +18,7 @@ from cldit.radiance.weights import Weights
 from cldit.run import Run, reevaluated
 from cldit.show.figures.maps import frame_of
 from cldit.study.figures import changes_sheet, maps_sheet
-from cldit.study.lab import Lab
+from cldit.study.lab import Lab, open_for
 from cldit.study.measures import (
     Change,
     Phases,
@@ -177,8 +177,8 @@ def conditions(lab: Lab) -> Found:
     contrast = [mean_K(run, root(run)) - mean_K(run, tips(run)) for run in wide.values()]
     away = [abs(mean_K(run, visible(run)) - 300.0) for run in wide.values()]
     noise = [float(row["median standard error / K"]) for row in rows[-2:]]
-    halo = Phases.of(at[0.6]).vapour_only
-    seen_K = at[0.6].maps.apparent_temperature_K[halo]
+    dry = Phases.of(at[0.6]).vapour_only
+    seen_K = at[0.6].maps.apparent_temperature_K[dry]
     return Found(
         values={
             "filter_K": away[0],
@@ -193,7 +193,7 @@ def conditions(lab: Lab) -> Found:
                 spray_of(at[after]).reach_m / spray_of(at[before]).reach_m
                 for before, after in pairwise(at)
             ),
-            "halo_change_K": mean_K(at[0.6], halo) - 570.0,
+            "dry_change_K": mean_K(at[0.6], dry) - 570.0,
             "near": 100.0 * float(np.mean(np.abs(seen_K - 570.0) < 20.0)) if seen_K.size else _NAN,
         },
         table=rows,
@@ -205,13 +205,17 @@ def conditions(lab: Lab) -> Found:
 
 
 _TIMES_MS = (0.3, 0.95, 1.5)
-_ORDERS = (0, 1, 2, 3, 5)
+_ORDERS = (0, 1, 2, 3)
+# The paper does not give the duration: open to the end, and the ECN's Spray G, closed at 0.78 ms.
+_DURATIONS_MS = (1.5, 0.78)
+# Droplets that scatter straight ahead only absorb.
+_AHEAD = {"transport.phase": {"henyey_greenstein": 0.999}}
 
 
 def _beyond(run: Run) -> Mask:
-    """The visible spray 8 mm and more below the injector's tip."""
-    z = spray_of(run).z_m
-    return np.asarray(visible(run) & (z < -8e-3))
+    """The visible spray below its root."""
+    spray = spray_of(run)
+    return np.asarray(spray.visible & (spray.z_m < spray.z_m[spray.root].min(initial=0.0)))
 
 
 def _within_1_K(change: Change) -> float:
@@ -220,78 +224,111 @@ def _within_1_K(change: Change) -> float:
 
 
 def order(lab: Lab) -> Found:
-    """One spray at each time, one trace for each order and one for all of them."""
-    every: dict[float, Run] = {}
-    runs: dict[tuple[float, int], Run] = {}
-    changes: dict[tuple[float, int], Change] = {}
+    """One spray at each time, and a shorter injection; traces of each order and of all orders."""
+    cases = [(_DURATIONS_MS[0], time_ms) for time_ms in _TIMES_MS] + [(_DURATIONS_MS[1], 0.95)]
+    every: dict[tuple[float, float], Run] = {}
+    runs: dict[tuple[float, float, int], Run] = {}
+    none: dict[float, Run] = {}
+    changes: dict[tuple[float, float, int], Change] = {}
     rows: list[Row] = []
     left: list[str] = []
-    for time_ms in _TIMES_MS:
-        values: dict[str, Any] = {"spray.time_s": time_ms * 1e-3}
+    for case in cases:
+        open_ms, time_ms = case
+        values: dict[str, Any] = {"spray.time_s": time_ms * 1e-3, **open_for(open_ms * 1e-3)}
         # The spray of 0.95 ms is that of the other studies, and named after it.
         name = "gdi" if time_ms == 0.95 else f"gdi-{time_ms:g}ms"
-        all_orders = every[time_ms] = lab.run(lab.gdi(f"{name}-all-orders", values))
+        name += "" if open_ms == _DURATIONS_MS[0] else f"-open-{open_ms:g}ms"
+        all_orders = every[case] = lab.run(lab.gdi(f"{name}-all-orders", values))
         near, away = root(all_orders), _beyond(all_orders)
         here: dict[int, Change] = {}
         for number in _ORDERS:
             scene = lab.gdi(f"{name}-order-{number}", {**values, "transport.order": number})
-            run = runs[time_ms, number] = lab.run(scene)
-            change = here[number] = changes[time_ms, number] = Change.of(run, all_orders)
+            run = runs[*case, number] = lab.run(scene)
+            change = here[number] = changes[*case, number] = Change.of(run, all_orders)
             rows.append(
                 {
+                    "open for / ms": open_ms,
                     "time / ms": time_ms,
                     "order": f"{number}",
                     "RMS / K": change.rms(),
                     "99th percentile / K": change.largest(),
                     "mean / K": change.mean(),
                     "RMS below the nozzle / K": change.rms(near),
-                    "RMS beyond 8 mm / K": change.rms(away),
+                    "RMS beyond / K": change.rms(away),
                     "within 1 K / %": _within_1_K(change),
                 }
             )
+        if time_ms == 0.95:
+            none[open_ms] = lab.run(lab.gdi(f"{name}-absorb-only", {**values, **_AHEAD}))
         left.append(
-            f"{', '.join(f'{here[number].rms():.2g}' for number in _ORDERS)} K at {time_ms:g} ms "
-            f"(order 1: {here[1].rms(near):.2g} K below the nozzle, {here[1].rms(away):.2g} K "
-            "beyond 8 mm)"
+            f"{', '.join(f'{here[number].rms():.2g}' for number in _ORDERS)} K at {time_ms:g} ms"
+            + ("" if open_ms == _DURATIONS_MS[0] else f" of an injection of {open_ms:g} ms")
+            + (
+                f" (order 1: {here[1].rms(near):.2g} K below the nozzle, {here[1].rms(away):.2g} K "
+                "beyond)"
+            )
         )
-    first = Change.of(runs[0.95, 0], runs[0.95, 1])
-    third = Change.of(runs[0.95, 1], runs[0.95, 3])
-    near, away = root(every[0.95]), _beyond(every[0.95])
-    none = changes[0.95, 0]
-
-    def why(change: Change) -> str:
-        return (
-            f"it is {change.rms(near):.3g} K 1 to 8 mm below the nozzle, and "
-            f"{change.rms(away):.2g} K beyond (RMS)"
-        )
-
+    found: dict[str, float | str] = {}
+    for key, open_ms in zip(("", "short_"), _DURATIONS_MS, strict=True):
+        case = open_ms, 0.95
+        near, away = root(every[case]), _beyond(every[case])
+        first = Change.of(runs[*case, 0], runs[*case, 1])
+        third = Change.of(runs[*case, 1], runs[*case, 3])
+        only = Change.of(none[open_ms], runs[*case, 1])
+        for word, change in (("first", first), ("third", third), ("only", only)):
+            found[f"{key}{word}_rms_K"] = change.rms()
+            found[f"{key}{word}_largest_K"] = change.largest()
+            found[f"{key}{word}_why"] = (
+                f"it is {change.rms(near):.3g} K 1 to 8 mm below the nozzle, and "
+                f"{change.rms(away):.2g} K beyond (RMS)"
+            )
+        found[f"{key}third_within"] = _within_1_K(third)
+        found[f"{key}third_beyond_K"] = third.rms(away)
+    case = _DURATIONS_MS[0], 0.95
+    near, away = root(every[case]), _beyond(every[case])
+    zero = changes[*case, 0]
     shown = {
-        f"order {number}, {time_ms:g} ms": changes[time_ms, number].image
+        f"order {number}, {time_ms:g} ms": changes[_DURATIONS_MS[0], time_ms, number].image
         for number in _ORDERS[:3]
         for time_ms in _TIMES_MS
     }
-    title = "T_app with few orders minus T_app with all"
-    frame = frame_of(every[0.95].scene)
+    short = {
+        f"order {number}, open for {_DURATIONS_MS[1]:g} ms": changes[
+            _DURATIONS_MS[1], 0.95, number
+        ].image
+        for number in _ORDERS[:2]
+    }
+    short |= {
+        f"no scattering, open for {open_ms:g} ms": Change.of(
+            none[open_ms], every[open_ms, 0.95]
+        ).image
+        for open_ms in _DURATIONS_MS
+    }
+    frame = frame_of(every[case].scene)
     return Found(
         values={
+            **found,
             "orders": ", ".join(str(number) for number in _ORDERS),
             "left": "; ".join(left),
-            "first_rms_K": first.rms(),
-            "first_largest_K": first.largest(),
-            "first_why": why(first),
-            "third_rms_K": third.rms(),
-            "third_largest_K": third.largest(),
-            "third_why": why(third),
-            "third_within": _within_1_K(third),
-            "third_beyond_K": third.rms(away),
-            "early_ratio": changes[0.3, 0].rms() / none.rms(),
-            "near_ratio": none.rms(near) / none.rms(),
-            "none_K": none.mean(),
-            "none_near_K": none.mean(near),
-            "none_away_K": none.mean(away),
+            "early_ratio": changes[_DURATIONS_MS[0], 0.3, 0].rms() / zero.rms(),
+            "near_ratio": zero.rms(near) / zero.rms(),
+            "none_K": zero.mean(),
+            "none_near_K": zero.mean(near),
+            "none_away_K": zero.mean(away),
         },
         table=rows,
-        sheets={"changes": changes_sheet(shown, frame, title=title, limit_K=10.0)},
+        sheets={
+            "changes": changes_sheet(
+                shown, frame, title="T_app with few orders minus T_app with all", limit_K=10.0
+            ),
+            "readings": changes_sheet(
+                short,
+                frame,
+                title="0.95 ms: T_app minus that with all orders",
+                limit_K=10.0,
+                columns=2,
+            ),
+        },
     )
 
 
@@ -317,9 +354,9 @@ def walls(lab: Lab) -> Found:
         scene = run.scene.with_(**{"walls.temperature_K": wall_K})
         cases[f"walls {wall_K:g} K"] = reevaluated(run, scene)
     droplets = droplets_K(lab.spray(run.scene), within_m=10e-3)
-    halo = Phases.of(run).vapour_only
+    dry = Phases.of(run).vapour_only
     below = {name: mean_K(case, root(case)) for name, case in cases.items()}
-    around = {name: mean_K(case, halo) for name, case in cases.items()}
+    around = {name: mean_K(case, dry) for name, case in cases.items()}
     emissivity = {name: mean_emissivity(case, root(case)) for name, case in cases.items()}
     round_K, cold_K, hot_K = (below[name] for name in ("all round", "walls 0 K", "walls 570 K"))
     band = run.quadrature.filter_um

@@ -150,7 +150,7 @@ def index(lab: Lab) -> Found:
         for number, (name, (_, n, k)) in enumerate(found.items(), start=1)
     }
     shown = {f"n {n:.3f}, k {k:.3f}": runs[name] for name, (_, n, k) in found.items()}
-    here, halo = root(reference), Phases.of(reference).vapour_only
+    here, dry = root(reference), Phases.of(reference).vapour_only
     below = {name: Change.of(run, reference).mean(here) for name, run in runs.items()}
     rows: list[Row] = [
         {**row, "wavelength / um": um, "n": n, "k": k}
@@ -163,7 +163,7 @@ def index(lab: Lab) -> Found:
             "low_k_K": below["lowest k"],
             "high_k_K": below["highest k"],
             "n_over_k": abs(below["k as the paper's, n furthest"]) / extremes,
-            "halo_K": Change.of(runs["highest k"], reference).rms(halo),
+            "dry_K": Change.of(runs["highest k"], reference).rms(dry),
         },
         table=rows,
         figures=change_figures(
@@ -201,9 +201,9 @@ def vapour(lab: Lab) -> Found:
             "less_mean_K": less.mean(phases.both),
             "more_mean_K": more.mean(phases.both),
             "product_K2": more.mean(phases.both) * less.mean(phases.both),
-            "less_halo_K": less.rms(phases.vapour_only),
-            "more_halo_K": more.rms(phases.vapour_only),
-            "halo_K": max(each.rms(phases.vapour_only) for each in (more, less)),
+            "less_dry_K": less.rms(phases.vapour_only),
+            "more_dry_K": more.rms(phases.vapour_only),
+            "dry_K": max(each.rms(phases.vapour_only) for each in (more, less)),
         },
         table=change_rows(reference, cases),
         figures=change_figures(

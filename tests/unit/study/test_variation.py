@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from cldit.cli import main
 from cldit.errors import StudyError
 from cldit.scene import Scene
 from cldit.study.lab import Lab
 from cldit.study.paper import STUDIES, studies_of
-from cldit.study.paper.found import Found
+from cldit.study.paper.found import Found, sentences
 from cldit.study.paper.variation import MOST_SEEDS, Repeated, repeat
 
 _NOISE = np.random.default_rng(3).normal(size=100)
@@ -78,6 +81,13 @@ def test_seeds_and_cells_reach_the_scene() -> None:
     scene, fine = coarse.spray, normal.spray
     assert (scene.seed, fine.seed) == (4, 1)  # type: ignore[union-attr]
     assert scene.box.spacing_m == 2 * fine.box.cell_m  # type: ignore[union-attr]
+
+
+def test_help_lists_all_studies_with_their_figures() -> None:
+    shown = " ".join(CliRunner().invoke(main, ["study", "--help"]).output.split())
+    for study in STUDIES:
+        figures = re.findall(r"\d+", sentences()[study]["figure"])
+        assert f"{study} {', '.join(f'fig{number}' for number in figures)}" in shown
 
 
 def test_studies_by_figure() -> None:

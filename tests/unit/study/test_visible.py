@@ -1,0 +1,24 @@
+"""Light from below: where droplets are seen, and the circle that contains most of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cldit.spray.result import Parcels, Spray
+from cldit.study.paper.instruments import from_below, within_m
+
+
+def test_circle_of_an_even_disc() -> None:
+    """97 % of an even disc of radius 1 is within sqrt(0.97)."""
+    radius = np.sqrt((np.arange(100_000) + 0.5) / 100_000)
+    np.random.default_rng(1).shuffle(radius)
+    assert within_m(radius, np.full(radius.shape, 2e-9)) == pytest.approx(np.sqrt(0.97), rel=1e-4)
+
+
+def test_lower_end_is_nearest_to_the_camera() -> None:
+    """The camera is on the side of -y; a droplet at x, y is seen at x to the right and y up."""
+    one = np.ones(1)
+    parcels = Parcels(np.array([[1e-3, 2e-3, -3e-2]]), 9e-6 * one, one, 350 * one, 600 * one)
+    seen = from_below(Spray(parcels=parcels)).parcels
+    assert seen is not None and seen.position_m.tolist() == [[1e-3, -3e-2, 2e-3]]
