@@ -1,7 +1,5 @@
 """cldit: differential infrared thermography of fuel sprays, simulated, acquired, evaluated."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any

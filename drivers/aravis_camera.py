@@ -4,8 +4,6 @@ Debian and Ubuntu: gir1.2-aravis-0.8, and PyGObject (python3-gi, or `cldit[aravi
 opened at its address, so nothing is broadcast and it may be in another subnet.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Base of the drivers of black bodies: limits, settings of the line, the safe set point."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Generic, TypeVar
 
@@ -26,7 +24,7 @@ class BlackBodyLimits(Section):
     limits_K: tuple[Temperature, Temperature]  # of the set point
 
     @model_validator(mode="after")
-    def _ordered(self) -> BlackBodyLimits:
+    def _ordered(self) -> "BlackBodyLimits":
         if self.limits_K[0] >= self.limits_K[1]:
             raise ValueError(f"limits_K: {self.limits_K} is empty; allowed: (low, high)")
         return self

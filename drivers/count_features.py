@@ -5,8 +5,6 @@ itself is switched off, what converts or joins pixels is set to do nothing. Gain
 have no neutral value: the rig file states them, or the dry run names them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from cldit.rig.errors import ConfigRejected

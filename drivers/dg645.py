@@ -8,8 +8,6 @@ its level is the lowest of the instrument (0.5 V). Check that output with an osc
 first acquisition.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
@@ -53,7 +51,7 @@ class Dg645Settings(Section):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
     @model_validator(mode="after")
-    def _apart(self) -> Dg645Settings:
+    def _apart(self) -> "Dg645Settings":
         if self.camera == self.injector:
             raise ValueError(f"camera, injector: both are {self.camera}; allowed: two outputs")
         return self

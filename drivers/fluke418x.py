@@ -3,8 +3,6 @@
 Commands: Fluke 418x technical guide. The instrument is set to degrees Celsius.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from cldit.rig.checks import check_answer

@@ -1,7 +1,5 @@
 """Features of a GenICam camera, each read back after it is written, with errors of the rig."""
 
-from __future__ import annotations
-
 import time
 
 from cldit.rig.errors import ConfigRejected, RigError

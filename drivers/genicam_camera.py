@@ -4,8 +4,6 @@ Feature names: GenICam SFNC 2. No register contains the radiometric calibration,
 gives it; counts per radiance are assumed proportional to the integration time.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -4,8 +4,6 @@ A client is a minimal adapter: no decisions, no read-back, errors of the library
 of the rig. `genicam.py` and `genicam_camera.py` do the rest for all clients.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """GenICam cameras on GigE Vision, through viva-genicam."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar
 

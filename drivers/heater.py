@@ -1,7 +1,5 @@
 """Simulated temperature of a black body's cavity, which follows its set point, with faults."""
 
-from __future__ import annotations
-
 from math import exp, pi, sin
 from typing import Annotated
 

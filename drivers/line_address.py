@@ -1,7 +1,5 @@
 """Settings of drivers for an instrument on TCP or a serial line: its address."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import model_validator
@@ -17,7 +15,7 @@ class LineAddress(Section):
     answer_s: Annotated[float, Within(0.01, 60.0)]
 
     @model_validator(mode="after")
-    def _one_line(self) -> LineAddress:
+    def _one_line(self) -> "LineAddress":
         if (self.host is None) == (self.serial is None):
             raise ValueError("host, serial: allowed: one of the two")
         return self

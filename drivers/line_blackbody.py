@@ -4,8 +4,6 @@ Nothing here is specific to an instrument: its manual gives the templates for th
 `cldit check-driver line_blackbody rig.yaml` tries them on an emulator of the same templates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Annotated, Any, Literal

@@ -4,8 +4,6 @@
 space. A command may have a format of the number, as in Python: `{value:.2f}`.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -67,7 +65,7 @@ class Ask(Command):
     answer: str
 
     @model_validator(mode="after")
-    def _one_number(self) -> Ask:
+    def _one_number(self) -> "Ask":
         if _fields(self.answer).count("value") != 1 or "value" in _fields(self.send):
             raise ValueError(f"answer: {self.answer!r}; allowed: one {{value}}, and none in send")
         return self
@@ -77,7 +75,7 @@ class Tell(Command):
     """A command with one number."""
 
     @model_validator(mode="after")
-    def _one_number(self) -> Tell:
+    def _one_number(self) -> "Tell":
         if _fields(self.send).count("value") != 1:
             raise ValueError(f"send: {self.send!r}; allowed: one {{value}}")
         return self

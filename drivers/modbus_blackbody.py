@@ -5,8 +5,6 @@ The SP1 (24) of Eurotherm is in a memory that wears out: it is written only if i
 once for each background.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable
@@ -47,7 +45,7 @@ class ModbusSettings(ControllerSettings):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 1.0
 
     @model_validator(mode="after")
-    def _one_map(self) -> ModbusSettings:
+    def _one_map(self) -> "ModbusSettings":
         if (self.model is None) == (self.registers is None):
             raise ValueError("model, registers: allowed: one of the two")
         return self

@@ -4,8 +4,6 @@ Presets: Eurotherm 3200 engineering manual (HA028651), floats at 0x8000 + 2n; In
 IR-2100 manual.
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Annotated, Literal
 
@@ -77,7 +75,7 @@ class RegisterMap(Section):
     """Default of the serial line."""
 
     @model_validator(mode="after")
-    def _writable(self) -> RegisterMap:
+    def _writable(self) -> "RegisterMap":
         if self.setpoint.table != "holding":
             raise ValueError("setpoint.table: input registers cannot be written; allowed: holding")
         return self

@@ -9,8 +9,6 @@ For a reference image the injector's channel is switched off. Check that output 
 before the first acquisition: none of this was tried on an instrument.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -72,7 +70,7 @@ class PulseGeneratorSettings(LineAddress):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
     @model_validator(mode="after")
-    def _apart(self) -> PulseGeneratorSettings:
+    def _apart(self) -> "PulseGeneratorSettings":
         if self.camera == self.injector:
             raise ValueError(f"camera, injector: both are {self.camera}; allowed: two outputs")
         return self

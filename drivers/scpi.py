@@ -1,7 +1,5 @@
 """Text commands over TCP or a serial line, by pyvisa with pyvisa-py."""
 
-from __future__ import annotations
-
 import select
 import socket
 import threading

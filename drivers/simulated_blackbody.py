@@ -1,7 +1,5 @@
 """A simulated black body, which can be slow, overshoot, drift, or never settle."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings

@@ -1,7 +1,5 @@
 """Simulated infrared camera in front of the bench."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A simulated trigger generator, with the injector at its other output."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -4,8 +4,6 @@ The bench has no random state: a shot depends on the seed and on its time, so th
 is killed and resumed never has the same noise twice.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -83,7 +81,7 @@ class SimulatedScene:
         self._first_member = int(self.random(context.clock.now_s(), 6).integers(2**31))
         self._member = lru_cache(maxsize=_KEPT_MEMBERS)(self._read_member)
 
-    def _read_member(self, place: int, number: int) -> _Loaded:
+    def _read_member(self, place: int, number: int) -> "_Loaded":
         return _Loaded.read(member_folder(self._runs[place], number), self._settings)
 
     def open(self) -> None:
@@ -108,11 +106,11 @@ class SimulatedScene:
         return tuple(time_s for time_s in times if time_s is not None)
 
     @property
-    def _opened(self) -> tuple[_Loaded, ...]:
+    def _opened(self) -> "tuple[_Loaded, ...]":
         self.open()
         return self._loaded
 
-    def _at(self, pulse: Pulse) -> _Loaded:
+    def _at(self, pulse: Pulse) -> "_Loaded":
         """The run of the spray nearest in time; of several injections, the one of this pulse.
 
         Each session begins with another member, as it depends on the time of opening.
@@ -179,7 +177,7 @@ class _Loaded:
     pixel_m: tuple[float, float]
 
     @classmethod
-    def read(cls, run: Path, settings: SceneSettings) -> _Loaded:
+    def read(cls, run: Path, settings: SceneSettings) -> "_Loaded":
         path = run / "scene.yaml"
         if not path.is_file():
             raise RunFolderError(f"{run}: holds no scene.yaml; give the folder of a finished run")

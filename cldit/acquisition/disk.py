@@ -1,7 +1,5 @@
 """Writing such that a kill, a power cut or a full disk leaves nothing incomplete."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Iterator

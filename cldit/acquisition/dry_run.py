@@ -1,7 +1,5 @@
 """Dry run of a plan: its time, its disk space and its problems; nothing moves and nothing fires."""
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Both contain the raw counts as recorded, and the metadata of every image. The fo
 original: only it has the journal and survives a kill.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator

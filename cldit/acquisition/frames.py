@@ -1,7 +1,5 @@
 """Reads images from files of cameras and other programs, through installed readers."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -46,7 +44,7 @@ def own_reader(path: Path) -> EntryPoint | None:
         return None
 
 
-def open_stack(source: Source) -> Images:
+def open_stack(source: Source) -> "Images":
     """Opens a file of images, without reading them if its reader allows that. Raises
     EvaluationError for another kind of file, a missing or damaged one, a missing data set, or
     temperatures.

@@ -6,8 +6,6 @@ before that all is safe, the guard opens the rig file, makes every device safe, 
 did: in guard.log, in the journal, on the terminal, and by its exit status.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time
@@ -49,7 +47,7 @@ class Guard:
         self._process: subprocess.Popen[bytes] | None = None
         self._safe = False
 
-    def __enter__(self) -> Guard:
+    def __enter__(self) -> "Guard":
         if all(device.identify().simulated for device in self._rig.devices.values()):
             return self
         rig_file = dump_yaml(self._rig.file.model_dump(mode="json"))

@@ -1,7 +1,5 @@
 """Ctrl-C once: finish the shot, then stop. Twice: abort the shot."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator
@@ -56,7 +54,7 @@ class Interrupts:
         self._presses += _WORTH[signal.Signals(number)]
         self._check()
 
-    def __enter__(self) -> Interrupts:
+    def __enter__(self) -> "Interrupts":
         if threading.current_thread() is threading.main_thread():
             for number in _WORTH:
                 self._before[number] = signal.signal(number, self._handle)

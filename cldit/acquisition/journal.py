@@ -1,7 +1,5 @@
 """Journal of an acquisition: one JSON object per line, on the disk before the next step."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -173,7 +171,7 @@ class Journal:
         """Closes the file."""
         os.close(self._file)
 
-    def __enter__(self) -> Journal:
+    def __enter__(self) -> "Journal":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """Measured images in files of any program, described by a small YAML: `measured.yaml`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product

@@ -1,7 +1,5 @@
 """Draft of measured.yaml from a folder of images, `cldit evaluate --write-measured`."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Plan of an acquisition as frozen data: backgrounds x delays x {reference, injection} x shots."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -102,7 +100,7 @@ class Plan(Section):
         return delays_s
 
     @model_validator(mode="after")
-    def _possible(self) -> Plan:
+    def _possible(self) -> "Plan":
         if self.shots + self.references == 0:
             raise ValueError("shots, references: both are 0; allowed: 1 or more in all")
         if self.drift_K < self.stability.tolerance_K:

@@ -1,7 +1,5 @@
 """Checks a plan against the capabilities that the instruments declare."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 

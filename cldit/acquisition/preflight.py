@@ -1,7 +1,5 @@
 """Preflight: everything that is bound to fail is found before anything moves."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """Live images for a callback that may be slow: images that it cannot keep up with are dropped."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -51,7 +49,7 @@ class Preview(Generic[T]):
                 except Exception as error:  # a broken preview must not end an acquisition
                     self.error = error
 
-    def __enter__(self) -> Preview[T]:
+    def __enter__(self) -> "Preview[T]":
         self._thread.start()
         return self
 

@@ -1,7 +1,5 @@
 """Progress of an acquisition, and the time left."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Quality of a shot: complete frames in order, a live image, fuel in the air, the exposure."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """An acquisition folder, opened for the evaluation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -103,7 +101,7 @@ class Acquisition:
         devices = self.configuration["devices"].values()
         return any(device["info"].get("simulated", False) for device in devices)
 
-    def at_delay(self, delay: int) -> Acquisition:
+    def at_delay(self, delay: int) -> "Acquisition":
         """Copy with the shots of one delay only, number `delay` of the plan's."""
         here = {shot.id for shot in self.plan.steps() if shot.delay == delay}
         return replace(
@@ -112,7 +110,7 @@ class Acquisition:
             missing=tuple(name for name in self.missing if name in here),
         )
 
-    def whole(self) -> Acquisition:
+    def whole(self) -> "Acquisition":
         """Copy without images that cannot be read or differ from their recorded checksum.
 
         Every image is read, and those excluded are named in `damage`.

@@ -2,8 +2,6 @@
 sequence.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from contextlib import ExitStack
 from pathlib import Path

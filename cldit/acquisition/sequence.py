@@ -19,8 +19,6 @@
 ```
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Generator
 from contextlib import suppress

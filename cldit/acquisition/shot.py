@@ -1,7 +1,5 @@
 """One shot: arm, journal, fire once, read, judge."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

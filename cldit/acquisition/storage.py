@@ -1,7 +1,5 @@
 """Folder of an acquisition: its lock, its images, and its content."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory

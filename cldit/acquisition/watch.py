@@ -4,8 +4,6 @@ Nothing here writes, locks or asks the recording: it reads the plan once, and of
 new lines. It can neither stop nor delay a shot.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Names of the evaluation's witnesses, by which a measurement accepts their findings."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 Acceptable = Literal[

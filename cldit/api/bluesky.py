@@ -6,8 +6,6 @@ Each `trigger` lets the runner continue to its next saved shot, with a change of
 journal, guard, retakes and resuming are those of `cldit acquire`. `unstage` leaves the rig safe.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path

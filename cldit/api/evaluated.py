@@ -1,7 +1,5 @@
 """`cldit.evaluate`: evaluation of a folder in a script, as by the command `cldit evaluate`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +30,7 @@ def evaluate(
     model: Run | None = None,
     say: Say | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> xarray.Dataset:
+) -> "xarray.Dataset":
     """Evaluates an acquisition, a run, or measured data, and stores the maps in `maps` beside it.
 
     Args:

@@ -1,7 +1,5 @@
 """Experiment on one scene: simulate, acquire with the simulated rig, evaluate, report."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import partial

@@ -3,8 +3,6 @@
 napari finds it by the entry point `napari.manifest`, which names cldit/napari.yaml.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

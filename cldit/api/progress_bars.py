@@ -1,7 +1,5 @@
 """Display of progress: a bar in a notebook, lines and a bar in a terminal."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import AbstractContextManager
 from html import escape
@@ -19,7 +17,7 @@ class Watcher(Protocol):
         """Shows a line of text."""
         ...
 
-    def watch(self, progress: Progress) -> None:
+    def watch(self, progress: "Progress") -> None:
         """Shows the progress of a rig."""
         ...
 
@@ -65,7 +63,7 @@ class NotebookBar:
         """Shows a line of text."""
         self._show(f"<small>{escape(text)}</small>")
 
-    def watch(self, progress: Progress) -> None:
+    def watch(self, progress: "Progress") -> None:
         """Shows a bar of the progress of a rig."""
         self._show(
             f'<progress max="{max(progress.total, 1)}" value="{progress.done}"></progress> '

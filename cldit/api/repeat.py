@@ -1,7 +1,5 @@
 """A run computed again from its record, and the difference."""
 
-from __future__ import annotations
-
 import hashlib
 import tempfile
 from collections.abc import Iterator, Mapping

@@ -5,8 +5,6 @@ with cldit.open_rig("rig.yaml") as rig:
         print(saved.shot.id, saved.image.mean())
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Several times of one spray: `cldit run SCENE --times ..`, and the same for a script."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

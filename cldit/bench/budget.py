@@ -1,7 +1,5 @@
 """True and stated error of T_app against the time of whole runs."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass

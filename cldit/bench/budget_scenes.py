@@ -1,7 +1,5 @@
 """Scenes of `budget` and their reference images."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -153,7 +151,7 @@ class Reference:
     error_K: float
 
     @classmethod
-    def load(cls, name: str, *, pixels: int, folder: Path = FOLDER) -> Reference | None:
+    def load(cls, name: str, *, pixels: int, folder: Path = FOLDER) -> "Reference | None":
         """Reference of a scene with `pixels` along an edge; None if `folder` has none."""
         path = folder / f"{name}-{pixels}.npz"
         if not path.is_file():

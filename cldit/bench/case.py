@@ -1,7 +1,5 @@
 """Scene prepared to be traced with many settings, and the cost of each trace."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -131,7 +129,7 @@ class Case:
     medium: Medium
 
     @classmethod
-    def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
+    def of(cls, scene: Scene, device: Device, *, cache: Path) -> "Case":
         """Medium of `scene` on `device`; tables are kept in `cache`."""
         return cls(scene, device, make_medium(scene, device, Stages(None), cache))
 
@@ -146,7 +144,7 @@ class Case:
         phases = self.medium.properties.phases
         return phases[len(phases) // 2]
 
-    def seen(self, scene: Scene) -> Case:
+    def seen(self, scene: Scene) -> "Case":
         """Same medium with another camera or other transport keys."""
         return replace(self, scene=scene)
 

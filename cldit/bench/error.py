@@ -1,7 +1,5 @@
 """Error against run time of the methods of the transport, on one scene."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -48,7 +46,7 @@ class Truth:
     samples: int
 
     @classmethod
-    def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
+    def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> "Truth":
         """Reference by path tracing; `samples` per pixel in both halves together."""
         half = path_settings(case, samples // 2, phase=phase, order=order)
         first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)

@@ -1,7 +1,5 @@
 """Benchmark page: tables in Markdown, numbers in JSON, a figure."""
 
-from __future__ import annotations
-
 import json
 import platform
 from collections.abc import Sequence
@@ -27,7 +25,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
     @classmethod
-    def of(cls, head: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    def of(cls, head: Sequence[str], rows: Sequence[Sequence[str]]) -> "Table":
         """Table of any sequences."""
         return cls(tuple(head), tuple(tuple(row) for row in rows))
 

@@ -1,7 +1,5 @@
 """Calibration of a camera: counts to radiance, and the variance of counts."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -59,7 +57,7 @@ class Calibration:
         return {**plain, "filter_um": to_plain(self.filter_um)}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Calibration:
+    def from_dict(cls, data: Mapping[str, Any]) -> "Calibration":
         """Reads the result of `to_dict`."""
         names = {item.name for item in fields(cls)}
         missing = sorted(names - set(data) - {"step_counts"})

@@ -7,8 +7,6 @@ has the curve B(f T), up to a constant that cancels in the fit of each pixel. A 
 fitted, so three backgrounds suffice, and extrapolation follows Planck's law.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

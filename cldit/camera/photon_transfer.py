@@ -5,8 +5,6 @@ Electrons follow a Poisson distribution, so the variance of one exposure in coun
 without light is that of read noise and rounding.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

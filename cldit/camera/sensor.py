@@ -8,8 +8,6 @@ The lens fills a cone of half angle arctan(1 / (2 F)), so that the irradiance of
 pi L sin^2 = pi L / (4 F^2 + 1): thin lens, distant object, no losses in the glass.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
@@ -61,7 +59,7 @@ class SensorModel:
             )
 
     @classmethod
-    def from_scene(cls, scene: Scene, integration_time_s: float | None = None) -> SensorModel:
+    def from_scene(cls, scene: Scene, integration_time_s: float | None = None) -> "SensorModel":
         """The sensor of `scene`, with `integration_time_s` in place of the scene's if given."""
         sensor = scene.camera.sensor
         efficiency = sensor.quantum_efficiency
@@ -83,7 +81,7 @@ class SensorModel:
             seed=scene.rig.seed,
         )
 
-    def exposed_for(self, brightest: float) -> SensorModel:
+    def exposed_for(self, brightest: float) -> "SensorModel":
         """The sensor with an integration time at which `brightest` fills at most 80 % of the range.
 
         The time is never longer than before: darker scenes need more shots, not motion blur.

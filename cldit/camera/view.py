@@ -1,7 +1,5 @@
 """Field of view of the sensor, and averaging of traced images into its pixels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -48,7 +46,7 @@ class SensorView:
     pixels: tuple[int, int]
 
     @classmethod
-    def from_scene(cls, scene: Scene) -> SensorView:
+    def from_scene(cls, scene: Scene) -> "SensorView":
         """The view of a scene's sensor."""
         x, _, z = scene.target_m
         return cls(

@@ -1,7 +1,5 @@
 """Assumptions where a case does not state a figure; each is reported and kept in the run."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches

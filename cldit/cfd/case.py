@@ -1,7 +1,5 @@
 """CFD case as a reader returns it: in its own coordinates, not yet a spray."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

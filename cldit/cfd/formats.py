@@ -1,7 +1,5 @@
 """Format of a CFD result, its contents, and its reader."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

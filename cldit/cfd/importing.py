@@ -1,7 +1,5 @@
 """Import of a case: list it, check it, describe the result, store it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

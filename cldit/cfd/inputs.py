@@ -1,7 +1,5 @@
 """Input files of a CFD case: regular files only; errors are `SprayError`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

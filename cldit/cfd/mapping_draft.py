@@ -1,7 +1,5 @@
 """Draft of a mapping file, `cldit import --write-mapping`: fields found by name, missing ones."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Gas of a case in several parts, such as zones or files; fields at points as cell means."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One state of a case: every cell and every parcel once, and a single time."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 

@@ -3,8 +3,6 @@
 They come from the scene, else from the case's injectors, else from its parcels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

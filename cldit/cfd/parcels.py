@@ -1,7 +1,5 @@
 """Parcels of a case: range checks, omission of impossible ones, spreading over a ball."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Limits on totals and between fields: values that are possible one by one, in another unit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Completion of a partial case: sectors by rotation, half cases by mirroring."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, product

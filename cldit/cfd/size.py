@@ -1,7 +1,5 @@
 """Memory that a case needs, estimated from counts before anything large is read."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Choice among a case's times: a number that it has, the latest, or the nearest."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from cldit.errors import SprayError

@@ -1,7 +1,5 @@
 """Conversion of a CFD case to a spray: plausibility of fields, rotation into cldit's frame."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Kinds of files that cldit does not read, and the export of each that it reads."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from cldit.errors import SprayError

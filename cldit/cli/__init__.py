@@ -1,7 +1,5 @@
 """The command line: a thin layer over the Python API."""
 
-from __future__ import annotations
-
 import click
 
 from cldit import __version__

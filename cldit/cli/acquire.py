@@ -1,7 +1,5 @@
 """`cldit acquire`: a sequence with the instruments of a rig."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Self
 

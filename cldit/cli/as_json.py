@@ -1,7 +1,5 @@
 """Option `--json`: results of a command for scripts."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

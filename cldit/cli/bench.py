@@ -1,7 +1,5 @@
 """`cldit bench`: error against run time on this machine."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,7 +121,7 @@ def bench(**given: Any) -> None:
     device = open_device(options.device)
     OUT.print(f"OpenCL device {device.info.index} {device.info.name}: {device.reason}")
 
-    def save(part: Part) -> None:
+    def save(part: "Part") -> None:
         page = write_part(
             part,
             options.out,
@@ -161,7 +159,7 @@ def bench(**given: Any) -> None:
         save(part)
 
 
-def _show(part: Part) -> None:
+def _show(part: "Part") -> None:
     OUT.print(part.title, style="bold")
     for table in part.tables:
         print_table(*table.head, rows=table.rows)

@@ -1,7 +1,5 @@
 """`cldit check-driver`: the contract that every driver must fulfil."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from contextlib import nullcontext

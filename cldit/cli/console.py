@@ -1,7 +1,5 @@
 """Output, errors as messages, and progress of every command."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable
 from functools import wraps
@@ -89,7 +87,7 @@ class ProgressBar:
         )
         self._task: Any = None
 
-    def __enter__(self) -> ProgressBar:
+    def __enter__(self) -> "ProgressBar":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -108,7 +106,7 @@ class ProgressBar:
         else:
             self._show(text, 0, None)
 
-    def watch(self, progress: Progress) -> None:
+    def watch(self, progress: "Progress") -> None:
         """Shows the progress of an acquisition."""
         self.count(progress.phase, progress.done, progress.total)
 

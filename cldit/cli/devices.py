@@ -1,7 +1,5 @@
 """`cldit devices`: OpenCL devices and drivers of instruments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import asdict
 

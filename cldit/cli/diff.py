@@ -1,7 +1,5 @@
 """`cldit compare`, `cldit diff` and `cldit repeat`: differences of results, in kelvin."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`cldit evaluate`: recorded and measured images to maps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

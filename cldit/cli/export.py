@@ -1,7 +1,5 @@
 """`cldit export`: raw images of an acquisition, or the octree of a run, for other programs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`cldit fit`: values of a scene that a measurement determines."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -6,8 +6,6 @@ its disk or its reader. The terminal is drawn in a thread: if it stops (Ctrl-S),
 display waits.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess
@@ -131,7 +129,7 @@ class LiveView:
         self._closing = threading.Event()
         self.page = None if folder is None else PageWriter(folder)
 
-    def __enter__(self) -> LiveView:
+    def __enter__(self) -> "LiveView":
         if self.page is not None:
             self.page.__enter__()
             say(f"page: {self.page.path}")
@@ -208,7 +206,7 @@ class PageWriter:
         self.process: subprocess.Popen[bytes] | None = None
         self.problem = ""
 
-    def __enter__(self) -> PageWriter:
+    def __enter__(self) -> "PageWriter":
         journal = self.path.with_name(JOURNAL)
         known_bytes = journal.stat().st_size if journal.is_file() else 0
         try:

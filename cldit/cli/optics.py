@@ -1,7 +1,5 @@
 """`cldit optics` and `cldit fit-liquid`: optical properties of a scene; bands of a liquid."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

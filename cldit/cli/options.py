@@ -1,7 +1,5 @@
 """Arguments and options of several commands: numbers with units, scenes, devices, CFD cases."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from importlib import resources

@@ -1,7 +1,5 @@
 """`cldit plan`: the measurement that reaches a requested error in the least time."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 

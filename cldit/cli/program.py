@@ -1,7 +1,5 @@
 """The program around the commands: exit status, commands loaded on demand, streams."""
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections.abc import Mapping

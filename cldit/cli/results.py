@@ -1,7 +1,5 @@
 """Results that commands print last: range of the maps, files, next command."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +19,7 @@ _REACH = (
 )
 
 
-def print_maps(maps: Maps) -> None:
+def print_maps(maps: "Maps") -> None:
     """Prints T_app and emissivity of the visible spray, or the reasons why it has none.
 
     Ranges are percentiles 1 and 99. Without visible spray, all pixels with a T_app count.
@@ -41,7 +39,7 @@ def print_maps(maps: Maps) -> None:
     OUT.print(f"  of {int(visible.sum())} {which}", style="dim")
 
 
-def print_error(errors: Errors) -> None:
+def print_error(errors: "Errors") -> None:
     """Prints the error of T_app and its largest source."""
     largest = errors.largest()
     by = f"; largest source: {largest.name}, {largest.text}" if largest and not errors.why else ""
@@ -59,7 +57,7 @@ def print_reach(figures: Mapping[str, float]) -> None:
         OUT.print(f"penetration: {', '.join(reach)}", style="bold")
 
 
-def print_cut(maps: Maps) -> None:
+def print_cut(maps: "Maps") -> None:
     """Prints at which edges the field cuts the visible spray."""
     visible = maps.has_temperature
     edges = {"left": visible[:, 0], "right": visible[:, -1], "top": visible[0],

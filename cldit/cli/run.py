@@ -1,7 +1,5 @@
 """`cldit run`: simulate a scene, record it with a simulated rig, evaluate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

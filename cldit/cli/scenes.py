@@ -1,7 +1,5 @@
 """`cldit scenes`: the shipped scenes, and the reference of every key."""
 
-from __future__ import annotations
-
 import json
 
 import click

@@ -1,7 +1,5 @@
 """`cldit show`, `cldit view` and `cldit gallery`: maps of folders, and pages of them."""
 
-from __future__ import annotations
-
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`cldit spray`, `cldit import` and `cldit droplet`: sprays and droplets alone."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any

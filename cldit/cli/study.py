@@ -1,7 +1,5 @@
 """`cldit study`: the paper's studies, and sweeps over a scene's keys."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

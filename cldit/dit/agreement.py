@@ -4,8 +4,6 @@ If the causes that were found do not explain a contradiction, the reduced chi-sq
 remains above 1. Their covariance is then multiplied by its mean in the neighbourhood (Birge 1932).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

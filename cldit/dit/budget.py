@@ -12,8 +12,6 @@ I(T_app') = (I(T_app) - b) / a and the emissivity does not change. A front windo
 part of gain and offset of the pixel.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

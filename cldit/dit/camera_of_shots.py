@@ -1,7 +1,5 @@
 """The camera as its images show it: defective pixels, view of the background, calibration."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any

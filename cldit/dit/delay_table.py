@@ -1,7 +1,5 @@
 """Table of medians over the delays of an acquisition."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass, fields
 
@@ -25,7 +23,7 @@ class DelayRow:
     emissivity_standard_error: float
 
     @classmethod
-    def of(cls, delay_s: float, maps: Maps) -> DelayRow:
+    def of(cls, delay_s: float, maps: Maps) -> "DelayRow":
         """The row of the `maps` at `delay_s`."""
         known = np.isfinite(maps.apparent_temperature_K)
         return cls(

@@ -12,8 +12,6 @@ alone all backgrounds would be at the spray's own temperature, where shots of di
 equal, and the emissivity would be unknown.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence

@@ -8,8 +8,6 @@ so their drift restarts: a break takes one interval of the axis, and `lag` has t
 references show whether the drift continues through it (`cldit.dit.witness.drift`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -43,12 +41,12 @@ class Places:
     since: Floats
 
     @classmethod
-    def of(cls, places: Sequence[Place]) -> Places:
+    def of(cls, places: Sequence[Place]) -> "Places":
         """Positions of several shots."""
         at, lag, part, since = np.array(places, float).T
         return cls(at, lag, part.astype(int), since)
 
-    def __getitem__(self, which: slice | Mask) -> Places:
+    def __getitem__(self, which: slice | Mask) -> "Places":
         return Places(self.at[which], self.lag[which], self.part[which], self.since[which])
 
     @property
@@ -56,7 +54,7 @@ class Places:
         """Number of parts between breaks."""
         return len(np.unique(self.part))
 
-    def through(self) -> Places:
+    def through(self) -> "Places":
         """The positions with breaks in full length."""
         return Places(self.at + self.lag, np.zeros_like(self.lag), self.part, self.since)
 

@@ -1,7 +1,5 @@
 """Differential infrared thermography of a trace, and parts shared with that of shots."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields

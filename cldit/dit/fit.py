@@ -35,8 +35,6 @@ a = 1, then the mean squared error of b is C: with the precision r = S - 1 of a 
 prior's part (1 / S)^2 and the noise's part r / S^2 add up to 1 / S.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The result of DIT: maps of emissivity and apparent temperature with their errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from pathlib import Path
@@ -75,7 +73,7 @@ class Maps:
     fit_probability: Image
 
     @classmethod
-    def unevaluated(cls, shape: tuple[int, int], reason: Reason) -> Maps:
+    def unevaluated(cls, shape: tuple[int, int], reason: Reason) -> "Maps":
         """Maps of this `shape` without any value, for one `reason`."""
         nothing = np.full(shape, np.nan, np.float32)
         codes = np.full(shape, int(reason), np.uint8)
@@ -127,7 +125,7 @@ class Maps:
             )
 
     @classmethod
-    def load(cls, folder: Path) -> Maps:
+    def load(cls, folder: Path) -> "Maps":
         """Reads the files of `save`.
 
         Raises:

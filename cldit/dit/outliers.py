@@ -1,7 +1,5 @@
 """Outliers: shots that differ from the others of their background, such as misfires."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

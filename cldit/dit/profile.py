@@ -1,7 +1,5 @@
 """Maps along a line, such as the axis of a plume."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from pathlib import Path

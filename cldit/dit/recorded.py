@@ -1,7 +1,5 @@
 """Differential infrared thermography of recorded shots."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

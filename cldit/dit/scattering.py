@@ -16,8 +16,6 @@ nearly cancels; or without a model from the same spray in different enclosures, 
 linear in the L_j (`medium_of_enclosures`). Only a model can separate vapour and droplets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -19,8 +19,6 @@ in standard deviations, and a test at the level of 1 % finds the difference in 9
 measurements if z is at least 3.97.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
@@ -157,7 +155,7 @@ class Rivals:
             rms_K=float(np.sqrt(np.mean(test.change_K**2))),
         )
 
-    def _test(self, backgrounds_K: tuple[float, ...]) -> _Test:
+    def _test(self, backgrounds_K: tuple[float, ...]) -> "_Test":
         calm = replace(self.one, scatter=0.0)
         at_K = calm.temperature_K(backgrounds_K)
         change_K = replace(self.other, scatter=0.0).temperature_K(backgrounds_K) - at_K
@@ -222,7 +220,7 @@ class _Test:
     setup: Mapping[str, Floats]
     models: Mapping[str, Floats]
 
-    def without(self, name: str) -> _Test:
+    def without(self, name: str) -> "_Test":
         """The same without one error of setup or simulations."""
         setup, models = (
             {key: one for key, one in of.items() if key != name} for of in (self.setup, self.models)

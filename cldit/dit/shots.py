@@ -1,7 +1,5 @@
 """Protocols of recorded shots, and sums of their images by background and kind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -92,7 +90,7 @@ class Sums:
     rounded: bool = True
 
     @classmethod
-    def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> Sums:
+    def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> "Sums":
         """Sums without any shot yet."""
         zero = np.zeros(shape)
         low = np.full(shape, -np.inf, np.float32)

@@ -1,7 +1,5 @@
 """Maps of every pixel from mean signals at each background."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -105,7 +103,7 @@ class Systematic:
     pixel_gain: float = 0.0
     extra: Mapping[str, Floats] = field(default_factory=dict)
 
-    def rows(self, rows: slice) -> Systematic:
+    def rows(self, rows: slice) -> "Systematic":
         """The errors in these rows of the image."""
         return replace(self, extra={name: one[:, rows] for name, one in self.extra.items()})
 

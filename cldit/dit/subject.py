@@ -1,7 +1,5 @@
 """Signals of a planned measurement of a traced spray, and their errors."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -57,7 +55,7 @@ class Subject:
         reference: Weights,
         *,
         least_emissivity: float,
-    ) -> Subject:
+    ) -> "Subject":
         """Sensor pixels that see the background, with at least this emissivity of the spray.
 
         The trace has `spectral` weights of each node of `quadrature`, and those without spray.
@@ -92,7 +90,7 @@ class Subject:
             pixels=places.size,
         )
 
-    def of_spray(self, scene: Scene, spectral: Sequence[Weights]) -> Subject:
+    def of_spray(self, scene: Scene, spectral: Sequence[Weights]) -> "Subject":
         """The same pixels with the weights of another spray in the same nodes."""
         view = SensorView.from_scene(scene)
         spray = tuple(_pixels(_seen(view, weights), self.places) for weights in spectral)

@@ -1,7 +1,5 @@
 """Maps of a trace without noise, and the sensor whose noise they assume."""
 
-from __future__ import annotations
-
 from cldit.camera.sensor import SensorModel
 from cldit.dit.evaluate import evaluate_radiance
 from cldit.dit.maps import Maps, Reason

@@ -1,7 +1,5 @@
 """Arrays in device memory."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

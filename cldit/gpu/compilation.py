@@ -5,8 +5,6 @@ here, and beside it the arguments of its kernels, because clGetKernelArgInfo ans
 programs that were made from source.
 """
 
-from __future__ import annotations
-
 import ctypes
 import hashlib
 import json

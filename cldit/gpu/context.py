@@ -8,8 +8,6 @@ the first call in the child would hang: a forked process therefore refuses devic
 opened, and refuses to open others.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import threading
@@ -61,7 +59,7 @@ class Context:
 class Lease:
     """Use of a context until `close`."""
 
-    def __init__(self, owner: OpenDevices, context: Context) -> None:
+    def __init__(self, owner: "OpenDevices", context: Context) -> None:
         self._owner = owner
         self._context: Context | None = context
 

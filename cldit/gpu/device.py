@@ -1,7 +1,5 @@
 """OpenCL devices: the list of them, the choice of one, and the reason for it."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -51,7 +49,7 @@ class Device:
     info: DeviceInfo
     reason: str
     lease: Lease
-    others: tuple[Device, ...] = ()
+    others: "tuple[Device, ...]" = ()
     poison: bool = False
 
     @property
@@ -85,7 +83,7 @@ class Device:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def poisoned(self) -> Device:
+    def poisoned(self) -> "Device":
         """The same device, and its others, with `poison`."""
         return replace(self, poison=True, others=tuple(each.poisoned() for each in self.others))
 

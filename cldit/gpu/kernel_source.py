@@ -1,7 +1,5 @@
 """Kernel sources with their includes resolved, so that no path reaches the OpenCL compiler."""
 
-from __future__ import annotations
-
 import re
 from importlib import resources
 

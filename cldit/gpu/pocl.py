@@ -7,8 +7,6 @@ of `gdi` takes a tenth longer. No setting of PoCL helps. The instruction sets of
 known, so it is given the name of another with no more than these.
 """
 
-from __future__ import annotations
-
 import ctypes
 import itertools
 import os

@@ -1,7 +1,5 @@
 """Programs: a kernel source, specialised by defines and built for a device; launches by name."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time

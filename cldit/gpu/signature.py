@@ -1,7 +1,5 @@
 """Names and types of a kernel's arguments, and the check of what a launch gives for them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -46,7 +44,7 @@ class Argument:
     buffer: bool
 
     @classmethod
-    def of(cls, kernel: str, name: str, kind: str, real: Real) -> Argument:
+    def of(cls, kernel: str, name: str, kind: str, real: Real) -> "Argument":
         """The argument of this name and type; `real` is the type of that name in the program."""
         match = _TYPE.fullmatch(kind.replace(" ", ""))
         dtype = None if match is None else {**_SCALARS, "real": real}.get(match[1])
@@ -95,7 +93,7 @@ class Signature:
     largest_group: int
 
     @classmethod
-    def of(cls, kernel: Any, arguments: Arguments, device: Any, real: Real) -> Signature:
+    def of(cls, kernel: Any, arguments: Arguments, device: Any, real: Real) -> "Signature":
         """The signature of pyopencl's kernel, which has these arguments, on its device."""
         name, limit = kernel.function_name, cl.kernel_work_group_info.WORK_GROUP_SIZE
         return cls(

@@ -1,7 +1,5 @@
 """Digests of the data and the code from which a stored result was made."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

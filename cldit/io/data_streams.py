@@ -1,7 +1,5 @@
 """Streams for libraries that write files themselves and hide errors."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

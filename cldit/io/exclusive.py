@@ -1,7 +1,5 @@
 """Folders into which one process, and one thread of it, writes at a time."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Optional packages: checked before work begins, named with the command that installs them."""
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from importlib.metadata import requires

@@ -4,8 +4,6 @@ A file appears whole or not at all. Errors of the system become errors that name
 remedy; a test (tests/unit/test_one_place.py) keeps other modules from opening files to write.
 """
 
-from __future__ import annotations
-
 import codecs
 import errno
 import io

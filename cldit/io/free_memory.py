@@ -1,7 +1,5 @@
 """Memory that this process may still take."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ HDF5 reads zeros where the source of a virtual data set is missing or too short,
 for a pipe. Names are searched as HDF5 does (H5F_prefix_open_file in its source).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Images as ImageJ TIFF, which Fiji and napari open with names, units and scale."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

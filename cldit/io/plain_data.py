@@ -4,8 +4,6 @@ YAML that a user of cldit never means is refused with its line: duplicate keys, 
 sexagesimal numbers, aliases that grow without bound or contain themselves. A date is text.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -4,8 +4,6 @@ Results are below the room `show` in the data flow and do not draw. The room is 
 figure of a result is requested.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -20,7 +18,7 @@ class Presented:
 
     _FIGURE: ClassVar[str] = "maps"
 
-    def plot(self, what: str | None = None, **options: Any) -> Figure:
+    def plot(self, what: str | None = None, **options: Any) -> "Figure":
         """Draws a figure of the result.
 
         Args:

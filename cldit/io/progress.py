@@ -1,7 +1,5 @@
 """Callbacks for the progress of a piece of work."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 Watch = Callable[[str, int, int], None]

@@ -1,7 +1,5 @@
 """Tables kept on disk, by the text of the data that they are made from."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import zlib

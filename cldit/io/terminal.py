@@ -1,7 +1,5 @@
 """Output to the terminal: in any locale, into closed pipes and full disks."""
 
-from __future__ import annotations
-
 import codecs
 import io
 import os

@@ -1,7 +1,5 @@
 """Tables of numbers in text, as programs export them: header rows, separators, decimal commas."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

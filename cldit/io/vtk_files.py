@@ -3,8 +3,6 @@
 Layouts after "VTK XML File Formats" and "VTKHDF File Format" of VTK's documentation.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -10,8 +10,6 @@ covariance C needs the step C grad f / (2 f): with C = w^2 S it is w^2 (m - x) /
 and temperatures of the droplets do not change; nothing is random.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Conservative deposition of parcels and gas cells in bricks of finest cells."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -84,7 +82,7 @@ class PlacedBoxes:
     shared: Ints | None = None
 
     @classmethod
-    def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> PlacedBoxes:
+    def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> "PlacedBoxes":
         """Boxes (N, 3) in the cube.
 
         Raises MediumError, which names `what`, if a box reaches out of the cube.

@@ -1,7 +1,5 @@
 """Division of the cube into the leaves of an octree, and their values from finest cells."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import reduce
 
@@ -46,7 +44,7 @@ class Division:
     @classmethod
     def of(
         cls, frame: Frame, touched: Touched, every: list[dict[str, Floats]], bound: float
-    ) -> Division:
+    ) -> "Division":
         """Top-down division of the cube, the same for all wavelengths.
 
         `every` has the fields of the finest cells (S * 512,) of each wavelength, and `bound` is the

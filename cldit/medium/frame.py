@@ -1,7 +1,5 @@
 """Cube of the domain, its finest cells, and the bricks of 8 x 8 x 8 cells that store them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +23,7 @@ class Frame:
     @classmethod
     def around(
         cls, *, centre_m: tuple[float, float, float], edge_m: float, leaf_edge_m: float
-    ) -> Frame:
+    ) -> "Frame":
         """Cube, halved until an edge is below `leaf_edge_m` (paper, Section "Ray Tracing")."""
         x, y, z = (middle - edge_m / 2 for middle in centre_m)
         frame = cls(lower_m=(x, y, z), edge_m=edge_m, depth=0)
@@ -33,7 +31,7 @@ class Frame:
             frame = frame.at(frame.depth + 1)
         return frame
 
-    def at(self, depth: int) -> Frame:
+    def at(self, depth: int) -> "Frame":
         """Same cube, halved `depth` times."""
         return replace(self, depth=depth)
 

@@ -7,8 +7,6 @@ there is no neighbour there is no vapour; beside boxes of another size nothing i
 gradient across that face is 0.
 """
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Boxes on a regular lattice: their overlaps with cells are a product of one matrix per axis."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -33,7 +31,7 @@ class Lattice:
     first: tuple[int, int, int]
 
     @classmethod
-    def of(cls, lower: Floats, upper: Floats) -> Lattice | None:
+    def of(cls, lower: Floats, upper: Floats) -> "Lattice | None":
         """Lattice of boxes from `lower` to `upper` (N, 3) in cells; None if there is none."""
         if len(lower) < _FEWEST:
             return None

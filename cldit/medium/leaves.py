@@ -1,7 +1,5 @@
 """Leaves of an octree as boxes: position, size, and address of the value."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,7 +26,7 @@ class Leaves:
     address: Ints
 
     @classmethod
-    def of(cls, tree: Octree, values: Sequence[NDArray[np.generic]]) -> Leaves:
+    def of(cls, tree: Octree, values: Sequence[NDArray[np.generic]]) -> "Leaves":
         """Leaves on which all of some fields (P,), without NaN, are constant.
 
         A tree stores the finest cells of a divided brick. Those of a block of 2^3, 4^3 or 8^3 that

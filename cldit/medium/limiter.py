@@ -1,7 +1,5 @@
 """Slopes between cells that make no new extremes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ finest cell are stored in bricks of 8^3 cells, so that kernels access them with 
 leaf is one value for all the bricks (or cells) that it covers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

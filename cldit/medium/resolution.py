@@ -5,8 +5,6 @@ these voxels: the cube is then aligned with the grid, and no box is smeared over
 boxes are resolved by cells of half their edge, of which at least one is entirely within each box.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain

@@ -3,8 +3,6 @@
 `BandOptics` has the properties of the substances; `emitters` applies them to parcels and gas cells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -63,7 +61,7 @@ class BandOptics:
     @classmethod
     def paper(
         cls, optics: Optics, filter_um: Filter, *, droplets: bool, cache: Path | None
-    ) -> BandOptics:
+    ) -> "BandOptics":
         """The paper's properties: one wavelength, refractive index and vapour cross section.
 
         The Mie table is kept in the folder `cache`, and built anew if that is None.

@@ -6,8 +6,6 @@ matters, by 5e-5 a percent where it is weak. n follows from the bands; its backg
 fitted last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -12,8 +12,6 @@ means, Q_abs of itself at any k (resonances narrower than the samples: `mie.effi
 `cldit optics` prints the error for a scene, `python -m tests.bench optics` for k from 0 to 10.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

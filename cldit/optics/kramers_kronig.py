@@ -7,8 +7,6 @@ The difference of the two kernels falls as v'^-3, so k beyond the table has litt
 the anchor. Between its points k is taken linear in v, and each piece is integrated in closed form.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -4,8 +4,6 @@ This is an estimate, not a trace: lines are independent, and the light that drop
 the camera is estimated from the probability of an unobstructed way into the spray.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +56,7 @@ class Glow:
     ends: Floats
 
     @classmethod
-    def of(cls, scene: Scene, lines: Sightlines, fine: Quadrature) -> Glow:
+    def of(cls, scene: Scene, lines: Sightlines, fine: Quadrature) -> "Glow":
         """Radiances in a scene at the temperatures of `lines`; `fine` has one node per sample."""
         spline = fine.shares
         low, high = np.exp(spline.x[[0, -1]])
@@ -78,7 +76,7 @@ class Glow:
             ends=black(np.array([coldest, hottest])),
         )
 
-    def gathered(self, groups: Groups) -> Glow:
+    def gathered(self, groups: Groups) -> "Glow":
         """Sums over the samples of each group, whose numbers are `groups` (S,)."""
         each = belongs(groups)
         return Glow(*(x @ each for x in (self.vapour, self.droplets, self.walls, self.ends)))

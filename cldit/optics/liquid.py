@@ -10,8 +10,6 @@ At other temperatures than that of the data, k is assumed to scale with the dens
 constant dn/dT; these bands have not been measured at the temperatures of a spray.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal

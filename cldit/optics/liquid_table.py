@@ -1,7 +1,5 @@
 """Users' refractive indices: CSV with three columns, or YAML of refractiveindex.info."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -6,8 +6,6 @@ recurrence, Riccati-Bessel functions of the outer one upwards, N = x + 4.05 x^(1
 of logarithmic derivatives: no digits are lost down to x = 1e-4. Absorption is summed by itself.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ one number and larger for the next. The error stated for a number of nodes is th
 of its own and those of all larger numbers tried.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

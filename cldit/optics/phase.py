@@ -6,8 +6,6 @@ of the table. Entries are means, weighted by scattering cross section, over a tr
 to both sides: they suit interpolation and size distributions, not single droplets.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

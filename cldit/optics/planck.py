@@ -13,8 +13,6 @@ ln B is exact where B itself would underflow. The integrand's nearest poles are 
 beyond 50 of the edge add less than 1e-20.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -145,7 +143,7 @@ def _steepness(piece: _Piece) -> float:
 
 
 @lru_cache(maxsize=8)
-def _calibration(filter_um: Filter) -> CubicHermiteSpline:
+def _calibration(filter_um: Filter) -> "CubicHermiteSpline":
     """ln B over ln T, from the table of the inverse."""
     from scipy.interpolate import CubicHermiteSpline
 
@@ -185,7 +183,7 @@ def band_radiance_slope(temperature_K: ArrayLike, *, filter_um: Filter) -> Float
 
 
 @lru_cache(maxsize=8)
-def _inverse(filter_um: Filter) -> tuple[CubicHermiteSpline, Floats]:
+def _inverse(filter_um: Filter) -> "tuple[CubicHermiteSpline, Floats]":
     """ln T over ln B, and both at the ends of the table."""
     from scipy.interpolate import CubicHermiteSpline
 

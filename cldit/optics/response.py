@@ -5,8 +5,6 @@ A filter is either the two edges of a rectangle with a response of 1, or a `Resp
 one number belongs to the sensor; a tabulated one is part of the response.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

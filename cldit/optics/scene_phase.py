@@ -3,8 +3,6 @@
 A new phase function is a type of `cldit.scene.transport.Phase` and a branch of `named_phase`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, assert_never

@@ -5,8 +5,6 @@ spray as the trace does. The content of a box is shared among beams and slices b
 point is in one beam. Columns times beam areas add up to the whole content.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,7 +46,7 @@ class Sightlines:
         return len(self.vapour_mol_m2)
 
     @classmethod
-    def through(cls, spray: Spray, *, width_m: float) -> Sightlines:
+    def through(cls, spray: Spray, *, width_m: float) -> "Sightlines":
         """Lines through a spray with fuel, along beams of `width_m`, or wider for a large spray."""
         gas, drops = _Gas.of(spray.vapour), _Drops.of(spray.parcels)
         beams = Beams.around(
@@ -113,7 +111,7 @@ class Beams:
     shape: tuple[int, int, int]
 
     @classmethod
-    def around(cls, lower_m: Floats, upper_m: Floats, *, width_m: float) -> Beams:
+    def around(cls, lower_m: Floats, upper_m: Floats, *, width_m: float) -> "Beams":
         """Beams of `width_m` or wider through boxes or points with corners (N, 3)."""
         low, high = lower_m.min(axis=0), upper_m.max(axis=0)
         most = np.array([_ACROSS, _SLICES, _ACROSS])
@@ -181,7 +179,7 @@ class _Gas:
     kelvin: Floats
 
     @classmethod
-    def of(cls, vapour: Vapour | None) -> _Gas:
+    def of(cls, vapour: Vapour | None) -> "_Gas":
         if vapour is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
         mol = vapour.number_density_m3 * vapour.cells.volume_m3 / _MOLE
@@ -202,7 +200,7 @@ class _Drops:
     kelvin: Floats
 
     @classmethod
-    def of(cls, parcels: Parcels | None) -> _Drops:
+    def of(cls, parcels: Parcels | None) -> "_Drops":
         if parcels is None:
             return cls(np.zeros((0, 3)), np.zeros((0, 3)), *np.zeros((3, 0)))
         area = parcels.droplets * parcels.diameter_m**2 * (np.pi / 4.0)

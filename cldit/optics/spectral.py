@@ -7,8 +7,6 @@ black body radiance of a node is the sum over its parts at every temperature, so
 radiances add up to that of the filter exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -61,12 +59,12 @@ class Quadrature:
             raise SceneError("quadrature: shares of an interval do not add up to 1")
 
     @classmethod
-    def grey(cls, filter_um: Filter, *, reference_K: float) -> Quadrature:
+    def grey(cls, filter_um: Filter, *, reference_K: float) -> "Quadrature":
         """One node for all of `filter_um`, with means at `reference_K`."""
         return cls(filter_um, edges_um(filter_um), ((1.0,),), reference_K)
 
     @property
-    def nodes(self) -> tuple[SpectralNode, ...]:
+    def nodes(self) -> "tuple[SpectralNode, ...]":
         """The nodes, in order."""
         return tuple(SpectralNode(self, number) for number in range(len(self.members)))
 
@@ -105,7 +103,7 @@ class Quadrature:
         }
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Quadrature:
+    def from_dict(cls, data: dict[str, Any]) -> "Quadrature":
         """Reads the result of `to_dict`."""
         return cls(
             from_plain(data["filter_um"]),

@@ -5,8 +5,6 @@ divided by a k-distribution, whose groups are assumed to be the same lines at ev
 (correlated k).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -44,7 +42,7 @@ class Substances:
     vapour: VapourBand | None
 
     @classmethod
-    def of(cls, scene: Scene, spray: Spray) -> Substances:
+    def of(cls, scene: Scene, spray: Spray) -> "Substances":
         """The substances that the scene names, or the spray's fuel."""
         fuel = fuel_of(scene, spray)
         found = None
@@ -90,7 +88,7 @@ class Spectrum:
         return np.asarray(out / out.sum(axis=0))
 
     @classmethod
-    def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> Spectrum:
+    def of(cls, scene: Scene, spray: Spray, filter_um: Filter) -> "Spectrum":
         """Spectrum over `filter_um` of the scene's substances at the spray's temperatures."""
         used = Substances.of(scene, spray)
         edges = _edges(filter_um, used.vapour)

@@ -15,8 +15,6 @@ with the mean S. With tan(pi z) = T tan(u), T = tanh(pi y), this is k = S (cos^2
 with dz = S / k du / pi: periodic and analytic in u, so equal steps in u converge exponentially.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass, replace
 from importlib import resources

@@ -1,6 +1,4 @@
 """Thresholds for pixels that have an apparent temperature."""
 
-from __future__ import annotations
-
 VISIBLE_EMISSIVITY = 0.05  # below it a temperature has little meaning
 VISIBLE_DISC = 0.5  # least weight of the background in a pixel without spray

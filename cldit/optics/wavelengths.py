@@ -8,8 +8,6 @@ sight with K nodes and with all samples gives the error of K nodes, and the smal
 bound is chosen.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -184,7 +182,7 @@ class _Means:
     k: Floats
 
     @classmethod
-    def of(cls, spectrum: Spectrum, lines: Sightlines, groups: Groups, light: Floats) -> _Means:
+    def of(cls, spectrum: Spectrum, lines: Sightlines, groups: Groups, light: Floats) -> "_Means":
         wavelength = _mean(spectrum.middles_um[None, :], groups, light)[0]
         n = _mean(spectrum.n, groups, light)
         k = _mean(spectrum.k, groups, light)

@@ -19,8 +19,6 @@ refractiveindex.info, CC0). Sapphire: estimate, the exponential edge of multipho
 more than that beyond 4 um.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise

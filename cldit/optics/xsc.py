@@ -5,8 +5,6 @@ points 7, temperature 7, pressure in Torr 6, largest value 10, ...), then lines 
 characters, cm2 per molecule at equal steps. A file has one block for each temperature.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Fit of a scene's camera and walls to a CFD case."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +22,7 @@ class Fuel:
     mass_kg: Floats
 
     @classmethod
-    def of(cls, spray: Spray) -> Fuel:
+    def of(cls, spray: Spray) -> "Fuel":
         """Collects all parcels, and the centres of all cells with vapour."""
         places, masses = [np.empty((0, 3))], [np.empty(0)]
         if spray.parcels is not None:

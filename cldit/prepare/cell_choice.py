@@ -1,7 +1,5 @@
 """Cells of a run without a choice by error, and the number of cells that fit the memory."""
 
-from __future__ import annotations
-
 from cldit.gpu.device import Device
 from cldit.io.free_memory import free_bytes
 from cldit.medium.frame import Frame

@@ -1,7 +1,5 @@
 """A scene that fits a CFD case, as YAML with the reason beside each length and temperature."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Spray, optics and octrees of a scene, one octree for each wavelength."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -184,7 +182,7 @@ class Prepared:
         """The spray of another specification at that wavelength."""
         return self.sources_of(deposited(self.scene, make_spray(spec, cache=self.cache)))
 
-    def rescattered(self, *, mie: bool) -> Prepared:
+    def rescattered(self, *, mie: bool) -> "Prepared":
         """The medium whose droplets scatter isotropically, or by Mie's phase function, at that
         wavelength; raises PhaseError without diameters."""
         band = self.properties.chosen.bands[self.number]
@@ -204,7 +202,7 @@ class Prepared:
             self.kept[name] = make()
         return self.kept[name]
 
-    def grown(self, stages: Stages, depth: int | None = None) -> Medium:
+    def grown(self, stages: Stages, depth: int | None = None) -> "Medium":
         """Octrees of all wavelengths.
 
         depth: number of times that the cube is halved; None: as the scene has it.

@@ -1,7 +1,5 @@
 """Mean Mie phase functions of a spray's droplets, kept by content."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

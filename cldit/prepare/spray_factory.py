@@ -1,7 +1,5 @@
 """The spray that a scene names, from whichever model or file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import assert_never

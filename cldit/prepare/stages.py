@@ -1,7 +1,5 @@
 """The stages of a run, timed as they go."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

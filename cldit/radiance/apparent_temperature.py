@@ -8,8 +8,6 @@ A pixel of emissivity 1 - w_bg that receives the radiance L from all but the bac
 `cldit.dit.fit` finds the same from recorded signals, `script/lines.js` in the viewer's page.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -100,7 +98,7 @@ class TraceTemperature:
     @classmethod
     def of(
         cls, scene: Scene, units: Sequence[float], visible: float = VISIBLE_EMISSIVITY
-    ) -> TraceTemperature:
+    ) -> "TraceTemperature":
         """Radiances in a scene; `units` are those of the components that the medium emits."""
         filter_um = scene_filter(scene)
         black = partial(band_radiance, filter_um=filter_um)
@@ -184,7 +182,7 @@ class NodeTemperature:
         sees_background: Mask,
         *,
         visible: float = VISIBLE_EMISSIVITY,
-    ) -> NodeTemperature:
+    ) -> "NodeTemperature":
         """Tabulates a node; `sees_background` (H, W) has the lines of sight that end on it."""
         grid_K = np.geomspace(20.0, 5000.0, 20_000)
         radiance = np.asarray(node.radiance(grid_K), float)
@@ -195,7 +193,7 @@ class NodeTemperature:
         around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
         return cls(grid_K, radiance, around.wall, around.patches, sees_background, visible)
 
-    def picked(self, pixels: Ints) -> NodeTemperature:
+    def picked(self, pixels: Ints) -> "NodeTemperature":
         """The same for pixels (N,), flat numbers, whose weights are one row (1, N)."""
         return replace(self, sees_background=self.sees_background.reshape(1, -1)[:, pixels])
 

@@ -11,8 +11,6 @@ are neglected (r_r (1 - eps) of the light, below 1 %). A patch of the enclosure 
 times eps B(T) + (1 - eps) B(T_wall), with its own T and eps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
@@ -73,7 +71,7 @@ class Surroundings:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
 
     @classmethod
-    def from_scene(cls, scene: Scene) -> Surroundings:
+    def from_scene(cls, scene: Scene) -> "Surroundings":
         """The surroundings that a scene describes."""
         return cls(
             wall_temperature_K=scene.walls.temperature_K,
@@ -125,7 +123,7 @@ class Boundary:
     @classmethod
     def of(
         cls, around: Surroundings, radiance: Radiance, pane: Callable[[Window], Pane]
-    ) -> Boundary:
+    ) -> "Boundary":
         """Radiances of the surroundings in one band, with the mean shares `pane` of its windows."""
 
         def at(temperature_K: float) -> float:
@@ -161,12 +159,14 @@ class Boundary:
         )
 
     @classmethod
-    def without_windows(cls, around: Surroundings, radiance: Radiance) -> Boundary:
+    def without_windows(cls, around: Surroundings, radiance: Radiance) -> "Boundary":
         """Radiances of the surroundings in one band, as if there were no windows."""
         return cls.of(replace(around, windows=()), radiance, lambda window: Pane())
 
     @classmethod
-    def in_filter(cls, around: Surroundings, filter_um: Filter, *, reference_K: float) -> Boundary:
+    def in_filter(
+        cls, around: Surroundings, filter_um: Filter, *, reference_K: float
+    ) -> "Boundary":
         """Radiances in a whole filter, with windows' means for a black body at `reference_K`.
 
         Raises:

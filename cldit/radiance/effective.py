@@ -1,7 +1,5 @@
 """Weights for the whole filter, from those of its spectral nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -19,8 +19,6 @@ Samples of a point spread have no symmetry: they multiply the Fourier transform 
 image, with the same aliases. They keep even images, and the sum of others but for the edges.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -76,7 +74,7 @@ class PointSpread:
     discs_m: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, scene: Scene, discs_m: tuple[float, ...] = ()) -> PointSpread:
+    def of(cls, scene: Scene, discs_m: tuple[float, ...] = ()) -> "PointSpread":
         """The point spread of a scene's camera, which has a lens."""
         filter_um = scene_filter(scene)
         middle_K = reference_temperature_K(scene.background.temperatures_K)

@@ -8,8 +8,6 @@ for every background, wall and patch temperature. L_bg leaves the background dis
 emissivity * B(T_bg) + (1 - emissivity) * B(T_wall), and L_name a patch, likewise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import repeat
@@ -56,12 +54,12 @@ class Weights:
         return {**{name: getattr(self, name) for name in _WHOLE}, **self.patches}
 
     @classmethod
-    def of(cls, images: Mapping[str, Image]) -> Weights:
+    def of(cls, images: Mapping[str, Image]) -> "Weights":
         """The inverse of `images`."""
         patches = {name: image for name, image in images.items() if name not in _WHOLE}
         return cls(*(images[name] for name in _WHOLE), patches=patches)
 
-    def map(self, change: Callable[[Image], Any]) -> Weights:
+    def map(self, change: Callable[[Image], Any]) -> "Weights":
         """Weights with `change` applied to each image."""
         return Weights.of({name: change(image) for name, image in self.images.items()})
 
@@ -78,7 +76,7 @@ class Weights:
             )
 
     @classmethod
-    def load(cls, folder: Path, *, patches: Sequence[str] = ()) -> Weights:
+    def load(cls, folder: Path, *, patches: Sequence[str] = ()) -> "Weights":
         """Reads the files of `save` from `folder`; `patches` are the names in the scene.
 
         Raises:

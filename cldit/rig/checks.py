@@ -1,7 +1,5 @@
 """Checks that all drivers of a kind share, with the same messages; also for other packages."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from dataclasses import asdict

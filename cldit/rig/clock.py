@@ -1,7 +1,5 @@
 """Clocks of a rig: the computer's, and a simulated one on which two hours pass in seconds."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

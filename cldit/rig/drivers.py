@@ -4,8 +4,6 @@ A driver is a callable `factory(settings, context)` that returns a device; any i
 can contain drivers. A driver checks its settings with `check_settings`.
 """
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable
 from dataclasses import dataclass, field

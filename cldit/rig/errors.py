@@ -1,7 +1,5 @@
 """Errors of instruments; each message says what to do."""
 
-from __future__ import annotations
-
 from cldit.errors import ClditError
 
 
@@ -47,7 +45,7 @@ class MissingFrames(RigError):
         self.received = received
         self.incomplete = incomplete
 
-    def __reduce__(self) -> tuple[type[MissingFrames], tuple[int, int, int]]:
+    def __reduce__(self) -> "tuple[type[MissingFrames], tuple[int, int, int]]":
         return type(self), (self.expected, self.received, self.incomplete)
 
 

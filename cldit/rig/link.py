@@ -14,8 +14,6 @@ time, and raises NotSafe if they fail. It does nothing in the state NEVER alone.
 and the identity, no reading: a black body whose sensor broke is cooled all the same.
 """
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The rig of a YAML file: its drivers, their settings, and the clock."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
@@ -39,7 +37,7 @@ class ClockChoice(Section):
     """Size of the jump."""
 
     @model_validator(mode="after")
-    def _only_simulated(self) -> ClockChoice:
+    def _only_simulated(self) -> "ClockChoice":
         if self.model == "system" and self.jump_after_s is not None:
             raise ValueError("jump_after_s: the system's clock cannot be set; allowed: null")
         return self
@@ -93,7 +91,7 @@ class Setup(Section):
     """Width and height of a pixel in the plane of the spray."""
 
     @model_validator(mode="after")
-    def _one_centre(self) -> Setup:
+    def _one_centre(self) -> "Setup":
         if self.injector_pixel is not None and self.centre_m != (0.0, 0.0):  # as stored too
             raise ValueError("injector_pixel: centre_m is given too; allowed: one of them")
         return self

@@ -4,8 +4,6 @@ The lock is a file that the system frees when its process ends, however it ends;
 holds it, and since when. Within a process every device may use an instrument that it holds.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

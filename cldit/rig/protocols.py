@@ -4,8 +4,6 @@ A driver implements one of them. It does no I/O in `__init__`, blocks until done
 errors of `cldit.rig.errors` and no others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum

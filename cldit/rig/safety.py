@@ -1,7 +1,5 @@
 """Makes all devices of a rig safe; a device that does not confirm it counts as unsafe."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The rig file of a simulated rig in front of a traced run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

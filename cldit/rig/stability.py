@@ -1,7 +1,5 @@
 """Stability of a background's temperature."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Protocol

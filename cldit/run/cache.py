@@ -1,7 +1,5 @@
 """Runs cached by the content of their trace, so that no trace is computed twice."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

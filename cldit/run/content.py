@@ -1,7 +1,5 @@
 """The content that a trace depends on: scenes with the same content share one trace."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -5,8 +5,6 @@ has a folder of its own in that of the mean, `nominal` and `members/0001`, .., s
 was stopped continues, and members can be traced side by side (`cldit.study.side_by_side`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -64,7 +62,7 @@ class Ensemble:
         write_maps(folder, maps, pixel_m=pixel_m)
 
     @classmethod
-    def load(cls, folder: Path, members: int) -> Ensemble:
+    def load(cls, folder: Path, members: int) -> "Ensemble":
         """Reads the files of `save`; raises RunFolderError if one is missing or damaged."""
         return cls(members, {name: read_image(folder / f"{name}.tif")[0] for name in _UNITS})
 

@@ -4,8 +4,6 @@ The times are the Gauss-Legendre nodes of the exposure, which is centred at the 
 that is the middle node, traced with its error. Its resolution is that of the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The folder of a run: written, found again, read."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

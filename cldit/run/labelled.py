@@ -1,7 +1,5 @@
 """A run's images as one labelled data set: coordinates in mm, units, CF names."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -50,7 +48,7 @@ def labelled(
     error_maps: Mapping[str, NDArray[np.float32]] | None = None,
     more: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
-) -> xarray.Dataset:
+) -> "xarray.Dataset":
     """Maps, and weights where they are given, over x and z of the plane of the target.
 
     Args:
@@ -96,7 +94,7 @@ def labelled_maps(
     centre_m: tuple[float, float],
     more: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
-) -> xarray.Dataset:
+) -> "xarray.Dataset":
     """Maps (H, W) over x and z.
 
     Args:

@@ -1,7 +1,5 @@
 """Mean light of several runs of the same pixels: injections, or times of an exposure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -41,7 +39,7 @@ class MeanLight:
         *,
         what: str,
         shares: Sequence[float] | None = None,
-    ) -> MeanLight:
+    ) -> "MeanLight":
         """Mean of `runs`, which are taken one by one.
 
         Args:

@@ -1,7 +1,5 @@
 """The octree and the parcels of a run as files for ParaView, to lay over a CFD result."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +44,7 @@ class CellFields:
     wavelength_um: float
 
     @classmethod
-    def of(cls, made: Rebuilt, quadrature: Quadrature, device: Device) -> CellFields:
+    def of(cls, made: Rebuilt, quadrature: Quadrature, device: Device) -> "CellFields":
         """Fields in front of the middle background (`quadrature.reference_K`); raises as
         `source_function`."""
         node = quadrature.nodes[made.number]

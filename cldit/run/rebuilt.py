@@ -6,8 +6,6 @@ run: checksums of its files, figures of its spray, nodes, leaves, and integrals 
 scattering.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Metadata stored with a run: stage timings, resolution, errors, provenance."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 

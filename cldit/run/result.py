@@ -1,7 +1,5 @@
 """The result of a run, and its metadata."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -71,7 +69,7 @@ class RunInfo:
         return data
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> RunInfo:
+    def from_dict(cls, data: dict[str, Any]) -> "RunInfo":
         """Reads the plain `data` of `to_dict`."""
         stages = tuple(  # 0.1.0 wrote differences of times, some of which are below 0
             Stage(**{**one, "seconds": max(one["seconds"], 0.0)}) for one in data["stages"]
@@ -123,7 +121,7 @@ class Run(Presented):
     quadrature: Quadrature
     spectral: tuple[Weights, ...]
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
-    ensemble: Ensemble | None = None
+    ensemble: "Ensemble | None" = None
     measured: Maps | None = None
     folder: Path | None = None
 
@@ -171,7 +169,7 @@ class Run(Presented):
         """Errors of T_app by source; None for a scene without audit."""
         return self.info.errors
 
-    def to_xarray(self, *, measured: bool = False) -> xarray.Dataset:
+    def to_xarray(self, *, measured: bool = False) -> "xarray.Dataset":
         """Maps and weights with coordinates, units and errors; `to_netcdf`, `to_zarr` write them.
 
         Args:

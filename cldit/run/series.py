@@ -1,7 +1,5 @@
 """Several times of a scene's spray, each in a run folder of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,7 +54,7 @@ class SeriesTime:
     problem: str = ""
 
     @classmethod
-    def of(cls, time: float, run: Run) -> SeriesTime:
+    def of(cls, time: float, run: Run) -> "SeriesTime":
         """Takes the figures of a `run` at a `time`; its images stay in its folder."""
         maps = run.maps if run.measured is None else run.measured
         return cls(time, "done", run.folder, run.info.spray, DelayRow.of(time, maps))

@@ -1,7 +1,5 @@
 """The times of a series, and the scene of each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -35,7 +33,7 @@ class SeriesPlan:
     in_seconds: bool = True
 
     @classmethod
-    def of(cls, scene: Scene, times: Times, *, watch: Watch = silent) -> SeriesPlan:
+    def of(cls, scene: Scene, times: Times, *, watch: Watch = silent) -> "SeriesPlan":
         """The times of a scene's spray.
 
         Args:

@@ -4,8 +4,6 @@ run = cldit.simulate("gdi", out="runs/gdi")
 run.maps.apparent_temperature_K
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial

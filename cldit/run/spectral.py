@@ -1,7 +1,5 @@
 """Spectral resolution of a run, and the difference of two maps of one scene."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -23,7 +21,7 @@ class Difference:
     pixels: int
 
     @classmethod
-    def of(cls, maps: Maps, other: Maps) -> Difference | None:
+    def of(cls, maps: Maps, other: Maps) -> "Difference | None":
         """`maps` minus `other`; None where no pixel has a temperature in both."""
         here = maps.has_temperature & other.has_temperature
         if not here.any():
@@ -62,7 +60,7 @@ class SpectralInfo:
     @classmethod
     def of(
         cls, quadrature: Quadrature, errors_K: Sequence[float], from_paper: Difference | None
-    ) -> SpectralInfo:
+    ) -> "SpectralInfo":
         """Takes the nodes, the errors of each number of them, and the difference from the paper."""
         at = quadrature.reference_K
         nodes = tuple((node.wavelength_um, float(node.share(at))) for node in quadrature.nodes)
@@ -73,7 +71,7 @@ class SpectralInfo:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> SpectralInfo:
+    def from_dict(cls, data: dict[str, Any]) -> "SpectralInfo":
         """Reads the result of `to_dict`."""
         other = data["from_paper"]
         return cls(

@@ -3,8 +3,6 @@
 The sensor's defaults are assumptions, typical of a cooled 640 x 512 InSb camera.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 
@@ -80,7 +78,7 @@ class Lens(Section):
     """Distance between the samples of `point_spread` on the sensor."""
 
     @model_validator(mode="after")
-    def _stated(self) -> Lens:
+    def _stated(self) -> "Lens":
         if (self.point_spread is None) != (self.point_spread_pixel_m is None):
             names = "point_spread", "point_spread_pixel_m"
             missing, given = names if self.point_spread is None else names[::-1]
@@ -126,7 +124,7 @@ class Camera(Section):
         return "auto" if value == "adaptive" else value  # its name in version 0.1
 
     @model_validator(mode="after")
-    def _with_lens(self) -> Camera:
+    def _with_lens(self) -> "Camera":
         if self.lens is None:
             return self
         if self.model != "pinhole":

@@ -1,7 +1,5 @@
 """Changes of single keys of a scene by path, such as `spray.plumes[2].mass_fraction`."""
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Mapping

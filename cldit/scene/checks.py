@@ -1,7 +1,5 @@
 """Base class and interval type of checked input, and messages that name what is allowed."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Scenes as YAML to edit: keys that are set, and all others as comments."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

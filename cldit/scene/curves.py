@@ -4,8 +4,6 @@ A pair is a wavelength in micrometres, or a frequency per millimetre, and a valu
 Curves are linear between the pairs; those over wavelength are 0 beyond.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Delays of recordings after the start of injection, and the scene at a delay."""
 
-from __future__ import annotations
-
 from cldit.errors import SceneError
 from cldit.scene.schema import Scene
 

@@ -1,7 +1,5 @@
 """Reading of scenes by path or by the name of a shipped scene, and writing as YAML."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Sequence
 from importlib import resources

@@ -1,7 +1,5 @@
 """The camera's filter and the optical properties of liquid and vapour."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import model_validator
@@ -49,7 +47,7 @@ class Optics(Section):
         return 0.1 if self.spectral_error_K is None else self.spectral_error_K
 
     @model_validator(mode="after")
-    def _ordered(self) -> Optics:
+    def _ordered(self) -> "Optics":
         if isinstance(self.filter_um[0], float) and self.filter_um[0] >= self.filter_um[1]:
             raise ValueError(
                 f"filter_um: {self.filter_um[0]:g} to {self.filter_um[1]:g} is empty; "

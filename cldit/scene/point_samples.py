@@ -1,7 +1,5 @@
 """Samples of a point spread: a text table or a TIFF, checked and divided by their sum."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulated rig, and the number of recordings."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from cldit.scene.checks import Section, Within

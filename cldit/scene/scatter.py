@@ -1,7 +1,5 @@
 """Differences between injections, and the scene of each injection."""
 
-from __future__ import annotations
-
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,23 +63,23 @@ def _optical(scatter: Scatter) -> Scatter:
 OpticalScatter = Annotated[Scatter, AfterValidator(_optical)]
 
 
-def members_of(scene: Scene) -> int:
+def members_of(scene: "Scene") -> int:
     """Number of injections that a scene's image is the mean of."""
     return scene.spray.scatter.members
 
 
-def nominal(scene: Scene) -> Scene:
+def nominal(scene: "Scene") -> "Scene":
     """The scene without differences between injections that are traced."""
     scatter = Scatter(**scene.spray.scatter.model_dump(include={"optical_depth", "length_m"}))
     return scene.model_copy(update={"spray": scene.spray.model_copy(update={"scatter": scatter})})
 
 
-def without_scatter(scene: Scene) -> Any:
+def without_scatter(scene: "Scene") -> Any:
     """The spray as such, without what differs from injection to injection."""
     return scene.spray.model_copy(update={"scatter": Scatter()})
 
 
-def member(scene: Scene, number: int) -> Scene:
+def member(scene: "Scene", number: int) -> "Scene":
     """The scene of one injection, `number` 1, 2, ..: the same for any number of members."""
     spray, scatter = scene.spray, scene.spray.scatter
     _check_effects(scene, scatter)
@@ -130,7 +128,7 @@ def _turned(plume: dict[str, Any], away_deg: float, aside_deg: float) -> dict[st
     }
 
 
-def _check_effects(scene: Scene, scatter: Scatter) -> None:
+def _check_effects(scene: "Scene", scatter: Scatter) -> None:
     """Refuses a number of equal injections, and a deviation without effect."""
     spray = scene.spray
     if not scatter.traced and spray.model != "lagrangian":

@@ -3,8 +3,6 @@
 Defaults are the paper's values (Section "Ray Tracing") where it gives them.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -66,7 +64,7 @@ class Scene(Section):
     @classmethod
     def checked(
         cls, data: dict[str, Any], *, source: str, folder: Path | None, finished: bool
-    ) -> Scene:
+    ) -> "Scene":
         """A scene from plain data; `cldit.scene.parse_scene` also resolves its paths.
 
         Args:
@@ -91,7 +89,7 @@ class Scene(Section):
 
     __str__ = __repr__
 
-    def with_(self, **changes: Any) -> Scene:
+    def with_(self, **changes: Any) -> "Scene":
         """A scene with other values, checked again: `with_(**{"walls.temperature_K": 500})`.
 
         Args:

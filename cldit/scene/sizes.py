@@ -1,7 +1,5 @@
 """Droplet size distributions of a scene."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Annotated
 
@@ -55,7 +53,7 @@ class Histogram(Section):
     """Relative number of droplets in each bin."""
 
     @model_validator(mode="after")
-    def _fits(self) -> Histogram:
+    def _fits(self) -> "Histogram":
         if len(self.edges_um) != len(self.number) + 1 or not 1 <= len(self.number) <= 1000:
             raise ValueError(
                 f"number: {len(self.number)} values for {len(self.edges_um)} edges; allowed: "

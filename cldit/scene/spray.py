@@ -1,7 +1,5 @@
 """The spray: a model with its conditions, a grid of coefficients, or a CFD result."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -185,7 +183,7 @@ class LagrangianSpray(Section):
     scatter: Scatter = Scatter()
     """Differences between injections."""
 
-    def on_gas(self, spacing_m: float) -> LagrangianSpray:
+    def on_gas(self, spacing_m: float) -> "LagrangianSpray":
         """The spray on other cells of gas."""
         box = self.box.model_copy(update={"spacing_m": spacing_m})
         return self.model_copy(update={"box": box})

@@ -1,7 +1,5 @@
 """Settings of the radiative transfer: method, accuracy and phase function."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Tag

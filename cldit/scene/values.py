@@ -1,7 +1,5 @@
 """Types of the values of a scene: numbers with a range, points, directions, curves."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The traced cube and the boundary: background, walls, patches and windows."""
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import Annotated, Literal, Self
 
@@ -38,7 +36,7 @@ class Domain(Section):
         return PAPER_LEAF_M if self.rule == "paper" else max(PAPER_LEAF_M, self.edge_m / FINEST)
 
     @model_validator(mode="after")
-    def _depth(self) -> Domain:
+    def _depth(self) -> "Domain":
         if self.leaf_edge_m is None and self.rule == "need":
             return self  # what is chosen is never finer
         if self.edge_m / self.leaf_m > FINEST:
@@ -99,7 +97,7 @@ class Patch(Section):
     """Emissivity of its surface; the rest of its radiance is reflected from the walls."""
 
     @model_validator(mode="after")
-    def _fits(self) -> Patch:
+    def _fits(self) -> "Patch":
         wanted, other = ("radius_m", "size_m")[:: 1 if self.shape == "disc" else -1]
         if getattr(self, wanted) is None or getattr(self, other) is not None:
             raise ValueError(f"shape: {self.shape} takes {wanted}, and no {other}")

@@ -5,8 +5,6 @@ A page in Markdown refers to its figures as files beside it. All text is plain a
 text in backticks is code in paragraphs and lists.
 """
 
-from __future__ import annotations
-
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
@@ -46,7 +44,7 @@ class Section:
     """Parts of a page under a heading of a level; omitted if all of them are empty."""
 
     title: str
-    content: Sequence[Block]
+    content: "Sequence[Block]"
     level: int = 2
 
 
@@ -61,7 +59,7 @@ class Figure:
     drawn: Drawn | None = None
 
     @classmethod
-    def of(cls, drawn: Drawn, caption: str) -> Figure:
+    def of(cls, drawn: Drawn, caption: str) -> "Figure":
         """The image of a drawn figure."""
         return cls(png_of(drawn), caption, drawn=drawn)
 
@@ -114,7 +112,7 @@ class Table:
     numbers: Sequence[int] | None = None
 
     @classmethod
-    def pairs(cls, values: Mapping[str, str]) -> Table:
+    def pairs(cls, values: Mapping[str, str]) -> "Table":
         """Table of names and values, without titles."""
         return cls((), list(values.items()), numbers=())
 

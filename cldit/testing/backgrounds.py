@@ -1,7 +1,5 @@
 """Contract of backgrounds, and a session with one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

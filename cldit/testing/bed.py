@@ -5,8 +5,6 @@ A package with a driver registers its test benches as an entry point of the grou
 that makes a `Bed`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass

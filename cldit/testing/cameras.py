@@ -1,7 +1,5 @@
 """Contract of cameras, and a session with one."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Contract of devices of all kinds."""
 
-from __future__ import annotations
-
 import json
 
 from cldit.io.plain_data import parse_json

@@ -1,7 +1,5 @@
 """Checks of the contract: their errors, and what they are allowed to do with an instrument."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -2,8 +2,6 @@
 gateways do: a session with the instrument continues as if nothing had happened.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

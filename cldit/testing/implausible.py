@@ -5,8 +5,6 @@ sensor is broken, make_safe() must succeed, because the set point can be read ba
 number of every answer is impossible, it may raise NotSafe.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -9,8 +9,6 @@ its camera not armed, and never a second injection; each result of the driver mu
 instrument or be a RigError. If the instrument stays silent, NotSafe must say what may be on.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor

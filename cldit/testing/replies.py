@@ -1,7 +1,5 @@
 """Channel of an emulator's replies, on which a test can lose, damage or delay them."""
 
-from __future__ import annotations
-
 import re
 import time
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Runs the contract for a driver: on its emulators, or the safe part of it on an instrument."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass

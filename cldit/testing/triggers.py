@@ -2,8 +2,6 @@
 emulator that records them.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace

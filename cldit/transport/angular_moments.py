@@ -8,8 +8,6 @@ yy, xy, xz and yz suffice. A phase function of Legendre moments 1, g, h gives th
     albedo (J + 3 g F . d + 15/2 h d . Q d).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cldit.arrays import Floats

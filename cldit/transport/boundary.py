@@ -9,8 +9,6 @@ cells:
     unit vector along the height / half the height; 0
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ray tracing of the paper (Section "Ray Tracing"): the method `branching`, for comparison."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 

@@ -6,8 +6,6 @@ region, where path segments of the final gather end. The ordinates form two halv
 of the two estimates measures the quadrature error.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Phase function of each cell, where classes of droplet size have one each."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ All values that a line of sight needs of a cell are contiguous: a cell costs one
 one for each component and image.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +31,7 @@ class CellRecords:
     linear: bool = False
 
     @classmethod
-    def of(cls, cells: OpticalCells, *, linear: bool = False) -> CellRecords:
+    def of(cls, cells: OpticalCells, *, linear: bool = False) -> "CellRecords":
         """Records of all stored cells of optical depth above 0; `linear` as in the class."""
         others = cells.depth > 0
         others[cells.address] = False

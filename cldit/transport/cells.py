@@ -3,8 +3,6 @@
 All methods and all stages of `trace_source` take their medium from here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -107,7 +105,7 @@ class OpticalCells:
         *,
         patches: tuple[str, ...] = (),
         scattered: float | NDArray[np.float64] = 1.0,
-    ) -> OpticalCells:
+    ) -> "OpticalCells":
         """Coefficients of a tree, in double precision.
 
         scattered: share of the scattering that counts, of all cells or (P,); 1 - g is the transport
@@ -164,7 +162,7 @@ class OpticalCells:
         planes = [linear.extinction, linear.albedo, *linear.emission]
         return np.stack(planes, axis=1).astype(real, copy=False)
 
-    def middles(self) -> OpticalCells:
+    def middles(self) -> "OpticalCells":
         """Cells with albedo and emission of their middles in place of the means, see `linear`."""
         linear = self.linear
         emitted = dict(self.emitted)
@@ -175,7 +173,7 @@ class OpticalCells:
             self, emitted=emitted, albedo=self.albedo - excess, coalbedo=self.coalbedo + excess
         )
 
-    def in_units_of(self, other: OpticalCells) -> OpticalCells:
+    def in_units_of(self, other: "OpticalCells") -> "OpticalCells":
         """Same cells, with thermal sources in the other's unit."""
         ratio = self.scale / other.scale
         emitted = {name: values * ratio for name, values in self.emitted.items()}

@@ -12,8 +12,6 @@ With method `source` the sum shows the errors of the solution (end of `trace_sou
 - the final residual of the solver.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -48,7 +46,7 @@ class EnergyBalance:
         *,
         bound: float,
         noise: float = 0.0,
-    ) -> EnergyBalance:
+    ) -> "EnergyBalance":
         """Balance of an image; raises TransportError if the sum is further than `bound` from 1.
 
         Args:
@@ -86,7 +84,7 @@ class EnergyBalance:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> EnergyBalance:
+    def from_dict(cls, data: dict[str, Any]) -> "EnergyBalance":
         """Reads `to_dict`."""
         row, column = data["pixel"]
         return cls(**{**data, "pixel": (int(row), int(column))})

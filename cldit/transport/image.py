@@ -4,8 +4,6 @@ One ray a pixel, or several, by octree traversal (kernels/image.cl), on one devi
 `FormalSolution` has the medium, and `Rays` also its sources.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -77,7 +75,7 @@ class FormalSolution:
         thick: Ints | None = None,
         at_once: int = 1,
         linear: bool = False,
-    ) -> FormalSolution:
+    ) -> "FormalSolution":
         """Builds the programs and uploads the octree.
 
         Arguments as in the class; `defines` are the kernels', and with `linear` sources have
@@ -112,7 +110,7 @@ class FormalSolution:
         gather: Gathered | None = None,
         *,
         gradient: Reals | None = None,
-    ) -> Rays:
+    ) -> "Rays":
         """Uploads sources, for which rays can then be traced.
 
         Args:

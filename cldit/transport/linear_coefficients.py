@@ -14,8 +14,6 @@ to first order. Their values in the middle are set so that a cell emits and scat
 say: the mean of (1 + g . x)(S + s . x) is S + g . s / 12.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -55,7 +53,7 @@ class LinearCoefficients:
     edge: Reals
 
     @classmethod
-    def of(cls, tree: Octree, albedo: Reals, emitted: Mapping[str, Reals]) -> LinearCoefficients:
+    def of(cls, tree: Octree, albedo: Reals, emitted: Mapping[str, Reals]) -> "LinearCoefficients":
         """Gradients of a tree with the albedo (P,) and emission over extinction (P,) by emitter."""
         fields = tree.fields
         whole = np.sum([fields[name] for name in _EXTINCTION], axis=0)

@@ -1,7 +1,5 @@
 """Phase functions of a spray's droplets by Mie theory, in bins of droplet size."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +31,7 @@ class SizeBins:
     @classmethod
     def of(
         cls, diameter_m: Floats, scattering_m2: Floats, *, wavelength_um: float, n: float, k: float
-    ) -> SizeBins:
+    ) -> "SizeBins":
         """Mie phase functions at the mean size parameter of each bin.
 
         Args:

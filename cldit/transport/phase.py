@@ -4,8 +4,6 @@ A table has the share of light scattered into each bin of the cosine of the scat
 phase function is constant in a bin; its integral over the cosine is 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -36,10 +34,10 @@ class ScatteringTable:
 
     cosine: Floats
     cumulative: Floats
-    classes: SizeClasses | None = None
+    classes: "SizeClasses | None" = None
 
     @classmethod
-    def of(cls, cumulative: Callable[[Floats], Floats]) -> ScatteringTable:
+    def of(cls, cumulative: Callable[[Floats], Floats]) -> "ScatteringTable":
         """Table of a phase function, from its share above given cosines up to a factor."""
         cosine = cosine_bounds()
         share = cumulative(cosine)
@@ -51,7 +49,7 @@ class ScatteringTable:
         return len(self.cosine) - 1
 
     @property
-    def tables(self) -> tuple[ScatteringTable, ...]:
+    def tables(self) -> "tuple[ScatteringTable, ...]":
         """Phase function of each of K classes of droplet size; of one class, itself."""
         return (self,) if self.classes is None else self.classes.tables
 

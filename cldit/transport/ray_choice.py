@@ -11,8 +11,6 @@ pixels with many more rays then measures the sum without bias (subpixels.py), an
 large, the expected squares are scaled and more rays follow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,7 +48,7 @@ class PixelTemperature:
     rim: Mask
 
     @classmethod
-    def of(cls, view: View, temperature: TraceTemperature) -> PixelTemperature:
+    def of(cls, view: View, temperature: TraceTemperature) -> "PixelTemperature":
         """Finds the pixels at the rim of the background."""
         rim = ~minimum_filter(view.sees_background, 3 + 2 * view.edge_pixels)
         return cls(view, temperature, rim.reshape(-1))

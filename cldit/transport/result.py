@@ -1,7 +1,5 @@
 """Settings and result of a trace, for all methods."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal
 

@@ -11,8 +11,6 @@ where F and G are the shares scattered into larger cosines. It is at least the d
 two asymmetries, which is the integral of F - G.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,7 +50,7 @@ class _Groups:
         *,
         bins: int,
         sampled: bool,
-    ) -> _Groups:
+    ) -> "_Groups":
         position, weight = position_m, scattering_m2
         if not np.all(weight > 0):
             some = weight > 0

@@ -3,8 +3,6 @@
 Direction numbers: Joe and Kuo, SIAM J. Sci. Comput. 30, 2008.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -16,8 +16,6 @@
 Half the difference of the images of the two halves estimates the quadrature error.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 

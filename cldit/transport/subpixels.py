@@ -13,8 +13,6 @@ probabilities. Where rays were chosen for each pixel (ray_choice.py), the expect
 errors are the probabilities.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Reals

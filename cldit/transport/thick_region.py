@@ -5,8 +5,6 @@ beyond a gap, cast shadows that are smaller than a cell. So path segments cross 
 thick ones, and end at the interfaces of this region.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +51,7 @@ class ThickRegion:
         deeper_than: float,
         tuning: Tuning,
         asymmetry: float | NDArray[np.float64] = 0.0,
-    ) -> ThickRegion | None:
+    ) -> "ThickRegion | None":
         """Thick scattering cells and the cells around them; None if no cell is thick.
 
         Args:

@@ -5,8 +5,6 @@
 `branching` (branching.py) is the paper's method, for comparison.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Pixels of an image by the rays that the scene asks for, or that the expected error needs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

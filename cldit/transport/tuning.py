@@ -1,7 +1,5 @@
 """Numbers that steer a trace: the trade-off of each, and the measurement that shows it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

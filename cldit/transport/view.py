@@ -1,7 +1,5 @@
 """Geometry of the scene for all kernels that traverse the octree: camera, boundary, octree."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -54,7 +52,9 @@ class View:
     visible: float = VISIBLE_EMISSIVITY
 
     @classmethod
-    def of(cls, scene: Scene, cells: OpticalCells, *, visible: float = VISIBLE_EMISSIVITY) -> View:
+    def of(
+        cls, scene: Scene, cells: OpticalCells, *, visible: float = VISIBLE_EMISSIVITY
+    ) -> "View":
         """The view of `scene`, in finest cells of the octree of `cells`."""
         frame, camera = cells.tree.frame, scene.camera
         centre = frame.to_cells(np.asarray([scene.background_centre_m]))[0]

@@ -1,7 +1,5 @@
 """Test benches of the drivers here, each with its emulator (see `cldit.testing.bed`)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack

@@ -3,8 +3,6 @@
 The Modbus side is the server of pymodbus, an independent peer; a `Heater` gives the temperature.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import threading
@@ -83,7 +81,7 @@ class ModbusPeer(Peer):
         self._terminals = Terminals()
         self._master = -1
 
-    def __enter__(self) -> ModbusPeer:
+    def __enter__(self) -> "ModbusPeer":
         if self._wants_serial:
             self._master, slave = self._terminals.pair()
             self.serial = os.ttyname(slave)

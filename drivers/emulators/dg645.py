@@ -4,8 +4,6 @@ From the manual it has registers that reading clears, an error queue, a rate err
 while busy, settings that abort the running cycle, bursts, and the inhibit input.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

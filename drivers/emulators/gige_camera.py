@@ -5,8 +5,6 @@ privilege with heartbeat, packet resend. Several can run at once, each at its ow
 all receive the discovery broadcast.
 """
 
-from __future__ import annotations
-
 import queue
 import random
 import secrets
@@ -79,7 +77,7 @@ class GigePeer:
         self._sent: OrderedDict[int, list[bytes]] = OrderedDict()
         self._triggers: queue.SimpleQueue[float | None] = queue.SimpleQueue()
 
-    def __enter__(self) -> GigePeer:
+    def __enter__(self) -> "GigePeer":
         self._memory[:] = bytes(reg.SIZE)
         schema = (1, 0) if self._legacy else (1, 1)
         reg.bootstrap(self._memory, self.host, self.sensor, self.serial, schema)

@@ -1,7 +1,5 @@
 """Images on the stream channel of GigE Vision (GVSP): their packets, and a test image."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 

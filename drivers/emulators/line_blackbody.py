@@ -1,7 +1,5 @@
 """Emulator of a black body with the commands of a rig file, on a socket or a terminal."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from cldit.scene.values import ZERO_CELSIUS_K

@@ -3,8 +3,6 @@
 python -m cldit.drivers.emulators.rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
 """
 
-from __future__ import annotations
-
 import sys
 import threading
 from contextlib import ExitStack
@@ -85,7 +83,7 @@ class PeerRig:
         """Number of pulses at the injector."""
         return len(self.generator.pulses("CD"))
 
-    def __enter__(self) -> PeerRig:
+    def __enter__(self) -> "PeerRig":
         for peer in (self.camera, self.blackbody, self.generator):
             self._stack.enter_context(peer)
         return self

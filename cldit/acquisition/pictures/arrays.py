@@ -1,7 +1,5 @@
 """Arrays by name: MATLAB's files up to version 7, netCDF 3, and Zarr."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """FITS: an image, or a cube of images, in one of the file's units (HDU)."""
 
-from __future__ import annotations
-
 import warnings
 from contextlib import suppress
 from typing import Any

@@ -1,7 +1,5 @@
 """Films of Telops infrared cameras (.hcc), read with fasthcc frame by frame."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager

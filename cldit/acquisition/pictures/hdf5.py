@@ -1,7 +1,5 @@
 """HDF5 and NeXus: data sets of images and of temperatures."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from importlib import import_module
 from typing import Any

@@ -1,7 +1,5 @@
 """Kinds of files with images: their endings, their first bytes, and their readers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

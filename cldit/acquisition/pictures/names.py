@@ -1,7 +1,5 @@
 """Content of images by the names of their files: kind, black-body temperature, delay, number."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection
 from dataclasses import dataclass

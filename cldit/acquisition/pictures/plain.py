@@ -1,7 +1,5 @@
 """Images in files that hold little else: .npy and .png."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

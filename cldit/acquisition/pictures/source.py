@@ -1,7 +1,5 @@
 """Location of images, and the interface of a reader of a kind of file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

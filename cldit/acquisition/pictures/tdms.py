@@ -1,7 +1,5 @@
 """TDMS of LabVIEW: channels with pixels row by row, their size in properties."""
 
-from __future__ import annotations
-
 import logging
 from importlib import import_module
 from typing import Any

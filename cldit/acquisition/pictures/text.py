@@ -5,8 +5,6 @@ FLIR's programs write `File:` and `Parameters:`, and `Frame 1` in front of each 
 Optris' PIX Connect writes numbers alone; spreadsheets and pandas number rows and columns.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

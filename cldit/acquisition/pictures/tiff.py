@@ -1,7 +1,5 @@
 """TIFF: one image per page, or several images in one page as ImageJ writes them."""
 
-from __future__ import annotations
-
 import logging
 import os
 import struct

@@ -5,8 +5,6 @@ exposure and original time, NeXus' NXdetector. TIFF's own date (tag 306) is that
 an export renews.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """EnSight Gold cases with measured particles: mesh, fields per element, parcels."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from functools import partial

@@ -4,8 +4,6 @@ Format after the EnSight user manual, "EnSight Gold Casefile Format". Files that
 too late are refused.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Geometry file of an EnSight Gold case: unstructured parts and blocks."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """EnSight variables: values per element and per node, also undefined and partial ones."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

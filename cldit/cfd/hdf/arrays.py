@@ -1,7 +1,5 @@
 """HDF5 files of CFD codes: opening them, and checking their arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -5,8 +5,6 @@ makes coordinates single precision, and ends the process on a damaged file. The 
 parcels: a mapping file names their table (`parcels.file`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from dataclasses import replace

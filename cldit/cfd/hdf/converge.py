@@ -4,8 +4,6 @@ Layout after vtk's reader of such files (vtkCONVERGECFDReader), read through h5p
 sibling files for other times and does not notice arrays of the wrong length.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container, Iterator
 from pathlib import Path

@@ -4,8 +4,6 @@ Layout after vtk's reader of such files (vtkFLUENTCFFReader), read through h5py.
 particles: a mapping file names their table (`parcels.file`).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Columns of a CFD result by a mapping: in SI, under OpenFOAM's names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 

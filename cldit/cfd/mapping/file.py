@@ -1,7 +1,5 @@
 """Mapping files: quantity, column and unit of each field of a CFD result."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
@@ -74,7 +72,7 @@ class Scalar(Section):
     undefined: float | None = None
 
     @model_validator(mode="after")
-    def _one(self) -> Scalar:
+    def _one(self) -> "Scalar":
         if (self.column is None) == (self.value is None):
             raise ValueError("needs either column or value")
         return self
@@ -150,7 +148,7 @@ class ParcelColumns(Table):
     origin: V = None
 
     @model_validator(mode="after")
-    def _once(self) -> ParcelColumns:
+    def _once(self) -> "ParcelColumns":
         for one, other in PAIRS:
             if getattr(self, one) is not None and getattr(self, other) is not None:
                 raise ValueError(f"{one} and {other} are both given; allowed: one of them")

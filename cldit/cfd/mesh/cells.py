@@ -1,7 +1,5 @@
 """Meshes as the importer needs them: a box for each cell, computed some cells at a time."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -63,7 +61,7 @@ class Boxes:
     upper_m: Floats
     volume_m3: Floats
 
-    def take(self, chosen: Labels) -> Boxes:
+    def take(self, chosen: Labels) -> "Boxes":
         """Selects the boxes `chosen` (N,)."""
         return Boxes(self.lower_m[chosen], self.upper_m[chosen], self.volume_m3[chosen])
 

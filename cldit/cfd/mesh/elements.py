@@ -1,7 +1,5 @@
 """Meshes of elements given by their corners, from tetrahedra to hexahedra, and of polyhedra."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Meshes of polyhedra given by their faces, and several meshes as one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

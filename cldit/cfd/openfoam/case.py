@@ -4,8 +4,6 @@ Read with NumPy instead of vtk's readers, which return float32, and no parcels a
 with barycentric coordinates only.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Clouds of an OpenFOAM case, with positions or with barycentric coordinates."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

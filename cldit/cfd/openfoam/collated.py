@@ -5,8 +5,6 @@ processor: its number of bytes, `(`, the bytes, `)`. The first block begins with
 content; the others have none (early versions gave each its own).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

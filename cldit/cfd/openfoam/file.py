@@ -3,8 +3,6 @@
 Format after the OpenFOAM user guide ("File format") and output of v1912.
 """
 
-from __future__ import annotations
-
 import gzip
 import re
 import zlib

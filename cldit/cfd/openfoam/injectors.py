@@ -1,7 +1,5 @@
 """Injectors of an OpenFOAM case: `position` and `direction` entries of its cloud dictionary."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

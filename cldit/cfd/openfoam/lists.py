@@ -4,8 +4,6 @@ Sizes of binary numbers come from the header's `arch` entry, and every list must
 so that a wrong size is noticed.
 """
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterable, Iterator

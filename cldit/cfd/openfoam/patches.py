@@ -1,7 +1,5 @@
 """Patches of an OpenFOAM mesh: those at which it is cut, and the temperature of its walls."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Regions and times of a case, and the choice among them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

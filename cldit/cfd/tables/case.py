@@ -1,7 +1,5 @@
 """Tables of cells and parcels, named by a mapping file, as a CFD case."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -5,8 +5,6 @@ Two lines in parentheses name the surface and the columns; each further line is 
 written by Fluent was at hand).
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

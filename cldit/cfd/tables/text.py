@@ -1,7 +1,5 @@
 """Tables of text with a delimiter: header, encoding, and columns as numbers."""
 
-from __future__ import annotations
-
 import codecs
 import re
 import warnings

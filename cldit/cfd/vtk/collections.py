@@ -1,7 +1,5 @@
 """Files that name other files: .vtm, .pvtu and .pvd of ParaView, .series of foamToVTK."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 vtk reads them through HDF5. h5py checks first that they are whole, and how large they are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """vtk data sets as NumPy arrays. vtk is imported only when a function is called."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One time of VTK files as a CFD case."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence, Set
 from dataclasses import replace
 from functools import partial

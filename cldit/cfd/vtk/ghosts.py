@@ -1,7 +1,5 @@
 """Cells and parcels that `vtkGhostType` marks as copies of another piece's, or as hidden."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

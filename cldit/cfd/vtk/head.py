@@ -4,8 +4,6 @@ vtk trusts an `offset`: with a wrong one it reads another array, or ends the pro
 memory. Layout after the VTK file formats, "Appended data section".
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 import mmap

@@ -1,7 +1,5 @@
 """VTK files of a path: foamToVTK's folders, ParaView's collections, single files."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parcels of VTK data sets, whatever the cells that join their points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """vtk's readers: selection of fields, error messages, progress, and Ctrl-C."""
 
-from __future__ import annotations
-
 import re
 import signal
 import threading

@@ -1,7 +1,5 @@
 """Step of VTK files at a time: its data sets, sorted into meshes and clouds."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

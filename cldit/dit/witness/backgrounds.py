@@ -5,8 +5,6 @@ deviation means another temperature than stated, or a change of the camera. The 
 injections in the pixels with the least spray.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -10,8 +10,6 @@ lines are fitted by each of these causes, and by a camera that is not linear (si
 for all backgrounds), over all blocks. All with nearly the smallest remainder widen the errors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Input of the witnesses: means of blocks of pixels by shot, as radiance."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -64,7 +62,7 @@ class Evidence:
         whole: Boundary,
         calibration: Calibration,
         warmest_K: float,
-    ) -> Evidence:
+    ) -> "Evidence":
         """Evidence from sums by set point and kind, in pixels (h, w) that see the background.
 
         `warmest_K` is the temperature of the hottest of backgrounds, walls and windows.
@@ -132,7 +130,7 @@ class Evidence:
         """Number of blocks."""
         return int(self.shots["reference"][0].shape[1])
 
-    def halves(self) -> tuple[Evidence, Evidence] | None:
+    def halves(self) -> "tuple[Evidence, Evidence] | None":
         """Every other shot of both kinds, and the rest; None where a background has only one."""
         if min(len(part) for kind in KINDS for part in self.shots[kind]) < 2:
             return None
@@ -152,7 +150,7 @@ class Evidence:
         parts = [part.part for kind in KINDS for part in self.places[kind]]
         return len(np.unique(np.concatenate(parts))) - 1
 
-    def through(self) -> Evidence:
+    def through(self) -> "Evidence":
         """The evidence with breaks in full length."""
         return replace(
             self, places={k: tuple(part.through() for part in self.places[k]) for k in KINDS}

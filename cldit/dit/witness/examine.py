@@ -1,7 +1,5 @@
 """All witnesses of recorded shots, and their contributions to the errors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Result of one witness, and the rule by which it ends the evaluation."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 

@@ -1,7 +1,5 @@
 """Checks of images: repeats, a level of saturation, frames read as rows or columns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ surroundings. A difference that no mixture of such sprays explains is due to the
 to a black body that drifted between the two kinds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

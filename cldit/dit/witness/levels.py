@@ -1,7 +1,5 @@
 """Levels of the images: are they counts, by the black body's temperature, and of one exposure?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

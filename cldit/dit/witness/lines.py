@@ -1,7 +1,5 @@
 """Deviations of points from a straight line: of each from the others, a lone one, two swapped."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 

@@ -6,8 +6,6 @@ changed that image. The shape of the spray checks the injections of one backgrou
 others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

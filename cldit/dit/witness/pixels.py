@@ -10,8 +10,6 @@ therefore compared without their smooth part (each pixel minus its four neighbou
   every radiance between 0 and that of the warmest part of the surroundings.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -63,7 +61,7 @@ class Patterns:
         source: Floats,
         calibration: Calibration,
         amount2: float,
-    ) -> Patterns:
+    ) -> "Patterns":
         """Patterns of the `sums`; amount2: variance of the relative amount of spray of a shot."""
         high: dict[str, Floats] = {}
         mean: dict[str, Floats] = {}
@@ -111,7 +109,7 @@ class _Blocks:
     counts: Floats
 
     @classmethod
-    def of(cls, sees: Mask) -> _Blocks:
+    def of(cls, sees: Mask) -> "_Blocks":
         parts = [max(1, min(_BLOCKS, n // _EDGE)) for n in sees.shape]
         rows, columns = (
             np.arange(n) * part // n for n, part in zip(sees.shape, parts, strict=True)
@@ -304,7 +302,7 @@ class _Difference:
     gain: float
 
     @classmethod
-    def of(cls, patterns: Patterns, here: Mask) -> _Difference | None:
+    def of(cls, patterns: Patterns, here: Mask) -> "_Difference | None":
         """The difference in the pixels `here` (h, w); None where they are few or without noise."""
         if np.count_nonzero(here) < 8 * _EDGE:
             return None

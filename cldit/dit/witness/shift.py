@@ -4,8 +4,6 @@ An image that is shifted by u differs by u times its gradient. The residuals of 
 lines of all pixels at one background are therefore fitted by the gradient of its own image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,8 +10,6 @@ A drift of the black body resembles one of the gain. Its rate, proportional to t
 kelvin, is fitted too, so that C includes the ambiguity.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 

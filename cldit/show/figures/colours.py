@@ -3,8 +3,6 @@
 All but the paper's hue rise or fall evenly in lightness, also for the colour-blind and in grey.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -44,7 +42,7 @@ class Scale:
     emissivity: float
 
     @classmethod
-    def of(cls, maps: Iterable[Maps]) -> Scale:
+    def of(cls, maps: Iterable[Maps]) -> "Scale":
         """Smallest scale that includes those of all maps; range (0, 0) without any temperature."""
         found = [(temperature_range_K(each), emissivity_scale(each)) for each in maps]
         known = [(low, high) for (low, high), _ in found if high > low]

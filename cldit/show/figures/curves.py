@@ -1,7 +1,5 @@
 """Figures of curves: error budget, spectrum, profile, design of a measurement, droplet."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from textwrap import fill
 

@@ -1,7 +1,5 @@
 """Films of images: animated GIF by Pillow, MP4 if imageio-ffmpeg is installed."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from contextlib import closing

@@ -1,7 +1,5 @@
 """Figures of maps, weights, shares, camera images and errors, with axes in mm."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -228,7 +226,7 @@ class Shares:
         background: float,
         wall: float,
         patches: Mapping[str, float] | None = None,
-    ) -> Shares:
+    ) -> "Shares":
         """Shares for given radiances [photons s-1 m-2 sr-1] of background, walls and patches.
 
         The spray is where the weights (H, W) differ from those without it by more than 1 %.

@@ -1,7 +1,5 @@
 """One quantity of a result, drawn into axes of the user's own figure."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 

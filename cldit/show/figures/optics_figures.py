@@ -1,7 +1,5 @@
 """Figure of a scene's optical properties: liquid, droplets, sizes, vapour, camera."""
 
-from __future__ import annotations
-
 from textwrap import fill
 
 import numpy as np

@@ -5,8 +5,6 @@ places by drawing everything twice and measuring every label, which took most of
 curves, whose labels differ, still use one (`style.figure_of`).
 """
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Sequence

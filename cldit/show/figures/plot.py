@@ -1,7 +1,5 @@
 """Figures and HTML of a run, an evaluation or a spray, for notebooks and scripts."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -47,7 +45,7 @@ if TYPE_CHECKING:
 
 
 def plot(
-    of: Run | Spray | Profile | xarray.Dataset,
+    of: "Run | Spray | Profile | xarray.Dataset",
     what: str = "maps",
     *,
     ax: Axes | None = None,
@@ -180,7 +178,7 @@ def _spray(spray: Spray, *, title: str = "spray") -> Figure:
     return views_figure(spray, title=title)
 
 
-def maps_of(data: xarray.Dataset) -> tuple[Maps, Frame]:
+def maps_of(data: "xarray.Dataset") -> tuple[Maps, Frame]:
     """Maps (H, W) and their frame, from a data set of `cldit.evaluate`, `Run.to_xarray`, or of one
     scene of a sweep, which has neither reasons nor a goodness of fit.
 
@@ -211,22 +209,22 @@ def _step(places_m: np.ndarray[Any, np.dtype[np.float64]]) -> float:
     return float(abs(places_m[-1] - places_m[0]) / max(len(places_m) - 1, 1)) or 1e-3
 
 
-def _title(data: xarray.Dataset) -> str:
+def _title(data: "xarray.Dataset") -> str:
     return str(data.attrs.get("title", "cldit")).removeprefix("cldit: ")
 
 
-def _data_maps(data: xarray.Dataset, **options: Any) -> Figure:
+def _data_maps(data: "xarray.Dataset", **options: Any) -> Figure:
     maps, frame = maps_of(data)
     return map_figure(maps, frame, **{"title": _title(data), **options})
 
 
-def _data_errors(data: xarray.Dataset) -> Figure:
+def _data_errors(data: "xarray.Dataset") -> Figure:
     maps, frame = maps_of(data)
     title, window = f"{_title(data)}: standard errors", spray_window(maps, frame)
     return panels_figure(errors_panels(maps), frame, title=title, window=window)
 
 
-def _data_budget(data: xarray.Dataset) -> Figure:
+def _data_budget(data: "xarray.Dataset") -> Figure:
     found = parse_json(str(data.attrs.get("evaluation", "{}"))).get("budget")
     if not found:
         raise EvaluationError(f"{_title(data)}: has no budget (setup.uncertainty states it)")
@@ -236,12 +234,12 @@ def _data_budget(data: xarray.Dataset) -> Figure:
     return budget_figure(kelvin, title=title, total_K=total_K)
 
 
-def _data_profile(data: xarray.Dataset, **options: Any) -> Figure:
+def _data_profile(data: "xarray.Dataset", **options: Any) -> Figure:
     profile = _profile_of(data, **options)
     return profile_figure(profile, title=f"{_title(data)}: along a plume")
 
 
-def _profile_of(of: Run | xarray.Dataset, **options: Any) -> Profile:
+def _profile_of(of: "Run | xarray.Dataset", **options: Any) -> Profile:
     if isinstance(of, Run):
         return of.profile(**options)
     maps, frame = maps_of(of)

@@ -1,7 +1,5 @@
 """Names and values for readers: `injected_mass_kg` becomes `injected mass`, 12.7 mg."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 # Ending of a key -> unit shown and factor. The longest that fits is the unit.

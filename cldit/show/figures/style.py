@@ -4,8 +4,6 @@ A figure is drawn at its size on paper: two columns of a journal (174 mm) wide o
 8 points. Files have 300 dpi, or are vectors.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Page of a comparison: maps of both, their difference, regions, profiles; tables as CSV."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import astuple, fields
 from itertools import takewhile

@@ -3,8 +3,6 @@
 All of it is read from the folder of the maps, so the page can be made later, of any evaluation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

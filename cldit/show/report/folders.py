@@ -1,7 +1,5 @@
 """Figures and pages of folders, from what they contain: a run, a series, evaluated shots."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Page of scenes: figure, command, seconds and stated error of each."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from pathlib import Path

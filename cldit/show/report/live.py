@@ -4,8 +4,6 @@ It is written again every few seconds, so curves are SVG text and the image is o
 figure of matplotlib would take a hundred times as long.
 """
 
-from __future__ import annotations
-
 import io
 import time
 from base64 import b64encode

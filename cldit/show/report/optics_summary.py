@@ -1,7 +1,5 @@
 """Optical properties of a scene in numbers, beside data and the values of the paper."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

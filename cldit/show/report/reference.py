@@ -1,7 +1,5 @@
 """Page docs/scene-reference.md: every key of every file that users write, from the schemas."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain

@@ -1,7 +1,5 @@
 """Figures and report of a run folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Report of a series: figures in one scale, a film of them, a table and curves over time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures of a spray: from the side, from below, and against time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Items of a folder to be viewed: a run, a series of runs, or an evaluated recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any

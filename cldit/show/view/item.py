@@ -1,7 +1,5 @@
 """Item of a page: plain data, and arrays by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

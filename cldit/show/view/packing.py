@@ -6,8 +6,6 @@ the number before is written in four planes of bytes: neighbours are alike, so t
 mostly zeros, which compress well.
 """
 
-from __future__ import annotations
-
 import zlib
 from base64 import b64encode
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Page of `cldit view` as one HTML file: template, styles, scripts and data."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache

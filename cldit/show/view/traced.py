@@ -10,8 +10,6 @@ fewer directions than there are wavelengths, so the weights are projected on the
 with a loss of 1e-7.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Orders of the axes in which discrete ordinates sweeps traverse the box."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from cldit.transport.discrete_ordinates.cell_packets import PACKET

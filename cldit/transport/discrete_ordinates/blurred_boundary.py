@@ -12,8 +12,6 @@ the unscattered light, and the light scattered forward once or more, blurred by 
 scattered somewhere on its ray; G B is evaluated at the mean place.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,7 +46,7 @@ class ForwardPeak:
     weight: Floats
 
     @classmethod
-    def of(cls, phase: ScatteringTable) -> ForwardPeak | None:
+    def of(cls, phase: ScatteringTable) -> "ForwardPeak | None":
         """Peak of a phase function; None if its third moment is not above 0."""
         moments = phase.moments(_KEPT)
         forward = float(moments[-1])
@@ -100,7 +98,7 @@ class BlurredBoundary:
         peak: ForwardPeak,
         *,
         real: type[np.floating],
-    ) -> BlurredBoundary:
+    ) -> "BlurredBoundary":
         """Computes and uploads the maps, see `blurred_maps`."""
         maps, frames = blurred_maps(view, box, directions, peak)
         return cls(

@@ -1,7 +1,5 @@
 """Weights for scattering to the camera in the final sweeps (stage 3 of `trace_source`)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -39,14 +37,14 @@ class CameraSweep:
     @classmethod
     def of(
         cls,
-        sweeper: Sweeper,
+        sweeper: "Sweeper",
         program: Program,
         medium: OpticalCells,
         *,
         phase: Floats,
         place: Floats,
         classes: Floats | None = None,
-    ) -> CameraSweep:
+    ) -> "CameraSweep":
         """Uploads the weights.
 
         Args:

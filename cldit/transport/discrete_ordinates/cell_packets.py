@@ -3,8 +3,6 @@
 Discrete ordinates sweeps (kernels/sweep.cl) traverse them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +34,7 @@ class CellPackets:
     number: NDArray[np.int32]
 
     @classmethod
-    def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> CellPackets:
+    def of(cls, filled: NDArray[np.bool_], scatters: NDArray[np.bool_]) -> "CellPackets":
         """Packets of a box with masks (l, v, u) of the non-empty and of the scattering cells."""
         some = np.asarray(_split(filled).any(axis=2))
         row, place = np.nonzero(some)
@@ -50,7 +48,7 @@ class CellPackets:
         )
 
     @classmethod
-    def both(cls, cells: OpticalCells, box: SweptBox) -> dict[bool, CellPackets]:
+    def both(cls, cells: OpticalCells, box: SweptBox) -> "dict[bool, CellPackets]":
         """Packets of `cells` in `box`: along x in rows [z][y]; turned: along y in rows [x][z]."""
         scatters = np.zeros(len(cells.depth), np.bool_)
         scatters[cells.address] = True

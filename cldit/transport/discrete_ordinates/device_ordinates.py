@@ -1,7 +1,5 @@
 """Quadrature of discrete ordinates on the device, with its sweep schedules."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,7 +35,7 @@ class DeviceOrdinates:
         together: int,
         edge: int,
         real: Real,
-    ) -> DeviceOrdinates:
+    ) -> "DeviceOrdinates":
         """Uploads a quadrature; arguments as in `sweep_schedules`."""
         ready = []
         for schedule in sweep_schedules(box, directions, starts, together=together, edge=edge):

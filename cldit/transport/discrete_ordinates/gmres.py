@@ -7,8 +7,6 @@ correction: Stetter, Numer. Math. 29, 1978). The remaining error is of second or
 difference of the two sets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -7,8 +7,6 @@ stage 1): with a constant source the flux between two cells of optical depth t a
 method). A linear source that is continuous at faces has the diffusion limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -35,7 +33,7 @@ class Gradients:
     weights: Floats
 
     @classmethod
-    def of(cls, cells: OpticalCells, box: SweptBox, tuning: Tuning) -> Gradients:
+    def of(cls, cells: OpticalCells, box: SweptBox, tuning: Tuning) -> "Gradients":
         """Finite differences of the scattering cells in which light diffuses."""
         depth = cells.depth[cells.address]
         lengths = np.sqrt(3.0 * cells.coalbedo) * depth

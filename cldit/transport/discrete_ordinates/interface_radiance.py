@@ -3,8 +3,6 @@
 Path segments end with the radiance on the interfaces of the thick region.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,7 +33,7 @@ class InterfaceRadiance:
     faces: dict[int, Any]
     first: int = 0
 
-    def after(self, directions: int) -> InterfaceRadiance:
+    def after(self, directions: int) -> "InterfaceRadiance":
         """Same buffer for a sweep that follows so many ordinates."""
         return replace(self, first=directions)
 
@@ -49,7 +47,7 @@ class InterfaceRadiance:
         components: int,
         directions: int,
         real: type[np.floating],
-    ) -> InterfaceRadiance:
+    ) -> "InterfaceRadiance":
         """Allocates the buffer and builds the tables of interfaces of a region.
 
         `components` is the number of values of a ray, see RAY_PLANES in blurred_boundary.h, and

@@ -5,8 +5,6 @@ defect correction removes it (gmres.py). With a phase function the solver scatte
 with the transport correction: scattering x (1 - g) (Modest, Radiative Heat Transfer, ch. 12).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Limiter of gradients within cells: sources stay positive, and sums of weights constant."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -13,8 +13,6 @@ I - S (linear discontinuous, iterated from sweep to sweep: Larsen and Morel, J. 
 1989).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

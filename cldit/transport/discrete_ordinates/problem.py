@@ -3,8 +3,6 @@
 Stages 1 to 3 of `trace_source` share it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -69,7 +67,7 @@ class SweepProblem:
         view: View,
         device: Device,
         settings: TraceSettings,
-    ) -> SweepProblem:
+    ) -> "SweepProblem":
         """Chooses the physics of the sweeps, and builds the program of the final ones."""
         share: float | Floats = 1.0
         if settings.phase is not None:

@@ -5,8 +5,6 @@ disc or where the phase function scatters to the camera. All sweeps of `trace_so
 3) use them; the final gather samples those of the final sweeps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,7 +27,7 @@ class Ordinates:
     weight: Floats
 
     @classmethod
-    def joined(cls, sets: Sequence[Ordinates]) -> Ordinates:
+    def joined(cls, sets: "Sequence[Ordinates]") -> "Ordinates":
         """Union of several quadratures, with equal shares."""
         return cls(
             unit=np.concatenate([each.unit for each in sets]),
@@ -39,7 +37,7 @@ class Ordinates:
     def __len__(self) -> int:
         return len(self.weight)
 
-    def halves(self) -> tuple[Ordinates, Ordinates]:
+    def halves(self) -> "tuple[Ordinates, Ordinates]":
         """Two quadratures: every other ordinate, and the rest.
 
         Together they integrate better than two independent sets.
@@ -50,12 +48,12 @@ class Ordinates:
         )
         return one, other
 
-    def by_axis(self) -> Ordinates:
+    def by_axis(self) -> "Ordinates":
         """Same ordinates, sorted by their closest axis, by which they are swept."""
         order = np.argsort(np.argmax(np.abs(self.unit), axis=1), kind="stable")
         return Ordinates(unit=self.unit[order], weight=self.weight[order])
 
-    def balanced(self) -> Ordinates:
+    def balanced(self) -> "Ordinates":
         """Same directions, with weights of first moment 0: sum of weight x unit = 0.
 
         In thick cells light would drift by the first moment, far more than it diffuses.

@@ -3,8 +3,6 @@
 kernels/source_update.cl moves values between the list and the swept box.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +36,7 @@ class ScatteringCells:
     @classmethod
     def of(
         cls, device: Device, kernels: Program, *, components: int, count: int, real: Real
-    ) -> ScatteringCells:
+    ) -> "ScatteringCells":
         """List of N = `count` cells with a source of 0."""
         source = zeros(device, "list", components * count, real)
         return cls(device, kernels, components, count, real, source)

@@ -4,8 +4,6 @@ Discrete ordinates sweeps (kernels/sweep.cl, stages 1 to 3 of `trace_source`) cr
 them. All cells of a layer have the same segments.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +53,7 @@ class Segments:
     basis_scale: Floats
 
     @classmethod
-    def of(cls, slopes: Floats, starts: Floats, *, layers: int, backwards: Mask) -> Segments:
+    def of(cls, slopes: Floats, starts: Floats, *, layers: int, backwards: Mask) -> "Segments":
         """Segments of K ordinates.
 
         Args:

@@ -3,8 +3,6 @@
 Stages 1 to 3 of `trace_source` use it (kernels/sweep.cl, kernels/source_update.cl).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Device arrays of the swept box in one order of axes, for discrete ordinates sweeps."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,7 +47,7 @@ class SweepArrays:
         *,
         turned: bool,
         linear_cells: NDArray[np.intp],
-    ) -> SweepArrays:
+    ) -> "SweepArrays":
         """Uploads a box with K `linear_cells` among the scattering ones; `turned`: along y."""
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:

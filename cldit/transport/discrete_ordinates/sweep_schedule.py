@@ -7,8 +7,6 @@ Baker and Alcouffe, Trans. Am. Nucl. Soc. 65, 1992, 198). The four quadrants sta
 at the same time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -71,7 +69,7 @@ class SweepSchedule:
         starts: Floats,
         *,
         edge: int,
-    ) -> SweepSchedule:
+    ) -> "SweepSchedule":
         """Schedule of the ordinates `number` (K,) of a quadrature in one order of axes."""
         # Light travels away from where it comes from.
         runs = -directions.unit[number][:, layout.axes]

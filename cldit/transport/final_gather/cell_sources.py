@@ -1,7 +1,5 @@
 """Sources and stored radiance that paths of the final gather collect (stage 5)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

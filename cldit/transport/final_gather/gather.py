@@ -7,8 +7,6 @@ interface radiance of the final sweeps. In the thickest cells paths continue (Je
 Illumination using Photon Maps, Rendering Techniques 1996; kernels/gather.cl).
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

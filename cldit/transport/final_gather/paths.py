@@ -1,7 +1,5 @@
 """Paths of the final gather on the devices: kernels, uploads, and means (stage 5)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

@@ -15,8 +15,6 @@ e^2 and s^2 grow with the 2.5th to 3rd power of the light scattered to the camer
 emissivity. No traced value influences the sample, so there is no bias.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

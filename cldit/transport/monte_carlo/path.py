@@ -5,8 +5,6 @@ is a low-discrepancy set with its own random shift (randomised quasi-Monte Carlo
 scatter of batches is an unbiased estimate of the image's error.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -81,7 +79,7 @@ class _PathTracer:
         scattered: Reals,
         fixed: dict[str, Any],
         components: int,
-    ) -> _PathTracer:
+    ) -> "_PathTracer":
         """Uploads the pixels' share of `scattered`; `fixed` are arguments that all pixels share."""
         return cls(
             device,

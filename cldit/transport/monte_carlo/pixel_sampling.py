@@ -1,7 +1,5 @@
 """Sampling of pixels with unequal probabilities, to estimate sums over the image."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +21,7 @@ class PixelSample:
     chance: Floats
 
     @classmethod
-    def of(cls, importance: Floats, *, most: int, seed: int) -> PixelSample:
+    def of(cls, importance: Floats, *, most: int, seed: int) -> "PixelSample":
         """Systematic sampling with probabilities proportional to importance (P,), up to 1.
 
         Pixels are drawn at equal steps of the cumulative probability from a random start, so that
