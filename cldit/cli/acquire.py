@@ -1,5 +1,6 @@
 """`cldit acquire`: a sequence with the instruments of a rig."""
 
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Self
 
@@ -23,7 +24,7 @@ from cldit.rig.load import open_rig
 @click.argument("plan", type=PATH)
 @click.option("--out", type=PATH, required=True, help="Folder of the shots.")
 @click.option("--dry-run", "dry", is_flag=True, help="Check and estimate; nothing moves or fires.")
-@click.option("--live", is_flag=True, help="Show progress and images here and on a page.")
+@click.option("--live", is_flag=True, help="Show the recording on a page, live.html.")
 @plain_errors
 def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> None:
     """Record the sequence in PLAN with the instruments in RIG; resumes where it stopped."""
@@ -36,14 +37,13 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
             asked.close()  # not made safe: that would move the black body
         print_next("cldit", "acquire", rig, plan, "--out", out)
         return
+    page: AbstractContextManager[object] = nullcontext()
     if live:
-        from cldit.cli.live import LiveView  # loads matplotlib
+        from cldit.cli.live import PageWriter  # loads matplotlib
 
-        with open_rig(rig) as opened, LiveView(folder=out) as view:
-            record = acquire(opened, sequence, out, progress=view.watch, preview=view.show)
-    else:
-        with RecordingBar() as bar, open_rig(rig) as opened:
-            record = acquire(opened, sequence, out, progress=bar.watch)
+        page = PageWriter(out)
+    with RecordingBar() as bar, open_rig(rig) as opened, page:
+        record = acquire(opened, sequence, out, progress=bar.watch)
     OUT.print(
         f"{record.saved} of {record.total} shots in {out}; {record.rejected} rejected, "
         f"{record.lost_injections} injections without a saved image"

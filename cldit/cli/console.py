@@ -107,8 +107,9 @@ class ProgressBar:
             self._show(text, 0, None)
 
     def watch(self, progress: "Progress") -> None:
-        """Shows the progress of an acquisition."""
-        self.count(progress.phase, progress.done, progress.total)
+        """Shows the progress of an acquisition, and how far the black body is."""
+        doing = str(progress.approach or progress.phase)
+        self.count(doing, progress.done, progress.total)
 
     def count(self, what: str, done: int, total: int) -> None:
         """Shows that `done` of `total` parts of a piece of work are done."""

@@ -1,8 +1,7 @@
-"""The live view in the terminal: an image of characters, and never a delay."""
+"""The figure of a recording in progress, and the command that shows it."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -11,103 +10,48 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from cldit.acquisition import Plan, SavedShot, acquire, open_acquisition
-from cldit.acquisition.plan import Shot
-from cldit.acquisition.progress import Progress
-from cldit.cli import live, main
-from cldit.cli.live import LiveView, half_blocks
-from cldit.rig.load import open_rig
-from cldit.show.report.live import stretched
+from cldit.acquisition import Plan
+from cldit.acquisition.watch import Reading, Seen
+from cldit.cli import main
+from cldit.show.report.live import LastShot, live_figure, live_page
+
+_META = {"shot": "b00_ref_00", "kind": "reference", "background_setpoint_K": 440.0,
+         "saturation_counts": 16383, "time": "2026-01-01T00:00:00+00:00"}  # fmt: skip
 
 
-def ramp(shape: tuple[int, int] = (48, 64)) -> np.ndarray[Any, np.dtype[np.uint16]]:
-    """Bright at the lower right."""
-    y, x = np.mgrid[: shape[0], : shape[1]]
-    return np.asarray(1000 + 50 * (x + y), np.uint16)
-
-
-def colours(text: Any) -> list[tuple[int, ...]]:
-    styles = [str(span.style) for span in text.spans]
-    return [
-        tuple(int(part) for part in half[4:-1].split(","))
-        for style in styles for half in style.split(" on ")
-    ]  # fmt: skip
-
-
-def test_half_blocks_show_the_picture() -> None:
-    """Upright, as wide as asked for, twice as many pixels as characters in height."""
-    text = half_blocks(ramp(), 32)
-    lines = text.plain.splitlines()
-    assert len(lines) == 12 and {len(line) for line in lines} == {32}
-    shades = [sum(colour) for colour in colours(text)]
-    assert len(shades) == 2 * 12 * 32
-    assert shades[0] == min(shades) and shades[-1] == max(shades)
-    top_right, bottom_left = shades[2 * 31], shades[2 * 11 * 32 + 1]
-    assert shades[0] < min(top_right, bottom_left) and max(top_right, bottom_left) < shades[-1]
+def test_saturated_pixels_show_in_a_reduced_image(tiny_plan: Plan) -> None:
+    """One of 1024 x 1280 is in the image, the histogram and the text."""
+    image = np.full((1024, 1280), 1000, np.uint16)
+    image[-1, 1] = 16383
+    readings = tuple(Reading(60.0 * n, 470.0 + n, 480.0) for n in range(9))
+    seen = Seen(state="recording", plan=tiny_plan, readings=readings)
+    shot = LastShot(image, _META)
+    drawn: Any = live_figure(seen, shot)
+    shown, counts, whole, close = drawn.axes[:4]
+    marked = np.ma.count(shown.images[1].get_array(), axis=1)
+    assert marked[-1] == 1 and marked.sum() == 1
+    assert counts.patches[1].get_data().values.tolist() == [1]
+    assert whole.lines[0].get_ydata()[-1] == 478.0
+    cut_K = 10.0 * tiny_plan.stability.tolerance_K
+    assert close.lines[0].get_ydata()[0] == -min(10.0, cut_K)
+    text = live_page(seen, shot, over=True, epoch_s=0.0)
+    assert "7.6e-05 % of the pixels are saturated" in text and "highest 16383" in text
 
 
 @pytest.mark.parametrize(
-    "image", [np.zeros((1, 1)), np.full((3, 500), 7), np.full((500, 3), 65535)]
+    "image", [np.zeros((1, 1)), np.full((2, 3, 500), 7), np.full((500, 3), 65535)]
 )
-def test_any_picture_can_be_shown(image: np.ndarray[Any, Any]) -> None:
-    counts = image.astype(np.uint16)
-    assert np.all(stretched(counts)[0] == 0.0)
-    assert half_blocks(counts).plain
+def test_any_image_can_be_shown(image: np.ndarray[Any, Any]) -> None:
+    page = live_page(Seen(state="recording"), LastShot(image.astype(np.uint16), _META),
+                     over=False, epoch_s=0.0)  # fmt: skip
+    assert "data:image/png" in page and "The recording has not begun." in page
 
 
-def saved(image: np.ndarray[Any, np.dtype[np.uint16]]) -> SavedShot:
-    shot = Shot("b00_ref_00", 0, 440.0, "reference", 0)
-    return SavedShot(shot, image, {"saturated_percent": 0.0, "saturation_counts": 16383})
-
-
-def test_the_last_image_is_shown() -> None:
-    with LiveView() as view:
-        view.watch(Progress("preflight", 0, 10, None))
-        end = time.monotonic() + 30.0
-        while "b00_ref_00" not in view._image.plain:
-            assert time.monotonic() < end
-            view.show(saved(ramp((512, 640))))
-            time.sleep(0.01)
-    assert "440 K reference" in view._image.plain
-
-
-def test_slow_view_drops_pictures_and_delays_nothing(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A terminal that needs a second for each picture gets the first and a late one of twenty."""
-    shown: list[str] = []
-
-    def slow(view: LiveView, newest: SavedShot) -> None:
-        shown.append(newest.shot.id)
-        time.sleep(1.0)
-
-    monkeypatch.setattr(LiveView, "show", slow)
-    plan = tiny_plan.model_copy(update={"shots": 8})
-    with LiveView() as view:
-        begin = time.monotonic()
-        assert acquire(
-            open_rig(tiny_rig), plan, tmp_path / "a", progress=view.watch, preview=view.show
-        ).complete
-        took_s = time.monotonic() - begin
-    assert len(shown) < 20 and took_s < 20.0
-    assert len(open_acquisition(tmp_path / "a").shots) == 20
-
-
-def test_acquire_live(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_acquire_live(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
     (tmp_path / "rig.yaml").write_text(yaml.safe_dump(tiny_rig))
     (tmp_path / "plan.yaml").write_text(tiny_plan.dump())
-    pictures = []
-
-    def counted(*arguments: Any) -> Any:
-        pictures.append(arguments)
-        return half_blocks(*arguments)
-
-    monkeypatch.setattr(live, "half_blocks", counted)
     arguments = ["acquire", *(str(tmp_path / f"{n}.yaml") for n in ("rig", "plan")), "--live"]
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path / "a")])
     assert result.exit_code == 0 and "10 of 10 shots" in result.output, result.output
-    assert pictures
     assert "page: " in result.output
     assert "finished" in (tmp_path / "a" / "live.html").read_text(encoding="utf-8")
