@@ -12,6 +12,7 @@ MEASUREMENTS = (
     "budget_reference",
     "calibration",
     "cost_cases",
+    "devices",
     "drawn_pixels",
     "droplets",
     "evaluation",
