@@ -115,7 +115,8 @@ class PointSpread:
             _aliases(count, size_m)
             for count, size_m in zip(camera.pixels, camera.field_m, strict=True)
         ]
-        known = np.linspace(0.0, np.hypot(*(float(one[1][0].max()) for one in sides)), _RADIAL)
+        highest = [float(far.max()) for _, (far, _) in sides]
+        known = np.linspace(0.0, float(np.linalg.norm(highest)), _RADIAL)
         mtf = self.mtf(known)
         parts = [
             down_share[:, None] * share * np.interp(np.hypot(down[:, None], across), known, mtf)

@@ -37,7 +37,7 @@ BUDGETS: dict[str, int] = {
     "medium": 1825,
     "optics": 3448,
     "prepare": 990,
-    "radiance": 779,
+    "radiance": 780,
     "rig": 1683,
     "run": 2228,
     "scene": 2101,
