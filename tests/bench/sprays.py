@@ -18,6 +18,7 @@ from cldit.run import default_cache
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.flow.mixture import gas_mixture
+from tests.bench.spray_cone import spray_cone
 from tests.bench.spray_g import spray_g
 from tests.bench.spray_history import Bench, table
 from tests.unit.spray.flow.free_jet import free_jet
@@ -272,6 +273,7 @@ SECTIONS: dict[str, Callable[[Bench], list[str]]] = {
     "parcels": _parcels,
     "half": _half,
     "jet": _eddies,
+    "cone": spray_cone,
 }
 
 

@@ -219,7 +219,8 @@ def test_kept_and_opened(device: Device, tmp_path: Path, tables: Path) -> None:
 
 
 def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None:
-    """Emissivity of the shipped jet, traced: 0.32 at most, where the paper has 0.3.
+    """Emissivity of the shipped jet, traced: 0.32 at most. The paper has at most 0.3, of holes that
+    it does not give; those of the scene are assumed.
 
     Beer-Lambert on the mean absorption, or the paper's one cross section, make its core opaque.
     """
@@ -230,7 +231,7 @@ def test_the_methane_jet_stays_translucent(device: Device, tables: Path) -> None
     data["spray"]["spacing_m"] = 2e-3
     data["transport"]["audit"] = False
     run = cldit.simulate(parse_scene(data), device=device, cache=tables)
-    assert 0.25 < float(np.nanmax(run.maps.emissivity)) < 0.35
+    assert 0.28 < float(np.nanmax(run.maps.emissivity)) < 0.34
     data["optics"].update(preset="paper", vapour_m2_mol=51.0)  # n-heptane's 50 is refused
     grey = cldit.simulate(parse_scene(data), device=device, cache=tables)
     assert float(np.nanmax(grey.maps.emissivity)) > 0.8

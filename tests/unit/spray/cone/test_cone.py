@@ -119,15 +119,14 @@ def test_vapour_penetration(
     [(0.15e6, 573.0, 34.0), (0.6e6, 500.0, 27.0), (0.9e6, 620.0, 18.0)],
 )
 def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_mm: float) -> None:
-    """Droplets so fine that mixing alone limits them. Siebers' formula was fitted with 15 %
-    scatter; on the axis the model is 5 % below it, and a cell off the axis some 5 % more. It takes
-    in 1.13 times the gas of their jet, so its liquid is that much shorter."""
+    """Droplets so fine that mixing alone limits them: 18 to 24 % shorter than Siebers' formula,
+    whose scatter is 15 %. Half of it is the spread, 1.13 times that of Naber and Siebers."""
     ambient = Ambient(pressure_Pa=pressure_Pa, temperature_K=gas_K)
     fine = Monodisperse(diameter_um=0.6)
     spray = make_cone(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine))
     assert spray.parcels is not None
     farthest = float(np.max(-spray.parcels.position_m[:, 2])) * 1e3
-    assert farthest == pytest.approx(length_mm * NABER_SIEBERS / SPREADING, rel=0.15)
+    assert 0.75 * length_mm < farthest < 0.85 * length_mm
 
 
 def test_masses_are_exact_and_notes_tell_them() -> None:
@@ -194,8 +193,8 @@ def test_droplets_of_a_thin_plume_evaporate_as_alone() -> None:
 
 def test_liquid_as_openfoam_has_it() -> None:
     """10 mg in 0.78 ms through eight holes into 0.6 MPa and 573 K. OpenFOAM, a spray that breaks
-    up from 150 um, has 2.76, 2.22, 1.44, 0.94 mg. 15 %: it differs by 7 % from the computed spray,
-    and the plumes of both are not alike."""
+    up from 150 um, has 2.76, 2.22, 1.44, 0.94 mg; the cone -11, 0, -8, -13 %. 15 % is what a
+    preview may differ by: OpenFOAM itself differs by 7 % from the computed spray."""
     for time_s, liquid_mg in ((0.7e-3, 2.76), (0.8e-3, 2.22), (0.9e-3, 1.44), (1.0e-3, 0.94)):
         spec = ConeSpray(
             time_s=time_s,
@@ -371,12 +370,15 @@ def test_methane_is_a_cold_gas_jet_without_droplets() -> None:
     # 15 into 0.4 MPa: 4.1 diameters of what flows of the hole, half of the fuel in one of seven.
     hole = np.sqrt(7 * 0.5 * spray.notes["flow_coefficient"]) * 0.4e-3
     assert spray.notes["mach_disc_m"] == pytest.approx(0.67 * np.sqrt(37.5) * hole, rel=1e-6)
-    # Up to there, on the axis, no gas has been taken up: as cold as the notional nozzle.
-    lower = spray.vapour.cells.lower_m
-    core = np.all(np.abs(lower[:, :2] + spec.lattice_m / 2) < spec.lattice_m, axis=1)
-    core &= lower[:, 2] > -spray.notes["mach_disc_m"]
+    # Up to there, on the axis, no gas has been taken up: as cold as the notional nozzle, to the
+    # entries of the table, in cells within the jet; those of the scene have 1.5 K more.
+    fine = make_cone(spec.model_copy(update={"spacing_m": 2.5e-4, "time_s": 1e-4})).vapour
+    assert fine is not None
+    core = np.all(np.abs(fine.cells.lower_m[:, :2] + 1.25e-4) < 2.5e-4, axis=1)
+    core &= fine.cells.lower_m[:, 2] > -spray.notes["mach_disc_m"]
     assert core.sum() >= 4
-    assert temperature[core].min() < spray.notes["notional_K"] + 2
+    assert fine.temperature_K[core].min() < spray.notes["notional_K"] + 0.01
+    assert temperature.min() < spray.notes["notional_K"] + 2
     # The paper sees its jet beyond 80 mm at that time.
     assert 0.08 < spray.notes["vapour_penetration_m"] < 0.12
 
