@@ -1,8 +1,6 @@
-"""Error of T_app against run time, of whole runs and of single traces, on this machine."""
+"""True and stated error of T_app against run time of whole runs, on this machine."""
 
-PARTS = ("budget", "error")
-ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)  # default accuracies of `source` in `error`
-ASKED_K = (4.0, 2.0, 1.0)  # default tolerances of `budget`
+ASKED_K = (4.0, 2.0, 1.0)  # default tolerances of a run
 BUDGET_SCENES = (  # with a reference
     "gdi",
     "gdi-flow",

@@ -25,7 +25,6 @@ _COMMANDS = {
     "export": "cldit.cli.export:export_command",
     "show": "cldit.cli.show:show",
     "view": "cldit.cli.show:view_command",
-    "gallery": "cldit.cli.show:gallery_command",
     "study": "cldit.cli.study:study",
     "bench": "cldit.cli.bench:bench",
 }

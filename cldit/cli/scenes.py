@@ -1,4 +1,4 @@
-"""`cldit scenes`: the shipped scenes, and the reference of every key."""
+"""`cldit scenes`: the shipped scenes, and their schema."""
 
 import json
 
@@ -13,21 +13,15 @@ from cldit.scene.commented import commented
 
 @click.command()
 @click.option("--show", metavar="SCENE", help="Print a scene as commented YAML, to save and edit.")
-@click.option("--reference", is_flag=True, help="Print every key of all files, as Markdown.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of scenes, for editors.")
 @json_option
 @plain_errors
-def scenes(show: str | None, reference: bool, schema: bool) -> Outcome:
+def scenes(show: str | None, schema: bool) -> Outcome:
     """List the shipped scenes."""
     if show is not None:
         scene = load_scene(show)
         tell(commented(scene), end="")
         return Outcome(scene.model_dump(mode="json"))
-    if reference:
-        from cldit.show.report.reference import reference_page  # loads readers of rigs and images
-
-        tell(reference_page(), end="")
-        return Outcome(Scene.model_json_schema())
     if schema:
         tell(json.dumps(Scene.model_json_schema(), indent=2))
         return Outcome(Scene.model_json_schema())

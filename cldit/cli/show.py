@@ -1,4 +1,4 @@
-"""`cldit show`, `cldit view` and `cldit gallery`: maps of folders, and pages of them."""
+"""`cldit show` and `cldit view`: maps of folders, and pages of them."""
 
 import webbrowser
 from collections.abc import Sequence
@@ -6,17 +6,13 @@ from pathlib import Path
 
 import click
 
-from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors
-from cldit.cli.options import PATH, device_option, figures_option, pixels_of
+from cldit.cli.console import OUT, escaped, plain_errors
+from cldit.cli.options import PATH, figures_option
 from cldit.errors import FileError
-from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.io.content import digest
 from cldit.io.files import make_folder
-from cldit.scene import shipped_scenes
-from cldit.scene.load import short_changes
 from cldit.show.report.folders import show_folder
-from cldit.show.report.gallery import write_gallery
 from cldit.show.view import Item, save_page, view_items
 from cldit.show.view.folders import unfinished
 
@@ -75,34 +71,3 @@ def _written(folder: Path, items: Sequence[Item]) -> Path:
         make_folder(path.parent)
         save_page(path, items)
     return path
-
-
-@click.command("gallery")
-@click.argument("scenes", nargs=-1)
-@click.option(
-    "--out",
-    default="gallery",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Folder of the page.",
-)
-@click.option("--pixels", metavar="N|NxM", help="Columns and rows of the images; default: 128.")
-@device_option
-@plain_errors
-def gallery_command(
-    scenes: tuple[str, ...], out: Path, pixels: str | None, device: str | None
-) -> None:
-    """Write a page of SCENES, or of all shipped ones: figure, command, seconds, error.
-
-    Each is simulated as by `cldit run --quick --trace-only`.
-    """
-    more = "" if pixels is None else f" --pixels {pixels}"
-    with ProgressBar() as bar:
-        page = write_gallery(
-            scenes or tuple(shipped_scenes()),
-            out,
-            options=f"--quick{more} --trace-only",
-            changes=short_changes(quick=True, pixels=None if pixels is None else pixels_of(pixels)),
-            device=open_device(device),
-            progress=bar.say,
-        )
-    OUT.print(escaped(str(page)))

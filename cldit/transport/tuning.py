@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 ABLATION = "python -m tests.bench ablation"
-ERROR = "cldit bench --only error"
+ERROR = "python -m tests.bench error"
 MEMORY = "python -m tests.bench memory"
 SOLVER = "docs/benchmarks/decided.md"
 STABILITY = "python -m tests.bench stability"

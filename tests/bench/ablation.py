@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from cldit.bench.case import Case, Lattice, Say, changed
-from cldit.bench.error import Truth
+from cldit.bench.case import Say, changed
 from cldit.bench.report import Part, Table, number
 from cldit.gpu.device import Device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import TraceSettings
+from tests.bench.case import Case, Lattice
+from tests.bench.error import Truth
 from tests.bench.page import write_measured
 from tests.verify.blocks import Blocks
 from tests.verify.slab import run_slab

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Reals
-from cldit.bench.case import Case, Cost, clocked
+from cldit.bench.case import Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
 from cldit.transport.camera_source import final_sweeps
@@ -27,6 +27,7 @@ from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.final_gather.paths import PathSampler
 from cldit.transport.source_iteration import formal_solution, thick_region
 from cldit.transport.view import View, upload_directory, upload_tree
+from tests.bench.case import Case
 
 Floats = NDArray[np.float64]
 

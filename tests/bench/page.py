@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from cldit.bench.case import Case, changed
+from cldit.bench.case import changed
 from cldit.bench.report import Part, write_part
 from cldit.gpu.device import Device, open_device
 from cldit.run import default_cache
 from cldit.scene import Scene, load_scene
+from tests.bench.case import Case
 
 FOLDER = Path(__file__).parents[2] / "docs" / "benchmarks"
 

@@ -18,13 +18,14 @@ import pytest
 
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.sources import pixel_sampling
-from cldit.bench.case import Case, changed
+from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.transport.trace import trace
+from tests.bench.case import Case
 from tests.bench.wavelengths import imported
 
 _NO_MEDIUM: Any = None  # the temperature of the case is given instead

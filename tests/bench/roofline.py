@@ -12,10 +12,11 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from cldit.bench.case import Case, Cost
+from cldit.bench.case import Cost
 from cldit.bench.report import Part, Table, number
 from cldit.gpu.buffers import zeros
 from cldit.gpu.compilation import compiled
+from tests.bench.case import Case
 from tests.bench.kernels import Kernels, quickest
 from tests.bench.page import write_measured
 

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from cldit.bench.case import Case, changed
-from cldit.bench.error import Truth
+from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
 from cldit.scene import load_scene
 from cldit.transport.trace import TraceSettings
+from tests.bench.case import Case
+from tests.bench.error import Truth
 
 
 class Even(Case):

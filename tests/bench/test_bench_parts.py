@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 import cldit
-from cldit.bench.case import Case, changed
+from cldit.bench.case import changed
 from cldit.gpu.device import Device
 from cldit.scene import Scene
+from tests.bench.case import Case
 from tests.bench.memory import memory
 from tests.bench.roofline import roofline
 

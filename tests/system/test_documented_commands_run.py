@@ -38,7 +38,6 @@ _NEEDS_GDI = ("docs/dit.md", "docs/rig.md", "docs/scattering.md", "docs/view.md"
 # Not run, with the reason.
 NOT = {
     "cldit bench --only budget --out docs": "hours; tests/unit/bench runs it on a small scene",
-    "cldit bench --only error --scene gdi": "an hour; tests/unit/bench runs it on a small scene",
     "cldit study all": "an hour; the same with --quick is run",
     "cldit plan --separate": "two scenes of the reader; tests/unit/dit runs it",
     "cldit fit": "a measurement of the reader's scene; tests/unit/study runs it on a twin",

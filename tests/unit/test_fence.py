@@ -23,11 +23,11 @@ BUDGETS: dict[str, int] = {
     "accuracy": 3717,
     "acquisition": 5297,
     "api": 1095,
-    "bench": 1015,
+    "bench": 588,
     "camera": 534,
     "cfd": 8296,
     "cldit": 154,
-    "cli": 2810,
+    "cli": 2693,
     "comparison": 1903,
     "dit": 6033,
     "drivers": 5581,
@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1683,
     "run": 2228,
     "scene": 2101,
-    "show": 6895,
+    "show": 6585,
     "spray": 7135,
     "study": 3169,
     "testing": 1302,
@@ -51,7 +51,7 @@ ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
     "acquisition": "camera cldit io optics radiance rig scene",
     "api": "acquisition camera cfd cldit cli comparison dit gpu io rig run scene show spray",
-    "bench": "accuracy cldit gpu io medium optics prepare radiance run scene show transport",
+    "bench": "accuracy cldit gpu io run scene show",
     "camera": "cldit optics scene",
     "cfd": "cldit io scene spray",
     "cldit": "api cli comparison gpu run scene show study",
@@ -74,10 +74,7 @@ ARROWS: dict[str, str] = {
         "accuracy camera cfd cldit dit gpu io medium optics prepare radiance scene spray transport"
     ),
     "scene": "cldit io",
-    "show": (
-        "accuracy acquisition camera cldit comparison dit gpu io optics radiance rig run scene "
-        "spray"
-    ),
+    "show": ("accuracy acquisition camera cldit comparison dit io optics radiance run scene spray"),
     "spray": "cldit io scene",
     "study": (
         "accuracy camera cldit comparison dit gpu io optics prepare radiance run scene show spray"

@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.bench.case import BenchError, Case, Lattice
+from cldit.bench.case import BenchError
 from cldit.transport.cells import OpticalCells
+from tests.bench.case import Case, Lattice
 
 Floats = NDArray[np.float64]
 

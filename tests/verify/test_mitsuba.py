@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.bench.case import BenchError, Case
-from cldit.bench.error import path_settings
+from cldit.bench.case import BenchError
 from cldit.gpu.device import Device
+from tests.bench.case import Case
+from tests.bench.error import path_settings
 from tests.verify.mitsuba_stage import Stage, mitsuba, row_lattice
 
 EDGE = 0.2

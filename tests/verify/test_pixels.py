@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.bench.case import Case, changed
+from cldit.bench.case import changed
 from cldit.errors import DeviceError, TransportError
 from cldit.gpu import buffers
 from cldit.gpu.device import Device, open_device, split
@@ -27,6 +27,7 @@ from cldit.scene import load_scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.trace import trace
 from cldit.transport.view import View
+from tests.bench.case import Case
 from tests.bench.pixel_sampling import measured, scene_of
 
 EDGE = 0.2

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 import cldit
-from cldit.bench.case import Case, changed
+from cldit.bench.case import changed
 from cldit.errors import NotConvergedError
 from cldit.gpu.device import Device
 from cldit.transport.trace import trace
+from tests.bench.case import Case
 
 
 @pytest.mark.slow

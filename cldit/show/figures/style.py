@@ -5,7 +5,7 @@ A figure is drawn at its size on paper: two columns of a journal (174 mm) wide o
 """
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -17,7 +17,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
-from matplotlib.transforms import Bbox
 from PIL import Image
 
 from cldit.errors import FileError
@@ -119,42 +118,6 @@ def plain_ticks(axes: Axes) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         axis.set_minor_formatter(NullFormatter())
-
-
-def label_points(axes: Axes, labels: Sequence[tuple[str, float, float]]) -> None:
-    """Writes texts beside points (text, x, y), where none covers another, a point or the legend."""
-    figure = axes.figure
-    assert isinstance(figure, Figure)
-    figure.draw_without_rendering()
-    legend = axes.get_legend()
-    taken = [] if legend is None else [legend.get_window_extent()]
-    dots = axes.transData.transform(np.array([at for _, *at in labels]).reshape(-1, 2))
-    taken += [Bbox.from_bounds(x - 3, y - 3, 6, 6) for x, y in dots]
-    for text, x, y in labels:
-        note = axes.annotate(text, (x, y), (0, 0), textcoords="offset points", fontsize=6.5)
-        for away in (4.0, 10.0, 18.0, 28.0):
-            for across, up in _AROUND:
-                note.set_position((away * across, away * up))
-                note.set(ha="left" if across > 0 else "right" if across < 0 else "center",
-                         va="bottom" if up > 0 else "top" if up < 0 else "center")  # fmt: skip
-                box = note.get_window_extent()
-                covered = sum(_common(box, other) for other in taken)
-                outside = box.width * box.height - _common(box, axes.get_window_extent())
-                if covered + outside <= 0.0:
-                    break
-            else:
-                continue
-            break
-        taken.append(note.get_window_extent())
-
-
-def _common(one: Bbox, other: Bbox) -> float:
-    """Area that two boxes share."""
-    both = Bbox.intersection(one, other)
-    return 0.0 if both is None else float(both.width * both.height)
-
-
-_AROUND = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 def png_of(figure: Figure, *, dpi: int = DPI) -> bytes:

@@ -24,7 +24,6 @@ from cldit.bench.budget import (
 from cldit.bench.budget_scenes import Reference, budget_scene
 from cldit.bench.case import BenchError
 from cldit.bench.report import Part
-from cldit.cli.bench import Options
 from cldit.prepare.spray_factory import make_spray
 from cldit.radiance.apparent_temperature import has_temperature
 from cldit.scene import Scene
@@ -146,27 +145,6 @@ def test_page_of_seeds() -> None:
     assert seeds.rows[0] == ("gdi", "1", "0.8 to 0.9", "0.6 to 0.8", "1 to 1.5", "-", "20 to 21")
     assert seeds.rows[1][2:5] == ("unknown", "2.5", "unknown")
     assert "2 seeds" in part.text[0]
-
-
-def test_command_of_some_scenes_names_them() -> None:
-    """What is printed over the page makes the same rows again."""
-    options: dict[str, Any] = {
-        "scene": "gdi",
-        "parts": ("budget",),
-        "every": 5,
-        "samples": 512,
-        "accuracies_K": (1.0,),
-        "pixels": 100,
-        "asked_K": (4.0,),
-        "seeds": 5,
-        "out": Path("docs"),
-        "suffix": None,
-        "device": None,
-    }
-    asked = Options(**options, budget_scenes=("gdi", "droplets-only"))
-    command = asked.command("budget")
-    assert command.endswith(" --asked 4K --budget-scene gdi --budget-scene droplets-only")
-    assert "--budget-scene" not in Options(**options, budget_scenes=BUDGET_SCENES).command("budget")
 
 
 def test_what_was_measured_is_kept_after_each_accuracy(

@@ -198,7 +198,7 @@ def test_no_color() -> None:
         ("cldit sc", {"scenes"}),
         ("cldit run gdi-", {"gdi-cold", "gdi-flow"}),
         ("cldit diff --re", {"--resample"}),
-        ("cldit bench --only b", {"budget"}),
+        ("cldit bench --budget-scene even", {"even-grid"}),
     ],
 )
 def test_completion(line: str, expected: set[str]) -> None:
@@ -208,8 +208,8 @@ def test_completion(line: str, expected: set[str]) -> None:
 
 
 def test_completion_as_bash_asks_for_it() -> None:
-    done = cldit(_CLDIT_COMPLETE="bash_complete", COMP_WORDS="cldit scenes --re", COMP_CWORD="2")
-    assert done.stdout == "plain,--reference\n"
+    done = cldit(_CLDIT_COMPLETE="bash_complete", COMP_WORDS="cldit scenes --sc", COMP_CWORD="2")
+    assert done.stdout == "plain,--schema\n"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

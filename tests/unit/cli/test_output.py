@@ -44,7 +44,7 @@ def test_any_text_in_any_locale() -> None:
 
 
 @full
-@pytest.mark.parametrize("words", ["CLDIT scenes", "CLDIT --help", "CLDIT scenes --reference"])
+@pytest.mark.parametrize("words", ["CLDIT scenes", "CLDIT --help", "CLDIT scenes --schema"])
 def test_full_output(words: str) -> None:
     done = cldit(f"{words} > /dev/full")
     assert done.returncode == 1
@@ -60,7 +60,7 @@ def test_nobody_to_tell() -> None:
 
 def test_closed_pipes_and_closed_streams(tmp_path: Path) -> None:
     """No traceback; and no file gets the number of a stream that was closed."""
-    done = cldit("{ CLDIT scenes --reference; echo $? >&2; } | true")
+    done = cldit("{ CLDIT scenes --schema; echo $? >&2; } | true")
     assert done.stderr in (b"1\n", b"0\n")  # 0: all of it was in the pipe before the reader went
     done = cldit("CLDIT scenes >&-")
     assert (done.returncode, done.stderr) == (0, b"")

@@ -17,7 +17,6 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from cldit.bench.budget import BudgetRow, budget_figure
-from cldit.bench.error import Row, error_figure
 from cldit.dit.design import Design, Goal
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import open_run
@@ -33,6 +32,7 @@ from cldit.show.report.optics_summary import scene_optics
 from cldit.show.report.spray_report import history_figure, views_figure
 from cldit.spray.droplet.follow import Life
 from cldit.spray.flow.measures import History
+from tests.bench.error import Row, error_figure
 from tests.unit.show.report.test_film import times
 
 WRITTEN = Path(__file__).parents[3] / "data" / "run-0.1.0"

@@ -1,23 +1,29 @@
-"""Error against run time of the methods of the transport, on one scene."""
+"""Error against run time of `source` and `path`, single traces of one scene."""
 
-from collections.abc import Callable, Sequence
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from cldit.arrays import Floats, Mask
-from cldit.bench import ACCURACIES_K
-from cldit.bench.case import BenchError, Case, Cost, Lattice, Say, changed, one_pixel
+from cldit.bench.case import BenchError, Cost, Say, changed
 from cldit.bench.report import Part, Table, number
-from cldit.gpu.device import Device
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.show.figures.style import WIDTH_IN, figure_of, label_points, plain_ticks, styled
+from cldit.show.figures.style import WIDTH_IN, figure_of, plain_ticks, styled
 from cldit.transport.trace import TraceSettings
+from tests.bench.case import Case, Lattice, one_pixel
+from tests.bench.page import Given, write_measured
+
+ACCURACIES_K = (1.0, 0.3, 0.1, 0.05)  # of `source`
 
 SAMPLES = (128, 256, 512)  # of `path`, per pixel
 PLAIN_K = 0.3  # accuracy of `source` without final gather
@@ -46,7 +52,7 @@ class Truth:
     samples: int
 
     @classmethod
-    def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> "Truth":
+    def of(cls, case: Case, *, samples: int, phase: Any, order: int | None = None) -> Truth:
         """Reference by path tracing; `samples` per pixel in both halves together."""
         half = path_settings(case, samples // 2, phase=phase, order=order)
         first, second = (case.run(replace(half, seed=seed))[0].weights for seed in _REFERENCE_SEEDS)
@@ -194,33 +200,25 @@ def bench_error(
     return rows, truth
 
 
-def error(
-    scene: Scene,
-    device: Device,
-    *,
-    cache: Path,
-    lattice: Lattice,
-    say: Say,
-    save: Callable[[Part], None],
-    accuracies_K: Sequence[float] = ACCURACIES_K,
-    reference_samples: int = REFERENCE_SAMPLES,
-) -> Part:
-    """Measures isotropic scattering and, if droplets have diameters, Mie's phase function.
-
-    `save` takes the unfinished part after each phase function.
-    """
+def measure(given: Given) -> Part:
+    """Measures isotropic scattering and, if droplets have diameters, Mie's phase function."""
+    scene, options = given.scene, given.options
     mie = ["mie"] if scene.spray.model not in ("none", "grid") else []
     fixed = {"method": "source", "order": None, "accuracy_K": 0.1}
     prepared = changed(scene, transport={"phase": mie[0] if mie else "isotropic", **fixed})
-    case = Case.of(prepared, device, cache=cache)
+    case = Case.of(prepared, given.device, cache=given.cache)
     rows, truths = [], {}
     for phase in ["isotropic", *mie]:
         more, truths[phase] = bench_error(
-            case, phase=phase, lattice=lattice, say=say,
-            accuracies_K=accuracies_K, reference_samples=reference_samples,
-        )  # fmt: skip
+            case,
+            phase=phase,
+            lattice=Lattice((options.every, options.every)),
+            say=given.say,
+            accuracies_K=options.accuracy or ACCURACIES_K,
+            reference_samples=options.samples,
+        )
         rows += more
-        save(error_part(scene, rows, truths))
+        given.save(error_part(scene, rows, truths))
     return error_part(scene, rows, truths)
 
 
@@ -296,3 +294,52 @@ def error_figure(scene: Scene, rows: Sequence[Row]) -> Figure:
     for axis, labels in zip(axes, labelled, strict=True):
         label_points(axis, labels)
     return figure
+
+
+def label_points(axes: Axes, labels: Sequence[tuple[str, float, float]]) -> None:
+    """Writes texts beside points (text, x, y), where none covers another, a point or the legend."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    figure.draw_without_rendering()
+    legend = axes.get_legend()
+    taken = [] if legend is None else [legend.get_window_extent()]
+    dots = axes.transData.transform(np.array([at for _, *at in labels]).reshape(-1, 2))
+    taken += [Bbox.from_bounds(x - 3, y - 3, 6, 6) for x, y in dots]
+    for text, x, y in labels:
+        note = axes.annotate(text, (x, y), (0, 0), textcoords="offset points", fontsize=6.5)
+        for away in (4.0, 10.0, 18.0, 28.0):
+            for across, up in _AROUND:
+                note.set_position((away * across, away * up))
+                note.set(ha="left" if across > 0 else "right" if across < 0 else "center",
+                         va="bottom" if up > 0 else "top" if up < 0 else "center")  # fmt: skip
+                box = note.get_window_extent()
+                covered = sum(_common(box, other) for other in taken)
+                outside = box.width * box.height - _common(box, axes.get_window_extent())
+                if covered + outside <= 0.0:
+                    break
+            else:
+                continue
+            break
+        taken.append(note.get_window_extent())
+
+
+def _common(one: Bbox, other: Bbox) -> float:
+    """Area that two boxes share."""
+    both = Bbox.intersection(one, other)
+    return 0.0 if both is None else float(both.width * both.height)
+
+
+_AROUND = ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, 0), (-1, 0), (0, 1), (0, -1))
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--accuracy", type=float, action="append", help="of `source`, K; several")
+    every = "the reference and `path` trace every n-th pixel across and down (odd)"
+    parser.add_argument("--every", type=int, default=5, help=every)
+    samples = "samples per pixel of the reference"
+    parser.add_argument("--samples", type=int, default=REFERENCE_SAMPLES, help=samples)
+
+
+def main() -> None:
+    """Writes the page."""
+    write_measured(measure, _options)

@@ -1,4 +1,4 @@
-"""`cldit bench --only error` on a small scene: errors are sane; times are not asserted."""
+"""`python -m tests.bench error` on a small scene: errors are sane; times are not asserted."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 import cldit
-from cldit.bench.case import BenchError, Case, Lattice, changed
-from cldit.bench.error import bench_error, error_part
+from cldit.bench.case import BenchError, changed
 from cldit.bench.report import write_part
 from cldit.gpu.device import Device
 from cldit.run import simulate
 from cldit.scene import Scene
 from cldit.transport.trace import trace
+from tests.bench.case import Case, Lattice
+from tests.bench.error import bench_error, error_part
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_all_methods_against_the_reference(case: Case, tmp_path: Path) -> None:
     assert 1.3 < by["path, 128 samples"].rms_K / by["path, 512 samples"].rms_K < 2.9
     assert by["source, 0.3 K"].rms_K < by["source, 3 K"].rms_K
     part = error_part(case.scene, rows, {"isotropic": truth})
-    page = write_part(part, tmp_path, command="cldit bench", device=case.device)
+    page = write_part(part, tmp_path, command="python -m tests.bench error", device=case.device)
     assert (tmp_path / "error.png").stat().st_size > 5000
     assert len(json.loads((tmp_path / "error.json").read_text())["rows"]) == len(rows)
     assert "extrapolated" in page.read_text(encoding="utf-8")

@@ -1,4 +1,9 @@
-"""Page docs/scene-reference.md: every key of every file that users write, from the schemas."""
+"""Page docs/scene-reference.md: every key of every file that users write, from the schemas.
+
+python -m tests.bench scene_reference > docs/scene-reference.md
+"""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,7 +34,8 @@ Look up a key here; `cldit scenes --show gdi` prints a whole scene to begin with
 names, and paths are relative to the file. Defaults of scenes are the paper's numbers where it gives
 them; those of the sensor are assumptions, typical of a cooled InSb camera. A section that is not
 given has the defaults of its keys; a range without a type is one of numbers, and the default null
-means that the key is not given. This page is made by `cldit scenes --reference`.
+means that the key is not given.
+Made by `python -m tests.bench scene_reference`.
 
 VS Code (YAML extension) and PyCharm complete and check scenes with
 `cldit scenes --schema > scene.schema.json` and the first line
@@ -211,3 +217,8 @@ def _plain(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def main() -> None:
+    """Prints the page."""
+    print(reference_page(), end="")

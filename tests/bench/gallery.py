@@ -1,21 +1,27 @@
-"""Page of scenes: figure, command, seconds and stated error of each."""
+"""Page of scenes, docs/gallery.md: figure, command, seconds and stated error of each."""
 
+from __future__ import annotations
+
+import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from cldit.gpu.device import Device
+from cldit.cli.options import pixels_of
+from cldit.gpu.device import Device, open_device
 from cldit.run import Say, simulate
-from cldit.scene import load_scene
+from cldit.scene import load_scene, shipped_scenes
+from cldit.scene.load import short_changes
 from cldit.show.figures.plot import plot
 from cldit.show.figures.style import png_of
 from cldit.show.page import Block, Code, Figure, Page, Section, write_page
 
 _ABOUT = (
-    "Made by `cldit gallery`. The core seconds are those of one run on `{device}`, including what "
-    "was not yet in the cache: tables of droplets and vapour, computed sprays. The error is that "
-    "which the run states for its image ([definition](errors.md))."
+    "Made by `python -m tests.bench gallery`. The core seconds are those of one run on "
+    "`{device}`, including what was not yet in the cache: tables of droplets and vapour, computed "
+    "sprays. The error is that which the run states for its image ([definition](errors.md))."
 )
 
 
@@ -58,3 +64,24 @@ def write_gallery(
         sections.append(Section(scene.name, content))
     page = Page("Gallery", [_ABOUT.format(device=device.info.name), *sections])
     return write_page(page, folder / "gallery.md")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Writes the page; each scene is simulated as by `cldit run --quick --trace-only`."""
+    parser = argparse.ArgumentParser(prog=sys.argv[0], description=__doc__)
+    parser.add_argument("scenes", nargs="*", help="default: all shipped ones")
+    parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the page")
+    parser.add_argument("--pixels", help="columns and rows of the images, N or NxM; default: 128")
+    parser.add_argument("--device", help="index or name of an OpenCL device")
+    given = parser.parse_args(arguments)
+    pixels = None if given.pixels is None else pixels_of(given.pixels)
+    more = "" if pixels is None else f" --pixels {given.pixels}"
+    page = write_gallery(
+        given.scenes or tuple(shipped_scenes()),
+        given.out,
+        options=f"--quick{more} --trace-only",
+        changes=short_changes(quick=True, pixels=pixels),
+        device=open_device(given.device),
+        progress=print,
+    )
+    print(page)
