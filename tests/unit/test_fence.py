@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1683,
     "run": 2228,
     "scene": 2101,
-    "show": 6585,
+    "show": 6594,
     "spray": 7135,
     "study": 3169,
     "testing": 1302,

@@ -17,6 +17,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
@@ -191,7 +192,8 @@ def panels_figure(
                               weight=weight, va="bottom")  # fmt: skip
         left, right, bottom, top = windows[number]
         if number == 0 and left < 0 < right and bottom < 0 < top - 0.07 * (top - bottom):
-            axes.annotate("injector", (0, 0), (5, 2), textcoords="offset points", fontsize=7)
+            axes.annotate("injector", (0, 0), (5, 2), textcoords="offset points", fontsize=7,
+                          path_effects=[withStroke(linewidth=2, foreground="white")])  # fmt: skip
         if not shared:
             _key(axes_at(x + wide + _KEY_GAP, tops[row], _KEY, high), [panel])
     if shared:

@@ -29,7 +29,7 @@ from cldit.show.figures.maps import (
     spray_window,
     weights_panels,
 )
-from cldit.show.figures.panels import Frame, Panel, panels_figure
+from cldit.show.figures.panels import GREY, Frame, Panel, panels_figure
 from cldit.show.figures.readable import human_figures
 from cldit.show.figures.style import SCREEN_DPI, figure_bytes, png_of
 from cldit.show.page import (
@@ -60,8 +60,11 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     name, delays = run.scene.name, run.scene.plan.delays_s
     window = spray_window(run.maps, traced)
 
-    def drawn(panels: Sequence[Panel], title: str, frame: Frame = traced) -> Drawn:
-        return panels_figure(panels, frame, title=f"{name}: {title}", window=window)
+    def drawn(
+        panels: Sequence[Panel], title: str, frame: Frame = traced, missing: str = ""
+    ) -> Drawn:
+        legend = [(GREY, missing)] if missing else []
+        return panels_figure(panels, frame, title=f"{name}: {title}", window=window, legend=legend)
 
     if run.measured is not None:
         figure = map_figure(run.measured, sensor, title=f"{name}: DIT of the acquired shots")
@@ -81,7 +84,11 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     if run.error_maps:
         title = "standard error of the simulated T_app"
         caption = "Standard error of the simulation itself; errors/ has a map of every cause."
-        yield "simulation_errors", drawn(error_maps_panels(run.error_maps), title), caption
+        panels, missing = (
+            error_maps_panels(run.error_maps),
+            "no apparent temperature, or emissivity below 0.05",
+        )
+        yield "simulation_errors", drawn(panels, title, missing=missing), caption
     if run.ensemble is not None:
         panels, title = injections_panels(run.ensemble), f"{run.ensemble.members} injections"
         caption = f"Differences between injections; {run.ensemble.text(run)}."
