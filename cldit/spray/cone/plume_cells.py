@@ -7,7 +7,7 @@ narrowest plume. State and evaporation are those of the parts, which a cell of t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.mixing import bilinear
 from cldit.spray.cone.nozzle import NozzleFlow
-from cldit.spray.cone.plumes import XI2, Plume, plumes_of
+from cldit.spray.cone.plumes import XI2, Plume, plumes_of, shares_of
 
 NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
 ACROSS = 4.0  # cells in the radius of the plume, as far as `DEEPEST` halvings allow
@@ -60,7 +60,7 @@ class _Lattice:
     near: tuple[float, ...]
 
     @classmethod
-    def of(cls, edge_m: float, plumes: list[Plume]) -> _Lattice:
+    def of(cls, edge_m: float, plumes: Sequence[Plume]) -> _Lattice:
         radii = [ACROSS * edge_m / 2**halvings for halvings in range(DEEPEST)]
         near = (max(plume.distance_m(radius) for plume in plumes) / edge_m for radius in radii)
         return cls(edge_m, tuple(one for one in near if one > 0))
@@ -76,9 +76,7 @@ _Run = tuple[Ints, Ints, Floats, Floats, Floats]
 
 def plume_cells(spec: ConeSpray, source: NozzleFlow, *, injected: float) -> PlumeCells:
     """Cells that the plumes of a spray fill with the `injected` fuel, in order."""
-    total = sum(plume.mass_fraction for plume in spec.plumes)
-    shares = [plume.mass_fraction / total for plume in spec.plumes]
-    plumes = plumes_of(spec, source, shares)
+    shares, plumes = shares_of(spec), plumes_of(spec)
     lattice = _Lattice.of(spec.lattice_m, plumes)
     runs = [_filled(spec, plume, source, lattice) for plume in plumes]
     cells = [cell for cell, *_ in runs]

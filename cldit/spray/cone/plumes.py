@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from cldit.spray.cone.attraction import displaced_m
 from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
-from cldit.spray.cone.nozzle import NozzleFlow
+from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 
 SOFTNESS = 0.1  # half the width of the tip, and of the droplets' tail, over the travel time
 TRAILING = 0.9  # that of the gas's tail: the slow edge and the last, thin jet stay behind
@@ -94,8 +94,33 @@ class Plume:
         return self.start_m + float(np.interp(radius_m, self.radius_m, self.along_m))
 
 
-def plumes_of(spec: ConeSpray, source: NozzleFlow, shares: list[float]) -> list[Plume]:
-    """All plumes; raises SprayError if the lattice does not suit one."""
+def shares_of(spec: ConeSpray) -> list[float]:
+    """Share of each plume in the fuel."""
+    total = sum(plume.mass_fraction for plume in spec.plumes)
+    return [plume.mass_fraction / total for plume in spec.plumes]
+
+
+def plumes_of(spec: ConeSpray) -> tuple[Plume, ...]:
+    """All plumes; raises SprayError if the lattice does not suit one.
+
+    Cones that differ only in lattice and size classes share them.
+    """
+    plumes = _plumes(spec.model_copy(update={"spacing_m": None, "size_classes": None}))
+    for plume in plumes:
+        least, most = plume.box_m(spec.lattice_m)
+        finest = float(np.prod(most - least) * len(plumes) / MOST_CELLS) ** (1 / 3)
+        if not finest <= spec.lattice_m <= plume.reach_m / 2:
+            raise SprayError(
+                f"spray.spacing_m: {spec.lattice_m:g} does not suit a plume of "
+                f"{plume.reach_m:.3g} m, one of {len(plumes)}; "
+                f"allowed: {finest:.2g}..{plume.reach_m / 2:.2g}"
+            )
+    return plumes
+
+
+@lru_cache(maxsize=4)
+def _plumes(spec: ConeSpray) -> tuple[Plume, ...]:
+    source = nozzle_flow(spec)
     gas_kg_m3 = (
         spec.ambient.pressure_Pa
         * NITROGEN.molar_mass_kg_mol
@@ -109,7 +134,7 @@ def plumes_of(spec: ConeSpray, source: NozzleFlow, shares: list[float]) -> list[
             fuel_kg_m3=source.density_kg_m3,
             gas_kg_m3=gas_kg_m3,
         )
-        for plume, share in zip(spec.plumes, shares, strict=True)
+        for plume, share in zip(spec.plumes, shares_of(spec), strict=True)
     ]
     oldest_s = spec.time_s * (1 + SOFTNESS + ROUNDING * MEAN_SQUARE)
     reaches = [jet.tip_m(oldest_s) for jet in jets]
@@ -124,14 +149,7 @@ def plumes_of(spec: ConeSpray, source: NozzleFlow, shares: list[float]) -> list[
             ahead = droplets.distance_m[droplets.age_s <= oldest_s][-1]
             reach_m = max(reach_m, float(ahead.max()))
         made.append(Plume.of(spec, axis, jet, kinetics[jet], source, path=path, reach_m=reach_m))
-        least, most = made[-1].box_m(spec.lattice_m)
-        finest = float(np.prod(most - least) * len(spec.plumes) / MOST_CELLS) ** (1 / 3)
-        if not finest <= spec.lattice_m <= reach_m / 2:
-            raise SprayError(
-                f"spray.spacing_m: {spec.lattice_m:g} does not suit a plume of {reach_m:.3g} m, "
-                f"one of {len(spec.plumes)}; allowed: {finest:.2g}..{reach_m / 2:.2g}"
-            )
-    return made
+    return tuple(made)
 
 
 def _axis(hole: Hole) -> Floats:

@@ -33,6 +33,7 @@ from cldit.spray.cone.fluid_properties import (
 from cldit.spray.cone.mixing import MixtureState
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plume_cells import PlumeCells, plume_cells, thinnest
+from cldit.spray.cone.plumes import shares_of
 from cldit.spray.extent import Box
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
 
@@ -81,9 +82,7 @@ def make_cone(spec: ConeSpray) -> Spray:
     seen = (cells.cell[cells.mean(fraction, cells.mass_kg) >= 1e-3] + 0.5) * spec.lattice_m
     notes |= source.notes
     if source.disc > 0:
-        largest = max(plume.mass_fraction for plume in spec.plumes)
-        every = sum(plume.mass_fraction for plume in spec.plumes)
-        notes["mach_disc_m"] = source.barrel_m(largest / every * rate)
+        notes["mach_disc_m"] = source.barrel_m(max(shares_of(spec)) * rate)
     notes |= {
         "jet_speed_m_s": source.speed_m_s,
         "cells": float(len(cells.cell)),
