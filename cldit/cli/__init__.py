@@ -14,7 +14,6 @@ _COMMANDS = {
     "devices": "cldit.cli.devices:devices",
     "check-driver": "cldit.cli.check_driver:check_driver",
     "optics": "cldit.cli.optics:optics",
-    "fit-liquid": "cldit.cli.optics:fit_liquid",
     "spray": "cldit.cli.sprays:spray_command",
     "import": "cldit.cli.sprays:import_command",
     "droplet": "cldit.cli.sprays:droplet",

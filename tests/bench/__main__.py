@@ -18,6 +18,7 @@ MEASUREMENTS = (
     "error",
     "evaluation",
     "faults",
+    "fit_liquid",
     "flow_seeds",
     "gallery",
     "imported_errors",

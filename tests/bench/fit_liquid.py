@@ -1,4 +1,6 @@
-"""Fit of bands to a table of n and k.
+"""Bands of a shipped liquid, fitted to a table of n and k; minutes.
+
+    python -m tests.bench fit_liquid TABLE --out cldit/optics/data/NAME.yaml
 
 Bands are added where the misfit of k is largest, a few at a time, and all are refined together by
 least squares with exact derivatives. k counts relative to k + 0.005: by its own size where it
@@ -6,8 +8,13 @@ matters, by 5e-5 a percent where it is weak. n follows from the bands; its backg
 fitted last.
 """
 
+from __future__ import annotations
+
+import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +23,8 @@ from scipy.special import wofz
 
 from cldit.arrays import Floats
 from cldit.errors import OpticsError
-from cldit.optics.liquid import Bands, Table
+from cldit.optics.liquid import Bands, Table, liquid
+from cldit.optics.liquid_table import read_liquid_table
 
 STRONG_K = 0.005
 _REFERENCE_PER_CM = 3000.0  # of the background, as in `liquid`
@@ -152,3 +160,39 @@ def _refined(start: Floats, number: Floats, k: Floats, weight: Floats) -> Floats
         max_nfev=40,
     )
     return np.asarray(found.x).reshape(-1, 4)
+
+
+def _text(bands: Bands, error: object) -> str:
+    """YAML as in the files of the shipped liquids, without name and source."""
+    lines = [
+        f'fit: "{error}"',
+        "background: [" + ", ".join(f"{c:.7g}" for c in bands.background) + "]",
+        "# height of k, centre, Lorentz half width, Gaussian standard deviation (1/cm)",
+        "bands:",
+    ]
+    rows = (f"  - [{h:.4e}, {c:.2f}, {w:.4g}, {s:.4g}]" for h, c, w, s in bands.bands)
+    return "\n".join([*lines, *rows]) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Fits bands to a table, or compares those of a shipped liquid with it."""
+    parser = argparse.ArgumentParser(prog=sys.argv[0], description=__doc__)
+    parser.add_argument(
+        "table", type=Path, help="wavelength_um, n, k, or a refractiveindex.info file"
+    )
+    parser.add_argument("--shipped", help="only compare the bands of this liquid with the table")
+    parser.add_argument("--bands", type=int, default=40)
+    parser.add_argument("--out", type=Path, help="YAML file for the fitted bands")
+    given = parser.parse_args(arguments)
+    source = read_liquid_table(given.table).model
+    assert isinstance(source, Table)
+    if given.shipped is not None:
+        known = liquid(given.shipped).model
+        if not isinstance(known, Bands):
+            raise OpticsError(f"{given.shipped}: is not a sum of bands")
+        print(f"{given.shipped} as shipped, {len(known.bands)} bands: {fit_error(known, source)}")
+        return
+    fitted, error = fit_bands(source, bands=given.bands, say=print)
+    print(f"{len(fitted.bands)} bands: {error}")
+    if given.out is not None:
+        given.out.write_text(_text(fitted, error), encoding="utf-8")

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from cldit.cli import main
 from cldit.errors import OpticsError
-from cldit.optics.band_fit import fit_bands, fit_error
 from cldit.optics.liquid import Bands, Table, liquid
+from tests.bench.fit_liquid import fit_bands, fit_error, main
 
 WAVELENGTH = np.linspace(3.2, 3.6, 200)
 GIVEN = Bands(
@@ -44,16 +42,16 @@ def test_the_error_is_that_of_the_table() -> None:
     assert fit_error(GIVEN, exact).strong_largest < 1e-12
 
 
-def test_command(tmp_path: Path) -> None:
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The shipped n-octane against a table of its own values, and against other ones."""
     n, k = liquid("n-octane").index(WAVELENGTH, 299.15)
     file = tmp_path / "table.csv"
     np.savetxt(file, np.column_stack([WAVELENGTH, n, 1.05 * k]), delimiter=",")
-    found = CliRunner().invoke(main, ["fit-liquid", str(file), "--shipped", "n-octane"])
-    assert found.exit_code == 0 and "k 4.8 % rms and 4.8 % at most" in found.output
+    main([str(file), "--shipped", "n-octane"])
+    assert "k 4.8 % rms and 4.8 % at most" in capsys.readouterr().out
     out = tmp_path / "bands.yaml"
-    found = CliRunner().invoke(main, ["fit-liquid", str(file), "--bands", "2", "--out", str(out)])
-    assert found.exit_code == 0 and "2 bands against" in found.output
+    main([str(file), "--bands", "2", "--out", str(out)])
+    assert "2 bands: k " in capsys.readouterr().out
     assert out.read_text().count("  - [") == 2
 
 
