@@ -9,12 +9,12 @@ from cldit.acquisition.record import acquisition_in, open_acquisition
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.cli.options import PATH
 
-_OCTREE = ("vtkhdf", "vtu")
+_OCTREE = "vtu"
 
 
 @click.command("export")
 @click.argument("folder", type=PATH)
-@click.option("--to", "form", type=click.Choice([*FORMATS, *_OCTREE]), required=True)
+@click.option("--to", "form", type=click.Choice([*FORMATS, _OCTREE]), required=True)
 @click.option("--out", type=PATH, help="The file; default: in FOLDER.")
 @click.option("--node", type=int, help="Octree: number of a wavelength; default: the brightest.")
 @click.option("--own-frame", is_flag=True, help="Octree: cldit's coordinates, not the CFD case's.")
@@ -24,7 +24,7 @@ def export_command(
     folder: Path, form: str, out: Path | None, node: int | None, own_frame: bool, device: str | None
 ) -> None:
     """Write an acquisition FOLDER's raw images, or a run's octree, for other programs."""
-    if form in _OCTREE:
+    if form == _OCTREE:
         # load OpenCL, which is not needed to export images
         from cldit.gpu.device import open_device
         from cldit.io.caches import default_cache
@@ -34,7 +34,6 @@ def export_command(
         with ProgressBar() as bar:
             written = export_octree(
                 open_run(folder),
-                form,
                 out,
                 device=open_device(device),
                 cache=default_cache(),
@@ -46,7 +45,7 @@ def export_command(
             OUT.print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
         return
     if node is not None or own_frame or device is not None:
-        raise ExportError(f"--node, --own-frame and --device are for {' and '.join(_OCTREE)}")
+        raise ExportError(f"--node, --own-frame and --device are for {_OCTREE}")
     acquisition = open_acquisition(acquisition_in(folder))
     path = export(acquisition, form, out)
     if acquisition.missing:

@@ -1,6 +1,6 @@
-"""Cells and points as files of VTK, without the library: XML (.vtu, .vtp), HDF (.vtkhdf).
+"""Cells and points as XML files of VTK (.vtu, .vtp), without the library.
 
-Layouts after "VTK XML File Formats" and "VTKHDF File Format" of VTK's documentation.
+Layout after "VTK XML File Formats" of VTK's documentation.
 """
 
 import base64
@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.errors import FileError
-from cldit.io.data_streams import new_hdf
-from cldit.io.extras import needed
-from cldit.io.files import whole, write_text
+from cldit.io.files import write_text
 
 Array = NDArray[Any]
 VOXEL, HEXAHEDRON = 11, 12
@@ -89,65 +86,3 @@ def _array(name: str, values: Array, *, tuples: bool = False) -> str:
         f'<DataArray type="{_TYPES[kind]}" Name="{name}" NumberOfComponents="{width}"{many} '
         f'format="binary">{text}</DataArray>'
     )
-
-
-def write_vtkhdf(path: Path, blocks: Mapping[str, Grid | Points]) -> None:
-    """Writes blocks by name as a partitioned collection; the file appears whole or not at all.
-
-    Raises FileError if h5py is not installed.
-    """
-    h5py = needed("h5py", extra="export", what=f"{path}:", error=FileError)
-    held = [(each.points_m, *each.fields.values()) for each in blocks.values()]
-    size = sum(array.nbytes for arrays in held for array in arrays)
-    with whole(path, needed_bytes=size) as part, new_hdf(part, h5py) as (file, _):
-        root = file.create_group("VTKHDF", track_order=True)
-        _kind(root, "PartitionedDataSetCollection")
-        names = root.create_group("Assembly", track_order=True)
-        for number, (name, data) in enumerate(blocks.items()):
-            group = root.create_group(name, track_order=True)
-            group.attrs["Index"] = np.int64(number)
-            _put(group, data)
-            names[name] = h5py.SoftLink(f"/VTKHDF/{name}")
-
-
-def _kind(group: Any, kind: str) -> None:
-    import h5py
-
-    group.attrs["Version"] = np.array([2, 1], np.int64)
-    # fixed length, required by VTK's reader
-    text = h5py.string_dtype("ascii", len(kind))
-    group.attrs.create("Type", kind.encode("ascii"), dtype=text)
-
-
-def _put(group: Any, data: Grid | Points) -> None:
-    def put(parent: Any, name: str, values: Array) -> None:
-        packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "fletcher32": True}
-        if not values.size:
-            packed = {}
-        parent.create_dataset(name, data=values, **packed)
-
-    def cells(parent: Any, nodes: Array, each: int) -> None:
-        count = len(nodes) // each
-        put(parent, "NumberOfCells", np.array([count]))
-        put(parent, "NumberOfConnectivityIds", np.array([len(nodes)]))
-        put(parent, "Connectivity", nodes)
-        put(parent, "Offsets", np.arange(0, len(nodes) + each, each))
-
-    grid = isinstance(data, Grid)
-    _kind(group, "UnstructuredGrid" if grid else "PolyData")
-    put(group, "NumberOfPoints", np.array([len(data.points_m)]))
-    put(group, "Points", data.points_m)
-    if isinstance(data, Grid):
-        cells(group, data.nodes.reshape(-1), 8)
-        put(group, "Types", np.full(len(data.nodes), data.kind, np.uint8))
-    else:
-        cells(group.create_group("Vertices"), np.arange(len(data.points_m)), 1)
-        for name in ("Lines", "Polygons", "Strips"):
-            cells(group.create_group(name), np.zeros(0, np.int64), 1)
-    for name, fields in (
-        ("CellData" if grid else "PointData", data.fields),
-        ("FieldData", data.about),
-    ):
-        held = group.create_group(name)
-        for key, values in fields.items():
-            put(held, key, values)

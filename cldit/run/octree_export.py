@@ -11,9 +11,8 @@ from cldit.arrays import Floats
 from cldit.cfd.orientation import Frame
 from cldit.errors import RunFolderError
 from cldit.gpu.device import Device
-from cldit.io.extras import needed
 from cldit.io.files import make_folder
-from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf, write_xml
+from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_xml
 from cldit.medium.leaves import Leaves
 from cldit.medium.octree import Octree
 from cldit.optics.spectral import Quadrature
@@ -24,7 +23,6 @@ from cldit.run.result import Run
 from cldit.spray.vtk_export import parcel_points
 from cldit.transport.source_iteration import source_function
 
-FORMATS = ("vtkhdf", "vtu")
 _FRAME = tuple(f"{name}_{letter}" for name in ("nozzle", "axis") for letter in "xyz")
 
 
@@ -101,7 +99,6 @@ def temperature_K(
 
 def export_octree(
     run: Run,
-    form: str,
     target: Path | None,
     *,
     device: Device,
@@ -116,17 +113,14 @@ def export_octree(
     grids), and which stay right when they are rotated into the case's coordinates.
 
     Args:
-        form: `vtkhdf`: one file with the blocks `octree` and `parcels`; `vtu`: the cells, and a
-            .vtp of the parcels beside it.
-        target: the file; None: `octree.vtkhdf` or `octree.vtu` in the run's folder.
+        target: the .vtu of the cells, beside which a .vtp gets the parcels; None: `octree.vtu` in
+            the run's folder.
         node: number of the spectral node; None: the one with most of the light.
         own_frame: True: cldit's own coordinates also for a spray from CFD, instead of the case's.
     """
     if target is None and run.folder is None:
         raise RunFolderError("the run is not stored; give the file to write")
-    path = target or (run.folder or Path()) / f"octree.{form}"
-    if form == "vtkhdf":
-        needed("h5py", extra="export", what=f"{path}:", hint="; vtu needs no package")
+    path = target or (run.folder or Path()) / "octree.vtu"
     made = rebuilt(run, device, cache, node=node, say=say)
     for text in made.remarks:
         if say is not None:
@@ -134,9 +128,6 @@ def export_octree(
     fields = CellFields.of(made, run.quadrature, device)
     blocks = _blocks(made, fields, None if own_frame else case_frame(run.info.spray))
     make_folder(path.parent)
-    if form == "vtkhdf":
-        write_vtkhdf(path, blocks)
-        return [path]
     written = [path]
     write_xml(path, blocks["octree"])
     if "parcels" in blocks:

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import yaml
 
-from cldit.io.vtk_files import HEXAHEDRON, Grid, Points, write_vtkhdf
+from cldit.io.vtk_files import HEXAHEDRON, Grid, Points
 from tests.unit.cfd.test_vtk import block_grid, cloud_data
 
 
@@ -150,7 +150,7 @@ def cloud_block(sample: Any) -> Any:
 
 
 def write_own_hdf(file: Path, sample: Any) -> Path:
-    """As cldit's own export writes it: packed, each chunk with a checksum."""
+    """A partitioned collection of which each chunk is packed and has a checksum."""
     from vtkmodules.util import numpy_support
 
     block, gas, cloud = sample
@@ -161,8 +161,57 @@ def write_own_hdf(file: Path, sample: Any) -> Path:
         "gas": Grid(block.points, nodes, HEXAHEDRON, gas),
         "parcels": Points(cloud["position"], drops),
     }
-    write_vtkhdf(file, blocks)
+    with h5py.File(file, "w") as stream:
+        root = stream.create_group("VTKHDF", track_order=True)
+        _kind(root, "PartitionedDataSetCollection")
+        names = root.create_group("Assembly", track_order=True)
+        for number, (name, data) in enumerate(blocks.items()):
+            group = root.create_group(name, track_order=True)
+            group.attrs["Index"] = np.int64(number)
+            _put(group, data)
+            names[name] = h5py.SoftLink(f"/VTKHDF/{name}")
     return file
+
+
+def _kind(group: Any, kind: str) -> None:
+    group.attrs["Version"] = np.array([2, 1], np.int64)
+    # fixed length, required by VTK's reader
+    text = h5py.string_dtype("ascii", len(kind))
+    group.attrs.create("Type", kind.encode("ascii"), dtype=text)
+
+
+def _put(group: Any, data: Grid | Points) -> None:
+    def put(parent: Any, name: str, values: Any) -> None:
+        packed: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "fletcher32": True}
+        if not values.size:
+            packed = {}
+        parent.create_dataset(name, data=values, **packed)
+
+    def cells(parent: Any, nodes: Any, each: int) -> None:
+        count = len(nodes) // each
+        put(parent, "NumberOfCells", np.array([count]))
+        put(parent, "NumberOfConnectivityIds", np.array([len(nodes)]))
+        put(parent, "Connectivity", nodes)
+        put(parent, "Offsets", np.arange(0, len(nodes) + each, each))
+
+    grid = isinstance(data, Grid)
+    _kind(group, "UnstructuredGrid" if grid else "PolyData")
+    put(group, "NumberOfPoints", np.array([len(data.points_m)]))
+    put(group, "Points", data.points_m)
+    if isinstance(data, Grid):
+        cells(group, data.nodes.reshape(-1), 8)
+        put(group, "Types", np.full(len(data.nodes), data.kind, np.uint8))
+    else:
+        cells(group.create_group("Vertices"), np.arange(len(data.points_m)), 1)
+        for name in ("Lines", "Polygons", "Strips"):
+            cells(group.create_group(name), np.zeros(0, np.int64), 1)
+    for name, fields in (
+        ("CellData" if grid else "PointData", data.fields),
+        ("FieldData", data.about),
+    ):
+        held = group.create_group(name)
+        for key, values in fields.items():
+            put(held, key, values)
 
 
 def in_parquet(mapping: Path) -> Path:

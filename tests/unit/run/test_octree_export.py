@@ -57,24 +57,15 @@ def order_0(tmp_path_factory: pytest.TempPathFactory, device: Device, tables: Pa
     return simulate(grid_scene(folder, 0), folder / "run", device=device, cache=tables)
 
 
-def read(path: Path) -> list[Any]:
-    """The data sets of a file, by vtk."""
-    if path.suffix == ".vtkhdf":
-        from vtkmodules.vtkIOHDF import vtkHDFReader
+def read(path: Path) -> Any:
+    """The data set of a file, by vtk."""
+    from vtkmodules import vtkIOXML
 
-        reader: Any = vtkHDFReader()
-    else:
-        from vtkmodules import vtkIOXML
-
-        name = "UnstructuredGrid" if path.suffix == ".vtu" else "PolyData"
-        reader = getattr(vtkIOXML, f"vtkXML{name}Reader")()
+    name = "UnstructuredGrid" if path.suffix == ".vtu" else "PolyData"
+    reader: Any = getattr(vtkIOXML, f"vtkXML{name}Reader")()
     reader.SetFileName(str(path))
     reader.Update()
-    found = reader.GetOutput()
-    if not found.IsA("vtkPartitionedDataSetCollection"):
-        return [found]
-    parts = range(found.GetNumberOfPartitionedDataSets())
-    return [found.GetPartitionedDataSet(number).GetPartition(0) for number in parts]
+    return reader.GetOutput()
 
 
 def cells(grid: Any) -> tuple[Array, Array, dict[str, Array]]:
@@ -112,19 +103,18 @@ def segments(
     return enter, np.maximum(np.maximum(near, far).min(axis=1) - enter, 0.0)
 
 
-@pytest.mark.parametrize("form", ["vtkhdf", "vtu"])
 def test_optical_depth_along_pixels(
-    order_0: Run, device: Device, tables: Path, tmp_path: Path, form: str
+    order_0: Run, device: Device, tables: Path, tmp_path: Path
 ) -> None:
     """At order 0 what comes of the background is exp(-tau): the same along the exported cells.
 
     Two float32 values a cell and some 30 cells along a ray: 30 x 1e-7, and 1e-7 over the least
     transmission, 0.4.
     """
-    target = tmp_path / f"cells.{form}"
-    written = export_octree(order_0, form, target, device=device, cache=tables)
+    target = tmp_path / "cells.vtu"
+    written = export_octree(order_0, target, device=device, cache=tables)
     assert written == [target]  # a spray of coefficients has no parcels
-    lower, upper, fields = cells(read(target)[0])
+    lower, upper, fields = cells(read(target))
     assert fields["Volume"].sum() == pytest.approx(0.08**3, rel=1e-9)
     for name in ("vapour_absorption", "droplet_absorption", "droplet_scattering"):
         whole = float((fields[f"{name}_per_m"] * fields["Volume"]).sum())
@@ -148,9 +138,9 @@ def test_temperatures_are_those_of_the_phases(
     order_0: Run, device: Device, tables: Path, tmp_path: Path
 ) -> None:
     """float32 emission and absorption: 1e-7 of a radiance that rises with T to about the ninth."""
-    path = tmp_path / "cells.vtkhdf"
-    export_octree(order_0, "vtkhdf", path, device=device, cache=tables)
-    _, _, fields = cells(read(path)[0])
+    path = tmp_path / "cells.vtu"
+    export_octree(order_0, path, device=device, cache=tables)
+    _, _, fields = cells(read(path))
     for phase, kelvin in (("vapour", 500.0), ("droplet", 380.0)):
         found = fields[f"{phase}_temperature_K"]
         there = fields[f"{phase}_absorption_per_m"] > 0
@@ -167,9 +157,9 @@ def test_source_function_makes_the_picture(device: Device, tables: Path, tmp_pat
     """
     scene = grid_scene(tmp_path, None)
     run = simulate(scene, tmp_path / "run", device=device, cache=tables)
-    path = tmp_path / "cells.vtkhdf"
-    export_octree(run, "vtkhdf", path, device=device, cache=tables)
-    lower, upper, fields = cells(read(path)[0])
+    path = tmp_path / "cells.vtu"
+    export_octree(run, path, device=device, cache=tables)
+    lower, upper, fields = cells(read(path))
     (node,) = run.quadrature.nodes
     bounds = Boundary.of(Surroundings.from_scene(scene), node.radiance, node.pane)
     at_K = run.quadrature.reference_K
@@ -202,7 +192,7 @@ def test_what_has_changed_is_not_exported(
                 copy.write_bytes(each.read_bytes())
         (folder / "run.json").write_text(json.dumps(known | change))
         with pytest.raises(RunFolderError, match=match):
-            export_octree(open_run(folder), "vtu", None, device=device, cache=tables)
+            export_octree(open_run(folder), None, device=device, cache=tables)
         assert not list(folder.glob("octree*"))
 
     (integrals,) = known["integrals"]
@@ -219,7 +209,7 @@ def test_what_has_changed_is_not_exported(
     refused({"stages": stages}, "octree: 1 leaves in run.json")
     refused({"plan": None}, "holds no plan")
     with pytest.raises(RunFolderError, match=r"no node 1; allowed: 0\.\.0"):
-        export_octree(order_0, "vtu", tmp_path / "a.vtu", device=device, cache=tables, node=1)
+        export_octree(order_0, tmp_path / "a.vtu", device=device, cache=tables, node=1)
     file = Path(order_0.scene.spray.file)  # type: ignore[union-attr]
     arrays = dict(np.load(file))
     kept = file.read_bytes()
@@ -228,7 +218,7 @@ def test_what_has_changed_is_not_exported(
             file, **arrays | {"vapour_absorption_per_m": 1.1 * arrays["vapour_absorption_per_m"]}
         )
         with pytest.raises(RunFolderError, match="spray: vapour_absorption"):
-            export_octree(order_0, "vtu", tmp_path / "a.vtu", device=device, cache=tables)
+            export_octree(order_0, tmp_path / "a.vtu", device=device, cache=tables)
     finally:
         file.write_bytes(kept)
 
@@ -299,7 +289,7 @@ def test_a_case_of_cfd_lies_where_it_was(
     run = simulate(scene, case / "run", device=device, cache=tables)
     done = CliRunner().invoke(main, ["export", str(case / "run"), "--to", "vtu"])
     assert done.exit_code == 0, done.output
-    grid, points = read(case / "run/octree.vtu")[0], read(case / "run/octree_parcels.vtp")[0]
+    grid, points = read(case / "run/octree.vtu"), read(case / "run/octree_parcels.vtp")
     convert: Any = numpy_support.vtk_to_numpy
     found = convert(points.GetPoints().GetData())
     rows = np.loadtxt(case / "parcels.csv", delimiter=",", skiprows=1)
