@@ -8,7 +8,7 @@ import base64
 import binascii
 import mmap
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, prod
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -16,12 +16,23 @@ from typing import BinaryIO, Literal
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
 
-_TAG = re.compile(rb"<(?:VTKFile|Piece|DataArray|Array|\w+Grid|\w+Data)\b[^>]*>")
+_TAG = re.compile(
+    rb"<(?:VTKFile|Piece|DataArray|Array|Points|Cells|Verts|Lines|Strips|Polys|\w+Grid|\w+Data)"
+    rb"\b[^>]*>"
+)
+_NAME = re.compile(rb"<(\w+)")
 _KINDS = {".vtu": "UnstructuredGrid", ".vtp": "PolyData", ".vti": "ImageData"}
 _KINDS |= {".vtr": "RectilinearGrid", ".vts": "StructuredGrid"}
 _COUNT = re.compile(rb'\b(NumberOf\w+|offset)\s*=\s*["\']([^"\']*)["\']')
 _EXTENT = re.compile(rb'\b(?:Whole)?Extent\s*=\s*["\']([-\d\s]+)["\']')  # of a grid by rows
 _SPACING = re.compile(rb'\bSpacing\s*=\s*["\']([^"\']*)["\']')
+# section of a piece: array in it (empty: any), count of the piece, numbers for each
+_COUNTED: dict[bytes, tuple[bytes, bytes, int]] = {
+    b"Points": (b"", b"NumberOfPoints", 3),
+    b"Cells": (b"types", b"NumberOfCells", 1),
+} | {
+    name: (b"offsets", b"NumberOf" + name, 1) for name in (b"Verts", b"Lines", b"Strips", b"Polys")
+}
 _MOST_PACKED = 10_000  # bytes of content for each in the file
 _MOST_COMPONENTS = 100
 _OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
@@ -35,7 +46,7 @@ def piece_counts(file: Path) -> tuple[int, int]:
     points = cells = 0
     with file.open("rb") as stream:
         tags, _, _ = _xml(stream)
-    for piece in (tag for tag in tags if tag.startswith(b"<Piece")):
+    for piece in (tag for tag in tags.values() if tag.startswith(b"<Piece")):
         found = {name: int(count) for name, count in _COUNT.findall(piece)}
         points += found.get(b"NumberOfPoints", 0)
         cells += found.get(b"NumberOfCells", 0)
@@ -81,29 +92,83 @@ class _Form:
 
 def check_head(file: Path) -> None:
     """Refuses a file of another kind than its name says, counts that it cannot contain, at which
-    vtk prints messages or ends the process, and appended arrays that overlap or are cut off.
+    vtk prints messages or ends the process, or that are not those of its arrays, whose rest vtk
+    omits, and appended arrays that overlap or are cut off.
     """
     with file.open("rb") as stream:
         tags, found, begin = _xml(stream)
-        _check_counts(file, tags, stream.seek(0, 2))
-        if not found:
-            return  # the arrays lie between the tags
         end = stream.seek(0, 2)
-        whole = next((tag for tag in tags if tag.startswith(b"<VTKFile")), b"")
+        _check_counts(file, list(tags.values()), end)
+        whole = next((tag for tag in tags.values() if tag.startswith(b"<VTKFile")), b"")
         form = _Form(
             size=8 if b'"UInt64"' in whole else 4,
             order="big" if b'"BigEndian"' in whole else "little",
             packed=b" compressor=" in whole,
-            encoded=b"base64" in found,
+            encoded=b"base64" in found or not found,
         )
         behind = 0
-        places = {int(each.group(1)) for tag in tags if (each := _OFFSET.search(tag)) is not None}
-        for place in sorted(places):  # time steps may share one
+        offsets = (_OFFSET.search(tag) for tag in tags.values())
+        for place in sorted({int(each.group(1)) for each in offsets if each}):  # some are shared
             if place < behind:
                 raise _damaged(file, f"an array at {place}, inside the previous one")
-            behind = place + _length(stream, form, begin + place, end, file)
+            behind = place + _Head(file, stream, form, begin + place, end).stored
             if begin + behind > end:
                 raise _damaged(file, f"an array at {place} that ends after the file")
+        _check_lengths(file, stream, tags, form, begin, end)
+
+
+def _check_lengths(
+    file: Path, stream: BinaryIO, tags: dict[int, bytes], form: _Form, begin: int, end: int
+) -> None:
+    """Refuses counts of points and cells that differ from the lengths of their arrays."""
+    counts: dict[bytes, int] = {}
+    section = b""
+    for at, tag in tags.items():
+        name = _NAME.findall(tag)[0]
+        if name == b"Piece":
+            counts = {key: int(text) for key, text in _COUNT.findall(tag)}
+        elif name != b"DataArray":
+            section = name
+        if name != b"DataArray" or section not in _COUNTED:
+            continue
+        array, key, each = _COUNTED[section]
+        if key not in counts or array not in (b"", _value(tag, b"Name")):
+            continue
+        if _value(tag, b"format") == b"ascii":
+            held = _words(stream, at)
+        else:
+            appended = _OFFSET.search(tag)
+            place = _text_begin(stream, at) if appended is None else begin + int(appended.group(1))
+            own = replace(form, encoded=form.encoded or appended is None)
+            bits = re.sub(rb"\D", b"", _value(tag, b"type")) or b"8"
+            held = _Head(file, stream, own, place, end).content // (int(bits) // 8)
+        if held != each * counts[key]:
+            raise _damaged(file, f"{key.decode()} is {counts[key]}; allowed: {held // each}")
+
+
+def _value(tag: bytes, name: bytes) -> bytes:
+    found = re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)[\"']", tag)
+    return b"" if found is None else found.group(1)
+
+
+def _text_begin(stream: BinaryIO, at: int) -> int:
+    """Place of the first character that is no blank."""
+    stream.seek(at)
+    text = stream.read(1000)
+    return at + len(text) - len(text.lstrip())
+
+
+def _words(stream: BinaryIO, at: int) -> int:
+    """Number of words up to the next tag."""
+    stream.seek(at)
+    count, rest = 0, b""
+    while part := stream.read(_AT_ONCE):
+        text, stop, _ = (rest + part).partition(b"<")
+        if stop:
+            return count + len(text.split())
+        *words, rest = text.split(b" ") if not text[-1:].isspace() else [text, b""]
+        count += len(b" ".join(words).split())
+    return count + len(rest.split())
 
 
 def _check_counts(file: Path, tags: list[bytes], size: int) -> None:
@@ -165,16 +230,17 @@ def check_legacy(file: Path) -> None:
                 raise _damaged(file, f"{name} {found.group(2)[:60].decode('latin-1')!a}")
 
 
-def _xml(stream: BinaryIO) -> tuple[list[bytes], bytes, int]:
-    """Tags up to the appended arrays, or to the end; the text at which these begin, its end."""
-    tags: list[bytes] = []
+def _xml(stream: BinaryIO) -> tuple[dict[int, bytes], bytes, int]:
+    """Tags up to the appended arrays, or to the end, by their ends; the text at which these begin,
+    and its end."""
+    tags: dict[int, bytes] = {}
     rest, before = b"", 0
     while part := stream.read(_AT_ONCE):
         text = rest + part
         stop = _BEGIN.search(text)
         last = 0
         for tag in _TAG.finditer(text, 0, len(text) if stop is None else stop.start()):
-            tags.append(tag.group())
+            tags[before + tag.end()] = tag.group()
             last = tag.end()
         if stop is not None:
             return tags, stop.group(), before + stop.end()
@@ -187,27 +253,48 @@ def _damaged(file: Path, what: str) -> SprayError:
     return SprayError(f"{file}: is damaged or truncated ({what})")
 
 
-def _length(stream: BinaryIO, form: _Form, begin: int, end: int, file: Path) -> int:
-    """Bytes in the file that the array at `begin` takes, at least."""
+@dataclass(frozen=True)
+class _Head:
+    """Numbers in front of the array that begins at `begin` of a file with `end` bytes."""
 
-    def numbers(count: int) -> list[int]:
-        stream.seek(begin)
-        raw = stream.read(min(form.stored(count * form.size), max(end - begin, 0)))
+    file: Path
+    stream: BinaryIO
+    form: _Form
+    begin: int
+    end: int
+
+    def _numbers(self, count: int) -> list[int]:
+        form, begin = self.form, self.begin
+        self.stream.seek(begin)
+        raw = self.stream.read(min(form.stored(count * form.size), max(self.end - begin, 0)))
         try:
             content = base64.b64decode(raw, validate=True) if form.encoded else raw
         except binascii.Error as error:
-            raise _damaged(file, f"no array where {begin} bytes are before it") from error
+            raise _damaged(self.file, f"no array where {begin} bytes are before it") from error
         if len(content) < count * form.size:
-            raise _damaged(file, f"an array that begins at {begin} of {end} bytes")
+            raise _damaged(self.file, f"an array that begins at {begin} of {self.end} bytes")
         parts = (content[n * form.size : (n + 1) * form.size] for n in range(count))
         return [int.from_bytes(part, form.order) for part in parts]
 
-    count = numbers(1)[0]
-    if not form.packed:  # one number and its bytes, encoded together
-        return form.stored(form.size + count)
-    if not count:
-        return form.size
-    if count * form.size > end - begin:
-        raise _damaged(file, f"an array of {count} blocks in {end - begin} bytes")
-    sizes = numbers(3 + count)[3:]
-    return form.stored((3 + count) * form.size) + form.stored(sum(sizes))
+    @property
+    def stored(self) -> int:
+        """Bytes in the file that the array takes, at least."""
+        form, count = self.form, self._numbers(1)[0]
+        if not form.packed:  # one number and its bytes, encoded together
+            return form.stored(form.size + count)
+        if not count:
+            return form.size
+        if count * form.size > self.end - self.begin:
+            held = self.end - self.begin
+            raise _damaged(self.file, f"an array of {count} blocks in {held} bytes")
+        sizes = self._numbers(3 + count)[3:]
+        return form.stored((3 + count) * form.size) + form.stored(sum(sizes))
+
+    @property
+    def content(self) -> int:
+        """Bytes of its numbers once they are unpacked."""
+        count = self._numbers(1)[0]
+        if not self.form.packed or not count:
+            return count
+        blocks, size, last = self._numbers(3)
+        return (blocks - 1) * size + (last or size)

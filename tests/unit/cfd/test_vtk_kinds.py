@@ -11,6 +11,7 @@ import pytest
 
 from cldit.cfd.to_spray import read_cfd
 from cldit.cfd.vtk.datasets import as_numpy
+from cldit.cfd.vtk.head import check_head
 from cldit.errors import EmptyCloud, SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.test_vtk import SET, block_grid, cloud_data, save
@@ -226,3 +227,50 @@ def test_heads_that_end_the_process(
     with pytest.raises(SprayError, match=rf"{name}: is (damaged|of type PolyData; expected)"):
         vapour_kg(file)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended", "AppendedBase64"])
+@pytest.mark.parametrize(
+    ("name", "count", "true"),
+    [("gas.vtu", "NumberOfCells", 378), ("gas.vtu", "NumberOfPoints", 560),
+     ("rain.vtp", "NumberOfPoints", 40), ("rain.vtp", "NumberOfVerts", 40)],
+)  # fmt: skip
+def test_counts_are_those_of_the_arrays(
+    tmp_path: Path, name: str, count: str, true: int, mode: str, packed: bool
+) -> None:
+    """vtk reads as many cells or points as the head says, and omits the rest without a word."""
+    from vtkmodules import vtkIOXML
+    from vtkmodules.vtkFiltersCore import vtkAppendFilter
+    from vtkmodules.vtkFiltersSources import vtkPointSource
+
+    if name == "gas.vtu":
+        made: Any = vtkAppendFilter()
+        made.AddInputData(grid_of(".vts")[0])
+        writer: Any = vtkIOXML.vtkXMLUnstructuredGridWriter()
+    else:
+        made = vtkPointSource()
+        made.SetNumberOfPoints(40)
+        writer = vtkIOXML.vtkXMLPolyDataWriter()
+    made.Update()
+    source = made.GetOutput()
+    if name == "rain.vtp":  # a cell with all points; here one for each
+        from vtkmodules.vtkCommonDataModel import vtkCellArray
+
+        verts = vtkCellArray()
+        for number in range(40):
+            verts.InsertNextCell(1, [number])
+        source.SetVerts(verts)
+    file = tmp_path / name
+    writer.SetFileName(str(file))
+    writer.SetInputData(source)
+    getattr(writer, f"SetDataModeTo{mode.removesuffix('Base64')}")()
+    writer.SetEncodeAppendedData(mode.endswith("64"))
+    writer.SetCompressorTypeToZLib() if packed else writer.SetCompressorTypeToNone()
+    writer.Write()
+    check_head(file)
+    content = file.read_bytes()
+    few = f'{count}="{true - 7}"'.encode()
+    file.write_bytes(content.replace(f'{count}="{true}"'.encode(), few, 1))
+    with pytest.raises(SprayError, match=rf"{name}: .*{count} is {true - 7}; allowed: {true}\)"):
+        check_head(file)
