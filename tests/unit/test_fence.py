@@ -56,7 +56,7 @@ ARROWS: dict[str, str] = {
     "cfd": "cldit io scene spray",
     "cldit": "api cli comparison gpu run scene show study",
     "cli": (
-        "accuracy acquisition api bench cfd cldit comparison dit gpu io optics prepare rig run "
+        "accuracy acquisition api bench cfd cldit comparison dit gpu io prepare rig run "
         "scene show spray study testing"
     ),
     "comparison": "accuracy acquisition camera cldit dit io optics radiance run scene",
