@@ -13,7 +13,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 from scipy.stats import rankdata
 
@@ -23,7 +23,7 @@ from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 Image = NDArray[np.float32]
 TOTAL = "total"
-_NEARBY = 0.015  # of the image's edge: standard deviation of the local RMS's weight
+_NEARBY = 0.03  # of the image's edge: of each square whose means make the local RMS
 
 
 def error_maps(
@@ -60,12 +60,13 @@ def _nearby(difference_K: Floats, counted: NDArray[np.bool_]) -> Floats | None:
     known = np.isfinite(difference_K) & counted
     if not known.any():
         return None
-    width = max(0.9, _NEARBY * max(counted.shape))
-    weight = gaussian_filter(known.astype(float), width)
-    square = gaussian_filter(np.where(known, np.nan_to_num(difference_K) ** 2, 0.0), width)
+    width = max(3, round(_NEARBY * max(counted.shape)))
+    weight, square = known.astype(float), np.where(known, np.nan_to_num(difference_K) ** 2, 0.0)
+    for _ in range(3):  # three means in squares weigh nearly as a round Gaussian
+        weight, square = uniform_filter(weight, width), uniform_filter(square, width)
     mean = float(np.mean(difference_K[known] ** 2))
     local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
-    return np.asarray(np.sqrt(local))
+    return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0
 
 
 _ALIKE = 16  # sampled pixels: their mean square is known to a third

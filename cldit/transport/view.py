@@ -111,7 +111,8 @@ class View:
     def sees_background(self) -> Mask:
         """Mask (H, W) of pixels in front of the background: it ends their line of sight."""
         columns, rows = self.pixels
-        return self.on_background(np.arange(columns * rows)).reshape(rows, columns)
+        every = np.arange(columns * rows)
+        return np.asarray(self.boundary_shares(every, 1)[0] > 0).reshape(rows, columns)
 
     @cached_property
     def sees_background_alone(self) -> Mask:
@@ -131,7 +132,7 @@ class View:
 
     def on_background(self, pixels: Ints) -> Mask:
         """Mask (N,) of pixels in front of the background, by flat number (N,)."""
-        return np.asarray(self.boundary_shares(pixels, 1)[0] > 0)
+        return np.asarray(self.sees_background.reshape(-1)[pixels])
 
     def has_temperature(self, emissivity: Reals, pixels: Ints) -> Mask:
         """Pixels (N,) that see the background, with an emissivity (N,) above `visible`."""

@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3717,
+    "accuracy": 3718,
     "acquisition": 5297,
     "api": 1095,
     "bench": 588,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 7150,
     "study": 3169,
     "testing": 1302,
-    "transport": 7192,
+    "transport": 7193,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
