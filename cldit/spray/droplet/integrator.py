@@ -19,7 +19,7 @@ from cldit.spray.droplet.gasfilm import tables
 from cldit.spray.droplet.steps import follower
 
 THREADS = min(os.cpu_count() or 1, 8)
-_TOGETHER = 256  # droplets that a thread takes at a time; stiff ones occur in groups
+_TOGETHER = 1024  # droplets that a thread takes at a time; stiff ones occur in groups
 
 
 @dataclass(frozen=True)

@@ -190,42 +190,45 @@ def mix(
     na, nt, nr = mass.shape
     kinds = fields.shape[0]
     lines, count = (nt, na) if around else (na, nt)
-    ratio, low, high = np.empty((count, nr)), np.empty(nr), np.empty(nr)
-    entered = np.empty(nr)
+    ratio, high, left = np.zeros((count + 1, nr)), np.zeros(nr), np.zeros(nr)
+    low, entered, inverse = np.zeros(nr), np.zeros(nr), np.zeros(nr)
     for line in range(lines):
         low[:] = 0.0
         entered[:] = 0.0
         for n in range(count):
             k, j = (n, line) if around else (line, n)
             kn, jn = (k + 1, j) if around else (k, j + 1)
-            kp, jp = (k - 1, j) if around else (k, j - 1)
+            kp, jp = (max(k - 1, 0), j) if around else (k, max(j - 1, 0))
+            heavy, before, after = mass[k, j], ratio[n], ratio[n + 1]
+            high[:] = 0.0
+            left[:] = 0.0
+            if n + 1 < count:
+                one, other, passing = exchange[k, j], exchange[kn, jn], flux[kn, jn]
+                part = 0.5 * step * conductance[kn, jn]
+                for i in range(nr):
+                    through = step * passing[i]
+                    even = part * length[i] * (one[i] + other[i])
+                    high[i] = max(even - 0.5 * through, max(-through, 0.0))
+                    left[i] = through
             for i in range(nr):
-                high[i] = 0.0
-                left = 0.0
-                if n + 1 < count:
-                    both = 0.5 * (exchange[k, j, i] + exchange[kn, jn, i])
-                    even = step * conductance[kn, jn] * length[i] * both
-                    left = step * flux[kn, jn, i]
-                    high[i] = max(even - 0.5 * left, -left, 0.0)
-                pivot = mass[k, j, i] + low[i] + high[i]
-                if n > 0:
-                    pivot -= low[i] * ratio[n - 1, i]
-                ratio[n, i] = high[i] / pivot
-                inverse = 1.0 / pivot
-                for s in range(kinds):
-                    right = mass[k, j, i] * fields[s, k, j, i]
-                    if n > 0:
-                        right += low[i] * fields[s, kp, jp, i]
-                    fields[s, k, j, i] = right * inverse
-                mass[k, j, i] += entered[i] - left
-                entered[i] = left
-                low[i] = high[i] + left
+                inverse[i] = 1.0 / (heavy[i] + low[i] + high[i] - low[i] * before[i])
+                after[i] = high[i] * inverse[i]
+            for s in range(kinds):
+                row, last = fields[s, k, j], fields[s, kp, jp]
+                for i in range(nr):
+                    row[i] = (heavy[i] * row[i] + low[i] * last[i]) * inverse[i]
+            for i in range(nr):
+                heavy[i] += entered[i] - left[i]
+                entered[i] = left[i]
+                low[i] = high[i] + left[i]
         for n in range(count - 2, -1, -1):
             k, j = (n, line) if around else (line, n)
             kn, jn = (k + 1, j) if around else (k, j + 1)
+            after = ratio[n + 1]
             for s in range(kinds):
+                row, following = fields[s, k, j], fields[s, kn, jn]
                 for i in range(nr):
-                    fields[s, k, j, i] += ratio[n, i] * fields[s, kn, jn, i]
+                    row[i] += after[i] * following[i]
 
 
 @compiled
@@ -260,3 +263,38 @@ def split(
                     explicit[0, k, j, i] = flux[0, k, j, i] * min(here, share[k - 1, j, i])
                 if j > 0:
                     explicit[1, k, j, i] = flux[1, k, j, i] * min(here, share[k, j - 1, i])
+
+
+@compiled
+def settle(amounts: Floats, mass: Floats, explicit: Floats, flux: Floats, step: float) -> None:
+    """Ends an explicit step: cells have their new mass, and amounts become those per mass.
+
+    Args:
+        amounts: (S, A, P, R) of the cells.
+        mass: (A, P, R) of the cells.
+        explicit: (2, A, P, R) fluxes of mass across the rays that were carried; become the rest.
+        flux: (3, A, P, R) of mass through the lower faces.
+        step: length of the step.
+    """
+    na, nt, nr = mass.shape
+    for k in range(na):
+        for j in range(nt):
+            heavy, along = mass[k, j], flux[2, k, j]
+            for i in range(nr):
+                heavy[i] += step * (explicit[0, k, j, i] + explicit[1, k, j, i] + along[i])
+            for i in range(nr - 1):
+                heavy[i] -= step * along[i + 1]
+            if k + 1 < na:
+                for i in range(nr):
+                    heavy[i] -= step * explicit[0, k + 1, j, i]
+            if j + 1 < nt:
+                for i in range(nr):
+                    heavy[i] -= step * explicit[1, k, j + 1, i]
+            for s in range(amounts.shape[0]):
+                for i in range(nr):
+                    amounts[s, k, j, i] /= heavy[i]
+    for a in range(2):
+        for k in range(na):
+            for j in range(nt):
+                for i in range(nr):
+                    explicit[a, k, j, i] = flux[a, k, j, i] - explicit[a, k, j, i]

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.arrays import Floats, Ints
+from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.spray.flow import advection, kernels
 from cldit.spray.flow.mixture import GasMixture
@@ -38,23 +38,17 @@ MOST_EXPLICIT = 0.7  # CFL number of explicit fluxes, summed over the axes; they
 EDDY_STEPS = 4  # between two computations of the shear
 _FIRST_STEP_S = 1e-7
 _FASTEST_M_S = 1e3  # no spray has gas faster than its liquid
+_NOTHING = 1e-18  # of the largest source: less than the rounding of their sum
 _RISE = 1.3  # of the step, at most: sources accelerate the gas within one
 
 
 @dataclass(frozen=True)
 class _Sources:
-    """Sources per volume in the cells (K,), flat, that have any; momentum (3, K)."""
+    """Sources per volume, of the grid's shape: mass, enthalpy, momentum (5, ...); and what they add
+    to the pressure of a cell, over the pressure."""
 
-    cells: Ints
-    mass: Floats
-    enthalpy: Floats
-    momentum: Floats
-
-    @classmethod
-    def of(cls, mass: Floats, enthalpy: Floats, momentum: Floats) -> _Sources:
-        flat = np.concatenate([mass[None], enthalpy[None], momentum]).reshape(5, -1)
-        cells = np.flatnonzero(flat.any(axis=0))
-        return cls(cells, flat[0, cells], flat[1, cells], flat[2:, cells])
+    amounts: Floats
+    rise: Floats
 
 
 class GasFlow:
@@ -102,7 +96,7 @@ class GasFlow:
 
         The sources are those of the whole time, as for `step`.
         """
-        sources, left = _Sources.of(mass, enthalpy, momentum), time_s
+        sources, left = self._sources(mass, enthalpy, momentum), time_s
         while left > 1e-9 * time_s:
             top = kernels.renewal(self.flux, self.density * self.grid.volume_m3)
             free = min(CFL / top if top > 0 else np.inf, _RISE * self._last_s)
@@ -128,30 +122,33 @@ class GasFlow:
         Raises:
             SprayError: the gas is in an impossible state; the flow cannot be computed.
         """
-        self._step(step_s, _Sources.of(mass, enthalpy, momentum), 1.0)
+        self._step(step_s, self._sources(mass, enthalpy, momentum), 1.0)
 
-    def _receive(self, sources: _Sources, part: float) -> None:
-        """Adds a part of the sources; the error of the pressure grows by it."""
-        cells = sources.cells
-        density, velocity = self.density.reshape(-1), self.velocity.reshape(3, -1)
-        before = density[cells]
-        density[cells] += part * sources.mass
-        moving = velocity[:, cells] * before + part * sources.momentum
-        velocity[:, cells] = moving / density[cells]
-        self.fuel.reshape(-1)[cells] += part * sources.mass
-        self.enthalpy.reshape(-1)[cells] += part * sources.enthalpy
-        self._amiss.reshape(-1)[cells] = self._pressures(cells) / self.pressure_Pa - 1
+    def _sources(self, mass: Floats, enthalpy: Floats, momentum: Floats) -> _Sources:
+        """Sources with their pressure, which is linear in small parts of them."""
+        amounts, rise = np.concatenate([mass[None], enthalpy[None], momentum]), np.zeros(mass.size)
+        size = np.abs(amounts[:2]).reshape(2, -1)
+        some = size > _NOTHING * size.max(axis=1, keepdims=True)
+        cells = np.flatnonzero(some.any(axis=0))
+        state = (self.density + mass, self.fuel + mass, self.enthalpy + enthalpy)
+        state = tuple(each.reshape(-1)[cells] for each in (*state, self.temperature_K))
+        _, pressure = self._equilibrium(*state)
+        rise[cells] = pressure / self.pressure_Pa - 1 - self._amiss.reshape(-1)[cells]
+        return _Sources(amounts, rise.reshape(mass.shape))
 
     def _step(self, step_s: float, sources: _Sources, part: float) -> None:
         grid = self.grid
         volume = grid.volume_m3
-        self._receive(sources, part)
+        kernels.receive(
+            sources.amounts, part, self.density, self.fuel, self.enthalpy, self.velocity
+        )
+        self._amiss += part * sources.rise
         self._eddies()
         viscosity = self.eddy * self.density
 
         weight = self.density * volume
         self.velocity = self._transported(
-            self.velocity, self.velocity * weight, weight, viscosity, step_s, bounded=False
+            self.velocity, weight, viscosity, step_s, bounded=False
         )
         moving = self.velocity * (weight / volume)
         kernels.fluxes(moving, grid.areas, grid.strip_m2, self._square, self.flux)
@@ -161,14 +158,13 @@ class GasFlow:
 
         exchange = viscosity / TURBULENT_SCHMIDT
         weight = self.density * volume
-        amounts = np.stack([self.fuel, self.enthalpy]) * volume
-        fields = self._transported(
-            amounts / weight, amounts, weight, exchange, step_s, bounded=True
+        fields = np.stack([self.fuel / self.density, self.enthalpy / self.density])
+        fields = self._transported(fields, weight, exchange, step_s, bounded=True)
+        kernels.finish(weight, volume, fields, force, self.density, moving)
+        (self.fuel, self.enthalpy), self.velocity = fields, moving
+        self.temperature_K, after = self._equilibrium(
+            self.density, self.fuel, self.enthalpy, self.temperature_K
         )
-        self.density = weight / volume
-        self.fuel, self.enthalpy = fields * self.density
-        self.velocity = (moving + force / volume) / self.density
-        after = self._pressures(None)
         mean = float(np.average(after, weights=volume))
         self.enthalpy += mean - self.pressure_Pa  # compression, which conserves energy
         self.pressure_Pa = mean
@@ -189,7 +185,6 @@ class GasFlow:
     def _transported(
         self,
         fields: Floats,
-        amounts: Floats,
         weight: Floats,
         exchange: Floats,
         step_s: float,
@@ -198,10 +193,9 @@ class GasFlow:
     ) -> Floats:
         """Fields per mass (S, A, P, R) after advection and diffusion by the fluxes in a step.
 
-        `amounts` are those to start from, of the cells. `weight`, the mass of the cells, becomes
-        that after the step.
+        `weight`, the mass of the cells, becomes that after the step.
         """
-        grid, explicit = self.grid, self._explicit
+        grid, explicit, amounts = self.grid, self._explicit, fields * weight
         advection.split(self.flux, weight, step_s, MOST_EXPLICIT, self._share, explicit)
         for field, amount in zip(fields, amounts, strict=True):
             advection.carry(
@@ -217,37 +211,32 @@ class GasFlow:
                 bounded,
                 amount,
             )
-        out = np.empty(grid.shape)
-        kernels.outflow(explicit[0], explicit[1], self.flux[2], out)
-        weight -= step_s * out
-        fields = amounts / weight
+        advection.settle(amounts, weight, explicit, self.flux, step_s)
         around, down, _ = grid.conductance
-        rest = self.flux[:2] - explicit
-        advection.mix(fields, weight, rest[1], exchange, down, self._length, step_s, False)
+        advection.mix(amounts, weight, explicit[1], exchange, down, self._length, step_s, False)
         if weight.shape[0] > 1:
-            advection.mix(fields, weight, rest[0], exchange, around, self._length, step_s, True)
-        return fields
+            advection.mix(
+                amounts, weight, explicit[0], exchange, around, self._length, step_s, True
+            )
+        return amounts
 
-    def _pressures(self, chosen: Ints | None) -> Floats:
-        """Pressure of each single cell, or of those chosen (flat); also sets temperatures."""
-        every = slice(None) if chosen is None else chosen
-        density, fuel = self.density.reshape(-1)[every], self.fuel.reshape(-1)[every]
+    def _equilibrium(
+        self, density: Floats, fuel: Floats, enthalpy: Floats, guess_K: Floats
+    ) -> tuple[Floats, Floats]:
+        """Temperature and pressure of single cells, any shape."""
         if not density.min(initial=1.0) > 0:
             raise SprayError(
                 "the gas flow of the spray is unstable: a cell has lost its gas; a finer "
                 "spray.box.spacing_m may help"
             )
-        heat, warm = self.enthalpy.reshape(-1)[every], self.temperature_K.reshape(-1)
-        found = self.mixture.temperature_K(fuel / density, heat / density, warm[every])
+        found = self.mixture.temperature_K(fuel / density, enthalpy / density, guess_K)
         low, high = float(found.min(initial=300.0)), float(found.max(initial=300.0))
         if not 100 < low <= high < 1500:
             raise SprayError(
                 f"the gas flow of the spray is unstable: temperatures from {low:g} to {high:g} K; "
                 "a finer spray.box.spacing_m may help"
             )
-        warm[every] = found
-        pressure = self.mixture.pressure_Pa(density=density, fuel=fuel, temperature_K=found)
-        return pressure.reshape(self.grid.shape) if chosen is None else pressure
+        return found, self.mixture.pressure_Pa(density=density, fuel=fuel, temperature_K=found)
 
     def _project(self, wanted: Floats) -> Floats:
         """Gives the mass fluxes the wanted outflow [kg/s]; returns the force on each cell [N s]."""

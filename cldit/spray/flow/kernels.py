@@ -125,6 +125,58 @@ def correct(
 
 
 @compiled
+def receive(
+    amounts: Floats,
+    part: float,
+    density: Floats,
+    fuel: Floats,
+    enthalpy: Floats,
+    velocity: Floats,
+) -> None:
+    """Adds a part of the sources of mass, enthalpy and momentum (5, A, P, R) to the cells."""
+    na, nt, nr = density.shape
+    for k in range(na):
+        for j in range(nt):
+            for a in range(3):
+                for i in range(nr):
+                    before = density[k, j, i]
+                    moving = velocity[a, k, j, i] * before + part * amounts[2 + a, k, j, i]
+                    velocity[a, k, j, i] = moving / (before + part * amounts[0, k, j, i])
+            for i in range(nr):
+                density[k, j, i] += part * amounts[0, k, j, i]
+                fuel[k, j, i] += part * amounts[0, k, j, i]
+                enthalpy[k, j, i] += part * amounts[1, k, j, i]
+
+
+@compiled
+def finish(
+    mass: Floats, volume: Floats, fields: Floats, force: Floats, density: Floats, moving: Floats
+) -> None:
+    """State after a step: density, fields (S, A, P, R) per volume, and velocity.
+
+    Args:
+        mass: (A, P, R) of the cells.
+        volume: of the cells.
+        fields: per mass; become those per volume.
+        force: (3, A, P, R) on the cells in the step [N s].
+        density: written.
+        moving: (3, A, P, R) momentum per volume before the force; becomes the velocity.
+    """
+    na, nt, nr = mass.shape
+    for k in range(na):
+        for j in range(nt):
+            for i in range(nr):
+                density[k, j, i] = mass[k, j, i] / volume[k, j, i]
+            for s in range(fields.shape[0]):
+                for i in range(nr):
+                    fields[s, k, j, i] *= density[k, j, i]
+            for a in range(3):
+                for i in range(nr):
+                    pushed = moving[a, k, j, i] * volume[k, j, i] + force[a, k, j, i]
+                    moving[a, k, j, i] = pushed / mass[k, j, i]
+
+
+@compiled
 def shear(
     velocity: Floats,
     faces: tuple[Floats, Floats, Floats],
@@ -138,47 +190,56 @@ def shear(
     Gradients are by the theorem of Gauss. At walls the velocity has no part across them.
     """
     na, nt, nr = result.shape
-    u, g, area = np.empty(3), np.empty((3, 3)), np.empty(3)
+    g, u, line = np.empty((3, 3, nr)), np.empty((3, nr)), np.empty((3, nr + 1))
     for k in range(na):
         for j in range(nt):
-            for i in range(nr):
+            g[:] = 0.0
+            here = velocity[:, k, j]
+            for face in range(4):
+                up = face % 2
+                kk, jj = (k + 2 * up - 1, j) if face < 2 else (k, j + 2 * up - 1)
+                area = faces[0][k + up, j] if face < 2 else faces[1][k, j + up]
+                if kk < 0 or kk >= na or jj < 0 or jj >= nt:
+                    for i in range(nr):
+                        _along(here, i, area, u, i)
+                else:
+                    for a in range(3):
+                        other = velocity[a, kk, jj]
+                        for i in range(nr):
+                            u[a, i] = 0.5 * (here[a, i] + other[i])
                 for a in range(3):
                     for b in range(3):
-                        g[a, b] = 0.0
-                for face in range(6):
-                    axis, up = face // 2, face % 2
-                    kk, jj, ii = k, j, i
-                    size = strip[i]
-                    if axis == 0:
-                        kk += 2 * up - 1
-                        area[:] = faces[0][k + up, j]
-                    elif axis == 1:
-                        jj += 2 * up - 1
-                        area[:] = faces[1][k, j + up]
-                    else:
-                        ii += 2 * up - 1
-                        area[:] = faces[2][k, j]
-                        size = square[i + up]
-                    wall = kk < 0 or kk >= na or jj < 0 or jj >= nt or ii < 0 or ii >= nr
-                    if wall:
-                        across, norm = 0.0, 1e-300
-                        for a in range(3):
-                            across += velocity[a, k, j, i] * area[a]
-                            norm += area[a] * area[a]
-                        for a in range(3):
-                            u[a] = velocity[a, k, j, i] - across / norm * area[a]
-                    else:
-                        for a in range(3):
-                            u[a] = 0.5 * (velocity[a, k, j, i] + velocity[a, kk, jj, ii])
-                    size *= 2 * up - 1
-                    for a in range(3):
-                        for b in range(3):
-                            g[a, b] += u[a] * area[b] * size
-                total = 2 * (g[0, 0] ** 2 + g[1, 1] ** 2 + g[2, 2] ** 2)
-                total += (g[0, 1] + g[1, 0]) ** 2
-                total += (g[0, 2] + g[2, 0]) ** 2
-                total += (g[1, 2] + g[2, 1]) ** 2
+                        part = (2 * up - 1) * area[b]
+                        for i in range(nr):
+                            g[a, b, i] += part * u[a, i] * strip[i]
+            area = faces[2][k, j]
+            _along(here, 0, area, line, 0)
+            _along(here, nr - 1, area, line, nr)
+            for a in range(3):
+                for i in range(1, nr):
+                    line[a, i] = 0.5 * (here[a, i - 1] + here[a, i])
+                for i in range(nr + 1):
+                    line[a, i] *= square[i]
+                for b in range(3):
+                    for i in range(nr):
+                        g[a, b, i] += area[b] * (line[a, i + 1] - line[a, i])
+            for i in range(nr):
+                total = 2 * (g[0, 0, i] ** 2 + g[1, 1, i] ** 2 + g[2, 2, i] ** 2)
+                total += (g[0, 1, i] + g[1, 0, i]) ** 2
+                total += (g[0, 2, i] + g[2, 0, i]) ** 2
+                total += (g[1, 2, i] + g[2, 1, i]) ** 2
                 result[k, j, i] = np.sqrt(total) / volume[k, j, i]
+
+
+@compiled
+def _along(velocity: Floats, cell: int, area: Floats, result: Floats, at: int) -> None:
+    """Velocity of a cell without its part across a wall."""
+    across, norm = 0.0, 1e-300
+    for a in range(3):
+        across += velocity[a, cell] * area[a]
+        norm += area[a] * area[a]
+    for a in range(3):
+        result[a, at] = velocity[a, cell] - across / norm * area[a]
 
 
 @compiled

@@ -13,8 +13,6 @@ from cldit.arrays import Floats
 from cldit.spray.flow.rays import RayGrid
 from cldit.spray.numba_typing import compiled
 
-_BLOCK = 256  # entries of a row, so that rows of one block stay in the cache
-
 
 class Projection:
     """Solver of div(grad(potential)) = amiss, in flux form, for a grid."""
@@ -73,28 +71,35 @@ def _second(faces: Floats) -> Floats:
 def _turned(matrices: Floats, values: Floats, result: Floats) -> None:
     """Products of matrices (K, N, N) and values (K, N, R).
 
-    Those of a library for linear algebra have threads that wait for each other by spinning.
+    Those of a library for linear algebra have threads that wait for each other by spinning. Two
+    rows of the result are made from four of the values at a time, which takes the fewest reads.
     """
     kinds, count, length = values.shape
     for k in range(kinds):
-        for first in range(0, length, _BLOCK):
-            last = min(first + _BLOCK, length)
-            for n in range(count):
-                out, factors = result[k, n], matrices[k, n]
-                for i in range(first, last):
-                    out[i] = 0.0
-                m = 0
-                while m + 4 <= count:  # reads and writes the result a quarter as often
-                    a, b, c, d = factors[m], factors[m + 1], factors[m + 2], factors[m + 3]
-                    p, q = values[k, m], values[k, m + 1]
-                    r, s = values[k, m + 2], values[k, m + 3]
-                    for i in range(first, last):
-                        out[i] += a * p[i] + b * q[i] + c * r[i] + d * s[i]
-                    m += 4
-                for rest in range(m, count):
-                    factor, row = factors[rest], values[k, rest]
-                    for i in range(first, last):
-                        out[i] += factor * row[i]
+        for n in range(0, count, 2):
+            one, other = result[k, n], result[k, min(n + 1, count - 1)]
+            left, right = matrices[k, n], matrices[k, min(n + 1, count - 1)]
+            one[:] = 0.0
+            other[:] = 0.0
+            for m in range(0, count - 3, 4):
+                a, b, c, d = left[m], left[m + 1], left[m + 2], left[m + 3]
+                e, f, g, h = right[m], right[m + 1], right[m + 2], right[m + 3]
+                p, q = values[k, m], values[k, m + 1]
+                r, s = values[k, m + 2], values[k, m + 3]
+                for i in range(length):
+                    w, x, y, z = p[i], q[i], r[i], s[i]
+                    # Both before either is written: the last row may be both.
+                    u = one[i] + a * w + b * x + c * y + d * z
+                    v = other[i] + e * w + f * x + g * y + h * z
+                    one[i] = u
+                    other[i] = v
+            for m in range(count - count % 4, count):
+                a, e, p = left[m], right[m], values[k, m]
+                for i in range(length):
+                    u = one[i] + a * p[i]
+                    v = other[i] + e * p[i]
+                    one[i] = u
+                    other[i] = v
 
 
 @compiled

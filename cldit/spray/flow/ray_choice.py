@@ -28,6 +28,7 @@ _BEHIND = np.radians(115.0)  # of the injector's axis, up to where there is gas
 _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
 _FIRST_TIME_S = 1.25e-3
+_OVER = 1.15  # Naber and Siebers' penetration; one plume alone in hot, thin gas has 1.12 times it
 _FEWEST = 3  # cells between planes of symmetry
 
 
@@ -50,9 +51,10 @@ def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
     h = spec.box.cell_m / SPACING_AT_m
     axes = np.array([plume_axis(each) for each in spec.plumes])
     kind = symmetry(spec.plumes)
-    radius = _radii(LONGER * h, farthest_m(spec, injection))
+    reach_m, far_m = _reach_m(spec, injection)
     if kind == 0:
-        return round_grid(axes[0], spacing_m=spec.box.cell_m, far_m=farthest_m(spec, injection))
+        return round_grid(axes[0], spacing_m=spec.box.cell_m, reach_m=reach_m, far_m=far_m)
+    radius = _radii(LONGER * h, reach_m, far_m)
     if kind > 1:
         down = np.array([0.0, 0.0, -1.0])
         lean = float(np.arccos(axes[0] @ down))
@@ -81,11 +83,11 @@ def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
     return _checked(RayGrid(frame, radius, polar, side, 1), spec)
 
 
-def round_grid(axis: Floats, *, spacing_m: float, far_m: float) -> RayGrid:
-    """Grid of one plume."""
+def round_grid(axis: Floats, *, spacing_m: float, reach_m: float, far_m: float) -> RayGrid:
+    """Grid of one plume, which stays within `reach_m`."""
     h, sector = spacing_m / SPACING_AT_m, np.pi / 64
     polar = _fine(0.0, _BESIDE, h, 0.0, _BEHIND)
-    radius = _radii(LONGER * h, far_m)
+    radius = _radii(LONGER * h, reach_m, far_m)
     return RayGrid(_frame(axis), radius, polar, np.array([-sector, sector]), 0)
 
 
@@ -106,14 +108,8 @@ def domain_time_s(spec: LagrangianSpray) -> float:
     return float(_FIRST_TIME_S * 2.0**doubled)
 
 
-def farthest_m(spec: LagrangianSpray, injection: Injection) -> float:
-    """Radius of the domain: half as far again as the plumes reach."""
-    wide = 0.5 * (spec.box.width_m or 0.0)
-    if spec.box.depth_m is not None:
-        far_m = max(spec.box.depth_m, wide)
-        if far_m < _LEAST_DEPTH_m:
-            raise SprayError(f"{DEPTH_KEY}: {far_m:g}; allowed: {_LEAST_DEPTH_m:g} and more")
-        return far_m
+def _reach_m(spec: LagrangianSpray, injection: Injection) -> tuple[float, float]:
+    """Distance that the plumes stay within, and radius of the domain: half as far again."""
     gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
     reach = 5e-3
     for plume, hole in zip(spec.plumes, injection.holes, strict=False):
@@ -129,7 +125,13 @@ def farthest_m(spec: LagrangianSpray, injection: Injection) -> float:
             spreading=NABER_SIEBERS,
         )
         reach = max(reach, jet.tip_m(domain_time_s(spec)))
-    return max(1.6 * reach + 5e-3, wide)
+    wide = 0.5 * (spec.box.width_m or 0.0)
+    if spec.box.depth_m is None:
+        return _OVER * reach, max(1.6 * reach + 5e-3, wide)
+    far_m = max(spec.box.depth_m, wide)
+    if far_m < _LEAST_DEPTH_m:
+        raise SprayError(f"{DEPTH_KEY}: {far_m:g}; allowed: {_LEAST_DEPTH_m:g} and more")
+    return _OVER * reach, far_m
 
 
 def _frame(pole: Floats, first: Floats | None = None) -> Floats:
@@ -141,10 +143,12 @@ def _frame(pole: Floats, first: Floats | None = None) -> Floats:
     return np.array([one, np.cross(pole, one), pole])
 
 
-def _radii(growth: float, far_m: float) -> Floats:
-    radii = [NOSE_m]
+def _radii(growth: float, reach_m: float, far_m: float) -> Floats:
+    """Faces along the rays; beyond the plumes' reach each cell is longer than the one before."""
+    radii, longer = [NOSE_m], 1.0
     while radii[-1] < far_m:
-        radii.append(radii[-1] + max(_SHORTEST_m, growth * radii[-1]))
+        longer *= _GROWTH if radii[-1] > reach_m else 1.0
+        radii.append(radii[-1] + max(_SHORTEST_m, longer * growth * radii[-1]))
     return np.array(radii)
 
 

@@ -52,7 +52,8 @@ def simulate_spray(
     Raises:
         SprayError: an impossible combination of values, or a flow that cannot be computed.
     """
-    return next(simulate_times(spec, (spec.time_s,), cache=cache, watch=watch))
+    times_s = (spec.time_s,)
+    return next(simulate_times(spec, times_s, cache=cache, watch=watch, records=_RECORDS))
 
 
 def simulate_times(
@@ -61,18 +62,19 @@ def simulate_times(
     *,
     cache: Path | None = None,
     watch: Watch | None = None,
+    records: int = 0,
 ) -> Iterator[Result]:
     """The spray at increasing `times_s`, from one integration for each size of the domain.
 
-    Steps do not depend on the times, so each result is that of its time alone. Raises as
-    `simulate_spray`.
+    Steps do not depend on the times, so each result is that of its time alone. The history has so
+    many `records`, and those of the results. Raises as `simulate_spray`.
     """
     spaces = groupby(
         times_s, lambda time_s: domain_time_s(spec.model_copy(update={"time_s": time_s}))
     )
     for _, group in spaces:
         times = tuple(group)
-        state = _State(spec.model_copy(update={"time_s": times[-1]}), cache)
+        state = _State(spec.model_copy(update={"time_s": times[-1]}), cache, records)
         for number, time_s in enumerate(times):
             while time_s > state.time_s + 1.5 * state.longest_step_s:
                 state.step(state.longest_step_s)
@@ -88,8 +90,8 @@ def simulate_times(
 class _State:
     """Parcels and gas, and what is counted of them."""
 
-    def __init__(self, spec: LagrangianSpray, cache: Path | None) -> None:
-        self.spec = spec
+    def __init__(self, spec: LagrangianSpray, cache: Path | None, records: int) -> None:
+        self.spec, self.records = spec, records
         self.fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
         ambient = spec.ambient
         _check(spec, self.fuel)
@@ -146,7 +148,7 @@ class _State:
         self.time_s, self.steps = self.time_s + step_s, self.steps + 1
         new = _born(injection, self.each_kg, self.spec, self.born, until, self.time_s)
         self.cloud, self.born = self.cloud + new, until
-        if len(self.rows) < self.time_s / self.spec.time_s * _RECORDS:
+        if len(self.rows) < self.time_s / self.spec.time_s * self.records:
             self._record()
 
     def _record(self) -> None:

@@ -39,7 +39,7 @@ def free_jet(
     distances_m: tuple[float, ...] = (20e-3, 25e-3, 30e-3),
 ) -> FreeJet:
     """Nitrogen of 0.6 MPa, pushed by `THRUST_N` from 8 mm on, with or without cold fuel vapour."""
-    grid = round_grid(np.array([0.0, 0.0, -1.0]), spacing_m=spacing_m, far_m=80e-3)
+    grid = round_grid(np.array([0.0, 0.0, -1.0]), spacing_m=spacing_m, reach_m=80e-3, far_m=80e-3)
     flow = GasFlow(grid, mixture, pressure_Pa=0.6e6, temperature_K=573.0)
     radius, polar = grid.middle[2], grid.middle[1]
     wide = np.exp(-0.5 * (polar / 0.07) ** 2)
