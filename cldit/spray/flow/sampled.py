@@ -1,4 +1,4 @@
-"""Results of the grid of rays: all plumes, and vapour on a regular lattice."""
+"""Results of the grid of rays: all plumes, and vapour on two regular lattices."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats, Ints, Mask
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.coupling import FlyingParcels
 from cldit.spray.flow.exchange import between, corners, turn_of
@@ -17,6 +17,7 @@ from cldit.spray.result import Cells, Vapour
 
 NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
 SPACING_m = 0.5e-3  # of the lattice, whatever the grid is
+_NEAR_m = 10e-3  # of the tip, where plumes are narrower than 2 mm: half of the spacing
 _FAINT = 0.1  # of NEGLIGIBLE, which is added to voxels
 _MOST = 240  # voxels along an axis
 _AVOGADRO = 6.02214076e23
@@ -48,7 +49,7 @@ def _rotation(axis: Floats, angle: float) -> Floats:
 
 
 def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
-    """Vapour on a lattice, linear between the middles of the cells of rays.
+    """Vapour on lattices, linear between the middles of the cells of rays.
 
     The vapour in each shell of cells is kept. Temperatures are means by mass of vapour.
     """
@@ -60,35 +61,53 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     low, high = _bounds(grid, rich)
     spacing_m = max(SPACING_m, float(np.max(high - low)) / _MOST)
     origin = spacing_m * (np.floor(low / spacing_m) - 1)
-    x, y, z = (int(n) + 2 for n in np.ceil((high - origin) / spacing_m))
-    shape = (x, y, z)
-    found = np.zeros((2, *shape))
+    shape = np.ceil((high - origin) / spacing_m).astype(np.int64) + 2
+    # The lattice, and one of half the spacing in its place near the tip.
+    near = np.rint((np.array([[-1.0], [1.0]]) * _NEAR_m - origin) / spacing_m)
+    near = np.clip(near, 0, shape).astype(np.int64)
+    lattices = (
+        (origin, spacing_m, np.zeros((2, *shape)), near),
+        (
+            origin + near[0] * spacing_m,
+            0.5 * spacing_m,
+            np.zeros((2, *(2 * (near[1] - near[0])))),
+            np.zeros_like(near),
+        ),
+    )
     least = _FAINT * NEGLIGIBLE * flow.far_density_kg_m3
     cosines = _cosines(grid, flow.fuel >= 0.1 * least)
     shells, factor = np.zeros(len(content)), np.ones(len(content))
     for again in (False, True):
         if again:
             factor = np.divide(content, shells, out=np.zeros_like(content), where=shells > 0)
-        found[:] = 0.0
-        _fill(
-            (grid.frame, grid.azimuth, grid.polar, grid.radius_m, grid.symmetry),
-            flow.fuel,
-            flow.temperature_K,
-            least,
-            cosines,
-            factor,
-            origin,
-            spacing_m,
-            shells,
-            found,
-        )
-    mass, heat = found.reshape(2, -1)
-    index = np.flatnonzero(mass > NEGLIGIBLE * flow.far_density_kg_m3 * spacing_m**3)
-    spacing = np.full(3, spacing_m)
+        for corner, edge_m, found, without in lattices:
+            found[:] = 0.0
+            _fill(
+                (grid.frame, grid.azimuth, grid.polar, grid.radius_m, grid.symmetry),
+                flow.fuel,
+                flow.temperature_K,
+                least,
+                cosines,
+                factor,
+                corner,
+                edge_m,
+                without,
+                shells,
+                found,
+            )
+    lower, upper, number, warm = [], [], [], []
+    for corner, edge_m, found, _ in lattices:
+        mass, heat = found.reshape(2, -1)
+        index = np.flatnonzero(mass > NEGLIGIBLE * flow.far_density_kg_m3 * edge_m**3)
+        steps = np.stack(np.unravel_index(index, found.shape[1:]), axis=1)
+        lower.append(corner + steps * edge_m)
+        upper.append(corner + (steps + 1) * edge_m)
+        number.append(mass[index] / edge_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol))
+        warm.append(heat[index] / mass[index])
     return Vapour(
-        cells=Cells.regular(origin_m=origin, spacing_m=spacing, shape=shape, index=index),
-        number_density_m3=mass[index] / spacing_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol),
-        temperature_K=heat[index] / mass[index],
+        cells=Cells(np.concatenate(lower), np.concatenate(upper)),
+        number_density_m3=np.concatenate(number),
+        temperature_K=np.concatenate(warm),
         molar_mass_kg_mol=fuel.molar_mass_kg_mol,
     )
 
@@ -132,6 +151,7 @@ def _fill(
     factor: Floats,
     origin: Floats,
     spacing: float,
+    without: Ints,
     shells: Floats,
     result: Floats,
 ) -> None:
@@ -144,6 +164,7 @@ def _fill(
         cosines: (2, R) bounds of the polar angle's within which each shell has vapour.
         factor: (R,) on what is found in each shell.
         origin, spacing: of the voxels.
+        without: (2, 3) first voxel, and the one after the last, of a box that is left out.
         shells: (R,) sum of what is found without the factor; added to.
         result: added to.
     """
@@ -155,6 +176,9 @@ def _fill(
     for i in range(result.shape[1]):
         for j in range(result.shape[2]):
             for k in range(result.shape[3]):
+                if without[0, 0] <= i < without[1, 0] and without[0, 1] <= j < without[1, 1]:
+                    if without[0, 2] <= k < without[1, 2]:
+                        continue
                 p[0] = origin[0] + (i + 0.5) * spacing
                 p[1] = origin[1] + (j + 0.5) * spacing
                 p[2] = origin[2] + (k + 0.5) * spacing
