@@ -13,7 +13,7 @@ from cldit.scene.spray import ConeSpray, LagrangianSpray
 _FIRST_LATTICE_m = 1e-3
 # Cells of a computed gas to begin with, per kelvin asked (docs/benchmarks/error-sources.md), and
 # their limits: half the cells take 3 to 12 times as long.
-_GAS_PER_K, _FINEST_GAS_m, _COARSEST_GAS_m = 0.175e-3, 0.35e-3, 2e-3
+_GAS_PER_K, _FINEST_GAS_m, _COARSEST_GAS_m = 0.16e-3, 0.35e-3, 2e-3
 _FINEST_GAS = (
     f"a run chooses no gas cells below {1e3 * _FINEST_GAS_m:g} mm by itself, for the spray alone "
     "then takes minutes; allowed: a smaller spray.box.spacing_m"

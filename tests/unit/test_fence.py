@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2219,
     "scene": 2101,
     "show": 6594,
-    "spray": 7150,
+    "spray": 7272,
     "study": 3169,
     "testing": 1302,
     "transport": 7193,

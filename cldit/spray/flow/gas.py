@@ -131,8 +131,9 @@ class GasFlow:
         some = size > _NOTHING * size.max(axis=1, keepdims=True)
         cells = np.flatnonzero(some.any(axis=0))
         state = (self.density + mass, self.fuel + mass, self.enthalpy + enthalpy)
-        state = tuple(each.reshape(-1)[cells] for each in (*state, self.temperature_K))
-        _, pressure = self._equilibrium(*state)
+        density, fuel, heat = (each.reshape(-1)[cells] for each in state)
+        guess_K = self.temperature_K.reshape(-1)[cells]
+        _, pressure = self._equilibrium(density, fuel, heat, guess_K)
         rise[cells] = pressure / self.pressure_Pa - 1 - self._amiss.reshape(-1)[cells]
         return _Sources(amounts, rise.reshape(mass.shape))
 
@@ -147,9 +148,7 @@ class GasFlow:
         viscosity = self.eddy * self.density
 
         weight = self.density * volume
-        self.velocity = self._transported(
-            self.velocity, weight, viscosity, step_s, bounded=False
-        )
+        self.velocity = self._transported(self.velocity, weight, viscosity, step_s, bounded=False)
         moving = self.velocity * (weight / volume)
         kernels.fluxes(moving, grid.areas, grid.strip_m2, self._square, self.flux)
         wanted = self._kept + self.density * self._amiss / step_s

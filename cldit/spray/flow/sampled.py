@@ -164,7 +164,7 @@ def _fill(
         cosines: (2, R) bounds of the polar angle's within which each shell has vapour.
         factor: (R,) on what is found in each shell.
         origin, spacing: of the voxels.
-        without: (2, 3) first voxel, and the one after the last, of a box that is left out.
+        without: (2, 3) first voxel, and the one after the last, of a box without any.
         shells: (R,) sum of what is found without the factor; added to.
         result: added to.
     """
