@@ -26,7 +26,7 @@ _BIN = "Scripts" if os.name == "nt" else "bin"
 WHEEL_CHECK = """
 import pathlib, sys
 import numpy as np
-import cldit, cldit.drivers.emulators.dg645, cldit.kernels
+import cldit, cldit.drivers.dg645, cldit.kernels
 assert pathlib.Path(cldit.__file__).is_relative_to(sys.prefix), cldit.__file__
 assert (pathlib.Path(cldit.kernels.__path__[0]) / "sweep.cl").is_file()
 for name in cldit.shipped_scenes():

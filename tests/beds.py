@@ -15,6 +15,7 @@ from cldit.testing.backgrounds import background_steps
 from cldit.testing.bed import Bed, Make, beds_of
 from cldit.testing.cameras import camera_steps
 from cldit.testing.triggers import trigger_steps
+from tests.emulators.beds import BEDS
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.simulated_scene import Pulse
@@ -65,7 +66,9 @@ def make_of(driver: str, variant: str, rig: dict[str, Any]) -> Make:
     about: DriverAbout | None = describe_drivers().get(driver)
     if about is not None and (missing := about.missing()):
         pytest.skip(f"{', '.join(missing)} is missing; {about.install}")
-    try:
+    if driver in BEDS:
+        return BEDS[driver][variant]
+    try:  # of another package
         return beds_of(driver)[variant]
     except SceneError as error:
         pytest.fail(str(error))
@@ -103,6 +106,6 @@ def in_tiers() -> list[Any]:
 
 def _variants(driver: str) -> list[str]:
     try:
-        return ["simulated"] if driver in _SIMULATED else list(beds_of(driver))
+        return ["simulated"] if driver in _SIMULATED else list(BEDS.get(driver) or beds_of(driver))
     except SceneError:
         return ["no bed"]

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.load import Rig, open_rig
-
-if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.blackbody import FlukePeer, ModbusPeer
-    from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.rig import CALIBRATION, PeerRig
-else:
-    from cldit.drivers.emulators.blackbody import FlukePeer, ModbusPeer
-    from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.rig import CALIBRATION, PeerRig
-
 from tests.aravis import aravis_peer, needs_aravis
+from tests.emulators.blackbody import FlukePeer, ModbusPeer
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.rig import CALIBRATION, PeerRig
 
 Make = Callable[[dict[str, Any], ExitStack], Rig]
 

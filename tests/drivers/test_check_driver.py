@@ -14,10 +14,13 @@ from click.testing import CliRunner, Result
 from cldit.cli import main
 from cldit.testing import lost_replies
 from cldit.testing.backgrounds import limits
-from cldit.testing.bed import beds_of, opened
+from cldit.testing.bed import opened
 from cldit.testing.expect import EVERYTHING, Allowed, ContractBroken
 from cldit.testing.run import Verdict, on_instrument
 from cldit.testing.triggers import references_do_not_inject
+from tests.emulators.beds import BEDS
+from tests.emulators.blackbody import ModbusPeer
+from tests.emulators.dg645 import Dg645Peer
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
@@ -25,16 +28,12 @@ for _module in ("pyvisa_py", "pymodbus"):
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.controller import BlackBody
     from drivers.dg645 import Dg645
-    from drivers.emulators.blackbody import ModbusPeer
-    from drivers.emulators.dg645 import Dg645Peer
 else:
     from cldit.drivers.controller import BlackBody
     from cldit.drivers.dg645 import Dg645
-    from cldit.drivers.emulators.blackbody import ModbusPeer
-    from cldit.drivers.emulators.dg645 import Dg645Peer
 
-DG645 = beds_of("dg645")["tcp"]
-EUROTHERM = beds_of("modbus_blackbody")["eurotherm-tcp"]
+DG645 = BEDS["dg645"]["tcp"]
+EUROTHERM = BEDS["modbus_blackbody"]["eurotherm-tcp"]
 
 
 # Broken drivers: each of these faults is one that somebody writes, and is found.

@@ -13,20 +13,17 @@ from cldit.acquisition.dry_run import dry_run
 from cldit.errors import RunFolderError
 from cldit.rig.errors import ConfigRejected
 from cldit.rig.load import open_rig
+from tests.emulators import gige_registers as reg
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.rig import PeerRig
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.count_features import read_features, set_features, unstated
-    from drivers.emulators import gige_registers as reg
-    from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.rig import PeerRig
 else:
     from cldit.drivers.count_features import read_features, set_features, unstated
-    from cldit.drivers.emulators import gige_registers as reg
-    from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.rig import PeerRig
 
 PLAN = Plan.model_validate(
     {

@@ -19,18 +19,16 @@ from cldit.rig.clock import SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, NotConnected, RigError
 from cldit.rig.protocols import Burst
+from tests.emulators.dg645 import Dg645Peer
+from tests.emulators.pulse_generator import PulseGeneratorPeer
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.dg645 import Dg645, open_dg645
-    from drivers.emulators.dg645 import Dg645Peer
-    from drivers.emulators.pulse_generator import PulseGeneratorPeer
 else:
     from cldit.drivers.dg645 import open_dg645
-    from cldit.drivers.emulators.dg645 import Dg645Peer
-    from cldit.drivers.emulators.pulse_generator import PulseGeneratorPeer
 
 CONTEXT = RigContext(SystemClock(), None, Path(), 1)
 

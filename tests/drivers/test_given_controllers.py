@@ -13,20 +13,19 @@ from cldit.io.plain_data import parse_yaml
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe
-from cldit.testing.bed import beds_of, opened
+from cldit.testing.bed import opened
 from cldit.testing.replies import Replies
+from tests.emulators.beds import BEDS
+from tests.emulators.blackbody import ModbusPeer
+from tests.emulators.lines import LineServer
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.blackbody import ModbusPeer
-    from drivers.emulators.lines import LineServer
     from drivers.line_templates import pattern
     from drivers.modbus_registers import Register, RegisterMap
 else:
-    from cldit.drivers.emulators.blackbody import ModbusPeer
-    from cldit.drivers.emulators.lines import LineServer
     from cldit.drivers.line_templates import pattern
     from cldit.drivers.modbus_registers import Register, RegisterMap
 
@@ -206,7 +205,7 @@ def test_a_heater_switch_without_an_answer_does_not_keep_the_set_point(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The rig file expects an answer that never comes: the set point is lowered all the same."""
-    with opened(beds_of("line_blackbody")["talks-serial"], answer_s=0.2) as bed:
+    with opened(BEDS["line_blackbody"]["talks-serial"], answer_s=0.2) as bed:
         bed.device.connect()
         bed.device.set_setpoint(440.0)
         told, off = bed.device._told, bed.device._settings.heater_off

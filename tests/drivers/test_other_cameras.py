@@ -24,12 +24,10 @@ pytest.importorskip("viva_genicam", reason="viva_genicam is missing; install cld
 from viva_genicam.testing import FakeGigeCamera  # (after the check that it is there)
 
 from tests.aravis import aravis_peer
+from tests.emulators.rig import CALIBRATION
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.rig import CALIBRATION
     from drivers.genicam_camera import GenicamCamera
-else:
-    from cldit.drivers.emulators.rig import CALIBRATION
 
 pytestmark = pytest.mark.loopback_only
 

@@ -19,20 +19,17 @@ from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import NotConnected, OutOfLimits
 from cldit.rig.protocols import TriggerInfo, TriggerMode
+from tests.emulators.blackbody import ModbusPeer
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.rig import CALIBRATION
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.blackbody import ModbusPeer
-    from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.rig import CALIBRATION
     from drivers.genicam_camera import GenicamCamera
     from drivers.modbus_blackbody import open_modbus_blackbody
 else:
-    from cldit.drivers.emulators.blackbody import ModbusPeer
-    from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.rig import CALIBRATION
     from cldit.drivers.modbus_blackbody import open_modbus_blackbody
 
 CONTEXT = RigContext(SystemClock(), None, Path(), 1)

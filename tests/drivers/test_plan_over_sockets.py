@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.rig.errors import FireUncertain, RetakesExhausted
 from cldit.rig.load import Rig, open_rig
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.rig import PeerRig
 from tests.journals import read_journal
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
-
-if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.rig import PeerRig
-else:
-    from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.rig import PeerRig
 
 
 def plan(**changes: Any) -> Plan:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -12,16 +12,11 @@ from cldit.rig.clock import SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import DeviceTimeout, NotConnected
 from cldit.testing.replies import Fault
+from tests.emulators.blackbody import FlukePeer
+from tests.emulators.dg645 import Dg645Peer
 
 pyvisa = pytest.importorskip("pyvisa", reason="pyvisa is missing; install cldit[rig]")
 pytest.importorskip("pyvisa_py", reason="pyvisa-py is missing; install cldit[rig]")
-
-if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.blackbody import FlukePeer
-    from drivers.emulators.dg645 import Dg645Peer
-else:
-    from cldit.drivers.emulators.blackbody import FlukePeer
-    from cldit.drivers.emulators.dg645 import Dg645Peer
 
 
 @pytest.fixture

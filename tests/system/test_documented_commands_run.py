@@ -41,7 +41,6 @@ NOT = {
     "cldit study all": "an hour; the same with --quick is run",
     "cldit plan --separate": "two scenes of the reader; tests/unit/dit runs it",
     "cldit fit": "a measurement of the reader's scene; tests/unit/study runs it on a twin",
-    "cldit check-driver line_blackbody": "the reader's own rig; tests/drivers runs it",
     "cldit check-driver modbus_blackbody": "needs an instrument; tests/drivers has an emulated one",
 }
 

@@ -12,7 +12,7 @@ to do by hand, and the others are safe.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -21,17 +21,13 @@ from cldit.acquisition import guard as guard_module
 from cldit.rig.errors import DeviceTimeout, RigError
 from cldit.rig.load import open_rig
 from cldit.testing.replies import Fault
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.rig import PeerRig
 from tests.journals import read_journal
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
-if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.rig import PeerRig
-else:
-    from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.rig import PeerRig
 
 pytestmark = pytest.mark.loopback_only
 

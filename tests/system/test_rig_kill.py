@@ -22,23 +22,18 @@ from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
 from cldit.acquisition import Plan, open_acquisition
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.rig import PeerRig
 from tests.journals import read_journal
 
 for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
-if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.emulators.gige_camera import GigePeer
-    from drivers.emulators.rig import PeerRig
-else:
-    from cldit.drivers.emulators.gige_camera import GigePeer
-    from cldit.drivers.emulators.rig import PeerRig
 
 CHILD = Path(__file__).with_name("acquisition_child.py")
 pytestmark = [

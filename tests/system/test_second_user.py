@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
@@ -26,11 +26,7 @@ from cldit.cli import main
 from cldit.rig.errors import InUse, NotSafe
 from cldit.testing.bed import opened
 from tests.beds import in_tiers, make_of
-
-if TYPE_CHECKING:  # the same file, by the name under which mypy finds it
-    from drivers.emulators.blackbody import ModbusPeer
-else:
-    from cldit.drivers.emulators.blackbody import ModbusPeer
+from tests.emulators.blackbody import ModbusPeer
 
 HOLDS = """
 import sys, time

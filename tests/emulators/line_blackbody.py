@@ -1,13 +1,19 @@
 """Emulator of a black body with the commands of a rig file, on a socket or a terminal."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from cldit.scene.values import ZERO_CELSIUS_K
+from tests.emulators.blackbody import Peer
+from tests.emulators.lines import AtOneLine
 
-from ..line_blackbody import LineSettings
-from ..line_templates import Command, example, pattern
-from .blackbody import Peer
-from .lines import AtOneLine
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.line_blackbody import LineSettings
+    from drivers.line_templates import Command, example, pattern
+else:
+    from cldit.drivers.line_blackbody import LineSettings
+    from cldit.drivers.line_templates import Command, example, pattern
 
 _STABLE_K = 0.2
 

@@ -3,6 +3,8 @@
 Bootstrap registers: GigE Vision 1.2, section 28. Feature names: GenICam SFNC 2.
 """
 
+from __future__ import annotations
+
 import struct
 from xml.sax.saxutils import escape
 

@@ -1,10 +1,12 @@
 """Test benches of the drivers here, each with its emulator (see `cldit.testing.bed`)."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, check_settings, load_driver
@@ -12,16 +14,21 @@ from cldit.testing.backgrounds import BackgroundSide, background_steps, hot_K
 from cldit.testing.bed import Bed, Make
 from cldit.testing.cameras import camera_steps
 from cldit.testing.triggers import trigger_steps
+from tests.emulators.blackbody import FlukePeer, ModbusPeer
+from tests.emulators.dg645 import Dg645Peer
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.line_blackbody import LinePeer
+from tests.emulators.pulse_generator import PulseGeneratorPeer
+from tests.emulators.rig import CALIBRATION
 
-from ..line_blackbody import LineSettings
-from ..modbus_registers import MAPS, RegisterMap
-from ..pulse_generator import SERIES
-from .blackbody import FlukePeer, ModbusPeer
-from .dg645 import Dg645Peer
-from .gige_camera import GigePeer
-from .line_blackbody import LinePeer
-from .pulse_generator import PulseGeneratorPeer
-from .rig import CALIBRATION
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.line_blackbody import LineSettings
+    from drivers.modbus_registers import MAPS, RegisterMap
+    from drivers.pulse_generator import SERIES
+else:
+    from cldit.drivers.line_blackbody import LineSettings
+    from cldit.drivers.modbus_registers import MAPS, RegisterMap
+    from cldit.drivers.pulse_generator import SERIES
 
 _WARM_K = 1.0  # above the safe set point
 _ADDRESS = {"host", "port", "serial", "address", "interface"}  # settings that the emulator gives
@@ -295,17 +302,26 @@ def _gige(driver: str, legacy: bool) -> Make:
     return make
 
 
-DG645 = {"tcp": _dg645}
-FLUKE418X = {"tcp": _fluke(False), "serial": _fluke(True)}
-MODBUS_BLACKBODY = {
-    "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
-    "ir2100-serial": _modbus({"model": "ir-2100"}, True),
-    "registers-tcp": _modbus({"registers": _OTHER}, False),
+BEDS: dict[str, dict[str, Make]] = {
+    "dg645": {"tcp": _dg645},
+    "fluke418x": {"tcp": _fluke(False), "serial": _fluke(True)},
+    "modbus_blackbody": {
+        "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
+        "ir2100-serial": _modbus({"model": "ir-2100"}, True),
+        "registers-tcp": _modbus({"registers": _OTHER}, False),
+    },
+    "pulse_generator": {
+        "bnc575-tcp": _pulse_generator("bnc-575", "BNC,575-8,31309,2.4.1-1.2.2", False),
+        "qc9510-serial": _pulse_generator("qc-9510", "QC,9518+,02345,1.32", True),
+    },
+    "line_blackbody": {"bare-tcp": _line(_BARE, False), "talks-serial": _line(_TALKS, True)},
+    "gige_camera": {
+        "gige": _gige("gige_camera", False),
+        "genicam-1.0": _gige("gige_camera", True),
+    },
+    "aravis_camera": {
+        "gige": _gige("aravis_camera", False),
+        "genicam-1.0": _gige("aravis_camera", True),
+    },
 }
-PULSE_GENERATOR = {
-    "bnc575-tcp": _pulse_generator("bnc-575", "BNC,575-8,31309,2.4.1-1.2.2", False),
-    "qc9510-serial": _pulse_generator("qc-9510", "QC,9518+,02345,1.32", True),
-}
-LINE_BLACKBODY = {"bare-tcp": _line(_BARE, False), "talks-serial": _line(_TALKS, True)}
-GIGE_CAMERA = {"gige": _gige("gige_camera", False), "genicam-1.0": _gige("gige_camera", True)}
-ARAVIS_CAMERA = {"gige": _gige("aravis_camera", False), "genicam-1.0": _gige("aravis_camera", True)}
+"""Test benches by driver and variant."""

@@ -4,12 +4,14 @@ From the manual it has registers that reading clears, an error queue, a rate err
 while busy, settings that abort the running cycle, bursts, and the inhibit input.
 """
 
+from __future__ import annotations
+
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 
-from .lines import Edge, PulsePeer
+from tests.emulators.lines import Edge, PulsePeer
 
 _SCALARS = {  # command: lowest, highest, value after *RST
     "TSRC": (0, 6, 5),

@@ -1,13 +1,15 @@
 """Emulator of a whole rig on loopback sockets: camera, black body, delay generator, and wires.
 
-python -m cldit.drivers.emulators.rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
+python -m tests.emulators.rig rig.yaml     # writes a rig file for it, and runs until Ctrl-C
 """
+
+from __future__ import annotations
 
 import sys
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +17,15 @@ from numpy.typing import NDArray
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.io.terminal import tell
+from tests.emulators.blackbody import FlukePeer, ModbusPeer
+from tests.emulators.dg645 import Dg645Peer
+from tests.emulators.gige_camera import GigePeer
+from tests.emulators.lines import Edge
 
-from ..heater import Dynamics
-from .blackbody import FlukePeer, ModbusPeer
-from .dg645 import Dg645Peer
-from .gige_camera import GigePeer
-from .lines import Edge
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.heater import Dynamics
+else:
+    from cldit.drivers.heater import Dynamics
 
 _IN_AIR_s = 0.05  # time for which fuel is visible after an injection
 _FAST = Dynamics(time_constant_s=0.05)
@@ -83,7 +88,7 @@ class PeerRig:
         """Number of pulses at the injector."""
         return len(self.generator.pulses("CD"))
 
-    def __enter__(self) -> "PeerRig":
+    def __enter__(self) -> PeerRig:
         for peer in (self.camera, self.blackbody, self.generator):
             self._stack.enter_context(peer)
         return self

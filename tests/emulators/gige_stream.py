@@ -1,12 +1,14 @@
 """Images on the stream channel of GigE Vision (GVSP): their packets, and a test image."""
 
+from __future__ import annotations
+
 import struct
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import gige_registers as reg
+from tests.emulators import gige_registers as reg
 
 Image = Callable[[int, float], NDArray[np.uint16]]
 

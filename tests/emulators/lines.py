@@ -1,5 +1,7 @@
 """Lines to peers: text at a loopback socket or a pseudo-terminal, and pulses that leave a peer."""
 
+from __future__ import annotations
+
 import os
 import select
 import socketserver

@@ -3,18 +3,24 @@
 The Modbus side is the server of pymodbus, an independent peer; a `Heater` gives the temperature.
 """
 
+from __future__ import annotations
+
 import asyncio
 import os
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cldit.rig.clock import Clock, SystemClock
 from cldit.scene.values import ZERO_CELSIUS_K
 from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
+from tests.emulators.lines import AtOneLine, Terminals
 
-from ..heater import Dynamics, Heater
-from ..modbus_registers import MAPS, RegisterMap
-from .lines import AtOneLine, Terminals
+if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.heater import Dynamics, Heater
+    from drivers.modbus_registers import MAPS, RegisterMap
+else:
+    from cldit.drivers.heater import Dynamics, Heater
+    from cldit.drivers.modbus_registers import MAPS, RegisterMap
 
 
 def _summed(frame: bytes) -> bytes:
@@ -81,7 +87,7 @@ class ModbusPeer(Peer):
         self._terminals = Terminals()
         self._master = -1
 
-    def __enter__(self) -> "ModbusPeer":
+    def __enter__(self) -> ModbusPeer:
         if self._wants_serial:
             self._master, slave = self._terminals.pair()
             self.serial = os.ttyname(slave)

@@ -4,12 +4,14 @@ From the makers' manuals it has an answer `ok` or `?n` to each command, outputs 
 or a burst after they are switched on, and a step of 250 ps.
 """
 
+from __future__ import annotations
+
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
-from .lines import Edge, PulsePeer
+from tests.emulators.lines import Edge, PulsePeer
 
 _CHANNELS = "ABCDEFGH"
 _STEP_s = 250e-12

@@ -5,6 +5,8 @@ privilege with heartbeat, packet resend. Several can run at once, each at its ow
 all receive the discovery broadcast.
 """
 
+from __future__ import annotations
+
 import queue
 import random
 import secrets
@@ -19,9 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.testing.replies import BINARY_NAN, Replies
-
-from . import gige_registers as reg
-from .gige_stream import Image, image_packets, pattern
+from tests.emulators import gige_registers as reg
+from tests.emulators.gige_stream import Image, image_packets, pattern
 
 _GVCP = 3956
 _DENIED, _BAD_ADDRESS, _UNSUPPORTED = 0x8006, 0x8003, 0x8001
@@ -77,7 +78,7 @@ class GigePeer:
         self._sent: OrderedDict[int, list[bytes]] = OrderedDict()
         self._triggers: queue.SimpleQueue[float | None] = queue.SimpleQueue()
 
-    def __enter__(self) -> "GigePeer":
+    def __enter__(self) -> GigePeer:
         self._memory[:] = bytes(reg.SIZE)
         schema = (1, 0) if self._legacy else (1, 1)
         reg.bootstrap(self._memory, self.host, self.sensor, self.serial, schema)
