@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2219,
     "scene": 2101,
     "show": 6594,
-    "spray": 7272,
+    "spray": 7273,
     "study": 3169,
     "testing": 1302,
     "transport": 7193,

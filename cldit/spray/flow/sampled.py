@@ -202,7 +202,7 @@ def _fill(
                 near = away <= 8 * spacing
                 for n in range(-1, points**3):
                     if n < 0:
-                        if near:
+                        if near or points == 1:
                             continue
                         dx, dy, dz = 0.0, 0.0, 0.0
                     else:
@@ -229,7 +229,8 @@ def _fill(
                         if symmetry > 1:
                             angle = abs(angle)
                     around, down = between(azimuth, angle), between(polar, lean)
-                    corners(around, down, between(radius, r), nt, nr, cell, weight)
+                    along = between(radius, r)
+                    corners(around, down, along, nt, nr, cell, weight)
                     mass, heat = 0.0, 0.0
                     for c in range(8):
                         here = weight[c] * rich[cell[c]]
@@ -241,7 +242,7 @@ def _fill(
                         continue
                     if mass < least:
                         continue
-                    shell = min(max(np.searchsorted(radius, r) - 1, 0), nr - 1)
+                    shell = along[1] if along[2] >= 0.5 else along[0]
                     shells[shell] += mass * part
                     part_here = part * factor[shell]
                     result[0, i, j, k] += mass * part_here
