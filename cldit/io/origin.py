@@ -130,12 +130,6 @@ class Origin:
             code=code(),
         )
 
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Origin:
-        """Reads what `to_dict` gave."""
-        inputs = tuple(FileRead.from_dict(one) for one in data["inputs"])
-        return cls(**{**data, "command": tuple(data["command"]), "inputs": inputs})
-
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return asdict(self)

@@ -5,14 +5,13 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
@@ -199,27 +198,9 @@ def _stored_info(path: Path) -> RunInfo:
     """Metadata of a run; raises RunFolderError if they are incomplete or of other types."""
     data = read_json(path)
     try:
-        if not all(isinstance(data[name], list) for name in ("stages", "remarks")):
-            raise ValueError("stages, remarks: expected lists")
-        info = RunInfo.from_dict(data)
-        _check_types(info)
+        return RunInfo.from_dict(data)
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise RunFolderError(f"{path}: is damaged ({error})") from error
-    return info
-
-
-def _check_types(part: Any) -> None:
-    """Raises ValueError if a field of a dataclass, or of one in it, has another type."""
-    for name, kind in get_type_hints(type(part)).items():
-        value = getattr(part, name)
-        try:
-            TypeAdapter(kind).validate_python(value, strict=True)
-        except ValidationError as error:
-            where = ".".join([name, *(str(step) for step in error.errors()[0]["loc"])])
-            raise ValueError(f"{where}: {error.errors()[0]['msg']}") from error
-        for each in value if isinstance(value, tuple) else (value,):
-            if is_dataclass(each):
-                _check_types(each)
 
 
 def _check_shapes(folder: Path, images: Mapping[str, NDArray[Any]], shape: tuple[int, ...]) -> None:

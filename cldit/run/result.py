@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.accuracy.errors import Errors
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 class RunInfo:
     """Metadata stored with a run; everything here can be written as JSON."""
 
+    __pydantic_config__: ClassVar = ConfigDict(extra="forbid")
+
     device: str
     device_reason: str
     stages: tuple[Stage, ...]
@@ -61,38 +65,24 @@ class RunInfo:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        data = {**self.__dict__, "stages": [stage.__dict__ for stage in self.stages]}
-        data["files"] = [file.to_dict() for file in self.files]
-        for name in _PARTS:
-            part = getattr(self, name)
-            data[name] = None if part is None else part.to_dict()
-        return data
+        return {**asdict(self), "errors": self.errors and self.errors.to_dict()}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> "RunInfo":
-        """Reads the plain `data` of `to_dict`."""
-        stages = tuple(  # 0.1.0 wrote differences of times, some of which are below 0
-            Stage(**{**one, "seconds": max(one["seconds"], 0.0)}) for one in data["stages"]
-        )
-        parts = {name: of.from_dict(data[name]) for name, of in _PARTS.items() if data.get(name)}
-        return cls(
-            **{
-                **data,
-                "stages": stages,
-                "remarks": tuple(data["remarks"]),
-                "integrals": tuple(data.get("integrals", ())),
-                "files": tuple(FileRead.from_dict(each) for each in data.get("files", [])),
-                **parts,
-            }
-        )
+        """Reads the plain `data` of `to_dict`; raises ValueError for other types and keys."""
+        # 0.1.0 wrote differences of times, some of which are below 0
+        stages = [{**one, "seconds": max(one["seconds"], 0.0)} for one in data["stages"]]
+        try:
+            return _reader().validate_json(json.dumps({**data, "stages": stages}), strict=True)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise ValueError(f"{where}: {first['msg']}") from error
 
 
-_PARTS: Mapping[str, Any] = {
-    "spectral": SpectralInfo,
-    "closure": EnergyBalance,
-    "errors": Errors,
-    "origin": Origin,
-}
+@cache
+def _reader() -> TypeAdapter[RunInfo]:
+    return TypeAdapter(RunInfo)
 
 
 @dataclass(frozen=True)

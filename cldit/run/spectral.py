@@ -1,8 +1,7 @@
 """Spectral resolution of a run, and the difference of two maps of one scene."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,18 +64,3 @@ class SpectralInfo:
         at = quadrature.reference_K
         nodes = tuple((node.wavelength_um, float(node.share(at))) for node in quadrature.nodes)
         return cls(at, nodes, tuple(errors_K), from_paper)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; `from_dict` reads it."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> "SpectralInfo":
-        """Reads the result of `to_dict`."""
-        other = data["from_paper"]
-        return cls(
-            float(data["reference_K"]),
-            tuple((float(um), float(share)) for um, share in data["nodes"]),
-            tuple(float(error) for error in data["errors_K"]),
-            None if other is None else Difference(**other),
-        )

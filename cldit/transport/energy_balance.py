@@ -12,8 +12,7 @@ With method `source` the sum shows the errors of the solution (end of `trace_sou
 - the final residual of the solver.
 """
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -78,13 +77,3 @@ class EnergyBalance:
                 "float64, or try another device"
             )
         return balance
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; `from_dict` reads it."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> "EnergyBalance":
-        """Reads `to_dict`."""
-        row, column = data["pixel"]
-        return cls(**{**data, "pixel": (int(row), int(column))})
