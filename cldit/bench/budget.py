@@ -188,10 +188,11 @@ def budget_part(
         )
         for row in first
     ]
-    seeds = len({row.seed for row in rows})
+    counts = sorted({len(alike) for *_, alike in _alike(rows)})
+    seeds = " to ".join(dict.fromkeys(str(count) for count in (counts[0], counts[-1])))
     text = [
         f"{pixels} x {pixels} pixels"
-        + (f", {seeds} seeds: lowest and highest" if seeds > 1 else "")
+        + (f", {seeds} seeds: lowest and highest" if counts[-1] > 1 else "")
         + ". Time is that of the whole run, from the spray to the estimated errors; property "
         "tables and sprays with computed gas are in the cache. The true error is the RMS of T_app "
         "against the reference, whose own error is "
