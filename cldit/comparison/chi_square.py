@@ -11,8 +11,15 @@ which is the generalised least squares sum, with the modes as nuisance parameter
 Where neighbours are correlated, a has the sum of their correlations in place of 1.
 Two statistics are independent of each other. Along the span of B and of a shift of all pixels, z
 has the covariance of the modes and of the noise: it is large if the modes would have to be larger
-than stated, or if all of a region is warmer. Beside this span it is noise alone, with N - m - 1
-degrees of freedom. The probability combines both (Sidak 1967).
+than stated, or if all of a region is warmer. A shift that lies mostly in the span of the modes is
+left to them: the rest of it is the noise of their patterns, which follows that of z. Beside this
+span z is noise alone, with N - m - 1 degrees of freedom. The probability combines both (Sidak).
+
+Variances that are estimated from few shots are themselves random. If one estimate with nu degrees
+of freedom scales the covariance of m statistics, their sum of squares over m has Fisher's F
+distribution with m and nu degrees. Where it makes only a share f of the variance, it counts with
+nu / f^2 (Satterthwaite 1946). The mean over N pixels of estimated variances has the nu of a pixel
+times the effective number of pixels, as they have the squared correlation of the errors.
 
 Errors of neighbours are correlated, which leaves the mean of chi2 unchanged and increases its
 variance to 2 sum rho_ij^2. The effective number of pixels is therefore N^2 / sum rho_ij^2
@@ -25,16 +32,18 @@ too noisy, while their sum increases the variance of a mean tenfold.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.special import chdtrc
+from scipy.special import fdtrc
 
 from cldit.arrays import Floats, Mask
 
 _FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
+_APART = 0.5  # least share of a shift's square beside the modes
 _KNOWN_SILL = 3.0  # variance of rho times pairs, of white noise with a known sill; else 1
 
 
@@ -58,11 +67,18 @@ class ChiSquare:
     residuals: Floats
 
 
-def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> ChiSquare | None:
+def chi_square(
+    change: Floats,
+    error: Floats,
+    modes: Floats,
+    where: Mask,
+    *,
+    degrees: tuple[float, float] = (np.inf, np.inf),
+) -> ChiSquare | None:
     """Chi-square of a `change` (H, W) in the pixels `where`; None without any.
 
     error: (H, W) independent standard errors above 0. modes: (M, H, W). Pixels in which any of
-    these is not finite are omitted.
+    these is not finite are omitted. degrees: of freedom of the estimates of both, above 0.
     """
     where = where & np.isfinite(change) & np.isfinite(error) & np.isfinite(modes).all(axis=0)
     count = int(np.count_nonzero(where))
@@ -79,18 +95,21 @@ def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> Chi
     residuals[where] = z - sizes @ b
     effective = count / squares
     # Along the modes, and a shift of all pixels, which has no error of its own.
-    span = np.concatenate([b, 1.0 / error[where][None]])
-    values, vectors = np.linalg.eigh(span @ span.T)
-    seen = values > 1e-9 * values.max()
-    unit = (vectors[:, seen] / np.sqrt(values[seen])).T @ span
-    found, of_modes = unit @ z, unit @ b.T
-    covariance = products * np.eye(len(unit)) + of_modes @ of_modes.T
-    beside = max(total - float(found @ found), 0.0)
-    left = count - len(unit)
-    chances = [float(chdtrc(len(unit), found @ np.linalg.solve(covariance, found)))]
+    span, shift = _orthonormal(b), 1.0 / error[where]
+    rest = shift - span.T @ (span @ shift)
+    if rest @ rest > _APART * (shift @ shift):
+        span = np.concatenate([span, rest[None] / np.linalg.norm(rest)])
+    found, of_modes = span @ z, span @ b.T
+    of_modes = of_modes @ of_modes.T
+    left, chances = count - len(span), []
+    if len(span):
+        inverse = np.linalg.inv(products * np.eye(len(span)) + of_modes)
+        share = float(np.trace(inverse @ of_modes)) / len(span)
+        statistic = float(found @ inverse @ found) / len(span)
+        chances.append(_chance(statistic, len(span), degrees[1] / max(share, 1e-6) ** 2))
     if left > 0:
-        share = effective / count
-        chances.append(float(chdtrc(left * share, beside * share)))
+        beside = max(total - float(found @ found), 0.0) / left
+        chances.append(_chance(beside, left * effective / count, degrees[0] * effective))
     least = min(chances)
     return ChiSquare(
         pixels=count,
@@ -101,6 +120,30 @@ def chi_square(change: Floats, error: Floats, modes: Floats, where: Mask) -> Chi
         sizes=sizes,
         residuals=residuals,
     )
+
+
+def combined_degrees(
+    variances: Sequence[float], degrees: Sequence[float], *, whole: float | None = None
+) -> float:
+    """Degrees of freedom of a sum of variances, each with its own (Satterthwaite 1946).
+
+    whole: the sum, of which these may be a part; None: there are no others.
+    """
+    total = sum(variances) if whole is None else whole
+    square = sum(one**2 / of for one, of in zip(variances, degrees, strict=True))
+    return float(total**2 / square) if square > 0.0 else np.inf
+
+
+def _orthonormal(rows: Floats) -> Floats:
+    """Orthonormal rows of the same span."""
+    values, vectors = np.linalg.eigh(rows @ rows.T)
+    seen = values > 1e-9 * values.max(initial=0.0)
+    return np.asarray((vectors[:, seen] / np.sqrt(values[seen])).T @ rows)
+
+
+def _chance(value: float, degrees: float, of_variance: float) -> float:
+    """Probability of a larger ratio of variances, F; beyond 1e9 degrees as if known."""
+    return float(fdtrc(degrees, min(of_variance, 1e9), value))
 
 
 def correlation(z: Floats) -> tuple[float, float]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.comparison.chi_square import ChiSquare, chi_square
+from cldit.comparison.chi_square import ChiSquare, chi_square, combined_degrees
 from cldit.comparison.keys import KeyDifference, key_differences
 from cldit.comparison.modes import Mode, shared_modes
 from cldit.comparison.pixels import together
@@ -302,12 +302,12 @@ def _tested(
     modes = shared_modes(one, other) + tuple(
         Mode(f"view {number}", kelvin) for number, kelvin in enumerate(of_view, start=1)
     )
-    squares = [each.independent_K2 for each in (one, other)]
+    first, second = (each.independent_K2 for each in (one, other))
     nothing = np.full(change_K.shape, np.nan)
-    if squares[0] is None or squares[1] is None:
+    if first is None or second is None:
         untested = {name: _untested(change_K, where) for name, where in regions.items()}
         return untested, (), nothing, nothing
-    variance = squares[0] + squares[1] + _ROUNDED_K**2
+    variance = first + second + _ROUNDED_K**2
     known = spray.visible & np.isfinite(variance)
     weights = [float(np.sum(mode.kelvin[known] ** 2 / variance[known])) for mode in modes]
     kept = sorted(np.argsort(weights)[::-1][:_MOST_MODES])
@@ -316,13 +316,18 @@ def _tested(
             variance = variance + mode.kelvin**2
     modes = tuple(modes[number] for number in kept)
     kelvin = np.array([mode.kelvin for mode in modes]).reshape(-1, *change_K.shape)
-    test = partial(chi_square, change_K, np.sqrt(variance), kelvin)
+    shares = [float(np.sum(square[known] / variance[known])) for square in (first, second)]
+    degrees = (
+        combined_degrees(shares, [each.degrees[0] for each in (one, other)], whole=known.sum()),
+        combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
+    )
+    test = partial(chi_square, change_K, np.sqrt(variance), kelvin, degrees=degrees)
     error_K = np.sqrt(variance + np.sum(kelvin**2, axis=0))
     found = {name: test(where) for name, where in regions.items()}
     whole = found["all"]
     if whole is not None:
         sizes = whole.sizes.tolist()
-        modes = tuple(Mode(m.name, m.kelvin, size) for m, size in zip(modes, sizes, strict=True))
+        modes = tuple(replace(m, size=size) for m, size in zip(modes, sizes, strict=True))
     return (
         {
             name: _region(change_K, np.sqrt(variance), modes, regions[name], result)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -18,12 +19,14 @@ LARGE = 2.0  # times its stated size: a mode worth a line
 class Mode:
     """An error that all pixels share: change (H, W) of the difference by one standard deviation.
 
-    size: the value that fits the difference best, in standard deviations.
+    size: the value that fits the difference best, in standard deviations. degrees: of freedom of
+    the estimate of this standard deviation.
     """
 
     name: str
     kelvin: Floats = field(repr=False)
     size: float = 0.0
+    degrees: float = math.inf
 
     @property
     def text(self) -> str:
@@ -43,8 +46,11 @@ def shared_modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
     With both corrected for a quantity that is larger by s of its spreads they are equal if other +
     s change(other) = one + s change(one).
     """
-    found = [Mode(f"{part.name} of {one.name}", -part.kelvin) for part in one.common]
-    found += [Mode(f"{part.name} of {other.name}", part.kelvin) for part in other.common]
+    found = [
+        Mode(f"{part.name} of {each.name}", sign * part.kelvin, degrees=each.degrees[1])
+        for each, sign in ((one, -1.0), (other, 1.0))
+        for part in each.common
+    ]
     first, second = ({part.name: part for part in each.systematic} for each in (one, other))
 
     def kelvin(parts: Mapping[str, Part], name: str) -> Floats | float:

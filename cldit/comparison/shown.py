@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from cldit.camera.view import SensorView
 from cldit.dit.budget import Part, load_parts
 from cldit.dit.maps import Maps
 from cldit.errors import RunFolderError
+from cldit.io.plain_data import read_json
 from cldit.optics.response import edges_um, from_plain
 from cldit.run import Run, open_run
 from cldit.scene import Scene
@@ -33,6 +36,8 @@ class Shown:
     traced: the run whose errors the maps contain, that which was recorded included; None if
     unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of
     the filter; None: as the scene, or unknown. walls_spread_K: of their temperature, as stated.
+    degrees: of freedom of the estimated errors, independent ones of a pixel and common ones;
+    infinite if they are known, or their number is not.
     """
 
     name: str
@@ -47,6 +52,7 @@ class Shown:
     noisy: bool = False
     filter_um: tuple[float, float] | None = None
     walls_spread_K: float = 0.0
+    degrees: tuple[float, float] = (math.inf, math.inf)
     scene: Scene | None = None
     run: Run | None = None
     traced: Run | None = None
@@ -102,8 +108,15 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
     of_run = not isinstance(opened, Measured) and (place.parent / "scene.yaml").is_file()
     traced = open_run(place.parent) if of_run else None
     maps = Maps.load(folder)
-    parts = load_parts(folder)
-    found = recorded(str(place), maps, opened.pixel_m, opened.centre_m, parts=parts, traced=traced)
+    found = recorded(
+        str(place),
+        maps,
+        opened.pixel_m,
+        opened.centre_m,
+        parts=load_parts(folder),
+        degrees=_degrees(folder),
+        traced=traced,
+    )
     filter_um = from_plain(opened.calibration["filter_um"])
     spread_K = opened.surroundings.uncertainty.wall_temperature_K if traced is None else 0.0
     return replace(found, filter_um=edges_um(filter_um), walls_spread_K=spread_K)
@@ -133,8 +146,22 @@ def _recorded_by(run: Run, name: str) -> Shown:
     x, _, z = run.scene.target_m
     pixel_m = SensorView.from_scene(run.scene).pixel_m
     folder = None if run.folder is None else run.folder / "acquisition" / "maps"
-    parts = ((), ()) if folder is None else load_parts(folder)
-    return recorded(name, run.measured, pixel_m, (x, z), parts=parts, scene=run.scene, traced=run)
+    return recorded(
+        name,
+        run.measured,
+        pixel_m,
+        (x, z),
+        parts=((), ()) if folder is None else load_parts(folder),
+        degrees=() if folder is None else _degrees(folder),
+        scene=run.scene,
+        traced=run,
+    )
+
+
+def _degrees(maps: Path) -> Sequence[float]:
+    """Degrees of freedom of an evaluation by background; none for one of an older version."""
+    found = maps / "evaluation.json"
+    return read_json(found).get("degrees_of_freedom", ()) if found.is_file() else ()
 
 
 def recorded(
@@ -144,11 +171,14 @@ def recorded(
     centre_m: tuple[float, float],
     *,
     parts: tuple[tuple[Part, ...], tuple[Part, ...]],
+    degrees: Sequence[float] = (),
     scene: Scene | None = None,
     traced: Run | None = None,
 ) -> Shown:
     """Maps of a recording with its systematic and common `parts`.
 
+    degrees: of freedom of the scatter between shots, by background. T_app follows mostly from the
+    backgrounds that are nearest to it, so that the independent error of a pixel has those of one.
     The setup of a simulated rig is as stated: its recording has no systematic errors.
     """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
@@ -163,6 +193,7 @@ def recorded(
         common=parts[1],
         systematic=() if traced is not None else parts[0],
         noisy=True,
+        degrees=(min(degrees), sum(degrees)) if degrees else (math.inf, math.inf),
         scene=scene,
         traced=traced,
     )

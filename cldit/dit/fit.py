@@ -331,7 +331,7 @@ def radiance_gradient(lines: Pair) -> Floats:
 
 
 def shot_scatter(
-    difference: Floats,
+    change: Floats,
     observed: Floats,
     *,
     camera: Floats,
@@ -340,31 +340,33 @@ def shot_scatter(
 ) -> Floats:
     """Variance (K, ...) of one injection beyond the camera's noise, due to differences of shots.
 
-    Shots differ in the amount of spray, which scales its signal, and in its temperature, which adds
-    the same signal at every background. The variance of one shot at background k is therefore
+    Shots differ in the amount of spray, which changes its signal least where it is opaque, and in
+    its temperature, which adds the same signal at every background. The variance of one shot at
+    background k is therefore
 
-        camera_k + q difference_k^2 + p,    q, p >= 0,
+        camera_k + q change_k^2 + p,    q, p >= 0,
 
     and q, p are found from the variances observed among the shots of each background by iterated
-    least squares (a sample variance has the variance 2 V^2 / degrees). Two numbers per pixel
-    instead of one per background combine the degrees of freedom: five shots at five backgrounds
-    give 20, a single background 4. Without scatter q and p are still above 0 in half of the pixels;
-    standard errors are then about 5 % too large on average.
+    least squares (a sample variance has the variance 2 V^2 / degrees), over neighbours with the
+    weight of their mean V: a pixel whose V is too small by chance would count most. Two numbers per
+    pixel instead of one per background combine the degrees of freedom. Without scatter q and p are
+    still above 0 in half of the pixels; standard errors are then about 5 % too large on average.
 
-    All arrays are (K, ...): fitted Delta I, sample variance of one shot, the camera's part of it,
-    and degrees of freedom of the sample variance; 0 excludes a background.
+    All arrays are (K, ...): change of the signal by a relative change of the amount, sample
+    variance of one shot, the camera's part of it, and degrees of freedom of the sample variance; 0
+    excludes a background.
     """
 
     def nearby(values: Floats) -> Floats:
         """Mean over the neighbourhood of each pixel."""
         return np.asarray(uniform_filter(values.reshape(shape), _NEARBY).reshape(values.shape))
 
-    square = difference**2
+    square = change**2
     scaled = square / max(float(square.max(initial=0.0)), np.finfo(float).tiny)
     extra = np.zeros_like(camera)
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(4):
-            weight = degrees / (camera + extra) ** 2
+            weight = degrees / np.array([nearby(one) for one in camera + extra]) ** 2
             weight = np.where(np.isfinite(weight), weight, 0.0)
             aa, ab, bb = (nearby(np.sum(weight * scaled**n, axis=0)) for n in (2, 1, 0))
             excess = weight * (observed - camera)

@@ -46,7 +46,9 @@ class Evaluation:
     fitted: the calibration curve, if fitted to the references. calibration: as used, with values
     estimated from the images. witnesses: checks of the measurement by the shots themselves
     (`cldit.dit.witness`). drifts: covariance terms that both kinds share; drift_axis: the axis of
-    the drift. budget: systematic errors. origin: time, command and files; None without a folder.
+    the drift. degrees_of_freedom: of the estimated scatter of the shots at each background; empty
+    for single shots. budget: systematic errors. origin: time, command and files; None without a
+    folder.
     """
 
     maps: Maps
@@ -57,6 +59,7 @@ class Evaluation:
     witnesses: tuple[Witness, ...] = ()
     drifts: tuple[DriftTerm, ...] = ()
     drift_axis: str = ""
+    degrees_of_freedom: tuple[float, ...] = ()
     budget: Budget | None = None
     origin: Origin | None = None
 
@@ -98,6 +101,7 @@ class Evaluation:
             "witnesses": [one.to_dict() for one in self.witnesses],
             "drifts": [one.to_dict() for one in self.drifts],
             "drift_axis": self.drift_axis,
+            "degrees_of_freedom": self.degrees_of_freedom,
             "improbable_share": self.improbable,
             "budget": None if self.budget is None else self.budget.to_dict(),
             "curve": None
@@ -136,7 +140,7 @@ def evaluate_shots(
     """DIT of recorded shots.
 
     Shots of one set point are averaged. One image is in memory at a time, so memory grows with the
-    number of backgrounds only (40 bytes per pixel each). A background at which a pixel is saturated
+    number of backgrounds only (48 bytes per pixel each). A background at which a pixel is saturated
     is ignored for this pixel. Standard errors: see `cldit.dit.solve.solve`. Missing values of
     counts_per_radiance and noise are estimated from the references.
 
@@ -216,7 +220,7 @@ def evaluate_shots(
     witnesses += examined.witnesses
     check_not_mirrored(sums, sources)
     refuse([one for one in witnesses if one.name != "kinds"], accept)
-    maps, common = _solved(
+    maps, common, degrees = _solved(
         sums,
         setpoints,
         sources,
@@ -244,6 +248,7 @@ def evaluate_shots(
         witnesses=tuple(witnesses),
         drifts=examined.terms,
         drift_axis=axis.said(through=examined.through),
+        degrees_of_freedom=degrees,
         budget=budget(
             maps,
             around,
@@ -272,8 +277,8 @@ def _solved(
     curve: Curve,
     transmission: float,
     examined: Examined,
-) -> tuple[Maps, tuple[Part, ...]]:
-    """Solves for the maps, and for their common errors.
+) -> tuple[Maps, tuple[Part, ...], tuple[float, ...]]:
+    """Solves for the maps, their common errors, and the degrees of freedom of the shots' scatter.
 
     Offsets of camera and front window are in the lines' intercepts.
     """
@@ -281,6 +286,8 @@ def _solved(
     steady = any(drift.modes.any() for drift in examined.drifts) and all(
         group.spare(steady=True) > 1.0 for group in sums.values()
     )
+    injections = [sums[setpoint, "injection"] for setpoint in setpoints]
+    apart = all(group.spare(steady=steady, apart=True) >= 1.0 for group in injections)
 
     def signals(kind: str, rows: slice) -> Signals:
         found = [sums[setpoint, kind] for setpoint in setpoints]
@@ -295,8 +302,10 @@ def _solved(
             / scale,
             camera=camera,
             exposures=np.array([item.exposures for item in found]),
-            observed=np.stack([item.variance(rows, steady=steady) for item in found]) / scale**2,
-            spare=np.array([item.spare(steady=steady) for item in found]),
+            observed=np.stack([item.variance(rows, steady=steady, apart=apart) for item in found])
+            / scale**2,
+            spare=np.array([item.spare(steady=steady, apart=apart) for item in found]),
+            apart=apart,
         )
 
     full = {k: sums[k, "reference"].full | sums[k, "injection"].full for k in setpoints}
@@ -315,9 +324,9 @@ def _solved(
         parts.append(part)
     maps = stack([one.maps for one in parts])
     kelvin = np.concatenate([one.shared_K for one in parts], axis=1)
-    return maps, common_parts(
-        maps, kelvin, np.concatenate([one.shared_emissivity for one in parts], axis=1)
-    )
+    emissivity = np.concatenate([one.shared_emissivity for one in parts], axis=1)
+    degrees = tuple(group.spare(steady=steady, apart=apart) for group in injections)
+    return maps, common_parts(maps, kelvin, emissivity), degrees if all(degrees) else ()
 
 
 def _without(maps: Maps, bad: Mask) -> Maps:

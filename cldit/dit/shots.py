@@ -1,6 +1,6 @@
 """Protocols of recorded shots, and sums of their images by background and kind."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Any, Protocol
@@ -70,16 +70,18 @@ class Acquisition(Protocol):
 class Sums:
     """Sums of the images (h, w) of one kind at one background.
 
-    total, squares, course: weighted sums of counts, of their squares, and of counts times the
-    place of the shot on the drift's axis, relative to the first. largest: maximum of all exposures.
-    rounded: True if all counts are whole numbers. Lists have an entry per shot; digests are those
-    of the images' bytes, without the margin that may have a counter (`_inner`).
+    total, squares, course, glow: weighted sums of counts, of their squares, and of counts times the
+    place of the shot on the drift's axis, or times the mean of its image (levels), relative to the
+    first. largest: maximum of all exposures. rounded: True if all counts are whole numbers. Lists
+    have an entry per shot; digests are those of the images' bytes, without the margin that may have
+    a counter (`_inner`).
     """
 
     temperatures_K: list[float]
     total: Floats
     squares: Floats
     course: Floats
+    glow: Floats
     largest: NDArray[np.float32]
     saturation_counts: float
     weights: list[float]
@@ -87,14 +89,15 @@ class Sums:
     ids: list[str]
     digests: list[bytes]
     places: list[Place]
+    levels: list[float]
     rounded: bool = True
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], saturation_counts: float) -> "Sums":
         """Sums without any shot yet."""
-        zero = np.zeros(shape)
+        total, squares, course, glow = np.zeros((4, *shape))
         low = np.full(shape, -np.inf, np.float32)
-        return cls([], zero, zero.copy(), zero.copy(), low, saturation_counts, [], [], [], [], [])
+        return cls([], total, squares, course, glow, low, saturation_counts, [], [], [], [], [], [])
 
     @property
     def full(self) -> Mask:
@@ -104,7 +107,8 @@ class Sums:
     def add(self, image: NDArray[Any], shot: Shot, *, place: Place) -> None:
         """Adds the image (h, w) of a shot at its `place` on the drift's axis."""
         self.places.append(place)
-        counts = self._weigh(image, 1.0, place)
+        self.levels.append(float(np.mean(image)))
+        counts = self._weigh(image, 1.0, len(self.places) - 1)
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
         inner = np.ascontiguousarray(_inner(image))
         flat = b"flat " if np.ptp(inner) == 0 else b""  # saturated: equal, but no repeat
@@ -118,13 +122,15 @@ class Sums:
 
     def reweigh(self, image: NDArray[Any], number: int, weight: float) -> None:
         """Changes the weight of the image (h, w) that was added as number `number`."""
-        self._weigh(image, weight - self.weights[number], self.places[number])
+        self._weigh(image, weight - self.weights[number], number)
         self.weights[number] = weight
 
-    def _weigh(self, image: NDArray[Any], weight: float, place: Place) -> Floats:
+    def _weigh(self, image: NDArray[Any], weight: float, number: int) -> Floats:
         counts = image.astype(np.float64)
-        if way := weight * (place.at - self.places[0].at):
+        if way := weight * (self.places[number].at - self.places[0].at):
             self.course += way * counts
+        if way := weight * (self.levels[number] - self.levels[0]):
+            self.glow += way * counts
         self.total += counts if weight == 1.0 else weight * counts
         self.squares += counts**2 if weight == 1.0 else weight * counts**2
         return counts
@@ -154,28 +160,45 @@ class Sums:
         """Weighted mean (R, w) of the counts in `rows`."""
         return np.asarray(self.total[rows] / np.sum(self.weights))
 
-    def variance(self, rows: slice = _WHOLE, *, steady: bool = False) -> Floats:
+    def variance(
+        self, rows: slice = _WHOLE, *, steady: bool = False, apart: bool = False
+    ) -> Floats:
         """Sample variance (R, w) of one exposure in `rows`, counts^2; 0 for a single exposure.
 
         With `steady` it is that about each pixel's straight line over the places of the shots, so
-        that a steady drift does not count as scatter.
+        that a steady drift does not count as scatter; with `apart` about a line over the means of
+        the images, so that it is without what all pixels share.
         """
         weights = np.array(self.weights)
-        if not self.spare(steady=steady) > 0.0:
+        spare = self.spare(steady=steady, apart=apart)
+        if not spare > 0.0:
             return np.zeros_like(self.total[rows])
         spread = self.squares[rows] - self.total[rows] ** 2 / weights.sum()
-        if steady:
-            places = np.array([place.at for place in self.places]) - self.places[0].at
-            middle = float(np.average(places, weights=weights))
-            along = self.course[rows] - middle * self.total[rows]
-            spread = spread - along**2 / float(weights @ (places - middle) ** 2)
-        return np.asarray(np.maximum(spread, 0.0) / self.spare(steady=steady))
+        lines: list[tuple[Floats, Floats]] = []
+        for values, products in self._lines(steady=steady, apart=apart):
+            middle = float(np.average(values, weights=weights))
+            away, along = values - middle, products[rows] - middle * self.total[rows]
+            for other, of_other in lines:
+                share = float(weights @ (away * other) / (weights @ other**2))
+                away, along = away - share * other, along - share * of_other
+            square = float(weights @ away**2)
+            if square > 0.0:
+                spread = spread - along**2 / square
+                lines.append((away, along))
+        return np.asarray(np.maximum(spread, 0.0) / spare)
 
-    def spare(self, *, steady: bool = False) -> float:
+    def _lines(self, *, steady: bool, apart: bool) -> Iterator[tuple[Floats, Floats]]:
+        """Values of the shots and sums of counts times them, of each line."""
+        if steady:
+            yield np.array([place.at for place in self.places]) - self.places[0].at, self.course
+        if apart:
+            yield np.array(self.levels) - self.levels[0], self.glow
+
+    def spare(self, *, steady: bool = False, apart: bool = False) -> float:
         """Degrees of freedom of `variance`, by the weights of the shots; 0 for a single one."""
         weights = np.array(self.weights)
         left = weights.sum() - np.sum(weights**2) / weights.sum()
-        return max(float(left) - steady, 0.0) if len(weights) > 1 else 0.0
+        return max(float(left) - steady - apart, 0.0) if len(weights) > 1 else 0.0
 
 
 AllSums = Mapping[tuple[float, str], Sums]

@@ -66,10 +66,7 @@ class Drift:
         if self.cause == "curvature":
             return signals[0] ** 2, signals[1] ** 2
         if self.cause == "amount":
-            g, _, s, _ = np.nan_to_num(lines.values.T)
-            with np.errstate(over="ignore"):
-                through = np.divide(s, g, out=np.ones_like(s), where=g > 0.0)
-            change = by_amount(through, band=self.band) * (signals[1] - signals[0])
+            change = _by_amount(lines, signals, band=self.band)
             return np.zeros_like(change), change
         return np.ones(signals[0].shape[1]), np.ones(signals[0].shape[1])
 
@@ -82,6 +79,14 @@ def by_amount(through: Floats, *, band: float) -> Floats:
     """
     r = np.clip(1.0 - (1.0 - np.clip(through, 0.0, 1.0)) / band, 1e-6, 1.0 - 1e-6)
     return np.asarray(-np.log(r) * r / (1.0 - r))
+
+
+def _by_amount(lines: Pair, signals: tuple[Floats, Floats], *, band: float) -> Floats:
+    """Change (K, N) of the injections' signals by a relative change of the amount of spray."""
+    g, _, s, _ = np.nan_to_num(lines.values.T)
+    with np.errstate(over="ignore"):
+        through = np.divide(s, g, out=np.ones_like(s), where=g > 0.0)
+    return np.asarray(by_amount(through, band=band) * (signals[1] - signals[0]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +142,7 @@ class Signals:
     camera: variance of one exposure due to the camera's noise, as a function of the signal.
     exposures: (K,) effective number.
     observed: (K, ...) sample variance of one exposure; 0 for a single one. spare: (K,) its degrees
-        of freedom; None: one less than the exposures.
+        of freedom; None: one less than the exposures. apart: it is without what all pixels share.
     """
 
     source: Floats
@@ -146,6 +151,7 @@ class Signals:
     exposures: Floats
     observed: Floats | None = None
     spare: Floats | None = None
+    apart: bool = False
 
 
 @dataclass(frozen=True)
@@ -226,9 +232,10 @@ def solve(
         if injection.observed is not None and np.any(injection.exposures > 1):
             observed = flat(injection.observed) / bright**2
             for drift, (_, factor) in zip(drifts, factors, strict=True):
-                observed = observed - drift.each[:, None] * factor**2
+                if not injection.apart:  # its part of this pixel may differ from that of the mean
+                    observed = observed - drift.each[:, None] * factor**2
             jitter[1] = shot_scatter(
-                line[1] - line[0],
+                _by_amount(lines, line, band=1.0),
                 observed,
                 camera=noise[1],
                 degrees=np.where(usable, spare, 0.0),

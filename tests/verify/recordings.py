@@ -68,5 +68,6 @@ def recording(run: Run, *, seed: int) -> Shown:
         bench.pixel_m,
         (x, z),
         parts=((), found.budget.common),
+        degrees=found.degrees_of_freedom,
         traced=run,
     )
