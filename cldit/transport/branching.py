@@ -7,33 +7,26 @@ import numpy as np
 
 from cldit.errors import TransportError
 from cldit.gpu.buffers import download, zeros
-from cldit.gpu.device import Device, shares
-from cldit.gpu.program import Define, build
-from cldit.scene.schema import Scene
-from cldit.transport.cells import OpticalCells
+from cldit.gpu.device import shares
+from cldit.gpu.program import build
 from cldit.transport.energy_balance import EnergyBalance
-from cldit.transport.result import Trace, TraceSettings, weights_of
-from cldit.transport.view import View, check_boundary, upload_medium
+from cldit.transport.result import Trace, TraceInput, weights_of
+from cldit.transport.view import upload_medium
 
 HIGHEST_ORDER = 3  # each order costs about a hundred times the one before
 
 
-def trace_branching(
-    cells: OpticalCells,
-    scene: Scene,
-    device: Device,
-    settings: TraceSettings,
-    report: Callable[[str], None] | None,
-) -> Trace:
+def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> Trace:
     """Weights by the paper's method, which drops light below the cut-off.
 
     All of the device's partitions share the rows of the image. Raises TransportError if the order
     is above 3 or not given, or if the phase function is not isotropic.
     """
+    cells, view, settings = given.cells, given.view, given.settings
     if settings.order is None or settings.order > HIGHEST_ORDER:
-        given = "all" if settings.order is None else settings.order
+        order = "all" if settings.order is None else settings.order
         raise TransportError(
-            f"transport.order: {given} with method branching; allowed: 0..{HIGHEST_ORDER}, since "
+            f"transport.order: {order} with method branching; allowed: 0..{HIGHEST_ORDER}, since "
             "each order costs about a hundred times the one before; or use method source or path"
         )
     if settings.phase is not None:
@@ -41,15 +34,10 @@ def trace_branching(
             "transport.phase: method branching scatters isotropically, as in the paper; allowed: "
             "isotropic"
         )
-    view = View.of(scene, cells)
-    check_boundary(scene, cells, view)
+    given.check_boundary()
     real = settings.real
-    defines: dict[str, Define] = {
-        **settings.defines(cells, view),
-        "CUTOFF": float(settings.cutoff),
-        "ORDER": settings.order,
-    }
-    divided = shares(device, view.pixels[1])
+    defines = {**given.defines, "CUTOFF": float(settings.cutoff), "ORDER": settings.order}
+    divided = shares(given.device, view.pixels[1])
     programs = [build(one, "branching.cl", defines) for one, _ in divided]
     start = time.perf_counter()
     columns, rows = view.pixels

@@ -1,4 +1,4 @@
-"""Settings and result of a trace, for all methods."""
+"""Input, settings and result of a trace, for all methods."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -7,15 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Ints, Reals
+from cldit.gpu.device import Device
 from cldit.gpu.program import Define, Program
+from cldit.medium.octree import Octree
 from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.radiance.weights import Weights
+from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
-from cldit.transport.view import View
+from cldit.transport.view import View, check_boundary
 
 Method = Literal["source", "path", "branching"]
 
@@ -89,6 +93,40 @@ class TraceSettings:
         Orders 1 and 2 do not gain by it: most of their light comes from the boundary.
         """
         return self.within_cells and (self.order is None or self.order > 2)
+
+
+@dataclass(frozen=True)
+class TraceInput:
+    """Medium to trace as the camera of a scene sees it, on a device, with settings."""
+
+    cells: OpticalCells
+    scene: Scene
+    view: View
+    device: Device
+    settings: TraceSettings
+
+    @classmethod
+    def of(
+        cls, tree: Octree, scene: Scene, device: Device, settings: TraceSettings
+    ) -> "TraceInput":
+        """Input of the trace of an octree."""
+        cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
+        view = View.of(scene, cells, visible=settings.visible)
+        return cls(cells, scene, view, device, settings)
+
+    @property
+    def defines(self) -> dict[str, Define]:
+        """Compile-time defines of all kernels."""
+        return self.settings.defines(self.cells, self.view)
+
+    @property
+    def temperature(self) -> TraceTemperature:
+        """T_app of weights."""
+        return self.cells.temperature(self.scene, visible=self.settings.visible)
+
+    def check_boundary(self) -> None:
+        """Raises TransportError if the disc or a patch is inside the medium."""
+        check_boundary(self.scene, self.cells, self.view)
 
 
 @dataclass(frozen=True)

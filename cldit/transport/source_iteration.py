@@ -36,38 +36,34 @@ from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.final_gather.gather import Gather
 from cldit.transport.final_gather.paths import PathSampler
 from cldit.transport.image import FormalSolution
-from cldit.transport.result import Trace, TraceSettings, weights_of
+from cldit.transport.result import Trace, TraceInput, TraceSettings, weights_of
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.traced_pixels import Across, traced_pixels
-from cldit.transport.view import View, check_boundary
 
 
 def trace_source(
-    cells: OpticalCells,
-    scene: Scene,
-    view: View,
-    device: Device,
-    settings: TraceSettings,
+    given: TraceInput,
     report: Callable[[str], None] | None,
     pixels: Ints | None = None,
     rays: Across | None = None,
 ) -> Trace:
     """Weights by source iteration.
 
-    `settings` have a precision other than `auto`. The device's other parts share the image and the
-    final gather. Of the `pixels` (N,), flat numbers, images are one row; None: all pixels. `rays`
-    (H, W) as in `trace`.
+    The precision is not `auto`. The device's other parts share the image and the final gather. Of
+    the `pixels` (N,), flat numbers, images are one row; None: all pixels. `rays` (H, W) as in
+    `trace`.
     """
+    cells, settings = given.cells, given.settings
     start = time.perf_counter()
     seconds: dict[str, float] = {}
     region = thick_region(cells, settings)
     camera = gather = None
     if cells.needs.scattering:
-        check_boundary(scene, cells, view)
+        given.check_boundary()
         if settings.order == 0:
             camera = order_0_source(cells, settings.real)
         else:
-            problem = SweepProblem.of(cells, region, scene, view, device, settings)
+            problem = SweepProblem.of(given, region)
             rng = np.random.default_rng(settings.seed)
             solved = iterate_source(problem, rng, report)  # 1
             final = moment_source(problem, solved, rng)  # 2
@@ -76,7 +72,7 @@ def trace_source(
         builds = sum(program.build_s for program in camera.programs)
         # Devices build in parallel: the sum may exceed the elapsed time.
         seconds["scattering"] = max(time.perf_counter() - start - builds, 0.0)
-    image = formal_solution(cells, region, scene, view, device, settings)
+    image = formal_solution(given, region)
     if region is not None and camera is not None and camera.cell_sources is not None:
         gather = Gather(PathSampler(image, cells.box(), region, camera.cell_sources, settings))
 
@@ -86,7 +82,7 @@ def trace_source(
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # the energy balance refuses a broken image
         lit = image.with_sources(sources, defect, gather, gradient=gradient)
-        made = traced_pixels(lit, scene, settings, pixels, rays)  # 4, and 5 by `gather`
+        made = traced_pixels(lit, given, pixels, rays)  # 4, and 5 by `gather`
         halves = made.halves
         seconds["image"] = time.perf_counter() - start
         mean = _mean(halves)
@@ -150,28 +146,21 @@ def thick_region(cells: OpticalCells, settings: TraceSettings) -> ThickRegion | 
     )
 
 
-def formal_solution(
-    cells: OpticalCells,
-    region: ThickRegion | None,
-    scene: Scene,
-    view: View,
-    device: Device,
-    settings: TraceSettings,
-) -> FormalSolution:
+def formal_solution(given: TraceInput, region: ThickRegion | None) -> FormalSolution:
     """Formal solution for one image of each half of the ordinates.
 
     The final gather adds the light of the thick `region`; None: there is no gather.
     """
-    scatters = cells.needs.scattering
+    scatters = given.cells.needs.scattering
     return FormalSolution.of(
-        cells,
-        view,
-        scene,
-        device,
-        {**settings.defines(cells, view), "CUTOFF": float(settings.cutoff)},
+        given.cells,
+        given.view,
+        given.scene,
+        given.device,
+        {**given.defines, "CUTOFF": float(given.settings.cutoff)},
         thick=None if region is None else region.listed,
         at_once=2 if scatters else 1,
-        linear=scatters and settings.within_cells,
+        linear=scatters and given.settings.within_cells,
     )
 
 
@@ -188,7 +177,8 @@ def source_function(
     function for scattering to the camera, in photons s-1 m-2 sr-1. `boundary` has the radiance that
     leaves `background`, `wall` and each patch, in the same unit. Raises as `trace_source`.
     """
-    cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
+    given = TraceInput.of(tree, scene, device, settings)
+    cells = given.cells
     source = np.zeros(len(cells.depth))
     for emitted in cells.emitted.values():
         source += cells.scale * emitted
@@ -197,10 +187,8 @@ def source_function(
     if settings.order == 0:
         camera = order_0_source(cells, settings.real)
     else:
-        view = View.of(scene, cells)
-        check_boundary(scene, cells, view)
-        region = thick_region(cells, settings)
-        problem = SweepProblem.of(cells, region, scene, view, device, settings)
+        given.check_boundary()
+        problem = SweepProblem.of(given, thick_region(cells, settings))
         rng = np.random.default_rng(settings.seed)
         camera = final_sweeps(
             problem, moment_source(problem, iterate_source(problem, rng, None), rng)

@@ -17,15 +17,13 @@ from cldit.medium.octree import Octree
 from cldit.optics.scene_phase import named_phase
 from cldit.scene.schema import Scene
 from cldit.transport.branching import trace_branching
-from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.audit import audited
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.phase import ScatteringTable
-from cldit.transport.result import Trace, TraceSettings
+from cldit.transport.result import Trace, TraceInput, TraceSettings
 from cldit.transport.source_iteration import trace_source
 from cldit.transport.tuning import Tuning
-from cldit.transport.view import View
 
 __all__ = ["Trace", "TraceSettings", "settings_for", "trace", "trace_each"]
 
@@ -137,7 +135,6 @@ def trace(
         raise TransportError(
             f"transport.precision: float64 is not available on {device.info.name}; allowed: float32"
         )
-    cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
     if (scene.camera.rays_across or 1) != 1 and settings.method != "source":
         raise TransportError(
             f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with method {settings.method}, "
@@ -149,17 +146,16 @@ def trace(
             "middle of the lens; allowed: method source, or no lens"
         )
     single = replace(settings, precision="float32") if settings.precision == "auto" else settings
-    if cells.needs.scattering and settings.method != "source":
-        follow = trace_path if settings.method == "path" else trace_branching
-        return follow(cells, scene, device, single, report)
-    view = View.of(scene, cells, visible=settings.visible)
+    given = TraceInput.of(tree, scene, device, single)
+    if given.cells.needs.scattering and settings.method != "source":
+        return (trace_path if settings.method == "path" else trace_branching)(given, report)
     try:
-        result = trace_source(cells, scene, view, device, single, report, pixels, rays)
+        result = trace_source(given, report, pixels, rays)
     except NotConvergedError:
         if settings.precision != "auto" or not device.info.float64:
             raise
         if report is not None:
             report("single precision does not resolve this source; repeating in double precision")
-        single = replace(settings, precision="float64")
-        result = trace_source(cells, scene, view, device, single, report, pixels, rays)
-    return audited(cells, scene, view, device, single, result, audit_sample)
+        given = replace(given, settings=replace(settings, precision="float64"))
+        result = trace_source(given, report, pixels, rays)
+    return audited(given, result, audit_sample)

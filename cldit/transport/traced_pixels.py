@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Ints, Reals
-from cldit.scene.schema import Scene
 from cldit.transport.image import Rays
 from cldit.transport.ray_choice import PixelTemperature, RayChoice
-from cldit.transport.result import Subpixels, TraceSettings
+from cldit.transport.result import Subpixels, TraceInput, TraceSettings
 from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
 
 Across = Ints
@@ -35,17 +34,17 @@ class TracedPixels:
 
 def traced_pixels(
     rays: Rays,
-    scene: Scene,
-    settings: TraceSettings,
+    given: TraceInput,
     pixels: Ints | None = None,
-    given: Across | None = None,
+    wanted: Across | None = None,
 ) -> TracedPixels:
     """Traces all pixels, or those of the flat numbers `pixels` (N,) as an image of one row.
 
-    `given` (H, W) are the rays across each pixel; None: the number of the scene, or, with
+    `wanted` (H, W) are the rays across each pixel; None: the number of the scene, or, with
     `settings.rays_K`, as many as the error needs.
     """
-    columns, rows = rays.solution.view.pixels
+    scene, settings, view = given.scene, given.settings, given.view
+    columns, rows = view.pixels
     few = scene.camera.rays_across or 1
     if pixels is not None:
         across = np.full(len(pixels), few)
@@ -53,13 +52,11 @@ def traced_pixels(
     images = rays.middle()
     if scene.camera.lens is not None and scene.camera.rays_across is None:
         few = _LENS
-    across = np.full(rows * columns, few) if given is None else given.reshape(-1)
+    across = np.full(rows * columns, few) if wanted is None else wanted.reshape(-1)
     several = np.flatnonzero(across > 1)
     middle = images.copy() if settings.rays_K is not None or len(several) else None
-    cells, subpixels = rays.solution.cells, None
-    temperature = PixelTemperature.of(
-        rays.solution.view, cells.temperature(scene, visible=settings.visible)
-    )
+    subpixels = None
+    temperature = PixelTemperature.of(view, given.temperature)
     if settings.rays_K is not None:
         choice = RayChoice(rays, images, temperature)
         subpixels = _chosen(choice, settings)

@@ -25,6 +25,7 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.final_gather.paths import PathSampler
+from cldit.transport.result import TraceInput
 from cldit.transport.source_iteration import formal_solution, thick_region
 from cldit.transport.view import View, upload_directory, upload_tree
 from tests.bench.case import Case
@@ -122,11 +123,12 @@ class Kernels:
         region = thick_region(cells, settings)
         if region is None:
             return None
-        problem = SweepProblem.of(cells, region, case.scene, view, case.device, settings)
+        given = TraceInput(cells, case.scene, view, case.device, settings)
+        problem = SweepProblem.of(given, region)
         rng = np.random.default_rng(settings.seed)
         solved = iterate_source(problem, rng, None)
         camera = final_sweeps(problem, moment_source(problem, solved, rng))
-        image = formal_solution(cells, region, case.scene, view, case.device, settings)
+        image = formal_solution(given, region)
         assert camera.cell_sources is not None
         sampler = PathSampler(image, cells.box(), region, camera.cell_sources, settings, flags)
         found: list[NDArray[np.int64]] = []

@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 7273,
     "study": 3169,
     "testing": 1302,
-    "transport": 7182,
+    "transport": 7166,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

@@ -42,8 +42,8 @@ def to_audit(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     kept: list[Any] = []
 
     def spy(*arguments: Any) -> Trace:
-        kept.append(arguments[:6])
-        return arguments[5]  # type: ignore[no-any-return]
+        kept.append(arguments[:2])
+        return arguments[1]  # type: ignore[no-any-return]
 
     monkeypatch.setattr("cldit.transport.trace.audited", spy)
     return kept
@@ -62,25 +62,26 @@ def test_unbiased(
     monkeypatch.setattr("cldit.transport.trace.Tuning", lambda: Tuning(audit_pixels=60))
     transport = {"directions": 8, "gather": False, "phase": PHASE, "accuracy_K": 1.0}
     run_block(BLOCK, **SCENE, camera=camera(22), transport=transport)
-    cells, scene, view, device, settings, result = to_audit[0]  # the next is without spray
+    given, result = to_audit[0]  # the next is without spray
+    cells, settings = given.cells, given.settings
     many = replace(settings, max_samples=512, accuracy_K=0.0, seed=77)
-    truth = trace_path(cells, scene, device, many, None)
+    truth = trace_path(replace(given, settings=many), None)
     assert truth.weights_difference is not None
     # Half of it in the background and half in the wall, of either sign.
     clear = truth.weights.background
     sign = np.random.default_rng(5).choice([-1.0, 1.0], clear.shape)
     shift = np.where(clear < 0.9, 0.02 * (0.2 + clear) * sign, 0.0)
-    given = replace(
+    shifted = replace(
         truth.weights,
         background=(truth.weights.background + shift).astype(np.float32),
         wall=(truth.weights.wall - shift).astype(np.float32),
     )
-    mine = audit._planes(given, cells)
+    mine = audit._planes(shifted, cells)
     added = mine - audit._planes(truth.weights, cells)
     own = audit._planes(truth.weights_difference, cells)
     visible = mine[0] < 0.95
     expected = sum(
-        float(np.mean(np.nan_to_num(cells.temperature(scene).error_K(mine, part))[visible] ** 2))
+        float(np.mean(np.nan_to_num(given.temperature.error_K(mine, part))[visible] ** 2))
         for part in (added, own)
     )
     assert expected > 0.5
@@ -89,12 +90,12 @@ def test_unbiased(
     for seed in range(16):
         wanted = replace(settings, seed=seed, audit=True)
         found = audit.audited(
-            cells, scene, view, device, wanted, replace(result, weights=given)
+            replace(given, settings=wanted), replace(result, weights=shifted)
         ).audit
         assert found is not None
         places = mine[:, found.sample.pixels]
         one, other = (
-            np.nan_to_num(cells.temperature(scene).error_K(places, audit._planes(error, cells)))
+            np.nan_to_num(given.temperature.error_K(places, audit._planes(error, cells)))
             for error in found.errors
         )
         answers.append(found.sample.mean_square(one, other, count=count))
@@ -129,7 +130,7 @@ def test_what_stands_before_the_background(
         patches=[patch],
         transport={"directions": 8, "gather": False},
     )
-    seen = to_audit[0][2].sees_background
+    seen = to_audit[0][0].view.sees_background
     np.testing.assert_array_equal(seen, run.reference.background > 0.5)
     assert 0.1 < seen.mean() < 0.95
 

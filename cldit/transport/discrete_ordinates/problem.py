@@ -25,7 +25,7 @@ from cldit.transport.discrete_ordinates.gradients import diffusion_matters
 from cldit.transport.discrete_ordinates.quadrature import Ordinates, about_camera, for_boundary
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.phase import PHASE_STEPS
-from cldit.transport.result import TraceSettings
+from cldit.transport.result import TraceInput, TraceSettings
 from cldit.transport.thick_region import ThickRegion
 from cldit.transport.view import View
 
@@ -59,16 +59,9 @@ class SweepProblem:
     forward_peak: ForwardPeak | None
 
     @classmethod
-    def of(
-        cls,
-        medium: OpticalCells,
-        region: ThickRegion | None,
-        scene: Scene,
-        view: View,
-        device: Device,
-        settings: TraceSettings,
-    ) -> "SweepProblem":
+    def of(cls, given: TraceInput, region: ThickRegion | None) -> "SweepProblem":
         """Chooses the physics of the sweeps, and builds the program of the final ones."""
+        medium, view, device, settings = given.cells, given.view, given.device, given.settings
         share: float | Floats = 1.0
         if settings.phase is not None:
             share = 1.0 - phase_moments(medium, settings.phase, 2)[1]
@@ -78,7 +71,7 @@ class SweepProblem:
         solver_defines: dict[str, Define] = {}
         if diffusion_matters(medium, scattered=share, tuning=tuning):
             solver_defines["LINEAR_SOURCE"] = 1
-        defines = settings.defines(medium, view)
+        defines = given.defines
         sweep_defines = {**defines, **simd_defines(device)}
         flags = {**solver_defines, **_source_defines(settings, linear_cells)}
         if settings.phase is not None:
@@ -98,7 +91,7 @@ class SweepProblem:
         return cls(
             medium=medium,
             region=region,
-            scene=scene,
+            scene=given.scene,
             view=view,
             device=device,
             settings=settings,

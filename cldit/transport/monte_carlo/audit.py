@@ -20,31 +20,21 @@ from dataclasses import replace
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.gpu.device import Device
 from cldit.radiance.weights import Weights
-from cldit.scene.schema import Scene
 from cldit.transport.cells import OpticalCells
 from cldit.transport.monte_carlo.path import trace_path
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.result import Audit, Trace, TraceSettings
-from cldit.transport.view import View
+from cldit.transport.result import Audit, Trace, TraceInput
 
 _BY_PATHS = 0.5  # share of the paths' noise in the audit's variance; below it, pixels dominate
 
 
-def audited(
-    cells: OpticalCells,
-    scene: Scene,
-    view: View,
-    device: Device,
-    settings: TraceSettings,
-    result: Trace,
-    sample: PixelSample | None = None,
-) -> Trace:
+def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None) -> Trace:
     """Result of a trace by `source` with its `audit`, or with the reason for none in `unaudited`.
 
     `sample` are the pixels to trace; None: they are drawn here.
     """
+    cells, settings = given.cells, given.settings
     if not cells.needs.scattering or settings.order == 0:
         return result  # exact
     often = scatterings(cells, settings.order)
@@ -59,7 +49,7 @@ def audited(
         )
     weights = result.weights if result.middle is None else result.middle
     emissivity = 1.0 - weights.background.reshape(-1).astype(np.float64)
-    visible = view.has_temperature(emissivity, np.arange(len(emissivity)))
+    visible = given.view.has_temperature(emissivity, np.arange(len(emissivity)))
     few = int(min(tuning.audit_pixels, most))
 
     def draw(scattered: Floats) -> PixelSample:
@@ -78,7 +68,7 @@ def audited(
             tuning.audit_samples_most,
         )
     )
-    mine, temperature = _planes(weights, cells), cells.temperature(scene, visible=settings.visible)
+    mine, temperature = _planes(weights, cells), given.temperature
 
     def enough(drawn: PixelSample, means: Floats, spread: Floats) -> bool:
         """True if the audit is precise enough, or more paths would not improve it."""
@@ -99,7 +89,7 @@ def audited(
         return drawn.by_noise(*halves) <= _BY_PATHS
 
     sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
-    truth = trace_path(cells, scene, device, sparse, None, draw=draw, enough=enough, view=view)
+    truth = trace_path(replace(given, settings=sparse), None, draw=draw, enough=enough)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
     if truth.pixel_sample is None or truth.weights_difference is None:
         return result

@@ -17,14 +17,12 @@ from cldit.arrays import Floats, Reals
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
-from cldit.scene.schema import Scene
 from cldit.transport.cell_phases import class_shares
-from cldit.transport.cells import OpticalCells
 from cldit.transport.energy_balance import EnergyBalance
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
-from cldit.transport.result import Trace, TraceSettings, weights_of
+from cldit.transport.result import Trace, TraceInput, weights_of
 from cldit.transport.sobol import columns
-from cldit.transport.view import View, check_boundary, upload_medium
+from cldit.transport.view import upload_medium
 
 SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
 _GROUP = 16
@@ -115,15 +113,11 @@ class _PathTracer:
 
 
 def trace_path(
-    cells: OpticalCells,
-    scene: Scene,
-    device: Device,
-    settings: TraceSettings,
+    given: TraceInput,
     report: Callable[[str], None] | None,
     *,
     draw: Callable[[Floats], PixelSample] | None = None,
     enough: Callable[[PixelSample, Floats, Floats], bool] | None = None,
-    view: View | None = None,
 ) -> Trace:
     """Weights by path tracing; raises as `trace`.
 
@@ -132,11 +126,11 @@ def trace_path(
     true, in place of the noise; receives the drawn pixels, their weights (C, N), and half the
     difference of two halves of the samples.
     """
-    view = View.of(scene, cells, visible=settings.visible) if view is None else view
-    check_boundary(scene, cells, view)
+    cells, view, device, settings = given.cells, given.view, given.device, given.settings
+    given.check_boundary()
     real = settings.real
     defines: dict[str, Define] = {
-        **settings.defines(cells, view),
+        **given.defines,
         "CUTOFF": min(float(settings.cutoff), settings.tuning.path_cutoff),
         "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
@@ -205,7 +199,7 @@ def trace_path(
     other = int(np.count_nonzero(view.has_temperature(1.0 - image[0, rest], rest)))
     even, odd, squares = np.zeros((3, components, count))
     sums = _BatchSums((even, odd), squares)
-    temperature = cells.temperature(scene, visible=settings.visible)
+    temperature = given.temperature
     while count:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)
