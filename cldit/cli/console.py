@@ -86,6 +86,7 @@ class ProgressBar:
             disable=not (OUT.is_terminal and OUT.file.isatty()),  # FORCE_COLOR is set in notebooks
         )
         self._task: Any = None
+        self._said: set[str] = set()
 
     def __enter__(self) -> "ProgressBar":
         return self
@@ -94,8 +95,11 @@ class ProgressBar:
         self._bar.stop()
 
     def say(self, text: str) -> None:
-        """Shows a stage in the bar; prints any other line, and the bar starts anew below it."""
+        """Shows a stage in the bar; prints any other line once, and the bar starts anew below."""
         stage = isinstance(text, StageLine)
+        if not stage and text in self._said:
+            return
+        self._said.add(text)
         if self._task is not None:
             if not stage or self._stages:
                 self._bar.stop()

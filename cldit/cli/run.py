@@ -343,7 +343,7 @@ def _print_causes(errors: Errors) -> None:
 _OF_TIME = (
     ("liquid_mass_kg", "liquid, mg", 1e6),
     ("vapour_mass_kg", "vapour, mg", 1e6),
-    ("liquid_penetration_95_m", "liquid (95 %) to, mm", 1e3),
+    ("liquid_penetration_95_m", "95 % liquid to, mm", 1e3),
     ("vapour_penetration_m", "vapour to, mm", 1e3),
 )
 

@@ -38,10 +38,12 @@ class Stages:
         self.watch = watch
 
     def remark(self, remarks: Sequence[str]) -> None:
-        """Reports inferences and problems, and keeps them for the report."""
-        self.remarks += remarks
-        if self.say is not None:
-            for text in remarks:
+        """Reports inferences and problems, each once, and keeps them for the report."""
+        for text in remarks:
+            if text in self.remarks:
+                continue
+            self.remarks.append(text)
+            if self.say is not None:
                 self.say(text)
 
     def tell(self, text: str) -> None:
