@@ -23,6 +23,7 @@ from cldit.radiance.boundary import Surroundings
 from cldit.scene.camera import Camera, Sensor
 from cldit.scene.schema import Scene
 from cldit.scene.spray import EmptySpray
+from tests.verify.evaluation_bias import BACKGROUNDS_K, BARE, CAMERA, Recorded, Shot
 
 AROUND = Surroundings(wall_temperature_K=300.0)
 FILTER = (3.3, 3.5)
@@ -132,3 +133,31 @@ def test_scatter_between_shots(
     )
     for ratio in _ratios(maps):
         assert ratio == pytest.approx(1.0, abs=tolerance)
+
+
+def test_scatter_of_dense_spray_beside_thin() -> None:
+    """Columns of emissivity 0.3, 0.7 and 0.999 in turns; patches of 6 x 6 pixels scatter by 5 %.
+
+    The amount of spray changes the opaque columns least, though their Delta I is largest: with
+    scatter in proportion to Delta I reduced chi-square is 1.4 in the second and 0.65 in the last.
+    """
+    rng = np.random.default_rng(1)
+    emissivity = np.tile([0.3, 0.3, 0.7, 0.7, 0.999, 0.999], (48, 10))
+    own = float(band_radiance(SPRAY_K, filter_um=FILTER))
+    recorded = Recorded([], BARE)
+    for kelvin in BACKGROUNDS_K:
+        for kind in ("reference", "injection") * 5:
+            light = np.full(emissivity.shape, float(band_radiance(kelvin, filter_um=FILTER)))
+            if kind == "injection":
+                amount = np.exp(0.05 * np.kron(rng.standard_normal((8, 10)), np.ones((6, 6))))
+                through = (1.0 - emissivity) ** amount
+                light = through * light + (1.0 - through) * own
+            counts = CAMERA.counts(light)
+            counts = rng.normal(counts, np.sqrt(CAMERA.variance_counts2(counts)))
+            name = str(len(recorded.shots))
+            image = np.rint(counts).astype(np.uint16)
+            recorded.shots.append(Shot(name, kind, kelvin, kelvin, image))
+    found = evaluate_shots(recorded).maps.reduced_chi2
+    for one in (0.3, 0.7, 0.999):
+        # Six degrees of freedom in 960 pixels, in some 30 patches: 0.1.
+        assert np.mean(found[emissivity == one]) == pytest.approx(1.0, abs=0.2), one
