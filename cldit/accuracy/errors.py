@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
+
+from pydantic import ConfigDict
 
 from cldit.accuracy.image_pair import ImageDifference
 from cldit.arrays import Floats
@@ -103,6 +105,8 @@ class Errors:
     model: changes by a lens and by the model itself (n and k), which are never in the sum. why:
     reason why there is no error to state, although there are sources of it; empty otherwise.
     """
+
+    __pydantic_config__: ClassVar = ConfigDict(extra="ignore")  # run.json has their sum, too
 
     causes: tuple[Cause, ...]
     model: tuple[Cause, ...] = ()

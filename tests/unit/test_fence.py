@@ -20,7 +20,7 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3718,
+    "accuracy": 3722,
     "acquisition": 5297,
     "api": 1095,
     "bench": 589,

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.accuracy.errors import Cause, Errors
 from cldit.errors import RunFolderError
 from cldit.io.exclusive import exclusive
 from cldit.io.images import write_image
@@ -113,3 +114,9 @@ def test_two_runs_into_one_folder(tmp_path: Path) -> None:
     finally:
         end.set()
         thread.join()
+
+
+def test_errors_are_read_with_their_sum(folder: Path) -> None:
+    errors = Errors.of([Cause("cells", 0.5, "coarser")], [Cause("optical data", None, "another k")])
+    info(folder, errors=errors.to_dict())
+    assert open_run(folder).errors == errors
