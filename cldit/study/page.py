@@ -166,7 +166,9 @@ class StudyPage:
             f"commit {made[:7] + made[40:]}" if made else "",
             self.device,
             f"mean of seeds {', '.join(map(str, self.seeds))}" if self.seeds else "",
-            "errors by seeds and by cells of twice the edge" if self.row_errors else "",
+            f"errors by {'seeds and by ' if self.seeds else ''}cells of twice the edge"
+            if self.row_errors
+            else "",
             f"{self.seconds:.0f} s" if self.seconds else "",
         ]
         return "; ".join(each for each in parts if each)

@@ -274,6 +274,10 @@ def _label(axes: Axes, panel: Panel, *, first: bool, last: bool) -> None:
     axes.set(xlim=(left, right), ylim=(bottom, top))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+    axes.set_xticks([tick for tick in axes.get_xticks() if left <= tick <= right])
+    for tick, text in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True):
+        if tick in (left, right):  # beside the label of the next panel
+            text.set_horizontalalignment("left" if tick == left else "right")
     axes.tick_params(labelleft=first, labelbottom=last)
     if first:
         axes.set_ylabel(f"{panel.frame.axes[1]} / mm")

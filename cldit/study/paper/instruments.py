@@ -172,13 +172,13 @@ def visible_light(lab: Lab) -> Found:
 
     *most, last = (told(at) for at in _TOLD)
     liquid_mm = [float(row["of the liquid / mm"]) for row in rows]
-    apart = [mass / light - 1 for mass, light in zip(liquid_mm, reach.values(), strict=True)]
+    ratios = [mass / light for mass, light in zip(liquid_mm, reach.values(), strict=True)]
     return Found(
         values={
             "within": 100 * _WITHIN,
             "seen": f"{'; '.join(most)}; and {last}",
-            "least": 100 * min(apart),
-            "most": 100 * max(apart),
+            "least": min(ratios),
+            "most": max(ratios),
             "by_pressure_mm": reach[0.6, 300.0] - reach[0.15, 300.0],
             "by_temperature_mm": reach[0.6, 570.0] - reach[0.6, 300.0],
             "hot_over_cold": reach[0.9, 620.0] / reach[0.15, 300.0],
