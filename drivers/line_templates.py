@@ -5,7 +5,6 @@ space. A command may have a format of the number, as in Python: `{value:.2f}`.
 """
 
 import re
-from typing import Any
 
 from pydantic import field_validator, model_validator
 
@@ -79,9 +78,3 @@ class Tell(Command):
         if _fields(self.send).count("value") != 1:
             raise ValueError(f"send: {self.send!r}; allowed: one {{value}}")
         return self
-
-
-def example(template: str, value: float) -> str:
-    """An answer that matches a template, with three decimals."""
-    fields: dict[str, Any] = {"value": f"{value:.3f}", "any": "x"}
-    return _FIELD.sub(lambda field: str(fields[field[1]]), template)

@@ -242,13 +242,6 @@ class Medium:
     integrals: tuple[dict[str, float], ...] = ()
 
 
-def make_medium(
-    scene: Scene, device: Device, stages: Stages, cache: Path, spray: Spray | None = None
-) -> Medium:
-    """The scene's medium in the cells that the scene has without a choice by error."""
-    return prepare(scene, device, stages, cache, spray).grown(stages)
-
-
 def prepare(
     scene: Scene,
     device: Device,

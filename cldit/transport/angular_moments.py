@@ -21,12 +21,6 @@ def discrete_to_moment(unit: Floats) -> Floats:
     return np.stack([x, y, z, x * x - 1 / 3, y * y - 1 / 3, x * y, x * z, y * z])
 
 
-def moment_to_discrete(unit: Floats) -> Floats:
-    """Weights (8, N) of a source's moments but the mean in the source along unit vectors (N, 3)."""
-    x, y, z = unit.T
-    return np.stack([x, y, z, x * x - z * z, y * y - z * z, x * y, x * z, y * z])
-
-
 def phase_coefficients(first: Floats, second: Floats) -> Floats:
     """Ratios (8, N) of a source's moments to the radiance's, over the albedo.
 

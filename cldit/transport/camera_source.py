@@ -53,7 +53,7 @@ def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSourc
     return CameraSource(
         halves=(camera, camera),
         gradient=None,
-        solution=Solution(camera, 0, 0.0, 0.0),
+        solution=Solution(camera, 0, 0.0),
         defect=np.zeros(len(medium.address)),
         cell_sources=None,
         programs=(),

@@ -166,7 +166,6 @@ class Trace:
     weights_difference: half the difference of two images, from the two halves of the final
         ordinates or of the samples; its RMS estimates the standard error of the weights. None if
         nothing scatters, and for `branching`, which does not estimate its error.
-    standard_error: of every pixel, from the scatter of its samples (`path` only).
     iterations: sets of sweeps of source iteration; None for other methods. source_error: RMS error
         of its source, a weight.
     seconds: wall time of each part.
@@ -192,7 +191,6 @@ class Trace:
     counts: dict[str, int] = field(default_factory=dict)
     iterations: int | None = None
     source_error: float = 0.0
-    standard_error: Weights | None = None
     middle: Weights | None = None
     middle_difference: Weights | None = None
     rays: Ints | None = None

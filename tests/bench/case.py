@@ -13,7 +13,7 @@ from cldit.arrays import Floats
 from cldit.bench.case import BenchError, Cost, changed, clocked
 from cldit.gpu.device import Device
 from cldit.medium.octree import Octree
-from cldit.prepare.medium import Medium, make_medium
+from cldit.prepare.medium import Medium, prepare
 from cldit.prepare.stages import Stages
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
@@ -96,7 +96,8 @@ class Case:
     @classmethod
     def of(cls, scene: Scene, device: Device, *, cache: Path) -> Case:
         """Medium of `scene` on `device`; tables are kept in `cache`."""
-        return cls(scene, device, make_medium(scene, device, Stages(None), cache))
+        stages = Stages(None)
+        return cls(scene, device, prepare(scene, device, stages, cache).grown(stages))
 
     @property
     def tree(self) -> Octree:

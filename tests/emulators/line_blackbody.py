@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 from cldit.scene.values import ZERO_CELSIUS_K
@@ -10,12 +11,18 @@ from tests.emulators.lines import AtOneLine
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.line_blackbody import LineSettings
-    from drivers.line_templates import Command, example, pattern
+    from drivers.line_templates import Command, pattern
 else:
     from cldit.drivers.line_blackbody import LineSettings
-    from cldit.drivers.line_templates import Command, example, pattern
+    from cldit.drivers.line_templates import Command, pattern
 
 _STABLE_K = 0.2
+_FIELD = re.compile(r"\{(value(?::[^{}]*)?|any)\}")
+
+
+def _example(template: str, value: float) -> str:
+    """An answer that matches a template, with three decimals."""
+    return _FIELD.sub(lambda field: "x" if field[1] == "any" else f"{value:.3f}", template)
 
 
 class LinePeer(AtOneLine, Peer):
@@ -58,4 +65,4 @@ class LinePeer(AtOneLine, Peer):
     def _answer(self, command: Command, value: float = 0.0) -> bytes:
         if command.answer is None:
             return b""
-        return (example(command.answer, value) + "\r\n").encode()
+        return (_example(command.answer, value) + "\r\n").encode()

@@ -11,7 +11,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.transport.angular_moments import moment_to_discrete
 from cldit.transport.boundary import NONE, boundary_seen
 from cldit.transport.cells import mean_transmission
 from cldit.transport.discrete_ordinates.segments import visible_gradient
@@ -22,6 +21,12 @@ Floats = NDArray[np.float64]
 _GAUSS = tuple(
     values / 2 for values in np.polynomial.legendre.leggauss(12) + np.array([[1.0], [0.0]])
 )
+
+
+def moment_to_discrete(unit: Floats) -> Floats:
+    """Weights (8, N) of a source's moments but the mean in the source along unit vectors (N, 3)."""
+    x, y, z = unit.T
+    return np.stack([x, y, z, x * x - z * z, y * y - z * z, x * y, x * z, y * z])
 
 
 def absorbed(depth: Floats) -> Floats:

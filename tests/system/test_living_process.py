@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import cldit
 from cldit.errors import DeviceError
 from cldit.gpu.device import Device, open_device, split
-from cldit.prepare.medium import make_medium
+from cldit.prepare.medium import prepare
 from cldit.prepare.stages import Stages
 from cldit.spray.result import Parcels, Spray
 from cldit.transport.trace import settings_for, trace
@@ -70,7 +70,8 @@ def test_pictures_of_threads_equal_those_of_one(
     made = {}
     for phase in PHASES:
         scene = block(phase)
-        medium = make_medium(scene, device, Stages(None), tmp_path, droplets())
+        stages = Stages(None)
+        medium = prepare(scene, device, stages, tmp_path, droplets()).grown(stages)
         phases = medium.properties.phases
         made[phase] = (medium.trees[0], scene, settings_for(scene, phases[0] if phases else None))
 

@@ -166,6 +166,14 @@ def _weights(result: Trace) -> Floats:
     return np.stack([result.weights.background[0], result.weights.wall[0]]).astype(float)
 
 
+def _noise(result: Trace) -> Floats:
+    """Standard error (2, 1) of either weight, from the halves of the samples of all pixels."""
+    halves = result.weights_difference
+    assert halves is not None
+    apart = np.stack([halves.background[0], halves.wall[0]]).astype(float)
+    return np.asarray(np.sqrt(np.mean(apart**2, axis=1, keepdims=True)))
+
+
 def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> None:
     """Twelve weights: each within four standard errors of both (4e-4 by chance for all of them),
     their mean squares as those of such errors, whose 99.9th percentile is 2.7. One phase function
@@ -177,9 +185,7 @@ def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> No
 
     both = by_path(one_phase=False)
     assert both.counts["samples"] == SAMPLES
-    assert both.standard_error is not None
-    own = np.stack([both.standard_error.background[0], both.standard_error.wall[0]])
-    error = np.hypot(own.astype(float), truth[1])
+    error = np.hypot(_noise(both), truth[1])
     apart = (_weights(both) - truth[0]) / error
     assert np.abs(apart).max() < 4 and np.mean(apart**2) < 2.7
     one = by_path(one_phase=True)
@@ -194,14 +200,12 @@ def test_source_by_two_classes(device: Device, denser: float) -> None:
     phase function for all cells errs by. Energy is conserved as with one."""
     by_path = {"method": "path", "accuracy_K": 1e-3, "max_samples": SAMPLES}
     truth = traced(device, one_phase=False, transport=by_path, denser=denser)
-    assert truth.standard_error is not None
     both, one = (
         traced(device, one_phase=one, transport={"accuracy_K": 0.05}, denser=denser)
         for one in (False, True)
     )
-    noise = np.stack([truth.standard_error.background, truth.standard_error.wall]).astype(float)
     left, before = (
-        float(np.mean((_weights(result) - _weights(truth)) ** 2 - noise[:, 0] ** 2))
+        float(np.mean((_weights(result) - _weights(truth)) ** 2 - _noise(truth) ** 2))
         for result in (both, one)
     )
     assert before > 0 and left < 0.3**2 * before

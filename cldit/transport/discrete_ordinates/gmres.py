@@ -32,14 +32,12 @@ class Solution:
 
     source: (C, N), in the unit of `OpticalCells.emitted`.
     iterations: sets of sweeps along all ordinates.
-    residual_rms: RMS of the preconditioned residual of the worst component; 0 at a fixed order.
     error: RMS error of the source, from the smallest singular value in GMRES; 0 at a fixed order.
     residual: (C, N) preconditioned residual, about the error of the source.
     """
 
     source: Array
     iterations: int
-    residual_rms: float
     error: float
     residual: Array | None = None
 
@@ -103,7 +101,7 @@ def gmres(
         if report is not None:
             report(f"iteration {iterations}: residual {now:.1e}, error {now * inverse_norm:.1e}")
         if now == 0.0 or (iterations > 1 and now * inverse_norm <= tolerance):
-            return Solution(source, iterations, now, now * inverse_norm, residual)
+            return Solution(source, iterations, now * inverse_norm, residual)
         if iterations >= sweeper.tuning.iterations or now > 0.5 * before:
             raise _stuck(now * inverse_norm, iterations, tolerance)
         before = now
@@ -111,7 +109,7 @@ def gmres(
         iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
         source = source + cycle.correction
         if not confirmed and (left := _worst(cycle.left)) * inverse_norm <= tolerance:
-            return Solution(source, iterations, left, left * inverse_norm, cycle.left)
+            return Solution(source, iterations, left * inverse_norm, cycle.left)
 
 
 def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:
@@ -167,7 +165,7 @@ def defect_correction(
     albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)
     more = (correction - residual * sweeper.one_minus_lambda) / albedo
     source = solution.source + correction
-    return Solution(source, iterations, now, error, left), more
+    return Solution(source, iterations, error, left), more
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ def _of_order(
     source = order_0(sweeper, sweeper.albedo)
     for _ in range(times):
         source = next_order(sweeper, source, problem.ordinates(sweeper, problem.half, rng))
-    return Solution(source, problem.settings.order or 0, 0.0, 0.0)
+    return Solution(source, problem.settings.order or 0, 0.0)
 
 
 def _scattered_once(solution: Solution, sweeper: Sweeper) -> Solution:

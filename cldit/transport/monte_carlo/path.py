@@ -30,15 +30,13 @@ _GROUP = 16
 
 @dataclass
 class _BatchSums:
-    """Sums of the means (C, N) of even and of odd batches, and of their squares."""
+    """Sums of the means (C, N) of even and of odd batches."""
 
     halves: tuple[Floats, Floats]
-    squares: Floats
     batches: int = 0
 
     def add(self, means: Floats) -> None:
         self.halves[self.batches % 2][:] += means
-        self.squares += means * means
         self.batches += 1
 
     @property
@@ -49,12 +47,6 @@ class _BatchSums:
     def difference(self) -> Floats:
         """Half the difference of the means of even and of odd batches, equal in number."""
         return (self.halves[0] - self.halves[1]) / self.batches
-
-    @property
-    def error(self) -> Floats:
-        """Standard error of the mean."""
-        spread = self.squares / self.batches - self.mean**2
-        return np.sqrt(np.maximum(spread, 0.0) / (self.batches - 1))
 
 
 @dataclass(frozen=True)
@@ -197,8 +189,8 @@ def trace_path(
     before = view.on_background(listed)
     rest = np.delete(np.arange(image.shape[1]), place)  # empty if pixels were drawn
     other = int(np.count_nonzero(view.has_temperature(1.0 - image[0, rest], rest)))
-    even, odd, squares = np.zeros((3, components, count))
-    sums = _BatchSums((even, odd), squares)
+    even, odd = np.zeros((2, components, count))
+    sums = _BatchSums((even, odd))
     temperature = given.temperature
     while count:
         for tracer in tracers:
@@ -222,11 +214,9 @@ def trace_path(
             break
     seconds["scattering"] = time.perf_counter() - start
     difference = np.zeros_like(image)
-    error_of = np.zeros_like(image)
     if count:
         image[:, place] += sums.mean
         difference[:, place] = sums.difference
-        error_of[:, place] = sums.error
     planes = image.reshape(shape)
     closure = None
     if planes.size:  # else no pixel was drawn
@@ -241,7 +231,6 @@ def trace_path(
         closure=closure,
         weights=weights_of(planes, cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
-        standard_error=weights_of(error_of.reshape(shape), cells),
         programs=tuple(programs),
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts={

@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import eval_legendre
 
-from cldit.transport.angular_moments import (
-    MOMENTS,
-    discrete_to_moment,
-    moment_to_discrete,
-    phase_coefficients,
-)
+from cldit.transport.angular_moments import MOMENTS, discrete_to_moment, phase_coefficients
+from tests.kernels.reference import moment_to_discrete
 
 
 def test_addition_theorem() -> None:
