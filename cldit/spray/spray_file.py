@@ -32,6 +32,7 @@ from cldit.spray.result import Cells, Parcels, RegularGrid, Spray, Vapour
 LAYOUT = 2
 _KNOWN = (1, LAYOUT)  # the first had no boxes and no clouds
 _EFFORT = 1  # of zlib: level 6 takes five times as long, for a tenth of the size
+_CORNERS = ("vapour/lower_m", "vapour/upper_m")  # shrink to a ninth; the rest hardly does
 _AT_ONCE = 1 << 22  # bytes between two reports of progress
 UNREADABLE = (
     OSError,
@@ -103,6 +104,8 @@ def write_spray(path: Path, spray: Spray, *, watch: Watch = silent) -> None:
             size, done = sum(values.nbytes for values in members.values()), 0
             for name, given in members.items():
                 values = np.asarray(given, order="C")
+                shrinks = name in _CORNERS
+                archive.compression = zipfile.ZIP_DEFLATED if shrinks else zipfile.ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                     head = np.lib.format.header_data_from_array_1_0(values)
                     np.lib.format.write_array_header_1_0(member, head)
