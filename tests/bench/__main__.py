@@ -21,6 +21,7 @@ MEASUREMENTS = (
     "fit_liquid",
     "flow_seeds",
     "gallery",
+    "gas_grid",
     "imported_errors",
     "imports",
     "live_timing",

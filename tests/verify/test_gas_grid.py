@@ -73,17 +73,20 @@ def test_stated_gas_grid_is_within_twice_the_truth(tmp_path: Path) -> None:
         (cause,) = (one for one in run.errors.causes if one.name == "gas grid")
         assert cause.error_K is not None
         assert ("correlation" in cause.how) == (ORDER not in run.errors.unknown)
-        assert set(run.errors.unknown) <= {ORDER}
+        assert set(run.errors.unknown) <= {ORDER, "gas of few parcels"}  # a plume has an eighth
         stated.append(cause.error_K)
         assert run.errors.total_K is not None and run.errors.total_K >= cause.error_K
     assert all(0.5 < each / true_K < 2.0 for each in stated), (stated, true_K)
 
 
 def test_the_further_sprays_are_kept(tmp_path: Path) -> None:
-    """A second run, and a run on the larger cells, take both from the cache."""
+    """A second run, and a run on the larger cells, take both from the cache.
+
+    Cells four times as large are too few along the vapour, and no spray is made on them.
+    """
     cldit.simulate(plume(1, H, audit=True), cache=tmp_path)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "sprays").glob("*.npz")}
-    assert len(kept) == 3
+    assert len(kept) == 2
     make_spray(plume(1, 2 * H, audit=False).spray, cache=tmp_path)
     cldit.simulate(plume(1, H, audit=True), cache=tmp_path)
     again = {path: path.stat().st_mtime_ns for path in (tmp_path / "sprays").glob("*.npz")}

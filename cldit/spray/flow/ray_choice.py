@@ -14,7 +14,6 @@ from cldit.spray.flow.injector import Injection, plume_axis
 from cldit.spray.flow.rays import RayGrid
 
 SPACING_AT_m = 25e-3  # distance at which a cell across the rays has the scene's spacing
-LONGER = 1.0  # cells along the rays, over those across
 NOSE_m = 1e-3  # radius of the tip, in which there is no gas
 MOST_CELLS = 2e7
 DEPTH_KEY = "spray.box.depth_m"
@@ -54,7 +53,7 @@ def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
     reach_m, far_m = _reach_m(spec, injection)
     if kind == 0:
         return round_grid(axes[0], spacing_m=spec.box.cell_m, reach_m=reach_m, far_m=far_m)
-    radius = _radii(LONGER * h, reach_m, far_m)
+    radius = _radii(h, reach_m, far_m)
     if kind > 1:
         down = np.array([0.0, 0.0, -1.0])
         lean = float(np.arccos(axes[0] @ down))
@@ -87,7 +86,7 @@ def round_grid(axis: Floats, *, spacing_m: float, reach_m: float, far_m: float) 
     """Grid of one plume, which stays within `reach_m`."""
     h, sector = spacing_m / SPACING_AT_m, np.pi / 64
     polar = _fine(0.0, _BESIDE, h, 0.0, _BEHIND)
-    radius = _radii(LONGER * h, reach_m, far_m)
+    radius = _radii(h, reach_m, far_m)
     return RayGrid(_frame(axis), radius, polar, np.array([-sector, sector]), 0)
 
 
@@ -144,7 +143,7 @@ def _frame(pole: Floats, first: Floats | None = None) -> Floats:
 
 
 def _radii(growth: float, reach_m: float, far_m: float) -> Floats:
-    """Faces along the rays; beyond the plumes' reach each cell is longer than the one before."""
+    """Faces along the rays, of cells as long as wide; beyond the plumes' reach they grow faster."""
     radii, longer = [NOSE_m], 1.0
     while radii[-1] < far_m:
         longer *= _GROWTH if radii[-1] > reach_m else 1.0
