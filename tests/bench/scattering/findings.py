@@ -32,6 +32,9 @@ def _sentences(study: Study) -> Iterator[str]:
     yield from _bounds(rows(Knows.RIG))
     yield _models(study, lambda row: row.medium, "The scattered share")
     yield from _classes(study, plain)
+    if study.wet == 0.0:
+        yield "Droplets emit less than the vapour in all pixels."
+        return
     if study.wet < 1.0:
         yield _under_vapour(study, plain)
         yield from _alone(study)

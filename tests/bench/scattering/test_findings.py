@@ -97,6 +97,11 @@ def test_droplets_under_vapour() -> None:
     assert "From 3.5 to 3.6 µm the vapour absorbs 0.0" in text and "61.5 K (needs of band)" in text
 
 
+def test_no_droplets_that_emit_more() -> None:
+    text = "\n".join(findings(replace(_study(*_VAPOUR), wet=0.0)))
+    assert "less than the vapour in all pixels" in text and "nan" not in text
+
+
 def test_page_is_whole(tmp_path: Path) -> None:
     page = scattering_page(_study(*_VAPOUR), command="cldit scattering gdi")
     html = write_page(page, tmp_path).read_text(encoding="utf-8")
