@@ -141,6 +141,14 @@ class RayGrid:
             found &= (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[-1])
         return np.asarray(found)
 
+    def beside(self, amount: Floats) -> float:
+        """Sum of an amount (azimuth, polar, radius) in the cells beside walls that are rays."""
+        side = np.zeros(self.shape[:2], dtype=bool)
+        side[:, -1] = True
+        if self.symmetry == 1:
+            side[:, 0] = side[0] = side[-1] = True
+        return float(np.sum(amount[side])) * self.copies
+
     def nearest(self, axes: Floats) -> Ints:
         """Index (A, P) of the one of `axes` (H, 3) that is closest to each ray."""
         return np.asarray(np.argmax(self.directions @ axes.T, axis=2))

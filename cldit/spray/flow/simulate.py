@@ -29,6 +29,7 @@ Floats = NDArray[np.float64]
 LONGEST_STEP_S = 2e-5
 REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 _RECORDS = 100
+_BESIDE = 1e-3  # share of the fuel beside walls that has a remark
 
 
 Watch = Callable[[float, float, int], None]  # time, end time, number of parcels
@@ -201,6 +202,12 @@ class _State:
             remarks = (
                 f"vapour has reached the wall of the gas, {flow.grid.radius_m[-1]:.3g} m from the "
                 f"tip; allowed: a larger {DEPTH_KEY}",
+            )
+        beside = flow.grid.beside(flow.fuel * flow.grid.volume_m3) / max(injected, 1e-300)
+        if beside > _BESIDE:
+            remarks += (
+                f"{100 * beside:.2g} % of the fuel is vapour beside the walls of the gas, behind "
+                "the plumes; allowed: smaller inclinations",
             )
         notes = {name: value for name, value in notes.items() if np.isfinite(value)}
         parcels, vapour = _parcels(cloud, fuel), sampled(flow, fuel)

@@ -189,6 +189,18 @@ def test_a_spray_that_meets_the_wall_says_so() -> None:
     assert "spray.box.depth_m" in spray.remarks[0]
 
 
+def test_vapour_beside_walls_has_a_remark() -> None:
+    """Wide plumes across the injector reach the walls of rays 115 degrees from its axis."""
+    wide = tuple(
+        Plume(inclination_deg=89.0, azimuth_deg=45.0 * k, cone_angle_deg=60.0) for k in range(8)
+    )
+    found = [
+        " ".join(simulate_spray(COARSE.model_copy(update=each))[0].remarks)
+        for each in ({"plumes": wide, "time_s": 0.9e-3}, {"time_s": 0.9e-3})
+    ]
+    assert ["is vapour beside the walls" in text for text in found] == [True, False]
+
+
 @pytest.mark.parametrize(
     "plumes",
     [
