@@ -36,9 +36,7 @@ class DryRun:
     unstated: tuple[str, ...] = ()
 
 
-def dry_run(
-    rig: Rig, plan: Plan, folder: Path, *, seconds_per_kelvin: float = SECONDS_PER_KELVIN
-) -> DryRun:
+def dry_run(rig: Rig, plan: Plan, folder: Path) -> DryRun:
     """Runs the acquisition's own preflight and computes time and disk space.
 
     The preflight sets the camera, takes a test image, and writes a burst without injection, after
@@ -69,7 +67,7 @@ def dry_run(
     stops = [present_K, *(plan.backgrounds_K[index] for index in order)]
     way_K = float(np.sum(np.abs(np.diff(stops))))
     stable = plan.stability
-    background_s = way_K * seconds_per_kelvin + len(order) * (stable.hold_s + stable.settle_s)
+    background_s = way_K * SECONDS_PER_KELVIN + len(order) * (stable.hold_s + stable.settle_s)
     injected_s = plan.trigger.injector_delay_s + plan.trigger.injector_width_s
     shots_s = sum(
         plan.pause_s

@@ -218,12 +218,12 @@ def resolved(*, n: float, k: float, span: float, least: int) -> int:
     return max(least, int(min(2.0 * span * n / k, _MOST_SAMPLES)) if k > 0 else least)
 
 
-def table_error(table: DropletTable, *, samples: int = 400, seed: int = 1) -> TableError:
+def table_error(table: DropletTable, *, samples: int = 400) -> TableError:
     """Error of a table against Mie's solution at random diameters, even in ln d.
 
     Below `POINTWISE_K` the solution is averaged as the entries are, at fewer diameters.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     low = table.log_x_start
     high = low + table.log_x_step * (len(table.scattering) - 1)
     offsets: Floats = np.zeros(1)

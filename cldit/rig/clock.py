@@ -63,12 +63,14 @@ class SystemClock:
         """Does nothing, because real time has passed meanwhile."""
 
 
+_START_EPOCH_S = 946_684_800.0  # 2000-01-01: the same in every run
+
+
 class SimulatedClock:
     """A clock that advances only while somebody sleeps on it.
 
     Args:
         real_time_factor: None: sleeping takes no time; 1: real time; 60: a minute in a second.
-        start_epoch_s: wall time at the start, fixed (2000-01-01) to make runs repeatable.
         jump_after_s, jump_s: a fault: after `jump_after_s` the wall time jumps by `jump_s`, as if
             somebody had set the computer's clock. Monotonic time continues.
     """
@@ -77,12 +79,10 @@ class SimulatedClock:
         self,
         *,
         real_time_factor: float | None = None,
-        start_epoch_s: float = 946_684_800.0,
         jump_after_s: float | None = None,
         jump_s: float = 0.0,
     ) -> None:
         self._elapsed_s = 0.0
-        self._start_epoch_s = start_epoch_s
         self._factor = real_time_factor
         self._jump_after_s = math.inf if jump_after_s is None else jump_after_s
         self._jump_s = jump_s
@@ -95,7 +95,7 @@ class SimulatedClock:
     def epoch_s(self) -> float:
         """Simulated seconds since 1970, including the jump."""
         jump_s = self._jump_s if self._elapsed_s >= self._jump_after_s else 0.0
-        return self._start_epoch_s + self._elapsed_s + jump_s
+        return _START_EPOCH_S + self._elapsed_s + jump_s
 
     def wall_time(self) -> str:
         """The simulated time of day, ISO 8601."""
@@ -116,4 +116,4 @@ class SimulatedClock:
 
     def catch_up(self, epoch_s: float) -> None:
         """Advances to `epoch_s` if that is later."""
-        self._elapsed_s = max(self._elapsed_s, epoch_s - self._start_epoch_s)
+        self._elapsed_s = max(self._elapsed_s, epoch_s - _START_EPOCH_S)

@@ -23,6 +23,7 @@ from cldit.spray.vtk_export import write_vtk
 View = Literal["side", "below"]
 
 _DECADES = 3.0  # of the colours
+_PIXEL_M = 5e-4  # of the figure
 _SMOOTHING = 1.0  # pixels, of the liquid: parcels are points
 _AXES = {"side": (0, 2), "below": (0, 1)}
 _NAMES = "xyz"
@@ -114,21 +115,21 @@ def _project(
     return Projection(np.asarray(image) / pixel_m**2, corners)
 
 
-def views_figure(spray: Spray, *, title: str, pixel_m: float = 5e-4) -> Figure:
-    """Figure of droplets and vapour from the side and from below, in pixels of `pixel_m`."""
+def views_figure(spray: Spray, *, title: str) -> Figure:
+    """Figure of droplets and vapour from the side and from below."""
     views: tuple[View, View] = ("side", "below")
     kinds = {"droplets": liquid_mass, "vapour": vapour_mass}
     panels = [
-        mass_panel(of(spray, view, pixel_m=pixel_m), f"{name}, {view}", view)
+        _mass_panel(of(spray, view, pixel_m=_PIXEL_M), f"{name}, {view}", view)
         for view in views
         for name, of in kinds.items()
     ]
     return panels_figure(panels, title=title)
 
 
-def mass_panel(seen: Projection, title: str, view: View, *, most: float | None = None) -> Panel:
-    """Panel of mass per area, three decades below `most` or the largest; white below them."""
-    top = most or float(seen.image.max(initial=0.0))
+def _mass_panel(seen: Projection, title: str, view: View) -> Panel:
+    """Panel of mass per area, three decades below the largest; white below them."""
+    top = float(seen.image.max(initial=0.0))
     low = top / 10**_DECADES
     image = 1e3 * np.where(seen.image[::-1] >= low, seen.image[::-1], np.nan if top > 0 else 0.0)
     left, right, bottom, upper = seen.edges_m
