@@ -39,7 +39,7 @@ def changes_sheet(
     title: str,
     limit_K: float,
     columns: int = _COLUMNS,
-    label: str = "difference of apparent temperature / K",
+    label: str = "difference of apparent temperature /\N{NO-BREAK SPACE}K",
 ) -> Figure:
     """Differences (H, W) in one diverging scale, white at zero; NaN is grey."""
     window = joined([window_around(np.isfinite(image), frame) for image in changes.values()])

@@ -43,7 +43,7 @@ BUDGETS: dict[str, int] = {
     "scene": 2101,
     "show": 6599,
     "spray": 7290,
-    "study": 3171,
+    "study": 3172,
     "testing": 1302,
     "transport": 7145,
 }

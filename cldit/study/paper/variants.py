@@ -24,6 +24,7 @@ from cldit.study.paper.maps import all_round
 
 _WALLS = {"walls.temperature_K": CAPTION_WALLS_K}
 _CHANCE = "other random numbers"
+_NO_BREAK = "\N{NO-BREAK SPACE}"  # of a value and its unit
 
 
 def change_rows(reference: Run, cases: Mapping[str, Run]) -> list[Row]:
@@ -263,7 +264,7 @@ def evaporation(lab: Lab) -> Found:
         )
     shown = [(p, t, model) for p, t, _ in _GASES for model in _MODELS]
     named = {
-        f"{model}, {p:g} MPa, {t:g} K": changes[p, model].image
+        f"{model}, {p:g}{_NO_BREAK}MPa, {t:g}{_NO_BREAK}K": changes[p, model].image
         for p, t, model in [*shown, (0.6, 570.0, _CHANCE)]
     }
     frame = frame_of(reference.scene)
