@@ -56,7 +56,7 @@ def on_one_octree(scene: Scene) -> Scene:
         scene,
         domain={"edge_m": 256 * _CELL_m, "leaf_edge_m": _CELL_m * (1 + 1e-6)},
         transport={"audit": False, "accuracy_K": 0.3},
-        camera={"rays_per_pixel": 4},
+        camera={"rays_per_pixel": 1},
     )
 
 

@@ -35,7 +35,7 @@ from cldit.scene.spray import ConeSpray, LagrangianSpray
 
 _TIMES = {2: "twice", 4: "four times"}
 _LARGEST_M = 1e-2  # that a scene may have
-_FEWEST = 12  # cells along the gas's fuel, 4 mm of 48: fewer were not seen to follow first order
+_FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
 _SMALLEST_RATIO = 0.25  # of two steps, as for second order; a smaller one is chance

@@ -91,7 +91,7 @@ def test_the_same_spray_on_cells_twice_as_large() -> None:
 @pytest.mark.parametrize(
     ("spacing_m", "here", "why"),
     [
-        (1e-3, vapour(long=23), "11.5 along the vapour"),  # 12 are 24 of those of half the edge
+        (1e-3, vapour(long=11), "5.5 along the vapour"),  # 6 are 12 of those of half the edge
         (1e-3, vapour(2e-3), "the spray was given"),
         (6e-3, vapour(6e-3, long=24), "above 0.01 m"),
     ],
