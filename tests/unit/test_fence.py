@@ -25,7 +25,7 @@ BUDGETS: dict[str, int] = {
     "api": 1095,
     "bench": 589,
     "camera": 534,
-    "cfd": 8383,
+    "cfd": 8385,
     "cldit": 154,
     "cli": 2654,
     "comparison": 1988,

@@ -37,6 +37,7 @@ _MOST_PACKED = 10_000  # bytes of content for each in the file
 _MOST_COMPONENTS = 100
 _OFFSET = re.compile(rb"\boffset\s*=\s*[\"']([^\"']*)[\"']")
 _BEGIN = re.compile(rb"<AppendedData\b[^>]*>\s*_")
+_TYPE = re.compile(rb"(?:U?Int|Float)(8|16|32|64)")
 _AT_ONCE = 1 << 20
 _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 
@@ -140,8 +141,9 @@ def _check_lengths(
             appended = _OFFSET.search(tag)
             place = _text_begin(stream, at) if appended is None else begin + int(appended.group(1))
             own = replace(form, encoded=form.encoded or appended is None)
-            bits = re.sub(rb"\D", b"", _value(tag, b"type")) or b"8"
-            held = _Head(file, stream, own, place, end).content // (int(bits) // 8)
+            if (number := _TYPE.fullmatch(_value(tag, b"type"))) is None:
+                continue  # vtk refuses it
+            held = _Head(file, stream, own, place, end).content // (int(number.group(1)) // 8)
         if held != each * counts[key]:
             raise _damaged(file, f"{key.decode()} is {counts[key]}; allowed: {held // each}")
 
