@@ -41,7 +41,7 @@ BUDGETS: dict[str, int] = {
     "rig": 1683,
     "run": 2174,
     "scene": 2101,
-    "show": 6599,
+    "show": 6598,
     "spray": 7290,
     "study": 3172,
     "testing": 1302,

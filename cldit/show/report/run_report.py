@@ -78,7 +78,8 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
             caption = f"{DelayRow.of(delay_s, maps).text}."
             yield f"maps_{place.name}", map_figure(maps, sensor, title=title), caption
     figure = map_figure(run.maps, traced, title=f"{name}: DIT of the trace, without noise")
-    yield "maps_noise_free", figure, "The same from the traced radiances, on the traced field."
+    key = "maps" if run.measured is None else "maps_noise_free"
+    yield key, figure, "From the traced radiances, on the traced field."
     caption = "Origin of the light of every pixel; one trace serves every background."
     yield "weights", drawn(weights_panels(run.weights), "weights of the trace"), caption
     if run.error_maps:
@@ -110,13 +111,11 @@ def write_figures(run: Run, *, suffix: str = ".png") -> dict[str, Figure]:
     folder = _folder(run) / "pictures"
     make_folder(folder)
     figures: dict[str, Figure] = {}
-    for key, drawn, caption in _figures(run):
-        names = ["maps", key] if key == "maps_noise_free" and run.measured is None else [key]
+    for name, drawn, caption in _figures(run):
         data = figure_bytes(drawn, suffix)
-        for name in names:
-            write_bytes(folder / f"{name}{suffix}", data)
-            if suffix == ".png":
-                figures[name] = Figure(data, caption)
+        write_bytes(folder / f"{name}{suffix}", data)
+        if suffix == ".png":
+            figures[name] = Figure(data, caption)
     return figures
 
 
