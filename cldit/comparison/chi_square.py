@@ -12,8 +12,9 @@ Where neighbours are correlated, a has the sum of their correlations in place of
 Two statistics are independent of each other. Along the span of B and of a shift of all pixels, z
 has the covariance of the modes and of the noise: it is large if the modes would have to be larger
 than stated, or if all of a region is warmer. A shift that lies mostly in the span of the modes is
-left to them: the rest of it is the noise of their patterns, which follows that of z. Beside this
-span z is noise alone, with N - m - 1 degrees of freedom. The probability combines both (Sidak).
+left to them: the rest of it is the noise of their patterns, which follows that of z; directions
+along which the modes are smaller than the noise are left to the noise. Beside this span z is noise
+alone, with N - m - 1 degrees of freedom. The probability combines both (Sidak 1967).
 
 Variances that are estimated from few shots are themselves random. If one estimate with nu degrees
 of freedom scales the covariance of m statistics, their sum of squares over m has Fisher's F
@@ -42,8 +43,11 @@ from scipy.special import fdtrc
 
 from cldit.arrays import Floats, Mask
 
+SHARED, OWN = "all pixels together", "single pixels"
+
 _FARTHEST = 0.125  # largest distance of a correlation, of the image's edge
 _APART = 0.5  # least share of a shift's square beside the modes
+_SEEN = 1.0  # least variance along a mode, of that of the noise
 _KNOWN_SILL = 3.0  # variance of rho times pairs, of white noise with a known sill; else 1
 
 
@@ -53,7 +57,8 @@ class ChiSquare:
 
     pixels: their number; effective: that of independent pixels with the same scatter of chi2;
     correlated: factor of the variance of a mean by the correlation of neighbours.
-    reduced: chi2 per pixel. p_value: probability of a larger difference by the errors alone.
+    reduced: chi2 per pixel. p_value: probability of a larger difference by the errors alone; by:
+    what exceeds its errors most, all pixels together (SHARED) or single ones (OWN).
     sizes: (M,) of the modes that fit best, in standard deviations. residuals: (H, W) standardised,
     less these modes; NaN elsewhere.
     """
@@ -63,6 +68,7 @@ class ChiSquare:
     correlated: float
     reduced: float
     p_value: float
+    by: str
     sizes: Floats
     residuals: Floats
 
@@ -101,22 +107,24 @@ def chi_square(
         span = np.concatenate([span, rest[None] / np.linalg.norm(rest)])
     found, of_modes = span @ z, span @ b.T
     of_modes = of_modes @ of_modes.T
-    left, chances = count - len(span), []
+    left, chances = count - len(span), dict[str, float]()
     if len(span):
         inverse = np.linalg.inv(products * np.eye(len(span)) + of_modes)
         share = float(np.trace(inverse @ of_modes)) / len(span)
         statistic = float(found @ inverse @ found) / len(span)
-        chances.append(_chance(statistic, len(span), degrees[1] / max(share, 1e-6) ** 2))
+        chances[SHARED] = _chance(statistic, len(span), degrees[1] / max(share, 1e-6) ** 2)
     if left > 0:
         beside = max(total - float(found @ found), 0.0) / left
-        chances.append(_chance(beside, left * effective / count, degrees[0] * effective))
-    least = min(chances)
+        chances[OWN] = _chance(beside, left * effective / count, degrees[0] * effective)
+    by = min(chances, key=lambda one: chances[one])
+    least = chances[by]
     return ChiSquare(
         pixels=count,
         effective=effective,
         correlated=products,
         reduced=float(np.sum(residuals[where] ** 2) + sizes @ sizes) / count,
         p_value=least if len(chances) < 2 else 1.0 - (1.0 - least) ** 2,
+        by=by,
         sizes=sizes,
         residuals=residuals,
     )
@@ -135,9 +143,9 @@ def combined_degrees(
 
 
 def _orthonormal(rows: Floats) -> Floats:
-    """Orthonormal rows of the same span."""
+    """Orthonormal rows of the same span, without directions shorter than 1."""
     values, vectors = np.linalg.eigh(rows @ rows.T)
-    seen = values > 1e-9 * values.max(initial=0.0)
+    seen = values > max(_SEEN, 1e-9 * values.max(initial=0.0))
     return np.asarray((vectors[:, seen] / np.sqrt(values[seen])).T @ rows)
 
 

@@ -27,7 +27,7 @@ Align = Literal["metadata", "images"]
 LEVEL = 0.01  # probability below which two results differ
 _ROUNDED_K = 2e-3  # single precision on different devices
 _CLEAR = 5.0  # standard errors of the emissivity, in pixels that count
-_MOST_MODES = 10
+_MOST_MODES = 16
 _LEAST_PIXELS = 4  # of a region
 
 
@@ -56,7 +56,8 @@ class RegionDifference:
 
     effective_pixels: number of independent pixels with the same scatter of chi-square.
     mean_error_K: standard error of the mean. chi2_reduced: chi-square per pixel, 1 if the errors
-    explain the difference. p_value: probability of a larger difference by the errors alone.
+    explain the difference. p_value: probability of a larger difference by the errors alone; by:
+    what exceeds its errors most, `all pixels together` or `single pixels`.
     """
 
     pixels: int
@@ -66,6 +67,7 @@ class RegionDifference:
     mean_error_K: float | None = None
     chi2_reduced: float | None = None
     p_value: float | None = None
+    by: str | None = None
 
     @property
     def differs(self) -> bool:
@@ -138,7 +140,9 @@ class Difference:
     def profiles(self) -> dict[str, LineDifference]:
         """Profiles of both along the spray's axis and across it, with errors."""
         spray = seen_in_both(*self.seen)
-        return line_differences(self.seen, spray, self.change_K, self.error_K)
+        return line_differences(
+            self.seen, spray, self.change_K, error_K=self.error_K, modes=self.modes
+        )
 
     @property
     def same(self) -> bool:
@@ -192,7 +196,11 @@ class Difference:
         if self.within:
             return f"explained by the {errors}{known}: p {_probability(p_value)}"
         parts = f", in {', '.join(self.where)}" if self.where else ""
-        return f"not explained by the {errors}{known}: p {_probability(p_value)}{parts}"
+        known_p = [
+            (one.p_value, one.by) for one in self.regions.values() if one.p_value is not None
+        ]
+        by = f"; {min(known_p)[1]} differ most"
+        return f"not explained by the {errors}{known}: p {_probability(p_value)}{parts}{by}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -300,7 +308,8 @@ def _tested(
     spray = seen_in_both(one, other)
     regions = spray.regions
     modes = shared_modes(one, other) + tuple(
-        Mode(f"view {number}", kelvin) for number, kelvin in enumerate(of_view, start=1)
+        Mode(f"view {number}", kelvin, 0.0 * kelvin)
+        for number, kelvin in enumerate(of_view, start=1)
     )
     first, second = (each.independent_K2 for each in (one, other))
     nothing = np.full(change_K.shape, np.nan)
@@ -318,7 +327,7 @@ def _tested(
     kelvin = np.array([mode.kelvin for mode in modes]).reshape(-1, *change_K.shape)
     shares = [float(np.sum(square[known] / variance[known])) for square in (first, second)]
     degrees = (
-        combined_degrees(shares, [each.degrees[0] for each in (one, other)], whole=known.sum()),
+        combined_degrees(shares, [each.degrees for each in (one, other)], whole=known.sum()),
         combined_degrees([weights[n] for n in kept], [mode.degrees for mode in modes]),
     )
     test = partial(chi_square, change_K, np.sqrt(variance), kelvin, degrees=degrees)
@@ -359,6 +368,7 @@ def _region(
         mean_error_K=square**0.5,
         chi2_reduced=found.reduced,
         p_value=found.p_value,
+        by=found.by,
     )
 
 

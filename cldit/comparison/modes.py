@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +16,7 @@ LARGE = 2.0  # times its stated size: a mode worth a line
 
 @dataclass(frozen=True)
 class Mode:
-    """An error that all pixels share: change (H, W) of the difference by one standard deviation.
+    """An error that all pixels share: changes (H, W) of the differences by one standard deviation.
 
     size: the value that fits the difference best, in standard deviations. degrees: of freedom of
     the estimate of this standard deviation.
@@ -25,6 +24,7 @@ class Mode:
 
     name: str
     kelvin: Floats = field(repr=False)
+    emissivity: Floats = field(repr=False)
     size: float = 0.0
     degrees: float = math.inf
 
@@ -47,16 +47,25 @@ def shared_modes(one: Shown, other: Shown) -> tuple[Mode, ...]:
     s change(other) = one + s change(one).
     """
     found = [
-        Mode(f"{part.name} of {each.name}", sign * part.kelvin, degrees=each.degrees[1])
+        Mode(
+            f"{part.name} of {each.name}",
+            sign * part.kelvin,
+            sign * np.nan_to_num(part.emissivity),
+            degrees=part.degrees,
+        )
         for each, sign in ((one, -1.0), (other, 1.0))
         for part in each.common
     ]
     first, second = ({part.name: part for part in each.systematic} for each in (one, other))
-
-    def kelvin(parts: Mapping[str, Part], name: str) -> Floats | float:
-        return parts[name].kelvin if name in parts else 0.0
-
+    zero = np.zeros(one.maps.emissivity.shape)
+    nothing = Part(name="", kelvin=zero, emissivity=zero)
     for name in dict.fromkeys((*first, *second)):
-        change = np.asarray(kelvin(first, name)) - kelvin(second, name)
-        found.append(Mode(name, np.nan_to_num(change)))
+        before, after = (parts.get(name, nothing) for parts in (first, second))
+        found.append(
+            Mode(
+                name,
+                np.nan_to_num(before.kelvin - after.kelvin),
+                np.nan_to_num(before.emissivity - after.emissivity),
+            )
+        )
     return tuple(found)

@@ -96,9 +96,18 @@ def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
     sensor = sensor_of(run.scene, run.quadrature, (spectral, reference))
     maps = evaluated(run.scene, run.quadrature, spectral, reference, sensor)
     error_map_K = None if trace.error_map_K is None else _mean_known(trace.error_map_K, mean)
-    pixel_m, centre_m = onto.pixel_m, onto.centre_m
+    common = tuple(
+        replace(part, kelvin=mean(part.kelvin), emissivity=mean(part.emissivity))
+        for part in trace.common
+    )
     return replace(
-        trace, maps=maps, pixel_m=pixel_m, centre_m=centre_m, error_map_K=error_map_K, run=None
+        trace,
+        maps=maps,
+        pixel_m=onto.pixel_m,
+        centre_m=onto.centre_m,
+        error_map_K=error_map_K,
+        common=common,
+        run=None,
     )
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.comparison.modes import Mode
 from cldit.comparison.regions import Spray2D
 from cldit.comparison.shown import Shown
 from cldit.dit.profile import Profile, pixels_at, profile_of
@@ -23,7 +24,7 @@ class LineDifference:
 
     title: position of the line. Distances are from the injector's tip along the axis, or from the
     axis across it. Errors are those that the two do not share. The change of T_app is NaN where the
-    spray is not visible in both; its error contains those that all pixels share.
+    spray is not visible in both; errors of changes contain those that all pixels share.
     """
 
     title: str
@@ -31,16 +32,12 @@ class LineDifference:
     other: Profile
     change_K: Floats
     change_error_K: Floats
+    emissivity_change_error: Floats
 
     @property
     def emissivity_change(self) -> Floats:
         """Difference of the emissivities."""
         return self.other.emissivity - self.one.emissivity
-
-    @property
-    def emissivity_change_error(self) -> Floats:
-        """Standard error of the difference of the emissivities: both errors, as if independent."""
-        return np.hypot(self.one.emissivity_standard_error, self.other.emissivity_standard_error)
 
     @property
     def columns(self) -> dict[str, Floats]:
@@ -62,13 +59,19 @@ _VALUES = (
 
 
 def line_differences(
-    seen: Sequence[Shown], spray: Spray2D, change_K: Floats, error_K: Floats
+    seen: Sequence[Shown],
+    spray: Spray2D,
+    change_K: Floats,
+    *,
+    error_K: Floats,
+    modes: Sequence[Mode],
 ) -> dict[str, LineDifference]:
     """Profiles `axis`, from the injector's tip, and `across`, at half the reach of the spray.
 
     seen: two results on the same pixels. spray: as visible in both. change_K, error_K: (H, W) of
-    the second minus the first. The axis has the mean direction of the spray, by emissivity,
-    or is straight down if it has none. Without a visible spray there are none.
+    the second minus the first; modes: errors that all pixels share. The axis has the mean direction
+    of the spray, by emissivity, or is straight down if it has none. Without a visible spray there
+    are none.
     """
     visible = spray.visible
     if not visible.any():
@@ -88,6 +91,10 @@ def line_differences(
         "axis": f"along the axis, {angle_deg:.1f}° from downwards",
         "across": f"across it, {1e3 * away_m:.3g} mm from the tip",
     }
+    square = sum((mode.emissivity**2 for mode in modes), np.zeros(change_K.shape))
+    for each in seen:
+        common = sum((np.nan_to_num(part.emissivity) ** 2 for part in each.common), 0.0)
+        square = square + np.maximum(each.maps.emissivity_standard_error**2 - common, 0.0)
     found = {}
     for name, both in lines.items():
         if both is not None:
@@ -99,6 +106,7 @@ def line_differences(
                 other=other,
                 change_K=np.where(visible, change_K, np.nan)[at],
                 change_error_K=np.where(visible, error_K, np.nan)[at],
+                emissivity_change_error=np.sqrt(square)[at],
             )
     return found
 

@@ -10,21 +10,15 @@ from typing import Any
 import numpy as np
 
 from cldit.accuracy.errors import OMISSION, PARTS, Cause
+from cldit.comparison.members import Members
 from cldit.comparison.shown import Image, Shown
+from cldit.dit.budget import Part
+from cldit.io.origin import ROOMS
 from cldit.run import Run
+from cldit.run.ensemble import INJECTIONS
 from cldit.scene import Scene
 from cldit.scene.scatter import without_scatter
 
-_ROOMS = {  # the part of a run that the sources of a room make
-    "spray": "spray",
-    "cfd": "spray",
-    "optics": "optics",
-    "medium": "cells",
-    "prepare": "cells",
-    "camera": "pixels",
-    "transport": "seed",
-    "kernels": "seed",
-}
 _LATTICE, _CLASSES, _CELLS = ("spacing_m",), ("size_classes",), ("depth", "lattice_of_m")
 
 
@@ -72,17 +66,17 @@ def _other_code(one: Run, other: Run) -> tuple[str, ...]:
     origins = [run.info.origin for run in (one, other)]
     codes = [{} if origin is None else origin.code for origin in origins]
     if all(codes):
-        return tuple(room for room in _ROOMS if codes[0].get(room) != codes[1].get(room))
+        return tuple(room for room in ROOMS if codes[0].get(room) != codes[1].get(room))
     commits = [origin and origin.commit for origin in origins]
     versions = [run.info.versions.get("cldit") for run in (one, other)]
-    return () if commits[0] == commits[1] and versions[0] == versions[1] else tuple(_ROOMS)
+    return () if commits[0] == commits[1] and versions[0] == versions[1] else tuple(ROOMS)
 
 
 def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
     """Parts of a run (`cldit.accuracy.errors.PARTS`) that are the same in both."""
     if one is other or (one.folder is not None and one.folder == other.folder):
         return {*PARTS, ""}
-    changed = {part for room, part in _ROOMS.items() if room in code}
+    changed = {part for room, part in ROOMS.items() if room in code}
     first, second = one.scene, other.scene
     plans = [run.info.plan or {} for run in (one, other)]
 
@@ -130,16 +124,29 @@ def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
     if run.errors is None or run.errors.why:  # an old run, without audit, or without T_app
         return replace(shown, error_K=0.0) if same and shown.run is not None else shown
     left = [one for one in run.errors.causes if one.name not in names]
-    square = 0.0 if shown.run is not None else (shown.error_K or 0.0) ** 2
     known = [cause for cause in left if cause.error_K is not None]
+    of_run = None if shown.run is not None else shown.maps
+    members = Members.of(run, recorded=of_run) if shown.error_map_K is not None else None
+    more: tuple[Part, ...] = ()
+    rest: list[Image] = []
+    if members is not None:
+        if any(cause.name == INJECTIONS for cause in known):
+            of_mean = members.of_mean
+            more, rest = of_mean.parts, [of_mean.rest_K2]
+            known = [cause for cause in known if cause.name != INJECTIONS]
+        if shown.noisy:
+            more += members.of_shots(run.scene.plan.shots)
+    square = 0.0 if shown.run is not None else (shown.error_K or 0.0) ** 2
     square += sum((cause.error_K or 0.0) ** 2 for cause in known)
     map_K = shown.error_map_K
     if map_K is not None:
         noise_K = np.where(np.isfinite(map_K), 0.0 if shown.run is not None else map_K, np.nan)
-        each = [_map_of(shown, cause, map_K) for cause in known]
-        map_K = np.sqrt(sum((one**2 for one in each), noise_K**2))
+        rest += [_map_of(shown, cause, map_K) ** 2 for cause in known]
+        rest += [part.kelvin**2 for part in more]
+        map_K = np.sqrt(sum(rest, noise_K**2))
     return replace(
         shown,
+        common=shown.common + more,
         error_K=square**0.5,
         error_map_K=map_K,
         at_least=any(cause.error_K is None for cause in left),

@@ -36,8 +36,8 @@ class Shown:
     traced: the run whose errors the maps contain, that which was recorded included; None if
     unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of
     the filter; None: as the scene, or unknown. walls_spread_K: of their temperature, as stated.
-    degrees: of freedom of the estimated errors, independent ones of a pixel and common ones;
-    infinite if they are known, or their number is not.
+    degrees: of freedom of the estimate of a pixel's error; infinite if it is known, or their number
+    is not.
     """
 
     name: str
@@ -52,7 +52,7 @@ class Shown:
     noisy: bool = False
     filter_um: tuple[float, float] | None = None
     walls_spread_K: float = 0.0
-    degrees: tuple[float, float] = (math.inf, math.inf)
+    degrees: float = math.inf
     scene: Scene | None = None
     run: Run | None = None
     traced: Run | None = None
@@ -190,10 +190,10 @@ def recorded(
         centre_m=centre_m,
         error_K=float(np.sqrt(np.mean(error_K[known] ** 2))) if known.any() else None,
         error_map_K=error_K,
-        common=parts[1],
+        common=tuple(replace(one, degrees=sum(degrees) or math.inf) for one in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,
-        degrees=(min(degrees), sum(degrees)) if degrees else (math.inf, math.inf),
+        degrees=min(degrees, default=math.inf),
         scene=scene,
         traced=traced,
     )

@@ -39,11 +39,15 @@ _SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which a and b are fitted
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One contribution: (H, W) changes of T_app [K] and emissivity by the size in its `name`."""
+    """One contribution: (H, W) changes of T_app [K] and emissivity by the size in its `name`.
+
+    degrees: of freedom of the estimate of that size; infinite if it is known.
+    """
 
     name: str
     kelvin: Floats
     emissivity: Floats
+    degrees: float = math.inf
 
 
 @dataclass(frozen=True, kw_only=True)

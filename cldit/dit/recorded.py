@@ -229,12 +229,9 @@ def evaluate_shots(
         transmission=whole.front.transmission,
         examined=examined,
     )
-    if any(one.stands_out for one in witnesses):  # contradictions that the causes do not explain
-        backgrounds = sum(
-            ~(sums[k, "reference"].full | sums[k, "injection"].full) for k in setpoints
-        )
-        maps, wider = agreeing(maps, np.asarray(backgrounds))
-        ignored += [wider] if wider else []
+    backgrounds = sum(~(sums[k, "reference"].full | sums[k, "injection"].full) for k in setpoints)
+    maps, wider = agreeing(maps, np.asarray(backgrounds))
+    ignored += [wider] if wider else []
     if bad.any():
         maps = _without(maps, bad)
     _check_not_swapped(maps)

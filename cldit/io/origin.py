@@ -25,7 +25,17 @@ from cldit.io.files import read_text
 # Packages that affect the numbers; those that are not installed are omitted.
 _COMPUTE = ("cldit", "numpy", "scipy", "numba", "pyopencl", "CoolProp", "miepython", "tifffile")
 
-_ROOMS = ("spray", "cfd", "optics", "medium", "prepare", "camera", "transport", "kernels")
+ROOMS = {
+    "spray": "spray",
+    "cfd": "spray",
+    "optics": "optics",
+    "medium": "cells",
+    "prepare": "cells",
+    "camera": "pixels",
+    "transport": "seed",
+    "kernels": "seed",
+}
+"""Rooms whose sources make an image, and the part of a run that each makes."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +183,7 @@ def processor() -> str:
 def code() -> dict[str, str]:
     """Digest of the sources by room of cldit, for those that compute an image."""
     found = {}
-    for room in _ROOMS:
+    for room in ROOMS:
         digest = hashlib.sha256()
         for path in sorted(_sources(resources.files(f"cldit.{room}")), key=lambda one: one.name):
             digest.update(path.name.encode() + path.read_bytes())

@@ -66,12 +66,25 @@ def separate(
 
 
 def check_rivals(one: Scene, other: Scene) -> None:
-    """Raises EvaluationError if two scenes are not seen alike."""
+    """Raises EvaluationError if two scenes are not seen alike.
+
+    Exposure and lens are part of a model, which may omit them.
+    """
+    first, second = (
+        scene.with_(
+            **{
+                "camera.exposure": "instant",
+                "camera.sensor.integration_time_s": None,
+                "camera.lens": None,
+            }
+        )
+        for scene in (one, other)
+    )
     for key in _SAME:
-        if getattr(one, key) != getattr(other, key):
+        if getattr(first, key) != getattr(second, key):
             raise EvaluationError(
                 f"{key}: differs between {one.name} and {other.name}; allowed: scenes that differ "
-                "in spray, optics and transport alone"
+                "in spray, optics, transport, exposure and lens alone"
             )
     if scene_filter(one) != scene_filter(other):
         raise EvaluationError(

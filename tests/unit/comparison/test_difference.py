@@ -73,7 +73,12 @@ def noise(seed: int) -> NDArray[np.float64]:
     ("errors", "within_K", "within", "words"),
     [
         ((0.6, 0.8), None, True, "explained by the errors: p = 0."),
-        ((0.6, 0.6), None, False, "not explained by the errors: p < 1e-9"),
+        (
+            (0.6, 0.6),
+            None,
+            False,
+            "not explained by the errors: p < 1e-9, in root, plumes, tips; single pixels differ",
+        ),
         ((None, 2.0), None, False, "no error is stated"),
         ((None, None), 2.5, True, "within the 2.5 K RMS allowed"),
         ((9.0, 9.0), 0.5, False, "beyond the 0.5 K RMS"),

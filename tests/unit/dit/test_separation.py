@@ -136,6 +136,12 @@ def test_other_views_are_refused(key: str, value: object, message: str) -> None:
         check_rivals(gdi, gdi.with_(**{key: value}))
 
 
+def test_exposure_and_lens_are_part_of_a_model() -> None:
+    gdi = load_scene("gdi")
+    exposed = {"camera.exposure": "times", "camera.sensor.integration_time_s": 1e-4}
+    check_rivals(gdi, gdi.with_(**exposed, **{"camera.lens": {"f_number": 2.5}}))
+
+
 def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fuel 30 K colder is distinguished, the same scene never; the exit status reports it."""
     monkeypatch.chdir(tmp_path)
