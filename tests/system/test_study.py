@@ -120,8 +120,8 @@ def test_all_quick(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_models_are_not_told_apart(tmp_path: Path) -> None:
-    """Ten coarse sprays: errors of the simulations keep the models from being separated, and
-    without them noise and injections alone would not."""
+    """Ten coarse sprays: errors of the simulations keep the models from being separated by any
+    number of injections, and without them noise and injections alone would not."""
     coarse = {
         "camera.pixels": [60, 60],
         "domain.leaf_edge_m": 3e-3,
@@ -133,4 +133,4 @@ def test_models_are_not_told_apart(tmp_path: Path) -> None:
     found = models(lab)
     assert len(lab.runs.computed) == 10 and len(found.table) == 3
     assert float(found.values["most"]) < NEEDED < float(found.values["exact"])
-    assert found.values["many"] == pytest.approx(found.values["most"], rel=0.05)
+    assert float(found.values["most"]) <= float(found.values["many"]) < NEEDED
