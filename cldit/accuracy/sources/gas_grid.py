@@ -38,7 +38,7 @@ _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
-_SMALLEST_RATIO = 0.25  # of two steps, as for second order; a smaller one is chance
+_SMALLEST_RATIO = 0.5  # as for first order: 0.38 between coarse grids was 0.65 at the next
 _LARGEST_RATIO = 0.75  # steps that fall by less need not converge
 _FINEST_LATTICE_m = 0.1e-3
 _CONE_KEY, _FLOW_KEY, _FILE_KEY = "spray.spacing_m", "spray.box.spacing_m", "spray.file"
