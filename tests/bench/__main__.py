@@ -19,6 +19,7 @@ MEASUREMENTS = (
     "evaluation",
     "faults",
     "fit_liquid",
+    "fit_bias",
     "flow_seeds",
     "gallery",
     "gas_grid",

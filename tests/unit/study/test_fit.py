@@ -20,6 +20,7 @@ from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.scene import Scene, load_scene
 from cldit.study.fit import Parameter, _Model, fit
+from tests.bench.fit_bias import CAMERA, biases, fitted
 
 _TRUE = {"spray.fuel_temperature_K": 370.0, "spray.injected_mass_kg": 20e-6}
 _VARY = ("spray.fuel_temperature_K=350:390", "spray.injected_mass_kg=15e-6:25e-6")
@@ -186,3 +187,11 @@ def test_intervals_of_twenty_twins_hold_the_truth(
         for number, (one, true) in enumerate(zip(found.parameters, _TRUE.values(), strict=True)):
             held[number] += one.interval[0] <= true <= one.interval[1]
     assert np.all((held >= 11) & (held <= 19)), held
+
+
+@pytest.mark.slow
+def test_a_model_without_lens_and_exposure_is_biased() -> None:
+    """25 us and a point spread of a third of a pixel: right with both in the model, else off."""
+    found = fitted(CAMERA, {"with": CAMERA, "without": {}})
+    assert max(map(abs, biases(found["with"]))) < 3.0 and found["with"].p_value > 1e-3
+    assert max(map(abs, biases(found["without"]))) > 6.0 and found["without"].p_value < 1e-3
