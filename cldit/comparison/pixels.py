@@ -12,13 +12,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.camera.curve import Curve
 from cldit.camera.view import overlap_matrix
 from cldit.comparison.shown import Shown
+from cldit.dit.budget import Part
+from cldit.dit.maps import Maps, Reason
 from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.errors import EvaluationError
+from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights
 
 _SAME = 0.01  # of a pixel, over the whole image
+_MOSTLY = 0.5  # share of the emissivity of a pixel that has a T_app
+_ANY_K = 300.0  # where there is none
 
 Image = NDArray[np.float64]
 
@@ -47,9 +53,9 @@ def together(
 ) -> tuple[Shown, Shown, str]:
     """Both on the same pixels, and a description of an average, empty if there was none.
 
-    resample: average a trace onto the pixels of a recording, as a rig does; of two traces, the
-    finer onto the pixels of the coarser one. centred: their centres must be the same. Raises
-    EvaluationError if that is not allowed or not possible.
+    resample: average a trace onto the pixels of a recording, as a rig does; of two traces or two
+    recordings, the finer onto the pixels of the coarser one. centred: their centres must be the
+    same. Raises EvaluationError if that is not allowed or not possible.
     """
     if same_pixels(one, other, centred=centred):
         return one, other, ""
@@ -59,9 +65,10 @@ def together(
             f"{what}; allowed: the same pixels, or --resample (resample=True), which averages "
             "a trace onto the other's pixels"
         )
-    swap = one.run is None or (
-        other.run is not None and np.prod(one.pixel_m) > np.prod(other.pixel_m)
-    )
+    if (one.run is None) is (other.run is None):
+        swap = bool(np.prod(one.pixel_m) > np.prod(other.pixel_m))
+    else:
+        swap = one.run is None
     trace, onto = (other, one) if swap else (one, other)
     averaged = _averaged(trace, onto, what, centred=centred)
     first, second = (onto, averaged) if swap else (averaged, onto)
@@ -69,8 +76,6 @@ def together(
 
 
 def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
-    if trace.run is None:
-        raise EvaluationError(f"{what}; both were recorded: only a trace can be averaged")
     if centred and max(_offsets(trace, onto)) > _SAME:
         raise EvaluationError(f"{what}; the centres must be the same")
     rows, columns = onto.maps.emissivity.shape
@@ -80,12 +85,23 @@ def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
         rows * onto.pixel_m[1] / (high * trace.pixel_m[1]),
     )
     if max(shares) > 1.0 + 1e-6:
-        raise EvaluationError(f"{what}; the trace must cover the whole of the other image")
+        raise EvaluationError(
+            f"{what}; the one that is averaged must cover the whole of the other image"
+        )
     across = overlap_matrix(wide, columns, min(shares[0], 1.0))
     along = overlap_matrix(high, rows, min(shares[1], 1.0))
 
     def mean(image: NDArray[np.floating]) -> Image:
         return np.asarray(along @ (across @ np.asarray(image, np.float64).T).T)
+
+    if trace.run is None:
+        squared = across.multiply(across), along.multiply(along)
+
+        def mean_square(image: Image) -> Image:
+            return np.asarray(squared[1] @ (squared[0] @ image.T).T)
+
+        found = _averaged_recording(trace, what, mean=mean, mean_square=mean_square)
+        return replace(found, pixel_m=onto.pixel_m, centre_m=onto.centre_m)
 
     def means(weights: Weights) -> Weights:
         return weights.map(lambda image: mean(image).astype(np.float32))
@@ -108,6 +124,67 @@ def _averaged(trace: Shown, onto: Shown, what: str, *, centred: bool) -> Shown:
         error_map_K=error_map_K,
         common=common,
         run=None,
+    )
+
+
+def _averaged_recording(
+    fine: Shown,
+    what: str,
+    *,
+    mean: Callable[[Image], Image],
+    mean_square: Callable[[Image], Image],
+) -> Shown:
+    """A recording on coarser pixels: area means of emissivity and of the radiance of the spray.
+
+    With E = e B(T_app), T_app is that of the means E / e over pixels that have one, and changes by
+    mean(e B' dT) / (e B').
+    `mean_square` sums with the squares of the weights, for independent errors of pixels.
+    """
+    scene = fine.scene or (fine.traced and fine.traced.scene)
+    filter_um = scene_filter(scene) if scene else fine.filter_um
+    if filter_um is None:
+        raise EvaluationError(f"{what}; the filter of {fine.name}, the finer one, is unknown")
+    curve = Curve(filter_um=filter_um)
+    kelvin = fine.maps.apparent_temperature_K.astype(np.float64)
+    known, emissivity = np.isfinite(kelvin), np.nan_to_num(fine.maps.emissivity).astype(np.float64)
+    kelvin = np.where(known, kelvin, _ANY_K)
+    own = np.where(known, emissivity * curve.radiance(kelvin), 0.0)
+    steep = np.where(known, emissivity * curve.slope(kelvin), 0.0)
+    whole, warmed = mean(emissivity), mean(np.where(known, emissivity, 0.0))
+    seen = warmed > _MOSTLY * np.maximum(whole, 1e-6)
+    warm = curve.temperature(np.where(seen, mean(own) / np.where(seen, warmed, 1.0), 0.0))
+    slope = np.where(seen, warmed * curve.slope(np.where(seen, warm, _ANY_K)), np.inf)
+
+    def averaged(part: Part) -> Part:
+        change = mean(steep * np.nan_to_num(part.kelvin)) / slope
+        return replace(part, kelvin=change, emissivity=mean(np.nan_to_num(part.emissivity)))
+
+    common = tuple(averaged(part) for part in fine.common)
+    independent = fine.independent_K2
+    of_e = np.nan_to_num(fine.maps.emissivity_standard_error).astype(np.float64) ** 2
+    of_e -= sum((np.nan_to_num(part.emissivity) ** 2 for part in fine.common), 0.0)
+    square_e = mean_square(np.maximum(of_e, 0.0))
+    square_e = square_e + sum((part.emissivity**2 for part in common), 0.0)
+    error_K = np.full(whole.shape, np.nan)
+    if independent is not None:
+        error_K = mean_square(steep**2 * np.nan_to_num(independent)) / slope**2
+        error_K = np.sqrt(error_K + sum((part.kelvin**2 for part in common), 0.0))
+    nothing = np.full(whole.shape, np.nan)
+    images = {
+        "emissivity": whole,
+        "apparent_temperature_K": np.where(seen, warm, np.nan),
+        "emissivity_standard_error": np.sqrt(square_e),
+        "apparent_temperature_standard_error_K": np.where(seen, error_K, np.nan),
+        "reduced_chi2": nothing,
+        "fit_probability": nothing,
+    }
+    reason = np.where(seen, Reason.OK, Reason.EMISSIVITY_TOO_LOW).astype(np.uint8)
+    return replace(
+        fine,
+        maps=Maps(**{k: one.astype(np.float32) for k, one in images.items()}, reason=reason),
+        error_map_K=None if fine.error_map_K is None else np.where(seen, error_K, np.nan),
+        common=common,
+        systematic=tuple(averaged(part) for part in fine.systematic),
     )
 
 

@@ -28,7 +28,7 @@ BUDGETS: dict[str, int] = {
     "cfd": 8385,
     "cldit": 154,
     "cli": 2654,
-    "comparison": 2218,
+    "comparison": 2295,
     "dit": 6075,
     "drivers": 3646,
     "gpu": 1045,

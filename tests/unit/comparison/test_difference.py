@@ -12,8 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.accuracy.errors import OMISSION, Cause, Errors
+from cldit.camera.curve import Curve
 from cldit.comparison import Shown, compare, difference, open_shown
 from cldit.comparison.keys import key_differences
+from cldit.comparison.pixels import together
 from cldit.comparison.regions import positions_m
 from cldit.comparison.shape import shape_of
 from cldit.comparison.shared import unshared
@@ -177,8 +179,35 @@ def test_other_pixels_are_refused() -> None:
         with pytest.raises(EvaluationError, match=r"2 x 2 pixels over .* allowed: the same"):
             difference(one, other)
     coarse = shown(np.full((1, 1), 400.0), pixel_m=(2e-3, 4e-3))
-    with pytest.raises(EvaluationError, match="both were recorded: only a trace can"):
+    with pytest.raises(EvaluationError, match="the filter of a, the finer one, is unknown"):
         difference(one, coarse, resample=True)
+
+
+def test_a_finer_recording_is_averaged_in_radiance() -> None:
+    """Blocks of 2 x 2 pixels: half of the noise, all of a common error, the mean of e B(T_app)."""
+    filter_um = (3.3, 3.5)
+    curve = Curve(filter_um=filter_um)
+    warm: Any = np.kron(400.0 + 10.0 * np.arange(6.0).reshape(2, 3), np.ones((2, 2)))
+    warm[0, 0], warm[3, 5] = 470.0, np.nan
+    common = Part(name="common error 1", kelvin=0.3 + 0.0 * warm, emissivity=0.1 + 0.0 * warm)
+    error_K = np.where(np.isfinite(warm), 0.5, np.nan)
+    fine = shown(warm, error_map_K=error_K, common=(common,), filter_um=filter_um)
+    coarse = shown(np.full((2, 3), 400.0), pixel_m=(2e-3, 4e-3), error_map_K=np.ones((2, 3)))
+    for pair, name in (((fine, coarse), 0), ((coarse, fine), 1)):
+        *both, words = together(*pair, resample=True)
+        found = both[name]
+        assert words.startswith("a averaged onto 3 x 2 pixels")
+        kelvin = found.maps.apparent_temperature_K
+        first = curve.temperature(np.mean(curve.radiance(np.array([470.0, 400.0, 400.0, 400.0]))))
+        assert kelvin[0, 0] == pytest.approx(float(first), abs=1e-3)
+        assert kelvin.ravel()[1:5] == pytest.approx([410.0, 420.0, 430.0, 440.0], abs=1e-3)
+        assert kelvin[1, 2] == pytest.approx(450.0, abs=1e-3)  # of three quarters
+        assert found.error_map_K is not None
+        independent = 0.5**2 - 0.3**2
+        assert found.error_map_K[0, 1] == pytest.approx(np.sqrt(independent / 4.0 + 0.3**2))
+        assert found.common[0].kelvin[0, 1] == pytest.approx(0.3)
+        error = found.maps.emissivity_standard_error[0, 1]
+        assert error == pytest.approx(np.sqrt((0.5**2 - 0.1**2) / 4.0 + 0.1**2))
 
 
 def finer(run: Run) -> Run:
