@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
@@ -144,7 +144,7 @@ class Errors:
         return max(known, key=lambda cause: cause.error_K or 0.0, default=None)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, with the sum; `from_dict` reads it."""
+        """Plain data for JSON, with the sum."""
         return {
             "total_K": self.total_K,
             "at_least": bool(self.unknown),
@@ -152,14 +152,6 @@ class Errors:
             "model": [asdict(cause) for cause in self.model],
             "why": self.why,
         }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Errors:
-        """Reads the result of `to_dict` from run.json."""
-        causes, model = (
-            tuple(Cause(**cause) for cause in data.get(name, ())) for name in ("causes", "model")
-        )
-        return cls(causes, model, data.get("why", ""))
 
     @classmethod
     def of(cls, causes: Iterable[Cause], model: Iterable[Cause] = ()) -> Errors:

@@ -98,8 +98,8 @@ MUTATIONS = (
     # sprays: a moment, a mass that is lost, a force, a property, a look-up
     row("cldit/spray/sizes.py", "shapes = (p + 1 + orders) / n", "shapes = (p + orders) / n",
         "unit/spray/test_sizes.py", "unit/spray"),
-    row("cldit/spray/flow/gas.py", "self.fuel.reshape(-1)[cells] += part",
-        "self.fuel.reshape(-1)[cells] += 0 * part",
+    row("cldit/spray/flow/kernels.py", "fuel[k, j, i] += part * amounts[0, k, j, i]",
+        "fuel[k, j, i] += 0 * part * amounts[0, k, j, i]",
         "unit/spray/flow"),
     row("cldit/spray/flow/coupling.py", "cloud.droplets[:, None] * found.momentum_kg_m_s",
         "found.momentum_kg_m_s", "unit/spray/flow"),

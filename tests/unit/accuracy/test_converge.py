@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from cldit.accuracy import converge as converging
 from cldit.accuracy.allocation import Allocation
@@ -107,5 +108,5 @@ def test_no_error_is_stated_of_a_temperature_that_no_pixel_has(
     assert not run.maps.has_temperature.any()
     assert run.errors is not None and run.errors.total_K is None and not run.errors.causes
     assert re.search(f"not stated: no pixel has a T_app .*({why})", run.errors.text)
-    assert Errors.from_dict(run.errors.to_dict()) == run.errors
+    assert TypeAdapter(Errors).validate_python(run.errors.to_dict()) == run.errors
     assert run.error_maps == {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+from pydantic import TypeAdapter
 
 from cldit.accuracy.errors import Cause, Errors
 from cldit.accuracy.remarks import too_large
@@ -50,12 +51,12 @@ def test_json_gives_back_the_same() -> None:
     assert errors.total_K == 0.5  # the model's spread is beside it
     data = json.loads(json.dumps(errors.to_dict(), allow_nan=False))
     assert data["at_least"] is True
-    assert Errors.from_dict(data) == errors
+    assert TypeAdapter(Errors).validate_python(data) == errors
 
 
 def test_errors_of_runs_before_the_model_had_a_spread() -> None:
     data = {"causes": [{"name": "cells", "error_K": 0.5, "how": "coarser", "fixed": ""}]}
-    assert Errors.from_dict(data) == Errors.of([Cause("cells", 0.5, "coarser")])
+    assert TypeAdapter(Errors).validate_python(data) == Errors.of([Cause("cells", 0.5, "coarser")])
 
 
 def test_more_than_asked_says_what_and_how() -> None:
