@@ -22,9 +22,10 @@ def apart_K(one: Any, other: Any) -> float:
     return float(np.sqrt(np.nanmean((one - other) ** 2)))
 
 
-def test_seeds_of_gdi_flow_differ_by_3_kelvin_at_most(tmp_path: Path) -> None:
+def test_seeds_of_gdi_flow_differ_by_4_kelvin_at_most(tmp_path: Path) -> None:
     """RMS over the pixels that have a T_app, cells of 0.39 mm: 1.8 to 2.7 K were measured in 15
-    pairs; with the paper's 1e4 droplets a parcel it is 6 K.
+    pairs of independent plumes; with the paper's 1e4 droplets a parcel it is 6 K. Equal plumes are
+    copies now, so the two on a line of sight share their chance: sqrt(2) times that, 3.8 K.
 
     By SAMPLING times the difference of its halves a spray says what it errs by. The halves share
     one gas; of that alone the seeds differ by 1.4 K. Seeds said 0.7 to 1.2 times what six
@@ -47,6 +48,6 @@ def test_seeds_of_gdi_flow_differ_by_3_kelvin_at_most(tmp_path: Path) -> None:
         both = variants(spray, kernel=Kernel(), seed=1).halves
         stated_K.append(SAMPLING * apart_K(*(picture(scene, half) for half in both)))
     apart = [apart_K(one, other) for one, other in combinations(pictures, 2)]
-    assert max(apart) < 3.0
+    assert max(apart) < 3.8
     true_K = np.sqrt(np.mean(np.square(apart)) / 2)
     assert all(0.5 < one / true_K < 2.0 for one in stated_K), (stated_K, true_K)
