@@ -1,7 +1,7 @@
 """Figures of the docs, made anew: `python -m tests.docs_figures [NAME...]`, in docs/.
 
-Some 5 minutes of a core for all. `python -m tests.viewed` makes that of the viewer, and `cldit
-study` and `cldit bench` those of their pages.
+Some minutes of a core for all. `python -m tests.viewed` makes that of the viewer, `python -m
+tests.bench gallery` those of the gallery, and `cldit study` and `cldit bench` those of their pages.
 """
 
 from __future__ import annotations
@@ -83,7 +83,6 @@ MADE: dict[str, Callable[[Path], None]] = {
     "compare": _compare,
     "optics": lambda _: _cldit("optics", "gdi", "--out", DOCS / "optics-gdi.png"),
     "budget": _budget,
-    "gallery": lambda _: _cldit("gallery", "--pixels", "500", "--out", DOCS),
 }
 
 if __name__ == "__main__":
