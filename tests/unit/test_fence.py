@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2174,
     "scene": 2101,
     "show": 6598,
-    "spray": 7290,
+    "spray": 7295,
     "study": 3185,
     "testing": 1302,
     "transport": 7145,

@@ -44,7 +44,12 @@ def nozzle_flow(spec: ConeSpray) -> NozzleFlow:
     Cones that differ only in lattice and size classes share it. Raises SprayError if the pressure
     does not drive a flow, or if droplets are missing.
     """
-    return _nozzle_flow(spec.model_copy(update={"spacing_m": None, "size_classes": None}))
+    return _nozzle_flow(without_lattice(spec))
+
+
+def without_lattice(spec: ConeSpray) -> ConeSpray:
+    """The cone without its lattice and size classes."""
+    return spec.model_copy(update={"spacing_m": None, "size_classes": None})
 
 
 @lru_cache(maxsize=4)

@@ -16,7 +16,7 @@ from cldit.spray.cone.attraction import displaced_m
 from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
-from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
+from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, without_lattice
 
 SOFTNESS = 0.1  # half the width of the tip, and of the droplets' tail, over the travel time
 TRAILING = 0.9  # that of the gas's tail: the slow edge and the last, thin jet stay behind
@@ -105,7 +105,7 @@ def plumes_of(spec: ConeSpray) -> tuple[Plume, ...]:
 
     Cones that differ only in lattice and size classes share them.
     """
-    plumes = _plumes(spec.model_copy(update={"spacing_m": None, "size_classes": None}))
+    plumes = _plumes(without_lattice(spec))
     for plume in plumes:
         least, most = plume.box_m(spec.lattice_m)
         finest = float(np.prod(most - least) * len(plumes) / MOST_CELLS) ** (1 / 3)

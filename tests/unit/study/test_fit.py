@@ -20,35 +20,18 @@ from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.scene import Scene, load_scene
 from cldit.study.fit import Parameter, _Model, fit
-from tests.bench.fit_bias import CAMERA, biases, fitted
-
-_TRUE = {"spray.fuel_temperature_K": 370.0, "spray.injected_mass_kg": 20e-6}
-_VARY = ("spray.fuel_temperature_K=350:390", "spray.injected_mass_kg=15e-6:25e-6")
+from tests.bench.fit_bias import CAMERA, TRUE, VARY, biases, fitted, twin
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """Droplets on coarse cells, as in the truth: half a second a trace, without scatter."""
-    return load_scene("droplets-only").with_(
-        **{
-            "camera.pixels": [40, 40],
-            "camera.rays_per_pixel": 1,
-            "camera.sensor.pixels": [40, 40],
-            "camera.sensor.bad_pixels": 0,
-            "domain.leaf_edge_m": 4e-3,
-            "spray.spacing_m": 2e-3,
-            "spray.scatter.optical_depth": 0.0,
-            "transport.audit": False,
-            "transport.accuracy_K": 0.2,
-            "plan": {"shots": 8, "references": 8},
-            "background.temperatures_K": [413.0, 473.0, 533.0],
-        }
-    )
+    return twin().with_(**{"camera.rays_per_pixel": 1})
 
 
 def _start(scene: Scene) -> tuple[Scene, list[Parameter]]:
     start = scene.with_(**{"spray.fuel_temperature_K": 365.0, "spray.injected_mass_kg": 21e-6})
-    return start, [Parameter.parse(text, start) for text in _VARY]
+    return start, [Parameter.parse(text, start) for text in VARY]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +63,7 @@ def test_a_twin_is_found(
                    cache=tables, progress=said.append)  # fmt: skip
 
     found = again()
-    for one, true in zip(found.parameters, _TRUE.values(), strict=True):
+    for one, true in zip(found.parameters, TRUE.values(), strict=True):
         assert abs(one.value - true) < 4.0 * one.error, one
         assert one.determined and one.open == (False, False)
         low, high = one.interval
@@ -184,7 +167,7 @@ def test_intervals_of_twenty_twins_hold_the_truth(
         )
         found = fit(truth, start, vary, tmp_path / "fit", acquired=True, device=device,
                     cache=tables)  # fmt: skip
-        for number, (one, true) in enumerate(zip(found.parameters, _TRUE.values(), strict=True)):
+        for number, (one, true) in enumerate(zip(found.parameters, TRUE.values(), strict=True)):
             held[number] += one.interval[0] <= true <= one.interval[1]
     assert np.all((held >= 11) & (held <= 19)), held
 
