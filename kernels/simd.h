@@ -35,6 +35,19 @@ typedef int lane_int;
 #define LANE_I(v, lane) (((lane_int *)&(v))[lane])
 
 INLINE lane_t lower(lane_t a, lane_t b) { return a < b ? a : b; }
+INLINE lane_t higher(lane_t a, lane_t b) { return a > b ? a : b; }
+INLINE lane_t size_of_lanes(lane_t x) { return x < R(0) ? -x : x; }
+
+/* Neighbouring numbers in memory as lanes, and lanes that are all the same. */
+#if SIMD_WIDTH == 8
+#define READ(p) vload8(0, p)
+#define WRITE(v, p) vstore8(v, 0, p)
+#define FILLED(x) ((lane_t)(x))
+#else
+#define READ(p) (*(p))
+#define WRITE(v, p) (*(p) = (v))
+#define FILLED(x) (x)
+#endif
 
 /* Whether a mask is set in any lane; and a table's entry for each lane. */
 #if SIMD_WIDTH == 8

@@ -26,6 +26,24 @@ _OLD_POCL = (
 
 
 @dataclass(frozen=True)
+class Launch:
+    """A kernel with its arguments, queued by each call; it belongs to the thread that made it."""
+
+    queue: Any
+    kernel: Any
+    signature: Signature
+    size: tuple[int, ...]
+    group: tuple[int, ...] | None
+
+    def __call__(self, **changed: Any) -> None:
+        """Queues the kernel, with new values of those arguments that it has."""
+        for number, argument in enumerate(self.signature.arguments):
+            if argument.name in changed:
+                self.kernel.set_arg(number, argument.value(changed[argument.name]))
+        cl.enqueue_nd_range_kernel(self.queue, self.kernel, self.size, self.group)
+
+
+@dataclass(frozen=True)
 class Program:
     """A built program.
 
@@ -94,6 +112,26 @@ class Program:
         for size, value in zip(sizes, values, strict=True):
             made.set_arg(number, takes(value))
             cl.enqueue_nd_range_kernel(queue, made, (size,), (group,))
+
+    def takes(self, kernel: str) -> tuple[str, ...]:
+        """Names of a kernel's arguments in order."""
+        return tuple(argument.name for argument in self._kernel(kernel)[1].arguments)
+
+    def bind(
+        self,
+        kernel: str,
+        size: tuple[int, ...],
+        group: tuple[int, ...] | None,
+        arguments: Mapping[str, Any],
+    ) -> "Launch":
+        """A launch that is repeated, with its arguments set once; see `launch`."""
+        signature = self._kernel(kernel)[1]
+        own = cl.Kernel(self.built.program, kernel)
+        own.set_args(*signature.values(arguments))
+        whole = size
+        if group is not None:
+            whole = tuple(-(-items // each) * each for items, each in zip(size, group, strict=True))
+        return Launch(self.device.queue, own, signature, whole, group)
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
         """The kernel object of this thread (arguments stay set in it), and its signature."""

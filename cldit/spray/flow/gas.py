@@ -1,10 +1,14 @@
 """Gas at low Mach number on the grid of rays, with one pressure.
 
-Mass, fuel, enthalpy and momentum have conservation form (`advection`). One projection per step
-corrects the mass fluxes of the faces such that every cell keeps the common pressure: their
-divergence is that of the last step, plus the contributions of the droplets and of the remaining
-error. The operator is separable, and is solved directly. Kinetic energy and molecular diffusion
-are neglected (Mach number below 0.3; eddies mix much faster).
+Mass, fuel, enthalpy and momentum have conservation form. One projection per step corrects the mass
+fluxes of the faces such that every cell keeps the common pressure: their divergence is that of the
+last step, plus the contributions of the droplets and of the remaining error. The operator is
+separable, and is solved directly. Kinetic energy and molecular diffusion are neglected (Mach number
+below 0.3; eddies mix much faster).
+
+A step is a fixed list of kernels without a read by the host. Transport is explicit and of third
+order up to a CFL number, and implicit beyond (kernels/gas_transport.cl, gas_mixing.cl), so that the
+step does not depend on the small cells near the tip.
 
 Eddies have Prandtl's mixing length, a property of the jets and not of the grid, so that a finer
 grid resolves the same flow: l = c x at the distance x from the injector, with which a jet spreads
@@ -18,242 +22,224 @@ The domain is closed, and its pressure follows from its energy.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
-from cldit.spray.flow import advection, kernels
+from cldit.gpu.buffers import download
+from cldit.gpu.device import Device
+from cldit.gpu.program import Launch
 from cldit.spray.flow.mixture import GasMixture
 from cldit.spray.flow.projection import Projection
+from cldit.spray.flow.ray_fields import Mixing, RayFields
 from cldit.spray.flow.rays import RayGrid
 
 HALF_WIDTH = 0.085  # of a free jet, over the distance
 MIXING_LENGTH = (HALF_WIDTH / 1.24) ** 1.5  # of the distance from the injector
 TURBULENT_SCHMIDT = 0.7  # and Prandtl number, of a round jet
-CFL = 0.5  # along the rays, which sets the step
 MOST_EXPLICIT = 0.7  # CFL number of explicit fluxes, summed over the axes; they are stable below 1
-EDDY_STEPS = 4  # between two computations of the shear
-_FIRST_STEP_S = 1e-7
+ALONG_EXPLICIT = 0.5  # the same along the rays
+DIFFUSED_EXPLICIT = 0.125  # share of a cell's mass that explicit diffusion exchanges at a face
 _FASTEST_M_S = 1e3  # no spray has gas faster than its liquid
-_NOTHING = 1e-18  # of the largest source: less than the rounding of their sum
-_RISE = 1.3  # of the step, at most: sources accelerate the gas within one
-
-
-@dataclass(frozen=True)
-class _Sources:
-    """Sources per volume, of the grid's shape: mass, enthalpy, momentum (5, ...); and what they add
-    to the pressure of a cell, over the pressure."""
-
-    amounts: Floats
-    rise: Floats
 
 
 class GasFlow:
-    """State of the gas, which `step` advances.
+    """State of the gas on a device, which `step` advances.
 
-    Attributes are arrays of the grid's shape: density, fuel (vapour) kg/m3, enthalpy J/m3 on the
-    zero of the mixture, temperature_K; velocity (3, ...) in the grid's frame; flux (3, ...) kg/s
-    through the lower faces; eddy, the turbulent viscosity in m2/s. pressure_Pa is one number.
-    pushed_N_s: momentum (3,) that the walls have given to the gas, in the grid's frame.
+    Attributes are buffers: density, fuel (vapour) kg/m3, enthalpy J/m3 on the zero of the mixture,
+    temperature K; velocity (3 planes) in the grid's frame; eddy, the turbulent viscosity in m2/s;
+    amounts (5 planes), the sources of a step per volume: mass, enthalpy, momentum. `read` copies.
     """
 
     def __init__(
-        self, grid: RayGrid, mixture: GasMixture, *, pressure_Pa: float, temperature_K: float
+        self,
+        grid: RayGrid,
+        mixture: GasMixture,
+        *,
+        pressure_Pa: float,
+        temperature_K: float,
+        device: Device,
+        mixing_length: float = MIXING_LENGTH,
     ) -> None:
-        shape = grid.shape
-        self.grid, self.mixture, self.pressure_Pa = grid, mixture, pressure_Pa
-        density = pressure_Pa / (mixture.carrier_J_kg_K * temperature_K)
-        self.far_density_kg_m3 = density
-        self.density, self.fuel = np.full(shape, density), np.zeros(shape)
-        self.temperature_K = np.full(shape, temperature_K)
-        start = mixture.enthalpy_J_kg(np.zeros(1), np.array([temperature_K]))
-        self.enthalpy = np.full(shape, density * start[0])
-        self.velocity, self.flux = np.zeros((3, *shape)), np.zeros((3, *shape))
-        self.eddy, self.pushed_N_s = np.zeros(shape), np.zeros(3)
-        self._mixing_m2 = (MIXING_LENGTH * grid.middle[2]) ** 2
-        self._kept, self._amiss = np.zeros(shape), np.zeros(shape)
-        self.solve = Projection(grid)
-        self._share, self._explicit = np.zeros(shape), np.zeros((2, *shape))
-        self._length = grid.strip_m2 / grid.middle[2]
-        self._square = grid.radius_m**2
-        self._steps, self._last_s = 0, _FIRST_STEP_S
+        self.grid, self.mixture, self.device = grid, mixture, device
+        self.fields = fields = RayFields(grid, device)
+        self.far_density_kg_m3 = pressure_Pa / (mixture.carrier_J_kg_K * temperature_K)
+        start = float(mixture.enthalpy_J_kg(np.zeros(1), np.array([temperature_K]))[0])
+        density = self.far_density_kg_m3
+        self.density = fields.plane("density", value=density)
+        self.fuel = fields.plane("fuel")
+        self.enthalpy = fields.plane("enthalpy", value=density * start)
+        self.temperature = fields.plane("temperature", value=temperature_K)
+        self.velocity = fields.plane("velocity", 3)
+        self.eddy, self.amounts = fields.plane("eddy"), fields.plane("amounts", 5)
+        self._solve, self._mixing = Projection(fields), Mixing(fields)
+        self.sums = fields.table("sums", np.array([pressure_Pa, pressure_Pa, 0.0, 0.0]))
+        self._known = self._tables(mixing_length) | {
+            "density": self.density,
+            "fuel": self.fuel,
+            "enthalpy": self.enthalpy,
+            "temperature": self.temperature,
+            "velocity": self.velocity,
+            "amounts": self.amounts,
+            "eddy": self.eddy,
+            "common": self.sums,
+            "sums": self.sums,
+            "far_density": density,
+            "step": 1.0,
+            "part": 1.0,
+            "azimuths": grid.shape[0],
+            "periodic": int(grid.ring),
+            "cells": fields.cells,
+        }
+        planes = {"flux": 3, "force": 3, "share": 2, "explicit_flux": 3, "rest": 3}
+        planes |= {"diffusion": 2, "fluxes": 9, "values": 2}
+        planes |= dict.fromkeys(("exchange", "mass", "carried", "after", "kept", "amiss"), 1)
+        planes |= dict.fromkeys(("rise", "potential", "own"), 1)
+        self._known |= {name: fields.plane(name, count) for name, count in planes.items()}
+        self._source_pressure = self._bind("sources", "source_pressure")
+        self._steps = self._launches()
+
+    def _tables(self, mixing_length: float) -> dict[str, Any]:
+        """Tables of the geometry and of the mixture, by the names of kernels' arguments."""
+        grid, fields, gas = self.grid, self.fields, self.mixture
+        radii, radius = grid.shape[2], grid.radius_m
+        shell = np.diff(radius**3) / 3
+        ratio = np.concatenate([[1.0], shell[1:] / shell[:-1]])
+        place = np.arange(radii)
+        around, downward, outward = grid.areas
+        gases = [[gas.reference_K, gas.carrier_J_kg_K, gas.vapour_J_kg_K], gas.carrier, gas.vapour]
+        tables = {
+            "angle": grid.angle,
+            "around": around,
+            "downward": downward,
+            "outward": outward,
+            "conductance_around": grid.conductance[0],
+            "conductance_down": grid.conductance[1],
+            "mixture": np.concatenate(gases),
+        }
+        rows = {
+            "strip": grid.strip_m2,
+            "square": radius**2,
+            "length": grid.strip_m2 / grid.middle[2],
+            "conductance": grid.conductance[2],
+            "open_below": place > 0,
+            "open_second": place > 1,
+            "open_above": place + 1 < radii,
+            "inside": place >= 0,
+            "mixing_length": (mixing_length * grid.middle[2]) ** 2,
+        }
+        ones = {"shell": shell, "shell_ratio": ratio}
+        return (
+            {name: fields.table(name, table) for name, table in tables.items()}
+            | {name: fields.row(name, row) for name, row in rows.items()}
+            | {name: fields.row(name, row, padded=1.0) for name, row in ones.items()}
+        )
+
+    def _bind(self, name: str, kernel: str, **others: Any) -> Launch:
+        return self.fields.bind(f"gas_{name}.cl", kernel, self._known, **others)
+
+    def _launches(self) -> list[Launch]:
+        """Kernels of a step in order."""
+        known, whole = self._known, float(self.grid.volume_m3.sum())
+        potential = known["potential"]
+        return [
+            self._bind("sources", "receive"),
+            self._bind("eddies", "eddies"),
+            *self._transport(self.velocity, 3, after=known["carried"], mixing=1.0, bounded=0),
+            self._bind("projection", "mass_fluxes", mass=known["carried"]),
+            self._bind("projection", "imbalance"),
+            self._add_up(potential, 2, 1.0),
+            self._bind("projection", "balance", whole=whole),
+            *self._solve.launches(potential),
+            self._bind("projection", "correct"),
+            self._bind("state", "per_mass"),
+            *self._transport(
+                known["values"],
+                2,
+                after=known["after"],
+                mixing=1 / TURBULENT_SCHMIDT,
+                bounded=1,
+            ),
+            self._bind("state", "finish"),
+            self._add_up(known["own"], 0, 1.0 / whole),
+            self._bind("state", "compress"),
+        ]
+
+    def _transport(
+        self, values: Any, kinds: int, *, after: Any, mixing: float, bounded: int
+    ) -> list[Launch]:
+        """Kernels that carry fields per mass in a step; `after` becomes the mass of the cells."""
+        known = self._known
+        given = {"values": values, "kinds": kinds, "after": after, "bounded": bounded}
+        given |= {"mixing": mixing, "most_diffused": DIFFUSED_EXPLICIT}
+        given |= {"limit": MOST_EXPLICIT, "limit_along": ALONG_EXPLICIT}
+        each_cell, each_field = ("shares", "divide", "settle_mass"), ("face_fluxes", "settle")
+        by_name = {
+            kernel: self._bind("transport", kernel, **(given | {"kinds": 1}))
+            for kernel in each_cell
+        }
+        by_name |= {kernel: self._bind("transport", kernel, **given) for kernel in each_field}
+        order = ("shares", "divide", "face_fluxes", "settle_mass", "settle")
+        exchange, rest = known["exchange"], known["rest"]
+        return [
+            *(by_name[kernel] for kernel in order),
+            *self._mixing.launches(
+                values, kinds, mass=after, flux=rest, exchange=exchange, factor=mixing
+            ),
+            self._mixing.along(
+                values, kinds, mass=after, flux=rest, diffusions=known["diffusion"]
+            ),
+        ]
+
+    def _add_up(self, plane: Any, place: int, scale: float) -> Launch:
+        azimuths, polars, radii = self.grid.shape
+        size = {"rays": azimuths * polars, "radii": radii, "stride": self.fields.stride}
+        arguments = {"plane": plane, "sums": self.sums, "place": place, "scale": scale, **size}
+        return self.fields.program("gas_state.cl").bind("add_up", (64,), (64,), arguments)
 
     @property
-    def share(self) -> Floats:
-        """Mass fraction of fuel vapour."""
-        return np.asarray(self.fuel / self.density)
+    def pressure_Pa(self) -> float:
+        """The common pressure."""
+        return float(download(self.device, self.sums, np.empty(4, self.fields.real))[0])
+
+    def read(self, name: str) -> Floats:
+        """A field, (A, P, R), or (3, A, P, R) of a vector; `share` is the vapour's, by mass."""
+        if name == "share":
+            return np.asarray(self.read("fuel") / self.read("density"))
+        if name in ("velocity", "force"):
+            return np.stack([self.fields.read(self._known[name], axis) for axis in range(3)])
+        return self.fields.read(self._known[name])
+
+    def write(self, name: str, values: Floats, plane: int = 0) -> None:
+        """Sets a field, or one of its planes, to values (A, P, R)."""
+        self.fields.write(self._known[name], values, plane)
 
     @property
     def fuel_kg(self) -> float:
         """Mass of all vapour, with the copies of the cells."""
-        return float(np.sum(self.fuel * self.grid.volume_m3) * self.grid.copies)
+        return float(np.sum(self.read("fuel") * self.grid.volume_m3) * self.grid.copies)
 
-    def proceed(self, time_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
-        """Advances the gas by a time in steps of its own, with sources that are even in it.
+    def step(self, time_s: float, *, steps: int = 1) -> None:
+        """Advances the gas by a time, with the sources of the whole time in `amounts`."""
+        self._source_pressure()
+        for _ in range(steps):
+            for launch in self._steps:
+                launch(step=time_s / steps, part=1.0 / steps)
 
-        The sources are those of the whole time, as for `step`.
-        """
-        sources, left = self._sources(mass, enthalpy, momentum), time_s
-        while left > 1e-9 * time_s:
-            top = kernels.renewal(self.flux, self.density * self.grid.volume_m3)
-            free = min(CFL / top if top > 0 else np.inf, _RISE * self._last_s)
-            self._last_s = left / math.ceil(left / free)
-            self._step(self._last_s, sources, self._last_s / time_s)
-            left -= self._last_s
-        fastest = float(np.abs(self.velocity).max())
-        if not fastest < _FASTEST_M_S:
-            raise SprayError(
-                f"the gas flow of the spray is unstable: a speed of {fastest:g} m/s; a finer "
-                "spray.box.spacing_m may help"
-            )
-
-    def step(self, step_s: float, *, mass: Floats, enthalpy: Floats, momentum: Floats) -> None:
-        """Advances the gas by a step, with the sources of the droplets in it.
-
-        Args:
-            step_s: length of the step.
-            mass: of fuel vapour [kg/m3], of the grid's shape.
-            enthalpy: on the mixture's zero [J/m3].
-            momentum: (3, ...) in the grid's frame [kg/(s m2)].
-
-        Raises:
-            SprayError: the gas is in an impossible state; the flow cannot be computed.
-        """
-        self._step(step_s, self._sources(mass, enthalpy, momentum), 1.0)
-
-    def _sources(self, mass: Floats, enthalpy: Floats, momentum: Floats) -> _Sources:
-        """Sources with their pressure, which is linear in small parts of them."""
-        amounts, rise = np.concatenate([mass[None], enthalpy[None], momentum]), np.zeros(mass.size)
-        size = np.abs(amounts[:2]).reshape(2, -1)
-        some = size > _NOTHING * size.max(axis=1, keepdims=True)
-        cells = np.flatnonzero(some.any(axis=0))
-        state = (self.density + mass, self.fuel + mass, self.enthalpy + enthalpy)
-        density, fuel, heat = (each.reshape(-1)[cells] for each in state)
-        guess_K = self.temperature_K.reshape(-1)[cells]
-        _, pressure = self._equilibrium(density, fuel, heat, guess_K)
-        rise[cells] = pressure / self.pressure_Pa - 1 - self._amiss.reshape(-1)[cells]
-        return _Sources(amounts, rise.reshape(mass.shape))
-
-    def _step(self, step_s: float, sources: _Sources, part: float) -> None:
-        grid = self.grid
-        volume = grid.volume_m3
-        kernels.receive(
-            sources.amounts, part, self.density, self.fuel, self.enthalpy, self.velocity
-        )
-        self._amiss += part * sources.rise
-        self._eddies()
-        viscosity = self.eddy * self.density
-
-        weight = self.density * volume
-        self.velocity = self._transported(self.velocity, weight, viscosity, step_s, bounded=False)
-        moving = self.velocity * (weight / volume)
-        kernels.fluxes(moving, grid.areas, grid.strip_m2, self._square, self.flux)
-        wanted = self._kept + self.density * self._amiss / step_s
-        force = self._project((wanted - np.average(wanted, weights=volume)) * volume)
-        self.pushed_N_s += force.sum(axis=(1, 2, 3))
-
-        exchange = viscosity / TURBULENT_SCHMIDT
-        weight = self.density * volume
-        fields = np.stack([self.fuel / self.density, self.enthalpy / self.density])
-        fields = self._transported(fields, weight, exchange, step_s, bounded=True)
-        kernels.finish(weight, volume, fields, force, self.density, moving)
-        (self.fuel, self.enthalpy), self.velocity = fields, moving
-        self.temperature_K, after = self._equilibrium(
-            self.density, self.fuel, self.enthalpy, self.temperature_K
-        )
-        mean = float(np.average(after, weights=volume))
-        self.enthalpy += mean - self.pressure_Pa  # compression, which conserves energy
-        self.pressure_Pa = mean
-        # Error of the divergence.
-        self._amiss = after / mean - 1
-        self._kept += self.density * self._amiss / step_s
-
-    def _eddies(self) -> None:
-        self._steps += 1
-        if self._steps % EDDY_STEPS != 1:
+    def check(self) -> None:
+        """Raises SprayError if the gas is in an impossible state; reads from the device."""
+        lowest, warm = float(self.read("density").min()), self.read("temperature")
+        fastest = float(np.abs(self.read("velocity")).max())
+        if not lowest > 0:
+            what = "a cell has lost its gas"
+        elif not 100 < warm.min() <= warm.max() < 1500:
+            what = f"temperatures from {warm.min():g} to {warm.max():g} K"
+        elif not fastest < _FASTEST_M_S:
+            what = f"a speed of {fastest:g} m/s"
+        else:
             return
-        grid = self.grid
-        kernels.shear(
-            self.velocity, grid.areas, grid.strip_m2, self._square, grid.volume_m3, self.eddy
+        raise SprayError(
+            f"the gas flow of the spray is unstable: {what}; a finer spray.box.spacing_m may help"
         )
-        self.eddy *= self._mixing_m2 * (self.far_density_kg_m3 / self.density) ** 1.5
-
-    def _transported(
-        self,
-        fields: Floats,
-        weight: Floats,
-        exchange: Floats,
-        step_s: float,
-        *,
-        bounded: bool,
-    ) -> Floats:
-        """Fields per mass (S, A, P, R) after advection and diffusion by the fluxes in a step.
-
-        `weight`, the mass of the cells, becomes that after the step.
-        """
-        grid, explicit, amounts = self.grid, self._explicit, fields * weight
-        advection.split(self.flux, weight, step_s, MOST_EXPLICIT, self._share, explicit)
-        for field, amount in zip(fields, amounts, strict=True):
-            advection.carry(
-                field,
-                explicit[0],
-                explicit[1],
-                self.flux[2],
-                weight,
-                exchange,
-                grid.angle,
-                grid.conductance[2],
-                step_s,
-                bounded,
-                amount,
-            )
-        advection.settle(amounts, weight, explicit, self.flux, step_s)
-        around, down, _ = grid.conductance
-        advection.mix(amounts, weight, explicit[1], exchange, down, self._length, step_s, False)
-        if weight.shape[0] > 1:
-            advection.mix(
-                amounts, weight, explicit[0], exchange, around, self._length, step_s, True
-            )
-        return amounts
-
-    def _equilibrium(
-        self, density: Floats, fuel: Floats, enthalpy: Floats, guess_K: Floats
-    ) -> tuple[Floats, Floats]:
-        """Temperature and pressure of single cells, any shape."""
-        if not density.min(initial=1.0) > 0:
-            raise SprayError(
-                "the gas flow of the spray is unstable: a cell has lost its gas; a finer "
-                "spray.box.spacing_m may help"
-            )
-        found = self.mixture.temperature_K(fuel / density, enthalpy / density, guess_K)
-        low, high = float(found.min(initial=300.0)), float(found.max(initial=300.0))
-        if not 100 < low <= high < 1500:
-            raise SprayError(
-                f"the gas flow of the spray is unstable: temperatures from {low:g} to {high:g} K; "
-                "a finer spray.box.spacing_m may help"
-            )
-        return found, self.mixture.pressure_Pa(density=density, fuel=fuel, temperature_K=found)
-
-    def _project(self, wanted: Floats) -> Floats:
-        """Gives the mass fluxes the wanted outflow [kg/s]; returns the force on each cell [N s]."""
-        grid = self.grid
-        amiss = np.empty(grid.shape)
-        kernels.outflow(self.flux[0], self.flux[1], self.flux[2], amiss)
-        amiss -= wanted
-        potential = self.solve(amiss)
-        force = np.empty((3, *grid.shape))
-        kernels.correct(
-            potential,
-            grid.areas,
-            grid.conductance,
-            grid.angle,
-            grid.strip_m2,
-            self._length,
-            self._square,
-            self.flux,
-            force,
-        )
-        return force

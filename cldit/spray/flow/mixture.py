@@ -9,11 +9,11 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
-from cldit.spray.numba_typing import compiled
 
 _LOW_K, _HIGH_K = 150.0, 1200.0
 _DEGREE = 7  # of the enthalpies: within 75 J/kg of the tables from 200 to 1200 K
 _SCALE_K = 1000.0
+_NEWTON_STEPS = 6  # quadratic convergence from anywhere in the range
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,14 @@ class GasMixture:
 
     def temperature_K(self, share: Floats, enthalpy_J_kg: Floats, guess_K: Floats) -> Floats:
         """Inverse of `enthalpy_J_kg`, any shape, by Newton's method from `guess_K`."""
-        return _temperature(
-            share, enthalpy_J_kg, guess_K, self.carrier, self.vapour, self.reference_K
-        )
+        x = (np.asarray(guess_K) - self.reference_K) / _SCALE_K
+        for _ in range(_NEWTON_STEPS):
+            value, slope = np.zeros_like(x), np.zeros_like(x)
+            for power in range(_DEGREE - 1, -1, -1):
+                c = (1 - share) * self.carrier[power] + share * self.vapour[power]
+                slope, value = slope * x + c * (power + 1), value * x + c
+            x = x - (value * x - enthalpy_J_kg) / slope
+        return np.asarray(self.reference_K + _SCALE_K * x)
 
 
 def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
@@ -68,46 +73,3 @@ def gas_mixture(fuel: Fuel, carrier: Gas, *, reference_K: float) -> GasMixture:
         vapour_J_kg_K=GAS_CONSTANT_J_mol_K / fuel.molar_mass_kg_mol,
         zero_J_kg=float(fuel.vapour.one("enthalpy", reference_K)),
     )
-
-
-@compiled
-def _newton(
-    share: Floats,
-    enthalpy: Floats,
-    guess: Floats,
-    carrier: Floats,
-    vapour: Floats,
-    reference: float,
-    result: Floats,
-) -> None:
-    degree = carrier.shape[0]
-    for n in range(result.shape[0]):
-        x = (guess[n] - reference) / 1000.0
-        y = share[n]
-        for _ in range(20):
-            value = 0.0
-            slope = 0.0
-            for d in range(degree - 1, -1, -1):
-                c = (1.0 - y) * carrier[d] + y * vapour[d]
-                slope = slope * x + c * (d + 1)
-                value = value * x + c
-            value *= x
-            change = (value - enthalpy[n]) / slope
-            x -= change
-            if abs(change) < 1e-5:  # quadratic convergence: the error is now below 1e-7 K
-                break
-        result[n] = reference + 1000.0 * x
-
-
-def _temperature(
-    share: Floats,
-    enthalpy: Floats,
-    guess: Floats,
-    carrier: Floats,
-    vapour: Floats,
-    reference: float,
-) -> Floats:
-    result = np.empty_like(share)
-    flat = [np.ascontiguousarray(each).reshape(-1) for each in (share, enthalpy, guess)]
-    _newton(flat[0], flat[1], flat[2], carrier, vapour, reference, result.reshape(-1))
-    return result

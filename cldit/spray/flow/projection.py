@@ -6,57 +6,124 @@ angle separate it into one tridiagonal system along the radius for each pair of 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import eigh
 
 from cldit.arrays import Floats
+from cldit.gpu.program import Launch
+from cldit.spray.flow.ray_fields import RayFields
 from cldit.spray.flow.rays import RayGrid
-from cldit.spray.numba_typing import compiled
+
+_ROWS = 4  # of a product that a work-item makes, kernels/gas_projection.cl
 
 
 class Projection:
     """Solver of div(grad(potential)) = amiss, in flux form, for a grid."""
 
-    def __init__(self, grid: RayGrid) -> None:
-        na, nt, nr = grid.shape
-        azimuth, polar, radius = grid.middle
-        wide, high = np.diff(grid.azimuth), -np.diff(np.cos(grid.polar))
-        around = np.zeros(na + 1)
-        around[1:-1] = 1 / np.diff(azimuth)
-        down = np.zeros(nt + 1)
-        down[1:-1] = np.sin(grid.polar[1:-1]) / np.diff(polar)
-        outward = np.zeros(nr + 1)
-        outward[1:-1] = grid.radius_m[1:-1] ** 2 / np.diff(radius)
-        side = np.diff(grid.polar) / np.sin(polar)
-        turn, self._around = eigh(_second(around), np.diag(wide))
-        self._down = np.empty((na, nt, nt))
-        self._upper, self._pivot = np.empty((na, nt, nr)), np.empty((na, nt, nr))
-        length = grid.strip_m2 / radius
-        for k in range(na):
-            lean, self._down[k] = eigh(_second(down) + turn[k] * np.diag(side), np.diag(high))
-            if k == 0:
-                lean[0] = 0.0
-            for j in range(nt):
-                self._factor(outward, lean[j] * length, k, j)
-        self._lower = -outward[:-1]
-        self._shape = grid.shape
+    def __init__(self, fields: RayFields) -> None:
+        self._fields, self._program = fields, fields.program("gas_projection.cl")
+        factors = factored(fields.grid)
+        matrices = {
+            "into azimuth": factors.around.T,
+            "from azimuth": factors.around,
+            "into polar": factors.down.transpose(0, 2, 1),
+            "from polar": factors.down,
+        }
+        self._matrices = {name: fields.table(name, each) for name, each in matrices.items()}
+        self._lower = fields.row("lower", factors.lower)
+        self._upper, self._pivot = fields.plane("upper"), fields.plane("pivot")
+        fields.write(self._upper, factors.upper)
+        fields.write(self._pivot, factors.pivot)
+        self._modes = fields.plane("modes")
 
-    def _factor(self, outward: Floats, diagonal: Floats, k: int, j: int) -> None:
-        whole = outward[:-1] + outward[1:] + diagonal
-        if k == 0 and j == 0:
-            whole[0] *= 2.0  # fixes the constant, which has no gradient
-        _thomas(outward, whole, self._upper[k, j], self._pivot[k, j])
+    def launches(self, amiss: Any) -> list[Launch]:
+        """Kernels that replace a plane of minus the outflow that is amiss by the potential."""
+        modes = self._modes
+        azimuths, polars, radii = self._fields.grid.shape
+        along = {
+            "modes": amiss,
+            "lower": self._lower,
+            "upper": self._upper,
+            "pivot": self._pivot,
+            "radii": radii,
+            "stride": self._fields.stride,
+        }
+        return [
+            self._product("into azimuth", amiss, modes),
+            self._product("into polar", modes, amiss),
+            self._program.bind("solve_along", (azimuths * polars,), None, along),
+            self._product("from polar", amiss, modes),
+            self._product("from azimuth", modes, amiss),
+        ]
 
-    def __call__(self, amiss: Floats) -> Floats:
-        one, other = np.negative(amiss), np.empty(self._shape)
-        flat = (1, self._shape[0], self._shape[1] * self._shape[2])
-        around = self._around[None]
-        _turned(around.transpose(0, 2, 1).copy(), one.reshape(flat), other.reshape(flat))
-        _turned(self._down.transpose(0, 2, 1).copy(), other, one)
-        _back(self._lower, self._upper, self._pivot, one)
-        _turned(self._down, one, other)
-        _turned(around, other.reshape(flat), one.reshape(flat))
-        return one
+    def _product(self, name: str, values: Any, products: Any) -> Launch:
+        """Product of the matrices of this name and a plane."""
+        f = self._fields
+        azimuths, polars, _ = f.grid.shape
+        layer = polars * f.stride
+        azimuth = name.endswith("azimuth")
+        count, columns = (azimuths, layer) if azimuth else (polars, f.stride)
+        arguments = {
+            "matrices": self._matrices[name],
+            "values": values,
+            "products": products,
+            "count": count,
+            "jump": columns,
+            "batch_jump": layer,
+            "matrix_jump": count * count,
+        }
+        size = (columns // f.simd_width, -(-count // _ROWS), 1 if azimuth else azimuths)
+        return self._program.bind("transform", size, None, arguments)
+
+
+class Factors:
+    """Eigenvectors, and factored systems along the radius.
+
+    around: (A, A); down: (A, P, P); lower: (R,); upper, pivot: (A, P, R).
+    """
+
+    def __init__(self, around: Floats, down: Floats, lower: Floats, shape: tuple[int, ...]) -> None:
+        self.around, self.down, self.lower = around, down, lower
+        self.upper, self.pivot = np.empty(shape), np.empty(shape)
+
+
+def factored(grid: RayGrid) -> Factors:
+    """Factors of the operator of a grid."""
+    na, nt, nr = grid.shape
+    azimuth, polar, radius = grid.middle
+    wide, high = np.diff(grid.azimuth), -np.diff(np.cos(grid.polar))
+    around = np.zeros(na + 1)
+    around[1:-1] = 1 / np.diff(azimuth)
+    matrix = _second(around)
+    if grid.ring:
+        closing = 1 / (azimuth[0] - (azimuth[-1] - 2 * np.pi))
+        matrix[0, 0] += closing
+        matrix[-1, -1] += closing
+        matrix[0, -1] -= closing
+        matrix[-1, 0] -= closing
+    down = np.zeros(nt + 1)
+    down[1:-1] = np.sin(grid.polar[1:-1]) / np.diff(polar)
+    outward = np.zeros(nr + 1)
+    outward[1:-1] = grid.radius_m[1:-1] ** 2 / np.diff(radius)
+    side = np.diff(grid.polar) / np.sin(polar)
+    turn, vectors = eigh(matrix, np.diag(wide))
+    factors = Factors(vectors, np.empty((na, nt, nt)), -outward[:-1], grid.shape)
+    length = grid.strip_m2 / radius
+    lean = np.empty((na, nt))
+    for k in range(na):
+        operator = _second(down) + turn[k] * np.diag(side)
+        lean[k], factors.down[k] = eigh(operator, np.diag(high))
+    lean[0, 0] = 0.0
+    diagonal = outward[:-1] + outward[1:] + lean[:, :, None] * length
+    diagonal[0, 0, 0] *= 2.0  # fixes the constant, which has no gradient
+    before = np.zeros((na, nt))
+    for i in range(nr):
+        factors.pivot[:, :, i] = 1.0 / (diagonal[:, :, i] + outward[i] * before)
+        before = -outward[i + 1] * factors.pivot[:, :, i]
+        factors.upper[:, :, i] = before
+    return factors
 
 
 def _second(faces: Floats) -> Floats:
@@ -65,61 +132,3 @@ def _second(faces: Floats) -> Floats:
     if len(faces) > 2:
         matrix -= np.diag(faces[1:-1], 1) + np.diag(faces[1:-1], -1)
     return np.asarray(matrix)
-
-
-@compiled
-def _turned(matrices: Floats, values: Floats, result: Floats) -> None:
-    """Products of matrices (K, N, N) and values (K, N, R).
-
-    Those of a library for linear algebra have threads that wait for each other by spinning. Two
-    rows of the result are made from four of the values at a time, which takes the fewest reads.
-    """
-    kinds, count, length = values.shape
-    for k in range(kinds):
-        for n in range(0, count, 2):
-            one, other = result[k, n], result[k, min(n + 1, count - 1)]
-            left, right = matrices[k, n], matrices[k, min(n + 1, count - 1)]
-            one[:] = 0.0
-            other[:] = 0.0
-            for m in range(0, count - 3, 4):
-                a, b, c, d = left[m], left[m + 1], left[m + 2], left[m + 3]
-                e, f, g, h = right[m], right[m + 1], right[m + 2], right[m + 3]
-                p, q = values[k, m], values[k, m + 1]
-                r, s = values[k, m + 2], values[k, m + 3]
-                for i in range(length):
-                    w, x, y, z = p[i], q[i], r[i], s[i]
-                    # Both before either is written: the last row may be both.
-                    u = one[i] + a * w + b * x + c * y + d * z
-                    v = other[i] + e * w + f * x + g * y + h * z
-                    one[i] = u
-                    other[i] = v
-            for m in range(count - count % 4, count):
-                a, e, p = left[m], right[m], values[k, m]
-                for i in range(length):
-                    u = one[i] + a * p[i]
-                    v = other[i] + e * p[i]
-                    one[i] = u
-                    other[i] = v
-
-
-@compiled
-def _thomas(faces: Floats, whole: Floats, upper: Floats, pivot: Floats) -> None:
-    count = len(whole)
-    before = 0.0
-    for i in range(count):
-        pivot[i] = 1.0 / (whole[i] + faces[i] * before)
-        upper[i] = -faces[i + 1] * pivot[i]
-        before = upper[i]
-
-
-@compiled
-def _back(lower: Floats, upper: Floats, pivot: Floats, modes: Floats) -> None:
-    na, nt, nr = modes.shape
-    for k in range(na):
-        for j in range(nt):
-            row, up, inverse = modes[k, j], upper[k, j], pivot[k, j]
-            row[0] *= inverse[0]
-            for i in range(1, nr):
-                row[i] = (row[i] - lower[i] * row[i - 1]) * inverse[i]
-            for i in range(nr - 2, -1, -1):
-                row[i] -= up[i] * row[i + 1]

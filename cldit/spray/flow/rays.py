@@ -44,6 +44,13 @@ class RayGrid:
         return len(self.azimuth) - 1, len(self.polar) - 1, len(self.radius_m) - 1
 
     @property
+    def ring(self) -> bool:
+        """True if the cells close in a full circle of azimuth."""
+        return self.symmetry == 1 and bool(
+            np.isclose(self.azimuth[-1] - self.azimuth[0], 2 * np.pi, rtol=1e-9)
+        )
+
+    @property
     def copies(self) -> float:
         """Number of copies of the cells around the axis."""
         if self.symmetry == 0:
@@ -108,6 +115,9 @@ class RayGrid:
         """
         azimuth, polar, radius = self.middle
         around = np.zeros(self.shape[:2])
+        if self.ring:
+            first = azimuth[0] - (azimuth[-1] - 2 * np.pi)
+            around[0] = np.diff(self.polar) / (np.sin(polar) * first)
         around[1:] = np.diff(self.polar) / (np.sin(polar) * np.diff(azimuth)[:, None])
         down = np.zeros(self.shape[:2])
         down[:, 1:] = np.diff(self.azimuth)[:, None] * np.sin(self.polar[1:-1]) / np.diff(polar)

@@ -1,0 +1,170 @@
+"""Fields on the grid of rays in device memory, and launches that work on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from cldit.arrays import Floats
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.program import Launch, Program, build
+from cldit.spray.flow.rays import RayGrid
+
+_GUARD = 16  # kernels/gas_cell.h
+_PACKET = 16  # rows are padded to multiples of it
+
+
+class RayFields:
+    """Fields on a grid of rays in device memory, with the launches that work on them.
+
+    real: type of the numbers, double where the device has it. cells: numbers of a plane.
+    """
+
+    def __init__(self, grid: RayGrid, device: Device) -> None:
+        self.grid, self.device = grid, device
+        self.real: Any = np.float64 if device.info.float64 else np.float32
+        azimuths, polars, radii = grid.shape
+        self.stride = -(-(radii + 2) // _PACKET) * _PACKET
+        self.cells = azimuths * polars * self.stride + 2 * _GUARD
+        self.simd_width = 8 if device.is_cpu else 1
+        self._programs: dict[str, Program] = {}
+
+    def program(self, name: str) -> Program:
+        """Program of a file of kernels for these fields."""
+        if name not in self._programs:
+            defines: dict[str, int | float | str] = {"SIMD_WIDTH": self.simd_width}
+            if self.real is np.float64:
+                defines["USE_FLOAT64"] = 1
+            self._programs[name] = build(self.device, name, defines)
+        return self._programs[name]
+
+    def table(self, name: str, values: Floats, dtype: Any = None) -> Any:
+        """Buffer of numbers of a table."""
+        return upload(self.device, name, np.asarray(values, dtype or self.real).reshape(-1))
+
+    def row(self, name: str, values: Floats, *, padded: float = 0.0) -> Any:
+        """Buffer of numbers along a row (R,) or of its faces (R + 1,)."""
+        out = np.full(self.stride + 1, padded)
+        out[: len(values)] = values
+        return self.table(name, out)
+
+    def plane(self, name: str, planes: int = 1, *, value: float = 0.0) -> Any:
+        """Buffer of planes with one value everywhere, padded cells included."""
+        if value == 0.0:
+            return zeros(self.device, name, planes * self.cells, self.real)
+        return self.table(name, np.full(planes * self.cells, value))
+
+    def read(self, buffer: Any, plane: int = 0) -> Floats:
+        """A plane as an array (A, P, R)."""
+        out = download(
+            self.device, buffer, np.empty(self.cells, self.real), first=plane * self.cells
+        )
+        rows = out[_GUARD:-_GUARD].reshape(*self.grid.shape[:2], self.stride)
+        return np.asarray(rows[:, :, : self.grid.shape[2]], dtype=np.float64)
+
+    def write(self, buffer: Any, values: Floats, plane: int = 0) -> None:
+        """Sets a plane to an array (A, P, R)."""
+        old = np.empty(self.cells, self.real)
+        download(self.device, buffer, old, first=plane * self.cells)
+        rows = old[_GUARD:-_GUARD].reshape(*self.grid.shape[:2], self.stride)
+        rows[:, :, : self.grid.shape[2]] = values
+        offset = plane * self.cells * old.itemsize
+        cl.enqueue_copy(self.device.queue, buffer, old, dst_offset=offset)
+
+    def bind(self, name: str, kernel: str, known: Mapping[str, Any], **others: Any) -> Launch:
+        """Launch of a kernel of the file `name`, whose arguments are taken by name.
+
+        `known` and `others` have more names than the kernel takes; `others` come first. One
+        work-item is a packet of cells of one field; the number of fields is `others["kinds"]`, or 1.
+        """
+        program = self.program(name)
+        whole = {**known, **others}
+        arguments = {argument: whole[argument] for argument in program.takes(kernel)}
+        azimuths, polars, _ = self.grid.shape
+        size = (self.stride // self.simd_width, polars, azimuths * others.get("kinds", 1))
+        return program.bind(kernel, size, None, arguments)
+
+
+class Mixing:
+    """Implicit exchange of fields per mass between neighbours across the rays."""
+
+    def __init__(self, fields: RayFields) -> None:
+        grid = fields.grid
+        self.fields, self.program = fields, fields.program("gas_mixing.cl")
+        around, down, _ = grid.conductance
+        self._around, self._down = fields.table("around", around), fields.table("down", down)
+        self._length = fields.row("length", grid.strip_m2 / grid.middle[2])
+        self.ratio = fields.plane("elimination", 2)
+
+    def launches(
+        self, values: Any, kinds: int, *, mass: Any, flux: Any, exchange: Any, factor: float
+    ) -> list[Launch]:
+        """One launch for the polar angle, and one for the azimuth if it has cells.
+
+        Args:
+            values: planes of `kinds` fields per mass, changed in place.
+            mass: plane of the cells' mass, changed by the fluxes.
+            flux: planes of mass flux through the lower faces for azimuth and polar angle.
+            exchange, factor: their product is diffusivity times density.
+        """
+        f = self.fields
+        azimuths, polars, _ = f.grid.shape
+        common = {
+            "fields": values,
+            "kinds": kinds,
+            "mass": mass,
+            "flux": flux,
+            "exchange": exchange,
+            "length": self._length,
+            "ratio": self.ratio,
+            "factor": factor,
+            "step": 1.0,
+            "cells": f.cells,
+        }
+        layer, packets = polars * f.stride, f.stride // f.simd_width
+        polar = {
+            "flux_plane": 1,
+            "conductance": self._down,
+            "count": polars,
+            "jump": f.stride,
+            "other": layer,
+            "table_jump": 1,
+            "table_other": polars,
+            "ring": 0,
+        }
+        azimuth = {
+            "flux_plane": 0,
+            "conductance": self._around,
+            "count": azimuths,
+            "jump": layer,
+            "other": f.stride,
+            "table_jump": polars,
+            "table_other": 1,
+            "ring": int(f.grid.ring),
+        }
+        lines = [(azimuths, polar)] + [(polars, azimuth)] * (azimuths > 1)
+        return [
+            self.program.bind("mix_across", (packets, count), None, common | axis)
+            for count, axis in lines
+        ]
+
+    def along(self, values: Any, kinds: int, *, mass: Any, flux: Any, diffusions: Any) -> Launch:
+        """Launch for the radius; `flux` and `diffusions` have its planes last."""
+        azimuths, polars, radii = self.fields.grid.shape
+        arguments = {
+            "fields": values,
+            "kinds": kinds,
+            "mass": mass,
+            "flux": flux,
+            "diffusions": diffusions,
+            "ratio": self.ratio,
+            "step": 1.0,
+            "radii": radii,
+            "stride": self.fields.stride,
+            "cells": self.fields.cells,
+        }
+        return self.program.bind("mix_along", (azimuths * polars,), None, arguments)
