@@ -8,7 +8,7 @@
     const real ax = (table)[3 * (n)], ay = (table)[3 * (n) + 1], az = (table)[3 * (n) + 2]; \
     const real inverse = R(1) / (ax * ax + ay * ay + az * az + R(1e-30)); \
     const lane_t across = (R(1) - (open)) * (u * ax + v * ay + w * az) * inverse; \
-    const lane_t part = R(0.5) * FILLED(open), x = READ(velocity + at + (d)); \
+    const lane_t part = R(0.5) * (lane_t)(open), x = READ(velocity + at + (d)); \
     const lane_t y = READ(velocity + at + (d) + cells), z = READ(velocity + at + (d) + 2 * cells); \
     const lane_t fu = (u - across * ax + part * (x - u)) * (size); \
     const lane_t fv = (v - across * ay + part * (y - v)) * (size); \
@@ -36,7 +36,7 @@ __kernel void eddies(
 {
     CELL(azimuths, periodic)
     const lane_t u = READ(velocity + at), v = READ(velocity + at + cells), w = READ(velocity + at + 2 * cells);
-    lane_t uu = FILLED(R(0)), uv = uu, uw = uu, vu = uu, vv = uu, vw = uu, wu = uu, wv = uu, ww = uu;
+    lane_t uu = (lane_t)(R(0)), uv = uu, uw = uu, vu = uu, vv = uu, vw = uu, wu = uu, wv = uu, ww = uu;
     const lane_t side = READ(strip + i);
     ADD_FACE(-, left ? R(1) : R(0), left, around, ray, side)
     ADD_FACE(+, right ? R(1) : R(0), right, around, ray + polars, side)

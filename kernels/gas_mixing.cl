@@ -24,7 +24,7 @@ __kernel void mix_across(
     __global const real *rest = flux + flux_plane * cells;
     const int line = get_global_id(1), i = (int)get_global_id(0) * SIMD_WIDTH;
     const int first = GUARD + line * other + i, table = line * table_other;
-    const lane_t zero = FILLED(R(0)), half_step = FILLED(R(0.5) * factor * step) * READ(length + i);
+    const lane_t zero = (lane_t)(R(0)), half_step = (lane_t)(R(0.5) * factor * step) * READ(length + i);
     __global real *ring_side = ratio + cells;
     lane_t low = zero, entered = zero, before = zero, corner_low = zero, corner_high = zero;
     lane_t gamma = zero;
@@ -33,7 +33,7 @@ __kernel void mix_across(
         const lane_t through = step * READ(rest + first);
         const lane_t even = conductance[table] * half_step * (READ(exchange + first) + READ(exchange + last));
         /* The lower face of the first cell is the upper one of the last. */
-        corner_high = higher(higher(even - R(0.5) * through, -through), zero);
+        corner_high = upper(upper(even - R(0.5) * through, -through), zero);
         corner_low = corner_high + through;
         low = corner_low;
         entered = through;
@@ -47,7 +47,7 @@ __kernel void mix_across(
             leaves = step * READ(rest + at + jump);
             const lane_t even = conductance[table + (n + 1) * table_jump] * half_step
                 * (READ(exchange + at) + READ(exchange + at + jump));
-            high = higher(higher(even - R(0.5) * leaves, -leaves), zero);
+            high = upper(upper(even - R(0.5) * leaves, -leaves), zero);
         } else if (ring) {
             high = corner_high;
             leaves = closing_mass;

@@ -17,7 +17,7 @@ INLINE lane_t temperature_of(
     lane_t x = (guess - mixture[0]) * R(1e-3);
 #pragma unroll
     for (int step = 0; step < NEWTON_STEPS; ++step) {
-        lane_t value = FILLED(R(0)), slope = value;
+        lane_t value = (lane_t)(R(0)), slope = value;
 #pragma unroll
         for (int d = DEGREE - 1; d >= 0; --d) {
             const lane_t c = (R(1) - share) * mixture[3 + d] + share * mixture[3 + DEGREE + d];

@@ -89,7 +89,7 @@ __kernel void transform(
     const int r3 = smaller(row + 3, count - 1);
     __global const real *m0 = matrix + row * count, *m1 = matrix + r1 * count;
     __global const real *m2 = matrix + r2 * count, *m3 = matrix + r3 * count;
-    lane_t a = FILLED(R(0)), b = a, c = a, d = a;
+    lane_t a = (lane_t)(R(0)), b = a, c = a, d = a;
     for (int n = 0; n < count; ++n) {
         const lane_t v = READ(values + start + n * jump);
         a += m0[n] * v;

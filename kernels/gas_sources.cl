@@ -18,7 +18,7 @@ __kernel void source_pressure(
         temperature_of(vapour / heavy, (READ(enthalpy + at) + heat) / heavy, READ(temperature + at), mixture);
     const lane_t change = pressure_of(heavy, vapour, t, mixture) / common[0] - R(1) - READ(amiss + at);
     const lane_i none = (mass == R(0)) & (heat == R(0));
-    const lane_t caused = none ? FILLED(R(0)) : change;
+    const lane_t caused = none ? (lane_t)(R(0)) : change;
     WRITE(caused, rise + at);
 }
 

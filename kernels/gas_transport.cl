@@ -13,13 +13,13 @@ __kernel void shares(
     const int periodic, const int azimuths, const int cells)
 {
     CELL(azimuths, periodic)
-    const lane_t a = higher(size_of_lanes(READ(flux + at)), size_of_lanes(READ(flux + at + right)));
-    const lane_t b = higher(size_of_lanes(READ(flux + cells + at)), size_of_lanes(READ(flux + cells + at + up)));
-    const lane_t c = higher(size_of_lanes(READ(flux + 2 * cells + at)), size_of_lanes(READ(flux + 2 * cells + at + 1)));
+    const lane_t a = upper(magnitude(READ(flux + at)), magnitude(READ(flux + at + right)));
+    const lane_t b = upper(magnitude(READ(flux + cells + at)), magnitude(READ(flux + cells + at + up)));
+    const lane_t c = upper(magnitude(READ(flux + 2 * cells + at)), magnitude(READ(flux + 2 * cells + at + 1)));
     const lane_t heavy = READ(mass + at) / step;
-    const lane_t along = lower(FILLED(R(1)), limit_along * heavy / (c + R(1e-30)));
+    const lane_t along = lower((lane_t)(R(1)), limit_along * heavy / (c + R(1e-30)));
     const lane_t free = limit * heavy - along * c;
-    WRITE(lower(FILLED(R(1)), higher(free, FILLED(R(0))) / (a + b + R(1e-30))), share + at);
+    WRITE(lower((lane_t)(R(1)), upper(free, (lane_t)(R(0))) / (a + b + R(1e-30))), share + at);
     WRITE(along, share + cells + at);
 }
 
@@ -63,12 +63,12 @@ INLINE lane_t passing(
     const lane_t speed = step * m / heavy, rise = high - low;
     const lane_i onward = m >= R(0);
     const lane_t behind = onward ? low - far : beyond - high;
-    const lane_t third = rise - (R(1) + size_of_lanes(speed)) * R(1.0 / 3.0) * (rise - behind);
-    const lane_t limit = R(2) * lower(size_of_lanes(behind), size_of_lanes(rise));
-    const lane_t size = lower(size_of_lanes(third), limit);
-    const lane_t kept = behind * rise <= R(0) ? FILLED(R(0)) : rise > R(0) ? size : -size;
+    const lane_t third = rise - (R(1) + magnitude(speed)) * R(1.0 / 3.0) * (rise - behind);
+    const lane_t limit = R(2) * lower(magnitude(behind), magnitude(rise));
+    const lane_t size = lower(magnitude(third), limit);
+    const lane_t kept = behind * rise <= R(0) ? (lane_t)(R(0)) : rise > R(0) ? size : -size;
     const lane_t slope = R(0.5) * (bounded ? kept : third);
-    return m * ((onward ? low : high) + ((onward ? FILLED(R(1)) : FILLED(R(-1))) - speed) * slope) - d * rise;
+    return m * ((onward ? low : high) + ((onward ? (lane_t)(R(1)) : (lane_t)(R(-1))) - speed) * slope) - d * rise;
 }
 
 /* Fluxes of fields through the lower faces of each cell: three planes a field.
@@ -84,7 +84,7 @@ __kernel void face_fluxes(
     CELL(azimuths, periodic)
     __global const real *value = values + field * cells;
     __global real *out = fluxes + 3 * field * cells;
-    const lane_t here = READ(value + at), none = FILLED(R(0)), heavy = READ(mass + at);
+    const lane_t here = READ(value + at), none = (lane_t)(R(0)), heavy = READ(mass + at);
     const int over = k > 0 ? (azimuths - 1) * layer : -layer;
     const int left_2 = k > 1 ? 2 * left : periodic ? left + over : left;
     const int down_2 = j > 1 ? 2 * down : down;

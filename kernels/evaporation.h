@@ -1,0 +1,157 @@
+/* Evaporation models: mass loss of a droplet, and heat into its liquid. EVAPORATION names one of the functions here.
+
+   All are driven by the mass transfer number, so that fuel also evaporates in a colder gas, and all are bounded at
+   boiling. `film` is at one third of the way from the surface to the gas. */
+#ifndef EVAPORATION_H
+#define EVAPORATION_H
+
+#include "droplet_film.h"
+
+#ifndef EVAPORATION
+#error "EVAPORATION: name of an evaporation model in evaporation.h"
+#endif
+
+#define PI_ R(3.14159265358979324)
+
+/* mass [kg/s]: evaporation, negative in condensation; heat [W]: into the liquid. */
+typedef struct { lane_t mass, heat; } Rates;
+
+/* Adds the heat: convection reduced by blowing, b/(exp b - 1), less the latent heat. */
+INLINE Rates with_heat(FarGas gas, Drop drop, Film film, lane_t mass, lane_t nusselt)
+{
+    const lane_t bare = PI_ * drop.diameter * film.conductivity * nusselt;
+    const lane_t convection = bare * (gas.temperature - drop.temperature);
+    const lane_t blown = convection * blowing_factor(mass * film.cp_vapour / bare);
+    const Rates rates = {mass, blown - mass * drop.liquid.latent};
+    return rates;
+}
+
+/* Film theory (Spalding 1953) with Ranz and Marshall's correlation. */
+INLINE Rates spalding(__global const real *fuel, FarGas gas, Drop drop, Film film)
+{
+    const lane_t sherwood = ranz_marshall(film.reynolds, film.schmidt);
+    const lane_t mass = PI_ * drop.diameter * film.diffusion * sherwood * log1p_of(film.transfer);
+    return with_heat(gas, drop, film, mass, ranz_marshall(film.reynolds, film.prandtl));
+}
+
+/* Clift's correlation; rise: min(max(Re, 1), 400)^0.077. */
+INLINE lane_t clift(lane_t reynolds, lane_t number, lane_t rise)
+{
+    return R(1) + cube_root(R(1) + reynolds * number) * rise;
+}
+
+/* Thickening F(B) = (1 + B)^0.7 ln(1 + B)/B of a film by blowing, of ln(1 + B). */
+INLINE lane_t thickening(lane_t blowing) { return exp_of(R(0.7) * blowing) * blowing_factor(blowing); }
+
+/* Newton's iterations of the Nusselt number: from 1 % the error becomes 1e-4, 1e-8, 0. */
+#ifdef USE_FLOAT64
+#define NUSSELT_ROUNDS 4
+#else
+#define NUSSELT_ROUNDS 2
+#endif
+
+/* Abramzon and Sirignano (1989): film theory with films that thicken by blowing; Int. J. Heat Mass Transfer 32,
+   1605; Clift's correlation for the droplet without blowing. */
+INLINE Rates abramzon_sirignano(__global const real *fuel, FarGas gas, Drop drop, Film film)
+{
+    const lane_t rise =
+        power_of(limited(film.reynolds, (lane_t)R(1), (lane_t)R(400)), R(0.077));
+    const lane_t blowing = log1p_of(film.transfer);
+    const lane_t still_mass = clift(film.reynolds, film.schmidt, rise) - R(2);
+    const lane_t sherwood = R(2) + still_mass / thickening(blowing);
+    const lane_t mass = PI_ * drop.diameter * film.diffusion * sherwood * blowing;
+    /* With b = ln(1 + BT) = bare/Nu, Nu = 2 + still/F(b), where d(ln F)/d(ln b) = 1 + b (0.7 - 1 - 1/(exp b - 1)). */
+    const lane_t still = upper(clift(film.reynolds, film.prandtl, rise) - R(2), (lane_t)R(0));
+    const lane_t bare = mass * film.cp_vapour / (PI_ * drop.diameter * film.conductivity);
+    lane_t nusselt = R(2) + still / thickening(bare / (R(2) + still));
+    for (int k = 0; k < NUSSELT_ROUNDS; ++k) {
+        const lane_t b = bare / nusselt;
+        const lane_t weight = blowing_factor(b);
+        const lane_t part = still / (exp_of(R(0.7) * b) * weight);
+        const lane_t slope = (R(1) - R(0.3) * b - weight) * part / nusselt;
+        nusselt = nusselt - (nusselt - R(2) - part) / (R(1) - slope);
+    }
+    return with_heat(gas, drop, film, mass, nusselt);
+}
+
+/* Dukowicz, LA-7997-MS (1979), Le = 1, without 0/0 at equal temperatures: the rate is pi d Nu (lam/cp_gas) BM,
+   linear in BM, with the film half way. */
+INLINE Rates dukowicz(__global const real *fuel, FarGas gas, Drop drop, Film third)
+{
+    const Film film = film_of(fuel, gas, drop, R(0.5));
+    const lane_t middle = R(0.5) * (drop.temperature + gas.temperature);
+    const lane_t cp =
+        gas.vapour * vapour_at(fuel, middle).cp + (R(1) - gas.vapour) * carrier_at(fuel, middle).cp;
+    const lane_t bare =
+        PI_ * drop.diameter * film.conductivity * ranz_marshall(film.reynolds, film.prandtl);
+    const lane_t mass = bare / cp * film.transfer;
+    const Rates rates = {
+        mass, bare * (gas.temperature - drop.temperature) - mass * drop.liquid.latent};
+    return rates;
+}
+
+/* The same with the factor ln(1 + B)/B on both fluxes, as in several codes. */
+INLINE Rates dukowicz_logarithmic(__global const real *fuel, FarGas gas, Drop drop, Film third)
+{
+    const Rates bare = dukowicz(fuel, gas, drop, third);
+    const lane_t weaker = blowing_factor(log1p_of(third.transfer)); /* B is that of all films */
+    const Rates rates = {bare.mass * weaker, bare.heat * weaker};
+    return rates;
+}
+
+#ifdef USE_FLOAT64
+#define SURFACE_K 1e-9
+#else
+#define SURFACE_K 2e-4f /* temperatures are rounded to 3e-5 K */
+#endif
+
+INLINE Rates spalding_at_surface(__global const real *fuel, FarGas gas, Drop drop, lane_t surface)
+{
+    const Drop there = {drop.diameter, surface, drop.slip, liquid_at(fuel, surface)};
+    return spalding(fuel, gas, there, film_of(fuel, gas, there, R(1.0 / 3.0)));
+}
+
+/* Film theory outside, finite conductivity inside: the temperature profile is parabolic, so that the surface is at
+   T + heat/(10 pi k d). Similar to the model of Frolov, Frolov and Basara (2006), whose formulation was not available. */
+INLINE Rates frolov_type(__global const real *fuel, FarGas gas, Drop drop, Film film)
+{
+    const lane_t inside = drop.temperature;
+    const lane_t per_heat = R(0.1) / (PI_ * drop.diameter * drop.liquid.conductivity);
+    /* The residual rises with the surface temperature: secant method within a bracket. */
+    lane_t low = (lane_t)fuel[RANGES];
+    lane_t high = (lane_t)fuel[RANGES + 1];
+    Rates rates = spalding(fuel, gas, drop, film);
+    lane_t before = inside;
+    lane_t value_before = -rates.heat * per_heat;
+    lane_t at = limited(before - R(0.5) * value_before, low, high);
+    lane_i open = at == at; /* not yet solved; NaN never is */
+    for (int round = 0; round < 60 && any_of(open); ++round) {
+        const Rates here = spalding_at_surface(fuel, gas, drop, at);
+        rates.mass = open ? here.mass : rates.mass;
+        rates.heat = open ? here.heat : rates.heat;
+        const lane_t value = at - inside - here.heat * per_heat;
+        low = open & (value < R(0)) ? at : low;
+        high = open & (value >= R(0)) ? at : high;
+        const lane_t change = value - value_before;
+        const lane_t step = at - before;
+        const lane_t rise = (change == R(0) ? (lane_t)R(1) : change) / (step == R(0) ? (lane_t)R(1) : step);
+        const lane_t slope = step == R(0) ? (lane_t)R(1) : rise;
+        const lane_t move = slope > R(1e-3) ? value / slope : value;
+        open &= (magnitude(move) > R(SURFACE_K)) & (high - low > R(SURFACE_K));
+        const lane_t target = at - move;
+        before = open ? at : before;
+        value_before = open ? value : value_before;
+        const lane_t next = (low < target) & (target < high) ? target : R(0.5) * (low + high);
+        at = open ? next : at;
+    }
+    return rates;
+}
+
+/* A droplet that neither evaporates nor warms. */
+INLINE Rates inert(__global const real *fuel, FarGas gas, Drop drop, Film film)
+{
+    const Rates none = {(lane_t)R(0), (lane_t)R(0)};
+    return none;
+}
+
+#endif
