@@ -5,8 +5,18 @@
 
 #include "real.h"
 
-/* Number of units of 1 / scale, rounded. scale: a power of two, so that the product is exact. */
-INLINE long to_fixed(real value, real scale) { return convert_long_rte(value * scale); }
+/* Number of units of 1 / scale, rounded to nearest, halves to even. scale: a power of two, so that the
+   product is exact. On CPUs two instructions; PoCL's conversion is a call. */
+INLINE long to_fixed(real value, real scale)
+{
+#if !defined(__SSE4_1__) && !defined(__aarch64__)
+    return convert_long_rte(value * scale);
+#elif defined(USE_FLOAT64)
+    return (long)__builtin_rint(value * scale);
+#else
+    return (long)__builtin_rintf(value * scale);
+#endif
+}
 INLINE real from_fixed(long units, real scale) { return (real)units / scale; }
 
 #ifndef FIXED_POINT_WORDS
