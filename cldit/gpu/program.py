@@ -4,7 +4,7 @@ import re
 import threading
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ class Launch:
     signature: Signature
     size: tuple[int, ...]
     group: tuple[int, ...] | None
+    buffers: tuple[Any, ...]  # which OpenCL does not keep
 
     def __call__(self, **changed: Any) -> None:
         """Queues the kernel, with new values of those arguments that it has."""
@@ -41,6 +42,10 @@ class Launch:
             if argument.name in changed:
                 self.kernel.set_arg(number, argument.value(changed[argument.name]))
         cl.enqueue_nd_range_kernel(self.queue, self.kernel, self.size, self.group)
+
+    def resized(self, size: tuple[int, ...]) -> "Launch":
+        """The same launch, of so many work-items."""
+        return replace(self, size=size)
 
 
 @dataclass(frozen=True)
@@ -127,11 +132,12 @@ class Program:
         """A launch that is repeated, with its arguments set once; see `launch`."""
         signature = self._kernel(kernel)[1]
         own = cl.Kernel(self.built.program, kernel)
-        own.set_args(*signature.values(arguments))
+        values = signature.values(arguments)
+        own.set_args(*values)
         whole = size
         if group is not None:
             whole = tuple(-(-items // each) * each for items, each in zip(size, group, strict=True))
-        return Launch(self.device.queue, own, signature, whole, group)
+        return Launch(self.device.queue, own, signature, whole, group, tuple(values))
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
         """The kernel object of this thread (arguments stay set in it), and its signature."""

@@ -74,9 +74,9 @@ class GasFlow:
         self.temperature = fields.plane("temperature", value=temperature_K)
         self.velocity = fields.plane("velocity", 3)
         self.eddy, self.amounts = fields.plane("eddy"), fields.plane("amounts", 5)
-        self._solve, self._mixing = Projection(fields), Mixing(fields)
+        self._solve, self.mixing = Projection(fields), Mixing(fields)
         self.sums = fields.table("sums", np.array([pressure_Pa, pressure_Pa, 0.0, 0.0]))
-        self._known = self._tables(mixing_length) | {
+        self.known = self._tables(mixing_length) | {
             "density": self.density,
             "fuel": self.fuel,
             "enthalpy": self.enthalpy,
@@ -97,7 +97,7 @@ class GasFlow:
         planes |= {"diffusion": 2, "fluxes": 9, "values": 2}
         planes |= dict.fromkeys(("exchange", "mass", "carried", "after", "kept", "amiss"), 1)
         planes |= dict.fromkeys(("rise", "potential", "own"), 1)
-        self._known |= {name: fields.plane(name, count) for name, count in planes.items()}
+        self.known |= {name: fields.plane(name, count) for name, count in planes.items()}
         self._source_pressure = self._bind("sources", "source_pressure")
         self._steps = self._launches()
 
@@ -138,11 +138,11 @@ class GasFlow:
         )
 
     def _bind(self, name: str, kernel: str, **others: Any) -> Launch:
-        return self.fields.bind(f"gas_{name}.cl", kernel, self._known, **others)
+        return self.fields.bind(f"gas_{name}.cl", kernel, self.known, **others)
 
     def _launches(self) -> list[Launch]:
         """Kernels of a step in order."""
-        known, whole = self._known, float(self.grid.volume_m3.sum())
+        known, whole = self.known, float(self.grid.volume_m3.sum())
         potential = known["potential"]
         return [
             self._bind("sources", "receive"),
@@ -171,7 +171,7 @@ class GasFlow:
         self, values: Any, kinds: int, *, after: Any, mixing: float, bounded: int
     ) -> list[Launch]:
         """Kernels that carry fields per mass in a step; `after` becomes the mass of the cells."""
-        known = self._known
+        known = self.known
         given = {"values": values, "kinds": kinds, "after": after, "bounded": bounded}
         given |= {"mixing": mixing, "most_diffused": DIFFUSED_EXPLICIT}
         given |= {"limit": MOST_EXPLICIT, "limit_along": ALONG_EXPLICIT}
@@ -185,10 +185,10 @@ class GasFlow:
         exchange, rest = known["exchange"], known["rest"]
         return [
             *(by_name[kernel] for kernel in order),
-            *self._mixing.launches(
-                values, kinds, mass=after, flux=rest, exchange=exchange, factor=mixing
+            *self.mixing.launches(
+                values, kinds, mass=after, flux=rest, exchange=(exchange, exchange), factor=mixing
             ),
-            self._mixing.along(
+            self.mixing.along(
                 values, kinds, mass=after, flux=rest, diffusions=known["diffusion"]
             ),
         ]
@@ -209,12 +209,12 @@ class GasFlow:
         if name == "share":
             return np.asarray(self.read("fuel") / self.read("density"))
         if name in ("velocity", "force"):
-            return np.stack([self.fields.read(self._known[name], axis) for axis in range(3)])
-        return self.fields.read(self._known[name])
+            return np.stack([self.fields.read(self.known[name], axis) for axis in range(3)])
+        return self.fields.read(self.known[name])
 
     def write(self, name: str, values: Floats, plane: int = 0) -> None:
         """Sets a field, or one of its planes, to values (A, P, R)."""
-        self.fields.write(self._known[name], values, plane)
+        self.fields.write(self.known[name], values, plane)
 
     @property
     def fuel_kg(self) -> float:

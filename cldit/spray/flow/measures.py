@@ -8,13 +8,11 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel
-from cldit.spray.flow.coupling import FlyingParcels
-from cldit.spray.flow.exchange import gather, places, unfolded
 from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.parcels import STATION_m, FlyingParcels
 from cldit.spray.flow.projected import projected_reach_m
 
 VAPOUR_SHARE = 1e-3  # the vapour's edge, as a mass fraction
-STATION_m = 15e-3  # below the injector, where the ECN measures droplets
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ def measures(cloud: FlyingParcels, flow: GasFlow, fuel: Fuel, axes: Floats) -> t
         liquid,
         thin,
         vapour_reach_m(flow, axes),
-        float(flow.temperature_K.min()),
+        float(flow.read("temperature").min()),
         axis_m_s(flow),
     )
 
@@ -60,9 +58,13 @@ def axis_m_s(flow: GasFlow) -> float:
     """Gas speed on the injector's axis at `STATION_m`, away from it; NaN beyond the domain."""
     if flow.grid.radius_m[-1] < STATION_m:
         return float("nan")
-    at = places(flow.grid, np.array([[0.0, 0.0, -STATION_m]]))
-    local = np.stack([gather(at, each) for each in flow.velocity], axis=1)
-    return 0.0 - float(unfolded(flow.grid, at, local)[0, 2])
+    # Around the axis every direction shows the same speed along it: the mean over azimuths.
+    grid = flow.grid
+    down = np.array([0.0, 0.0, -1.0])
+    near = grid.directions @ down
+    best = np.isclose(near, near.max(), atol=1e-6)
+    along = np.tensordot(grid.frame @ down, flow.read("velocity"), 1)[best].mean(axis=0)
+    return float(np.interp(STATION_m, grid.middle[2], along))
 
 
 def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
@@ -71,7 +73,7 @@ def vapour_reach_m(flow: GasFlow, axes: Floats) -> float:
     A ray belongs to the plume whose axis, of `axes` (H, 3), is closest to it. Of each plume it is
     the farthest shell of cells in which a ray has this share, and linear to the next shell.
     """
-    owner, share, radius = flow.grid.nearest(axes), flow.share, flow.grid.middle[2]
+    owner, share, radius = flow.grid.nearest(axes), flow.read("share"), flow.grid.middle[2]
     found = []
     for plume in range(len(axes)):
         top = share[owner == plume].max(axis=0, initial=0.0)
@@ -101,33 +103,10 @@ def half_angle_rad(flow: GasFlow, axes: Floats) -> float:
     grid = flow.grid
     middle = np.max(grid.directions @ axes.T, axis=2)[:, :, None] * grid.middle[2]
     tip = vapour_reach_m(flow, axes)
-    within = (flow.share >= VAPOUR_SHARE) & (middle > tip / 3) & (middle < 2 * tip / 3)
+    within = (flow.read("share") >= VAPOUR_SHARE) & (middle > tip / 3) & (middle < 2 * tip / 3)
     if not within.any():
         return float("nan")
     # Volume of the cone's part: pi/3 tan^2 (b^3 - a^3).
     volume = float(grid.volume_m3[within].sum()) * grid.copies / len(axes)
     square = 3 * volume / np.pi / (tip**3 * (8 - 1) / 27)
     return float(np.arctan(np.sqrt(square)))
-
-
-class Station:
-    """Counter of droplets that cross the plane `STATION_m` below the injector."""
-
-    def __init__(self) -> None:
-        self._droplets: list[Floats] = []
-        self._diameters: list[Floats] = []
-
-    def watch(self, before: FlyingParcels, after: FlyingParcels, fuel: Fuel) -> None:
-        """Counts the droplets that cross in a step; parcels before and after have one order."""
-        passed = (before.position_m[:, 2] > -STATION_m) & (after.position_m[:, 2] <= -STATION_m)
-        passed &= after.mass_kg > 0
-        self._droplets.append(after.droplets[passed])
-        found = fuel.diameter_m(after.mass_kg[passed], after.temperature_K[passed])
-        self._diameters.append(found)
-
-    @property
-    def sauter_m(self) -> float:
-        """Sauter mean diameter of the counted droplets; NaN if there are none."""
-        if not self._droplets:
-            return float("nan")
-        return sauter_m(np.concatenate(self._droplets), np.concatenate(self._diameters))

@@ -64,7 +64,7 @@ class RayFields:
             self.device, buffer, np.empty(self.cells, self.real), first=plane * self.cells
         )
         rows = out[_GUARD:-_GUARD].reshape(*self.grid.shape[:2], self.stride)
-        return np.asarray(rows[:, :, : self.grid.shape[2]], dtype=np.float64)
+        return np.array(rows[:, :, : self.grid.shape[2]], dtype=np.float64)
 
     def write(self, buffer: Any, values: Floats, plane: int = 0) -> None:
         """Sets a plane to an array (A, P, R)."""
@@ -101,7 +101,14 @@ class Mixing:
         self.ratio = fields.plane("elimination", 2)
 
     def launches(
-        self, values: Any, kinds: int, *, mass: Any, flux: Any, exchange: Any, factor: float
+        self,
+        values: Any,
+        kinds: int,
+        *,
+        mass: Any,
+        flux: Any,
+        exchange: tuple[Any, Any],
+        factor: float,
     ) -> list[Launch]:
         """One launch for the polar angle, and one for the azimuth if it has cells.
 
@@ -109,7 +116,8 @@ class Mixing:
             values: planes of `kinds` fields per mass, changed in place.
             mass: plane of the cells' mass, changed by the fluxes.
             flux: planes of mass flux through the lower faces for azimuth and polar angle.
-            exchange, factor: their product is diffusivity times density.
+            exchange, factor: planes for polar angle and azimuth; their product is diffusivity times
+                density.
         """
         f = self.fields
         azimuths, polars, _ = f.grid.shape
@@ -118,7 +126,6 @@ class Mixing:
             "kinds": kinds,
             "mass": mass,
             "flux": flux,
-            "exchange": exchange,
             "length": self._length,
             "ratio": self.ratio,
             "factor": factor,
@@ -128,6 +135,7 @@ class Mixing:
         layer, packets = polars * f.stride, f.stride // f.simd_width
         polar = {
             "flux_plane": 1,
+            "exchange": exchange[0],
             "conductance": self._down,
             "count": polars,
             "jump": f.stride,
@@ -138,6 +146,7 @@ class Mixing:
         }
         azimuth = {
             "flux_plane": 0,
+            "exchange": exchange[1],
             "conductance": self._around,
             "count": azimuths,
             "jump": layer,

@@ -146,7 +146,7 @@ class RayGrid:
         found = np.linalg.norm(position_m, axis=1) < self.radius_m[-1]
         polar = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
         found &= (polar >= self.polar[0]) & (polar <= self.polar[-1])
-        if self.symmetry == 1:
+        if self.symmetry == 1 and not self.ring:
             azimuth = np.arctan2(local[:, 1], local[:, 0])
             found &= (azimuth >= self.azimuth[0]) & (azimuth <= self.azimuth[-1])
         return np.asarray(found)
@@ -156,7 +156,9 @@ class RayGrid:
         side = np.zeros(self.shape[:2], dtype=bool)
         side[:, -1] = True
         if self.symmetry == 1:
-            side[:, 0] = side[0] = side[-1] = True
+            side[:, 0] |= self.polar[0] > 0
+            if not self.ring:
+                side[0] = side[-1] = True
         return float(np.sum(amount[side])) * self.copies
 
     def nearest(self, axes: Floats) -> Ints:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
 from cldit.spray.droplet.fluids import Fuel
-from cldit.spray.flow.coupling import FlyingParcels
 from cldit.spray.flow.exchange import between, corners, turn_of
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.rays import RayGrid
@@ -23,39 +20,15 @@ _MOST = 240  # voxels along an axis
 _AVOGADRO = 6.02214076e23
 
 
-def copied(cloud: FlyingParcels, grid: RayGrid) -> FlyingParcels:
-    """Parcels of all equal plumes, from those of the first: turned, and every other one mirrored,
-    so that no two neighbours are alike."""
-    count, one = len(cloud.mass_kg), cloud
-    if grid.symmetry < 2:
-        return cloud
-    down, aside = grid.frame[2], grid.frame[1]
-    for k in range(1, grid.symmetry):
-        angle = 2 * np.pi * k / grid.symmetry
-        spin = _rotation(down, angle) @ (np.eye(3) - 2 * (k % 2) * np.outer(aside, aside))
-        cloud = cloud + replace(
-            one,
-            hole=np.full(count, k),
-            position_m=one.position_m @ spin.T,
-            velocity_m_s=one.velocity_m_s @ spin.T,
-        )
-    return cloud
-
-
-def _rotation(axis: Floats, angle: float) -> Floats:
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
-
-
 def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     """Vapour on lattices, linear between the middles of the cells of rays.
 
     The vapour in each shell of cells is kept. Temperatures are means by mass of vapour.
     """
     grid = flow.grid
-    content = np.sum(flow.fuel * grid.volume_m3, axis=(0, 1)) * grid.copies
-    rich = flow.share >= NEGLIGIBLE
+    vapour = flow.read("fuel")
+    content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
+    rich = flow.read("share") >= NEGLIGIBLE
     if not rich.any():
         return None
     low, high = _bounds(grid, rich)
@@ -75,7 +48,7 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
         ),
     )
     least = _FAINT * NEGLIGIBLE * flow.far_density_kg_m3
-    cosines = _cosines(grid, flow.fuel >= 0.1 * least)
+    cosines = _cosines(grid, vapour >= 0.1 * least)
     shells, factor = np.zeros(len(content)), np.ones(len(content))
     for again in (False, True):
         if again:
@@ -84,8 +57,8 @@ def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
             found[:] = 0.0
             _fill(
                 (grid.frame, grid.azimuth, grid.polar, grid.radius_m, grid.symmetry),
-                flow.fuel,
-                flow.temperature_K,
+                vapour,
+                flow.read("temperature"),
                 least,
                 cosines,
                 factor,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from copy import deepcopy
 from itertools import groupby
 from pathlib import Path
 
@@ -12,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.droplet.evaporation import MODELS, inert
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
-from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.injector import Injection, inject, plume_axis
-from cldit.spray.flow.measures import VAPOUR_SHARE, History, Station, measures
+from cldit.spray.flow.injector import inject, plume_axis
+from cldit.spray.flow.measures import VAPOUR_SHARE, History, measures
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.flow.ray_choice import DEPTH_KEY, domain_time_s, ray_grid, symmetry
-from cldit.spray.flow.sampled import copied, sampled
+from cldit.spray.flow.parcels import Cloud, FlyingParcels
+from cldit.spray.flow.ray_choice import DEPTH_KEY, domain_time_s, ray_grid
+from cldit.spray.flow.sampled import sampled
 from cldit.spray.result import Parcels, Spray
 
 Floats = NDArray[np.float64]
@@ -29,6 +28,8 @@ Floats = NDArray[np.float64]
 LONGEST_STEP_S = 2e-5
 REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 _RECORDS = 100
+CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
+_CHECKED = 32  # steps between two looks at the state
 _BESIDE = 1e-3  # share of the fuel beside walls that has a remark
 
 
@@ -37,7 +38,11 @@ Result = tuple[Spray, History, GasFlow]
 
 
 def simulate_spray(
-    spec: LagrangianSpray, *, cache: Path | None = None, watch: Watch | None = None
+    spec: LagrangianSpray,
+    device: Device,
+    *,
+    cache: Path | None = None,
+    watch: Watch | None = None,
 ) -> Result:
     """Computes the spray at `spec.time_s`, its history, and the gas.
 
@@ -47,6 +52,7 @@ def simulate_spray(
 
     Args:
         spec: the scene's spray.
+        device: computes parcels and gas.
         cache: folder for property tables.
         watch: called after every step.
 
@@ -54,12 +60,13 @@ def simulate_spray(
         SprayError: an impossible combination of values, or a flow that cannot be computed.
     """
     times_s = (spec.time_s,)
-    return next(simulate_times(spec, times_s, cache=cache, watch=watch, records=_RECORDS))
+    return next(simulate_times(spec, times_s, device, cache=cache, watch=watch, records=_RECORDS))
 
 
 def simulate_times(
     spec: LagrangianSpray,
     times_s: tuple[float, ...],
+    device: Device,
     *,
     cache: Path | None = None,
     watch: Watch | None = None,
@@ -67,60 +74,50 @@ def simulate_times(
 ) -> Iterator[Result]:
     """The spray at increasing `times_s`, from one integration for each size of the domain.
 
-    Steps do not depend on the times, so each result is that of its time alone. The history has so
-    many `records`, and those of the results. Raises as `simulate_spray`.
+    A step ends at each of the times, so a later result depends on them by the error of the steps.
+    The history has so many `records`, and those of the results. Raises as `simulate_spray`.
     """
     spaces = groupby(
         times_s, lambda time_s: domain_time_s(spec.model_copy(update={"time_s": time_s}))
     )
     for _, group in spaces:
         times = tuple(group)
-        state = _State(spec.model_copy(update={"time_s": times[-1]}), cache, records)
-        for number, time_s in enumerate(times):
+        state = _State(spec.model_copy(update={"time_s": times[-1]}), device, cache, records)
+        for time_s in times:
             while time_s > state.time_s + 1.5 * state.longest_step_s:
                 state.step(state.longest_step_s)
                 if watch is not None:
-                    watch(state.time_s, times[-1], len(state.cloud.mass_kg))
-            # The last step goes aside from the others. It is at least half as long as they are: a
-            # very short one would need large changes of the gas.
-            last = state if number + 1 == len(times) else state.copy()
-            last.step(time_s - last.time_s)
-            yield last.result()
+                    watch(state.time_s, times[-1], state.cloud.born)
+            # It is at least half as long as the others: a very short one would need large changes
+            # of the gas.
+            state.step(time_s - state.time_s)
+            yield state.result()
 
 
 class _State:
     """Parcels and gas, and what is counted of them."""
 
-    def __init__(self, spec: LagrangianSpray, cache: Path | None, records: int) -> None:
+    def __init__(
+        self, spec: LagrangianSpray, device: Device, cache: Path | None, records: int
+    ) -> None:
         self.spec, self.records = spec, records
         self.fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
         ambient = spec.ambient
         _check(spec, self.fuel)
-        self.axes = np.array([plume_axis(each) for each in spec.plumes])
-        # Equal plumes are computed once.
-        self.alike = max(symmetry(spec.plumes), 1)
-        self.injection = inject(spec, self.fuel, equal=self.alike)
+        self.axes = np.array([plume_axis(plume) for plume in spec.plumes])
+        self.injection = inject(spec, self.fuel)
         self.flow = GasFlow(
             ray_grid(spec, self.injection),
             gas_mixture(self.fuel, carrier, reference_K=ambient.temperature_K),
             pressure_Pa=ambient.pressure_Pa,
             temperature_K=ambient.temperature_K,
+            device=device,
         )
-        model = inert if spec.evaporation == "none" else MODELS[spec.evaporation]
-        self.liquid = LiquidModel(fuel=self.fuel, carrier=carrier, model=model)
-        droplet = np.full(1, spec.fuel_temperature_K)
-        self.each_kg = self.fuel.mass_kg(self.injection.diameter_m, droplet)
-        self.cloud = _born(self.injection, self.each_kg, spec, 0, 0, 0.0)
-        self.time_s, self.wall_kg, self.steps, self.born = 0.0, 0.0, 0, 0
+        self.cloud = Cloud(spec, self.injection, self.flow, fuel=self.fuel, carrier=carrier)
+        # A gas step takes no parcel farther than most of a cell where cells have the scene's spacing.
+        self.gas_steps = max(1, math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m))
+        self.time_s, self.steps, self._fastest_m_s = 0.0, 0, self.injection.speed_m_s
         self.rows: list[tuple[float, ...]] = []
-        self.station = Station()
-
-    def copy(self) -> _State:
-        """The same state, of arrays of its own."""
-        flow = self.flow
-        constant = (self.spec, self.injection, self.liquid, self.fuel, self.each_kg, self.axes)
-        shared = (*constant, flow.grid, flow.mixture, flow.solve)
-        return deepcopy(self, {id(each): each for each in shared})
 
     @property
     def longest_step_s(self) -> float:
@@ -129,48 +126,48 @@ class _State:
         first = REACH_m / self.injection.speed_m_s
         if self.time_s < self.injection.end_s:
             return min(first, LONGEST_STEP_S)
-        fastest = float(np.linalg.norm(self.cloud.velocity_m_s, axis=1).max(initial=0.0))
-        doubled = math.floor(math.log2(self.injection.speed_m_s / max(fastest, 1e-9)))
+        if self.steps % _CHECKED == 0:
+            self._fastest_m_s = self.cloud.fastest_m_s()
+        doubled = math.floor(math.log2(self.injection.speed_m_s / max(self._fastest_m_s, 1e-9)))
         return min(first * 2.0 ** max(doubled, 0), LONGEST_STEP_S)
 
     def step(self, step_s: float) -> None:
         """Advances parcels and gas."""
-        flow, injection = self.flow, self.injection
-        until = int(np.searchsorted(injection.time_s, self.time_s + step_s, side="left"))
-        if len(self.cloud.mass_kg):
-            first = round(self.time_s / min(REACH_m / injection.speed_m_s, LONGEST_STEP_S))
-            random = np.random.default_rng([self.spec.seed, 1, first])
-            moved, gain = move(self.cloud, flow, self.liquid, step_s=step_s, random=random)
-            self.station.watch(self.cloud, moved, self.fuel)
-            flow.proceed(step_s, mass=gain.mass, enthalpy=gain.enthalpy, momentum=gain.momentum)
-            inside = flow.grid.contains(moved.position_m)
-            self.wall_kg += self.alike * float(moved.liquid_kg[~inside].sum())
-            self.cloud = moved.where(inside & (moved.mass_kg > 0))
+        if self.cloud.born:
+            self.cloud.step(step_s)
+            self.flow.step(step_s, steps=self.gas_steps)
         self.time_s, self.steps = self.time_s + step_s, self.steps + 1
-        new = _born(injection, self.each_kg, self.spec, self.born, until, self.time_s)
-        self.cloud, self.born = self.cloud + new, until
+        self.cloud.give_birth(self.time_s)
+        if self.steps % _CHECKED == 0:
+            self.flow.check()
+            self.cloud.check()
         if len(self.rows) < self.time_s / self.spec.time_s * self.records:
             self._record()
 
     def _record(self) -> None:
         if self.rows and self.rows[-1][0] == self.time_s:
             return
-        cloud = copied(self.cloud, self.flow.grid)
-        found = measures(cloud, self.flow, self.fuel, self.axes)
-        self.rows.append((self.time_s, self.injected_kg, *found))
+        measured = measures(self.cloud.read(), self.flow, self.fuel, self.axes)
+        self.rows.append((self.time_s, self.injected_kg, *measured))
 
     @property
     def injected_kg(self) -> float:
         """Fuel that has left the holes."""
-        return self.alike * float(np.sum((self.each_kg * self.injection.droplets)[: self.born]))
+        injection, born = self.injection, self.cloud.born
+        hot = np.full(born, self.spec.fuel_temperature_K)
+        return float(
+            self.fuel.mass_kg(injection.diameter_m[:born], hot) @ injection.droplets[:born]
+        )
 
     def result(self) -> Result:
-        """The spray, its history, and the gas, of all plumes."""
+        """The spray, its history, and the gas."""
+        self.flow.check()
+        self.cloud.check()
         self._record()
         spec, flow, fuel = self.spec, self.flow, self.fuel
-        cloud = copied(self.cloud, flow.grid)
+        cloud = self.cloud.read()
         history = History(*np.array(self.rows).T)
-        injected, wall_kg = self.injected_kg, self.wall_kg
+        injected, wall_kg = self.injected_kg, self.cloud.wall_kg
         notes = {
             "injected_mass_kg": injected,
             "liquid_mass_kg": float(cloud.liquid_kg.sum()),
@@ -178,7 +175,7 @@ class _State:
             "wall_mass_kg": wall_kg,
             "parcels": float(len(cloud.mass_kg)),
             "sauter_mean_diameter_m": float(history.sauter_mean_diameter_m[-1]),
-            "sauter_mean_diameter_at_15_mm_m": self.station.sauter_m,
+            "sauter_mean_diameter_at_15_mm_m": self.cloud.station_sauter_m,
             "liquid_penetration_m": float(history.liquid_m[-1]),
             "thin_liquid_penetration_m": float(history.thin_liquid_m[-1]),
             "vapour_penetration_m": float(history.vapour_m[-1]),
@@ -192,26 +189,27 @@ class _State:
             "grid_cells": float(np.prod(flow.grid.shape)),
         }
         remarks: tuple[str, ...] = ()
+        share, vapour = flow.read("share"), flow.read("fuel")
         if wall_kg > 1e-3 * injected:
             remarks = (
                 f"{100 * wall_kg / injected:.2g} % of the fuel left the gas as liquid, at its wall "
                 f"of {flow.grid.radius_m[-1]:.3g} m or beside it; allowed: a larger "
                 f"{DEPTH_KEY}, or smaller inclinations",
             )
-        elif flow.share[:, :, -1].max() >= VAPOUR_SHARE:
+        elif share[:, :, -1].max() >= VAPOUR_SHARE:
             remarks = (
                 f"vapour has reached the wall of the gas, {flow.grid.radius_m[-1]:.3g} m from the "
                 f"tip; allowed: a larger {DEPTH_KEY}",
             )
-        beside = flow.grid.beside(flow.fuel * flow.grid.volume_m3) / max(injected, 1e-300)
+        beside = flow.grid.beside(vapour * flow.grid.volume_m3) / max(injected, 1e-300)
         if beside > _BESIDE:
             remarks += (
                 f"{100 * beside:.2g} % of the fuel is vapour beside the walls of the gas, behind "
                 "the plumes; allowed: smaller inclinations",
             )
         notes = {name: value for name, value in notes.items() if np.isfinite(value)}
-        parcels, vapour = _parcels(cloud, fuel), sampled(flow, fuel)
-        return Spray(parcels=parcels, vapour=vapour, notes=notes, remarks=remarks), history, flow
+        parcels, lattice = _parcels(cloud, fuel), sampled(flow, fuel)
+        return Spray(parcels=parcels, vapour=lattice, notes=notes, remarks=remarks), history, flow
 
 
 def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
@@ -235,29 +233,6 @@ def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
             f"{ambient_key}pressure_Pa {ambient.pressure_Pa:g}, and flash boiling is not computed; "
             f"allowed: below {boiling_K:.1f} K"
         )
-
-
-def _born(
-    injection: Injection,
-    each_kg: Floats,
-    spec: LagrangianSpray,
-    first: int,
-    last: int,
-    time_s: float,
-) -> FlyingParcels:
-    """Parcels that left the holes, at their positions at `time_s` after free flight."""
-    new = slice(first, last)
-    velocity = injection.velocity_m_s[new]
-    flown = velocity * (time_s - injection.time_s[new])[:, None]
-    return FlyingParcels(
-        mass_kg=each_kg[new],
-        temperature_K=np.full(last - first, spec.fuel_temperature_K),
-        droplets=injection.droplets[new],
-        hole=injection.hole[new],
-        number=np.arange(first, last),
-        position_m=injection.position_m[new] + flown,
-        velocity_m_s=velocity,
-    )
 
 
 def _parcels(cloud: FlyingParcels, fuel: Fuel) -> Parcels | None:

@@ -1,0 +1,259 @@
+"""Parcels of droplets on a device, and their exchange with the gas.
+
+What a parcel gives goes to its cell in fixed point (kernels/parcels.cl), and is spread over the
+extent of its droplets before the gas receives it: across the rays by `SPOT`, along them as by linear
+weights. So finer cells do not resolve single parcels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cldit.arrays import Floats, Ints
+from cldit.errors import SprayError
+from cldit.gpu.buffers import clear, download, upload, zeros
+from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
+from cldit.gpu.program import Define, build
+from cldit.scene.spray import LagrangianSpray
+from cldit.spray.droplet.fits import property_fits
+from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.injector import Injection
+
+SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
+TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
+STATION_m = 15e-3  # below the injector, where the ECN measures droplets
+
+# Names of the models in kernels/evaporation.h.
+EVAPORATION = {
+    "abramzon-sirignano": "abramzon_sirignano",
+    "spalding": "spalding",
+    "dukowicz": "dukowicz",
+    "dukowicz-log": "dukowicz_logarithmic",
+    "frolov-type": "frolov_type",
+    "none": "inert",
+}
+_EXCHANGED, _GIVEN = 8, 5  # planes of sums
+# Bounds of the sums in terms of the injected mass: coefficients reach some hundred times the mass
+# where droplets are small and boil.
+_MOST_EXCHANGED, _MOST_J_kg, _HOTTEST_K = 1e6, 1e7, 1e4
+
+
+@dataclass(frozen=True)
+class FlyingParcels:
+    """Parcels in flight.
+
+    mass_kg, temperature_K: of one droplet, (N,). droplets, hole: (N,). position_m, velocity_m_s:
+    (N, 3).
+    """
+
+    mass_kg: Floats
+    temperature_K: Floats
+    droplets: Floats
+    hole: Ints
+    position_m: Floats
+    velocity_m_s: Floats
+
+    @property
+    def liquid_kg(self) -> Floats:
+        """Liquid mass of each parcel (N,)."""
+        return self.mass_kg * self.droplets
+
+
+class Cloud:
+    """All parcels of an injection, in the order of their birth; numbers are in single precision."""
+
+    def __init__(
+        self,
+        spec: LagrangianSpray,
+        injection: Injection,
+        flow: GasFlow,
+        *,
+        fuel: Fuel,
+        carrier: Gas,
+    ) -> None:
+        self.flow, self.device, self._injection = flow, flow.device, injection
+        fields, grid = flow.fields, flow.grid
+        self._width = fields.simd_width
+        count = len(injection.time_s)
+        self.capacity = -(-max(count, 1) // self._width) * self._width
+        self.born, self.number = 0, 0
+        each_kg = fuel.mass_kg(injection.diameter_m, np.full(count, spec.fuel_temperature_K))
+        state = np.zeros((8, self.capacity), np.float32)
+        state[0, :count], state[1] = each_kg, spec.fuel_temperature_K
+        state[2:5, :count], state[5:8, :count] = injection.velocity_m_s.T, injection.position_m.T
+        droplets = np.zeros(self.capacity, np.float32)
+        droplets[:count] = injection.droplets
+        birth = np.zeros(self.capacity, np.float32)
+        birth[:count] = injection.time_s
+        self.state = upload(self.device, "parcels", state.reshape(-1))
+        mass_kg = float(each_kg @ injection.droplets) or 1.0
+        speed = 4 * injection.speed_m_s
+        exchanged = np.full(_EXCHANGED, _MOST_EXCHANGED * mass_kg)
+        exchanged[1:4] *= speed
+        exchanged[5] *= _HOTTEST_K
+        given = mass_kg * np.array([1.0, _MOST_J_kg, speed, speed, speed])
+        areas = float(injection.diameter_m**2 @ injection.droplets) or 1.0
+        crossed = [2 * mass_kg, 4 * areas, 4e-3 * areas]
+        self._total_scales = [fixed_point_scale(bound) for bound in crossed]
+        exchange_scales, exchange_units = self._scales(exchanged)
+        scales, units = self._scales(given)
+        self._sums = zeros(self.device, "sums", _EXCHANGED * fields.cells, np.int64)
+        self._totals = zeros(self.device, "totals", 3, np.int64)
+        self._failed = zeros(self.device, "failed", 1, np.int32)
+        self._exchange = fields.plane("exchange of parcels", _EXCHANGED)
+        faces = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
+        known: dict[str, Any] = {
+            **flow.known,
+            "state": self.state,
+            "droplets": upload(self.device, "droplets", droplets),
+            "birth": upload(self.device, "birth", birth),
+            "properties": self._single("properties", property_fits(fuel, carrier)),
+            "sums": self._sums,
+            "exchange": self._exchange,
+            "totals": self._totals,
+            "total_scales": self._single("scales of totals", np.array(self._total_scales)),
+            "failed": self._failed,
+            "faces": self._single("faces", faces),
+            "frame": self._single("frame", grid.frame),
+            "symmetry": grid.symmetry,
+            "ring": int(grid.ring),
+            "polars": grid.shape[1],
+            "radii": grid.shape[2],
+            "stride": fields.stride,
+            "capacity": self.capacity,
+            "tolerance": TOLERANCE,
+            "zero_enthalpy": flow.mixture.zero_J_kg,
+            "station": -STATION_m,
+            "seed": spec.seed,
+            "copies": grid.copies,
+            "born": 0,
+            "number": 0,
+            "time": 0.0,
+            "first": 0,
+            "last": 0,
+        }
+        defines: dict[str, Define] = {
+            "SIMD_WIDTH": self._width,
+            "EVAPORATION": EVAPORATION[spec.evaporation],
+            "GAS_REAL": "double" if fields.real is np.float64 else "float",
+            **fixed_point_defines(self.device),
+        }
+        self._program = build(self.device, "parcels.cl", defines)
+
+        def bind(kernel: str, **others: Any) -> Any:
+            whole = {**known, **others}
+            names = self._program.takes(kernel)
+            return self._program.bind(kernel, (1,), None, {name: whole[name] for name in names})
+
+        self._add_exchange = bind("add_exchange", scales=exchange_scales)
+        self._move = bind("move", scales=scales)
+        self._give_birth = bind("give_birth")
+        spread = [self._extent(axis) for axis in (1, 0)]
+        volume = fields.plane("volume", value=1.0)
+        fields.write(volume, grid.volume_m3)
+        still = fields.plane("still", 2)
+
+        def receive(target: Any, planes: int, unit: Any) -> list[Any]:
+            as_fields = fields.bind(
+                "gas_receipt.cl", "as_fields", known, kinds=planes, fields=target, units=unit
+            )
+            mixed = flow.mixing.launches(
+                target,
+                planes,
+                mass=volume,
+                flux=still,
+                exchange=(spread[0], spread[1]),
+                factor=1.0,
+            )
+            return [as_fields, *mixed]
+
+        self._exchanged = receive(self._exchange, _EXCHANGED, exchange_units)
+        self._given = receive(flow.amounts, _GIVEN, units)
+
+    def _single(self, name: str, values: Floats) -> Any:
+        return upload(self.device, name, np.asarray(values, np.float32).reshape(-1))
+
+    def _scales(self, bounds: Floats) -> tuple[Any, Any]:
+        """Buffers of the scales for these bounds, and of the gas's units."""
+        scales = np.array([fixed_point_scale(float(bound)) for bound in bounds])
+        return self._single("scales", scales), self.flow.fields.table("units", 1 / scales)
+
+    def _extent(self, axis: int) -> Any:
+        """Plane of half of the variance by which to spread along an axis, in m2."""
+        fields, grid = self.flow.fields, self.flow.grid
+        polar, radius = grid.middle[1:]
+        wide = np.diff(grid.azimuth)[:, None] * np.sin(polar)
+        size = np.broadcast_to(wide if axis == 0 else np.diff(grid.polar), grid.shape[:2])
+        # A parcel's place in its cell has a variance of 1/12; linear weights have 1/6.
+        half = 0.5 * (np.maximum(SPOT**2, size**2 / 6) - size**2 / 12)
+        plane = fields.plane("extent")
+        fields.write(plane, half[:, :, None] * radius**2)
+        return plane
+
+    def step(self, step_s: float) -> None:
+        """Moves the parcels that were born, and sets the sources of the gas, `flow.amounts`."""
+        fields = self.flow.fields
+        size = (-(-self.born // self._width),)
+        clear(self.device, self._sums, _EXCHANGED * fields.cells, np.int64)
+        self._add_exchange.resized(size)(step=step_s, born=self.born)
+        for launch in self._exchanged:
+            launch()
+        clear(self.device, self._sums, _GIVEN * fields.cells, np.int64)
+        self._move.resized(size)(step=step_s, born=self.born, number=self.number)
+        for launch in self._given:
+            launch()
+        self.number += 1
+
+    def give_birth(self, time_s: float) -> None:
+        """Adds the parcels that left their holes before the time."""
+        until = int(np.searchsorted(self._injection.time_s, time_s, side="left"))
+        if until > self.born:
+            launch = self._give_birth.resized((until - self.born,))
+            launch(time=time_s, first=self.born, last=until)
+            self.born = until
+
+    def check(self) -> None:
+        """Raises SprayError if a droplet could not be integrated; reads from the device."""
+        failed = int(download(self.device, self._failed, np.empty(1, np.int32))[0])
+        if failed:
+            raise SprayError(f"{failed} steps of droplets could not be integrated")
+
+    def read(self) -> FlyingParcels:
+        """Parcels that were born and have not vanished."""
+        shape = (8, self.capacity)
+        state = download(self.device, self.state, np.empty(shape, np.float32))[:, : self.born]
+        state = state.astype(np.float64)
+        flying = state[0] > 0
+        injection, born = self._injection, self.born
+        return FlyingParcels(
+            mass_kg=state[0, flying],
+            temperature_K=state[1, flying],
+            droplets=injection.droplets[:born][flying].astype(np.float32).astype(np.float64),
+            hole=injection.hole[:born][flying],
+            velocity_m_s=state[2:5, flying].T.copy(),
+            position_m=state[5:8, flying].T.copy(),
+        )
+
+    @property
+    def wall_kg(self) -> float:
+        """Liquid that has reached a wall."""
+        return self._total(0)
+
+    @property
+    def station_sauter_m(self) -> float:
+        """Sauter mean diameter of the droplets that have crossed `STATION_m`; NaN without any."""
+        area = self._total(1)
+        return self._total(2) / area if area > 0 else float("nan")
+
+    def _total(self, number: int) -> float:
+        scale = self._total_scales[number]
+        return float(fixed_point_sums(self.device, self._totals, 3, scale)[number])
+
+    def fastest_m_s(self) -> float:
+        """Speed of the fastest parcel; reads from the device."""
+        velocity = self.read().velocity_m_s
+        return float(np.linalg.norm(velocity, axis=1).max(initial=0.0))
