@@ -51,7 +51,7 @@ INLINE lane_t clift(lane_t reynolds, lane_t number, lane_t rise)
    by F(B) = (1 + B)^0.7 ln(1 + B)/B; Clift's correlation for the droplet without blowing.
 
    ln(1 + B) Sh = b (2 + (Sh0 - 2)/F) is 2 b + (Sh0 - 2) g(b), with b = ln(1 + B) and g(b) = exp(0.3 b) (1 - exp(-b)),
-   which needs no case for B = 0. For heat it is given, and b follows: b Nu = mass cp_v/(pi d lam). */
+   which needs no case for B = 0. For heat this product is known, mass cp_v/(pi d lam), and b follows from it. */
 INLINE Rates abramzon_sirignano(__global const real *fuel, FarGas gas, Drop drop, Film film)
 {
     const lane_t rise =
@@ -63,18 +63,18 @@ INLINE Rates abramzon_sirignano(__global const real *fuel, FarGas gas, Drop drop
         (R(2) * blowing + more_mass * (exp_of(R(0.3) * blowing) * -expm1_of(-blowing)));
 
     const lane_t more = upper(clift(film.reynolds, film.prandtl, rise) - R(2), (lane_t)R(0));
-    const lane_t given = mass * film.cp_vapour / (size * film.conductivity);
-    lane_t b = given / (R(2) + more);
+    const lane_t product = mass * film.cp_vapour / (size * film.conductivity);
+    lane_t b = product / (R(2) + more);
     for (int k = 0; k < TRANSFER_ROUNDS; ++k) {
         const lane_t weight = exp_of(R(0.3) * b);
         const lane_t g = -weight * expm1_of(-b);
         const lane_t slope = R(2) + more * (weight - R(0.7) * g);
         const lane_t bend = more * (R(0.49) * g - R(0.4) * weight);
-        const lane_t error = R(2) * b + more * g - given;
+        const lane_t error = R(2) * b + more * g - product;
         b = b - error * slope / (slope * slope - R(0.5) * error * bend);
     }
     const lane_i still = magnitude(b) < R(1e-12);
-    const lane_t nusselt_blown = still ? R(2) + more : given / expm1_of(still ? (lane_t)R(1) : b);
+    const lane_t nusselt_blown = still ? R(2) + more : product / expm1_of(still ? (lane_t)R(1) : b);
     const Rates rates = {
         mass, size * film.conductivity * nusselt_blown * (gas.temperature - drop.temperature) - mass * drop.liquid.latent};
     return rates;
