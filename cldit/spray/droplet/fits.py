@@ -1,4 +1,4 @@
-"""Properties of a fuel and a carrier gas as polynomials, for kernels/droplet_properties.h."""
+"""Properties as polynomials of given length, for kernels/droplet_properties.h."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.spray.droplet.curves import Curves
-from cldit.spray.droplet.fluids import Fuel, Gas, diffusivity_m2_s
-from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 # Numbers of coefficients, as in the header.
 LIQUID_TERMS = 12
@@ -23,32 +21,34 @@ _GAS = ("cp", "conductivity", "viscosity")
 _POINTS = 400
 
 
-def property_fits(fuel: Fuel, gas: Gas) -> Floats:
-    """Table of the header: constants, ranges, and coefficients of all properties.
+def liquid_fits(fuel: str, curves: Curves, *, critical_K: float) -> tuple[Floats, Floats]:
+    """Range of a saturated liquid for the header (4,), and coefficients of its properties.
 
     Raises SprayError if a polynomial differs from the property by more than `LARGEST_ERROR`.
     """
-    lighter = gas.molar_mass_kg_mol / fuel.molar_mass_kg_mol
-    diffusion = float(diffusivity_m2_s(fuel, gas, temperature_K=1.0, pressure_Pa=1.0))
-    constants = [
-        1 / fuel.molar_mass_kg_mol,
-        1 / gas.molar_mass_kg_mol,
-        lighter,
-        lighter**0.25,
-        1 / np.sqrt(8 * (1 + 1 / lighter)),
-        diffusion / GAS_CONSTANT_J_mol_K,
-        1 / fuel.critical_K,
+    cold, warm = np.cbrt(1 - np.array([curves.low_K, curves.high_K]) / critical_K)
+    u, root = _places(warm, cold)
+    reduced = 1 - root**3
+    fits = []
+    for name, column in zip(_LIQUID, curves.at(reduced * critical_K, *_LIQUID), strict=True):
+        values, scale, limit = column, np.abs(column), LARGEST_ERROR
+        if name == "ln_psat":
+            values, scale, limit = column * reduced, reduced, LARGEST_LN_ERROR
+        if name == "enthalpy":  # has a zero; its differences count
+            scale = np.full_like(column, np.ptp(column))
+        fits.append(_fit(f"{fuel}, liquid {name}", u, values, scale, LIQUID_TERMS, limit))
+    return np.array([curves.low_K, curves.high_K, *_scale(warm, cold)]), np.concatenate(fits)
+
+
+def gas_fits(gas: str, curves: Curves) -> tuple[Floats, Floats]:
+    """The same of a dilute gas."""
+    ends = float(np.sqrt(curves.low_K)), float(np.sqrt(curves.high_K))
+    u, root = _places(*ends)
+    fits = [
+        _fit(f"{gas}, gas {name}", u, values, np.abs(values), GAS_TERMS, LARGEST_ERROR)
+        for name, values in zip(_GAS, curves.at(root**2, *_GAS), strict=True)
     ]
-    ends = np.array([fuel.liquid.low_K, fuel.liquid.high_K]) / fuel.critical_K
-    cold, warm = np.cbrt(1 - ends)
-    ranges = [fuel.liquid.low_K, fuel.liquid.high_K, *_scale(warm, cold)]
-    for vapour in (fuel.vapour, gas.vapour):
-        roots = np.sqrt(vapour.low_K), np.sqrt(vapour.high_K)
-        ranges += [vapour.low_K, vapour.high_K, *_scale(*roots)]
-    coefficients = _liquid_fits(fuel, warm, cold)
-    for substance in (fuel, gas):
-        coefficients += _gas_fits(substance.name, substance.vapour)
-    return np.concatenate([constants, ranges, *coefficients])
+    return np.array([curves.low_K, curves.high_K, *_scale(*ends)]), np.concatenate(fits)
 
 
 def _scale(low: float, high: float) -> tuple[float, float]:
@@ -60,29 +60,6 @@ def _places(low: float, high: float) -> tuple[Floats, Floats]:
     """Chebyshev points of -1..1, and where they are in low..high."""
     u = np.cos(np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
     return u, 0.5 * (low + high) + 0.5 * (high - low) * u
-
-
-def _liquid_fits(fuel: Fuel, warm: float, cold: float) -> list[Floats]:
-    u, root = _places(warm, cold)
-    reduced = 1 - root**3
-    columns = fuel.liquid.at(reduced * fuel.critical_K, *_LIQUID)
-    fits = []
-    for name, column in zip(_LIQUID, columns, strict=True):
-        values, scale, limit = column, np.abs(column), LARGEST_ERROR
-        if name == "ln_psat":
-            values, scale, limit = column * reduced, reduced, LARGEST_LN_ERROR
-        if name == "enthalpy":  # has a zero; its differences count
-            scale = np.full_like(column, np.ptp(column))
-        fits.append(_fit(f"{fuel.name}, liquid {name}", u, values, scale, LIQUID_TERMS, limit))
-    return fits
-
-
-def _gas_fits(name: str, vapour: Curves) -> list[Floats]:
-    u, root = _places(np.sqrt(vapour.low_K), np.sqrt(vapour.high_K))
-    return [
-        _fit(f"{name}, gas {each}", u, values, np.abs(values), GAS_TERMS, LARGEST_ERROR)
-        for each, values in zip(_GAS, vapour.at(root**2, *_GAS), strict=True)
-    ]
 
 
 def _fit(name: str, u: Floats, values: Floats, scale: Floats, terms: int, limit: float) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 
@@ -14,9 +15,15 @@ from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.io.tables import Arrays, cached
 from cldit.spray.droplet.curves import Curves, curves
-from cldit.spray.droplet.substances import Columns, fuel_columns, gas_columns
+from cldit.spray.droplet.fits import gas_fits, liquid_fits
+from cldit.spray.droplet.substances import (
+    Columns,
+    GAS_CONSTANT_J_mol_K,
+    fuel_columns,
+    gas_columns,
+)
 
-_FORM = "fluid table 2"
+_FORM = "fluid table 3"
 
 
 @dataclass(frozen=True)
@@ -30,6 +37,11 @@ class Gas:
     critical_Pa: float
     vapour: Curves
 
+    @cached_property
+    def vapour_fits(self) -> tuple[Floats, Floats]:
+        """See `fits.gas_fits`."""
+        return gas_fits(self.name, self.vapour)
+
 
 @dataclass(frozen=True)
 class Fuel(Gas):
@@ -40,6 +52,11 @@ class Fuel(Gas):
     """
 
     liquid: Curves
+
+    @cached_property
+    def liquid_fits(self) -> tuple[Floats, Floats]:
+        """See `fits.liquid_fits`."""
+        return liquid_fits(self.name, self.liquid, critical_K=self.critical_K)
 
     @property
     def highest_Pa(self) -> float:
@@ -85,6 +102,23 @@ def diffusivity_m2_s(
     factor = 0.00143e-4 * 1e5 / (np.sqrt(mass) * size * size)
     t = np.asarray(temperature_K, dtype=float)
     return np.asarray(factor * t**1.75 / np.asarray(pressure_Pa))
+
+
+def property_table(fuel: Fuel, gas: Gas) -> Floats:
+    """Table of kernels/droplet_properties.h: constants, ranges, coefficients of polynomials."""
+    lighter = gas.molar_mass_kg_mol / fuel.molar_mass_kg_mol
+    diffusion = float(diffusivity_m2_s(fuel, gas, temperature_K=1.0, pressure_Pa=1.0))
+    constants = [
+        1 / fuel.molar_mass_kg_mol,
+        1 / gas.molar_mass_kg_mol,
+        lighter,
+        lighter**0.25,
+        1 / np.sqrt(8 * (1 + 1 / lighter)),
+        diffusion / GAS_CONSTANT_J_mol_K,
+        1 / fuel.critical_K,
+    ]
+    fits = (fuel.liquid_fits, fuel.vapour_fits, gas.vapour_fits)
+    return np.concatenate([constants, *(ends for ends, _ in fits), *(each for _, each in fits)])
 
 
 def fuel_table(name: str, *, cache: Path | None) -> Fuel:

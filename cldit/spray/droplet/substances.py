@@ -22,6 +22,7 @@ GASES = ("nitrogen", "air", "oxygen", "argon", "carbon dioxide", "helium")
 
 _LIQUID_POINTS = 801
 _VAPOUR_POINTS = 1201
+_COLDEST_K = {"helium": 101.0}  # CoolProp's viscosity jumps by 1 % at 100 K; other gases: 80 K
 _HOTTEST_K = 1200.0  # beyond, the transport fits of heavy fuels decrease
 _BELOW_CRITICAL = 0.98  # of the critical temperature: cp diverges and latent heat vanishes there
 
@@ -91,7 +92,9 @@ def gas_columns(name: str) -> Columns:
         "critical_K": state.T_critical(),
         "critical_Pa": state.p_critical(),
     }
-    vapour_K, vapour = _dilute(state, max(80.0, float(np.ceil(state.Ttriple()))))
+    vapour_K, vapour = _dilute(
+        state, max(_COLDEST_K.get(known, 80.0), float(np.ceil(state.Ttriple())))
+    )
     vapour["enthalpy"] = integral(vapour_K, vapour["cp"])
     return Columns(constants, np.empty(0), {}, vapour_K, vapour)
 

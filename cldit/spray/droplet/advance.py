@@ -1,0 +1,167 @@
+"""Integration of many droplets in a gas that is constant during a step, on an OpenCL device.
+
+kernels/droplet_step.h integrates eight droplets, or one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.errors import SprayError
+from cldit.gpu.device import Device
+from cldit.spray.droplet.arrays import DOUBLE, DropletKernels
+from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.droplet.rates import Model
+
+_AXES = 3
+_ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
+
+
+@dataclass(frozen=True)
+class DropletStates:
+    """Droplets: mass_kg of each and temperature_K, (N,); velocity_m_s, (N, k), any k."""
+
+    mass_kg: Floats
+    temperature_K: Floats
+    velocity_m_s: Floats
+
+
+@dataclass(frozen=True)
+class DropletSurroundings:
+    """Gas around each droplet, (N,); velocity_m_s, (N, k). vapour: mass fraction of fuel."""
+
+    temperature_K: Floats
+    pressure_Pa: Floats
+    vapour: Floats
+    velocity_m_s: Floats
+
+
+@dataclass(frozen=True)
+class Advance:
+    """Droplets after a step, and their losses to the gas.
+
+    droplets: those that vanished have mass 0, the velocity of the gas and their last temperature.
+    gone_s: time at which each vanished; inf for the others.
+    path_m: displacement of each, (N, k), until it vanished.
+    mass_kg, enthalpy_J (N,), momentum_kg_m_s (N, k): lost by the liquid, so that the sum of gas and
+        liquid is conserved. Enthalpies are on the zero of `fuel.liquid`.
+    steps: largest number of steps of a droplet, including rejected ones.
+    """
+
+    droplets: DropletStates
+    gone_s: Floats
+    path_m: Floats
+    mass_kg: Floats
+    enthalpy_J: Floats
+    momentum_kg_m_s: Floats
+    steps: int
+
+
+def advance(
+    droplets: DropletStates,
+    surroundings: DropletSurroundings,
+    duration_s: float,
+    *,
+    fuel: Fuel,
+    gas: Gas,
+    model: Model,
+    device: Device,
+    tolerance: float = 1e-3,
+    drag: bool = True,
+) -> Advance:
+    """Integrates N droplets over any duration, with steps of their own.
+
+    Args:
+        droplets, surroundings: (N,) initial droplets, and gas around each; up to three axes.
+        duration_s: of the integration.
+        fuel, gas: property tables.
+        model: of evaporation.
+        device: which computes.
+        tolerance: allowed error of a step, relative to s and to 100 K; inf: one step.
+        drag: without it velocities are constant (a droplet on a fibre).
+
+    Raises:
+        SprayError: impossible droplets or surroundings; a droplet cannot be integrated.
+    """
+    _check(droplets, surroundings, duration_s, fuel)
+    around = surroundings
+    axes = droplets.velocity_m_s.shape[1]
+    rest = [np.zeros(len(droplets.mass_kg))] * (_AXES - axes)
+    kernels = DropletKernels.of(device, fuel, gas, {**model.defines, **DOUBLE})
+    out, after = kernels.run(
+        "advance_droplets",
+        {
+            "gas": [
+                around.temperature_K,
+                around.pressure_Pa,
+                around.vapour,
+                *around.velocity_m_s.T,
+                *rest,
+            ],
+            "droplets": [
+                droplets.mass_kg,
+                droplets.temperature_K,
+                *droplets.velocity_m_s.T,
+                *rest,
+            ],
+        },
+        5,
+        duration=float(duration_s),
+        tolerance=min(float(tolerance), _ONE_STEP),
+        drag=int(drag),
+    )
+    mass, temperature, *velocity = after["droplets"]
+    *path, elapsed, rounds = out
+    if np.any(rounds < 0):
+        stuck = int(np.argmax(rounds < 0))
+        raise SprayError(_stuck(fuel, mass, temperature, around, stuck))
+    speed = np.stack(velocity[:axes], axis=1)
+    heat = fuel.liquid.one("enthalpy", temperature)
+    heat0 = fuel.liquid.one("enthalpy", droplets.temperature_K)
+    return Advance(
+        droplets=DropletStates(mass, temperature, speed),
+        gone_s=np.where(mass > 0, np.inf, elapsed),
+        path_m=np.stack(path[:axes], axis=1),
+        mass_kg=droplets.mass_kg - mass,
+        enthalpy_J=droplets.mass_kg * heat0 - mass * heat,
+        momentum_kg_m_s=droplets.mass_kg[:, None] * droplets.velocity_m_s - mass[:, None] * speed,
+        steps=int(rounds.max(initial=0)),
+    )
+
+
+def _check(
+    droplets: DropletStates, around: DropletSurroundings, duration_s: float, fuel: Fuel
+) -> None:
+    mass, temperature = droplets.mass_kg, droplets.temperature_K
+    checks = (
+        ("mass_kg of a droplet", mass, 0.0, 1e-3),
+        ("temperature_K of a droplet", temperature, fuel.liquid.low_K, fuel.liquid.high_K),
+        ("temperature_K of the gas", around.temperature_K, 80.0, fuel.vapour.high_K),
+        ("pressure_Pa of the gas", around.pressure_Pa, 1e3, fuel.highest_Pa),
+        ("vapour, mass fraction in the gas,", around.vapour, 0.0, 1.0),
+        ("duration_s", np.asarray([duration_s]), 0.0, 1e9),
+    )
+    for name, values, low, high in checks:
+        bad = ~((values >= low) & (values <= high))
+        if np.any(bad):
+            value = values[bad][0]
+            raise SprayError(
+                f"{fuel.name}: {name} is {value:g} ({bad.sum()} such values); allowed: {low:g} "
+                f"to {high:g}"
+            )
+    for name, speeds in (("droplet", droplets.velocity_m_s), ("gas", around.velocity_m_s)):
+        if not np.all(np.abs(speeds) < 1e4):
+            raise SprayError(f"velocity_m_s of the {name} is not finite, or above 10 km/s")
+
+
+def _stuck(
+    fuel: Fuel, mass: Floats, temperature: Floats, around: DropletSurroundings, at: int
+) -> str:
+    return (
+        f"droplet {at} of {fuel.name} cannot be integrated: mass {mass[at]:g} kg, "
+        f"{temperature[at]:g} K, in gas of {around.temperature_K[at]:g} K, "
+        f"{around.pressure_Pa[at]:g} Pa, vapour {around.vapour[at]:g}"
+    )

@@ -1,0 +1,96 @@
+"""Arrays of droplets through the kernels of kernels/droplets.cl."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cldit.arrays import Floats
+from cldit.errors import DeviceError
+from cldit.gpu.buffers import download, unset, upload
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define, Program, build
+from cldit.spray.droplet.fluids import Fuel, Gas, property_table
+
+DOUBLE: Mapping[str, Define] = {"USE_FLOAT64": 1}
+
+
+@dataclass(frozen=True)
+class DropletKernels:
+    """Program for an evaporation model, a fuel and a carrier gas.
+
+    width: droplets of a work-item. real: type of the device's numbers. fuel: buffer of the property
+    table.
+    """
+
+    program: Program
+    width: int
+    real: type[np.floating]
+    fuel: Any
+
+    @classmethod
+    def of(
+        cls, device: Device, fuel: Fuel, gas: Gas, defines: Mapping[str, Define]
+    ) -> DropletKernels:
+        """Builds the program, in double precision with `DOUBLE` among the defines.
+
+        Raises DeviceError if the device has no double precision.
+        """
+        real: type[np.floating] = np.float64 if DOUBLE.items() <= defines.items() else np.float32
+        if real is np.float64 and not device.info.float64:
+            raise DeviceError(f"droplets need float64, which {device.info.name} does not have")
+        width = 8 if device.is_cpu else 1
+        program = build(device, "droplets.cl", {"SIMD_WIDTH": width, **defines})
+        table = property_table(fuel, gas).astype(real)
+        return cls(program, width, real, upload(device, "fuel", table))
+
+    def run(
+        self,
+        kernel: str,
+        columns: Mapping[str, Sequence[Floats]],
+        results: int,
+        **numbers: float,
+    ) -> tuple[Floats, dict[str, Floats]]:
+        """Runs a kernel on N droplets.
+
+        Args:
+            kernel: its name.
+            columns: arguments that are arrays, each by its quantities (N,).
+            results: number of quantities of the argument `out`.
+            numbers: other arguments.
+
+        Returns:
+            `out` (results, N), and the arrays (quantities, N) as the kernel has left them.
+        """
+        device = self.program.device
+        droplets = len(next(iter(columns.values()))[0])
+        groups = -(-droplets // self.width)
+        count = groups * self.width
+        if count == 0:
+            return np.empty((results, 0)), {
+                name: np.empty((len(each), 0)) for name, each in columns.items()
+            }
+        # The last work-item is filled with copies of the last droplet.
+        padded = {
+            name: np.pad(np.stack(each), ((0, 0), (0, count - droplets)), mode="edge")
+            for name, each in columns.items()
+        }
+        buffers = {
+            name: upload(device, name, each.astype(self.real)) for name, each in padded.items()
+        }
+        buffers["out"] = unset(device, "out", results * count, self.real)
+        self.program.launch(
+            kernel,
+            (groups,),
+            None,
+            {"fuel": self.fuel, "count": count, **buffers, **numbers},
+        )
+
+        def back(name: str, quantities: int) -> Floats:
+            array = np.empty((quantities, count), self.real)
+            return download(device, buffers[name], array)[:, :droplets].astype(float)
+
+        return back("out", results), {name: back(name, len(columns[name])) for name in columns}

@@ -1,0 +1,103 @@
+"""Evaporation models on an OpenCL device: mass loss of droplets, and heat into their liquid.
+
+A model is a function of kernels/evaporation.h; a new one is one function there and one line in
+`MODELS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cldit.arrays import Floats
+from cldit.gpu.device import Device
+from cldit.gpu.program import Define
+from cldit.spray.droplet.arrays import DOUBLE, DropletKernels
+from cldit.spray.droplet.fluids import Fuel, Gas
+
+
+@dataclass(frozen=True)
+class Drop:
+    """Droplets and the gas far from each; all (N,).
+
+    temperature_K: of the liquid, uniform. vapour: mass fraction of fuel in the gas.
+    slip_m_s: speed relative to the gas.
+    """
+
+    fuel: Fuel
+    gas: Gas
+    diameter_m: Floats
+    temperature_K: Floats
+    gas_temperature_K: Floats
+    pressure_Pa: Floats
+    vapour: Floats
+    slip_m_s: Floats
+
+    def columns(self) -> dict[str, list[Floats]]:
+        """Arguments of the kernels."""
+        return {
+            "drops": [self.diameter_m, self.temperature_K, self.slip_m_s],
+            "gas": [self.gas_temperature_K, self.pressure_Pa, self.vapour],
+        }
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Rates, all (N,). mass_kg_s: evaporation, < 0 in condensation. heat_W: into the liquid."""
+
+    mass_kg_s: Floats
+    heat_W: Floats
+
+
+@dataclass(frozen=True)
+class Film:
+    """Gas around a droplet at its reference state; all (N,).
+
+    transfer: mass transfer number BM. surface: mass fraction of fuel at the surface (Raoult's law,
+    limited at boiling). density_kg_m3: far from the droplet. cp_vapour_J_kg_K: of the fuel's
+    vapour. diffusion_kg_m_s: density times diffusivity.
+    """
+
+    transfer: Floats
+    surface: Floats
+    density_kg_m3: Floats
+    viscosity_Pa_s: Floats
+    reynolds: Floats
+    prandtl: Floats
+    schmidt: Floats
+    cp_J_kg_K: Floats
+    cp_vapour_J_kg_K: Floats
+    conductivity_W_m_K: Floats
+    diffusion_kg_m_s: Floats
+
+
+@dataclass(frozen=True)
+class Model:
+    """Evaporation model; `function` is its name in kernels/evaporation.h."""
+
+    function: str
+
+    @property
+    def defines(self) -> dict[str, Define]:
+        """Defines of the kernels."""
+        return {"EVAPORATION": self.function}
+
+    def __call__(self, drop: Drop, device: Device) -> Rates:
+        kernels = DropletKernels.of(device, drop.fuel, drop.gas, {**self.defines, **DOUBLE})
+        return Rates(*kernels.run("rates", drop.columns(), 2)[0])
+
+
+inert = Model("inert")  # neither evaporates nor warms
+
+MODELS = {
+    "abramzon-sirignano": Model("abramzon_sirignano"),
+    "spalding": Model("spalding"),
+    "dukowicz": Model("dukowicz"),
+    "dukowicz-log": Model("dukowicz_logarithmic"),
+    "frolov-type": Model("frolov_type"),
+}
+
+
+def film(drop: Drop, device: Device, *, share: float = 1 / 3) -> Film:
+    """Film at a `share` of the way from the surface to the gas, see kernels/droplet_film.h."""
+    kernels = DropletKernels.of(device, drop.fuel, drop.gas, {**inert.defines, **DOUBLE})
+    return Film(*kernels.run("films", drop.columns(), 11, share=share)[0])
