@@ -40,9 +40,9 @@ INLINE lane_t clift(lane_t reynolds, lane_t number, lane_t rise)
     return R(1) + cube_root(R(1) + reynolds * number) * rise;
 }
 
-/* Halley's iterations of ln(1 + BT): the error e of at most a fifth becomes some e^3/10. */
+/* Halley's iterations of ln(1 + BT): an error e of at most a third becomes some e^3/10. */
 #ifdef USE_FLOAT64
-#define TRANSFER_ROUNDS 3
+#define TRANSFER_ROUNDS 4
 #else
 #define TRANSFER_ROUNDS 2
 #endif
@@ -64,7 +64,9 @@ INLINE Rates abramzon_sirignano(__global const real *fuel, FarGas gas, Drop drop
 
     const lane_t more = upper(clift(film.reynolds, film.prandtl, rise) - R(2), (lane_t)R(0));
     const lane_t product = mass * film.cp_vapour / (size * film.conductivity);
-    lane_t b = product / (R(2) + more);
+    /* First with g = b; for condensation, where g rises faster, with g = (1 - exp(-0.7 b))/0.7. */
+    const lane_t first = product / (R(2) + more);
+    lane_t b = first < R(0) ? log1p_of(upper(R(-0.7) * first, (lane_t)R(0))) * R(-1 / 0.7) : first;
     for (int k = 0; k < TRANSFER_ROUNDS; ++k) {
         const lane_t weight = exp_of(R(0.3) * b);
         const lane_t g = -weight * expm1_of(-b);

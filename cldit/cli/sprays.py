@@ -11,9 +11,10 @@ from cldit.cfd.formats import contents
 from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_table, say
-from cldit.cli.options import PATH, SCENE, case_options, figures_option, spray_keys
+from cldit.cli.options import PATH, SCENE, case_options, device_option, figures_option, spray_keys
 from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
+from cldit.gpu.device import open_device
 from cldit.io.files import write_text
 from cldit.io.terminal import tell
 from cldit.prepare.fitted_scene import fitted_scene
@@ -25,8 +26,8 @@ from cldit.show.figures.curves import life_figure
 from cldit.show.figures.readable import human_figures
 from cldit.show.figures.style import write_figure
 from cldit.show.report.spray_report import write_spray
-from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.follow import COLUMNS, Life, follow
+from cldit.spray.droplet.models import MODELS
 from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray
 
@@ -149,11 +150,15 @@ def import_command(
 @click.option("--duration", "duration_s", type=float, help="s; default: until it has vanished.")
 @click.option("--csv", "as_csv", is_flag=True, help="Print the columns as CSV.")
 @click.option("--out", type=PATH, help="Draw the columns into this file (.png, .pdf or .svg).")
+@device_option
 @plain_errors
-def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
+def droplet(
+    diameter_um: float, as_csv: bool, out: Path | None, device: str | None, **given: Any
+) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
-    cache = default_cache()
-    life = follow(diameter_m=diameter_um * 1e-6, cache=cache, **given)
+    life = follow(
+        diameter_m=diameter_um * 1e-6, device=open_device(device), cache=default_cache(), **given
+    )
     if as_csv:
         tell(life.csv(), end="")
     if out is not None:

@@ -18,13 +18,17 @@ def read_source(name: str) -> str:
     return entry.read_text(encoding="utf-8")
 
 
-def assemble(name: str) -> str:
+def assemble(name: str, *, before: str = "") -> str:
     """The source of a kernel with every `#include "x.h"` replaced by the file, once each.
+
+    before: text in front of it, which may include files too.
 
     `#line` directives make the compiler's messages name the right file and line; what a compiler
     says of a line that it has counted itself is put right by `with_files`.
     """
-    return "\n".join(_expand(name, read_source(name), set())) + "\n"
+    seen: set[str] = set()
+    first = _expand(f"before {name}", before, seen) if before else []
+    return "\n".join(first + _expand(name, read_source(name), seen)) + "\n"
 
 
 def with_files(log: str, source: str) -> str:

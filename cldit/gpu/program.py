@@ -164,12 +164,12 @@ def _literal(value: Define) -> str:
     return str(value)
 
 
-def build(device: Device, name: str, defines: Mapping[str, Define]) -> Program:
+def build(device: Device, name: str, defines: Mapping[str, Define], *, before: str = "") -> Program:
     """Builds kernels/NAME with these defines, of which floats become single-precision literals.
 
-    Raises KernelError with the compiler's log.
+    `before` is OpenCL C in front of it, see `assemble`. Raises KernelError with the compiler's log.
     """
-    source = assemble(name)
+    source = assemble(name, before=before)
     # PoCL's cache is by text and options, whichever processor the program was compiled for.
     built_for = re.sub(r"\W+", "_", device.info.version)
     options = [f"-D{key}={_literal(value)}" for key, value in sorted(defines.items())]

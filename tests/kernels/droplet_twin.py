@@ -117,9 +117,12 @@ def abramzon_sirignano(drop: Drop) -> Pair:
     sherwood = 2 + still(state.schmidt) / thickening(blowing)
     mass = size * state.diffusion_kg_m_s * sherwood * blowing
     bare = mass * state.cp_vapour_J_kg_K / (size * state.conductivity_W_m_K)
-    nusselt = np.full_like(mass, 2.0)
-    for _ in range(60):  # a contraction
-        nusselt = 2 + still(state.prandtl) / thickening(bare / nusselt)
+    low, high = np.full_like(mass, -100.0), np.full_like(mass, 100.0)
+    for _ in range(80):  # of ln(1 + BT)
+        middle = 0.5 * (low + high)
+        nusselt = 2 + still(state.prandtl) / thickening(middle)
+        below = middle * nusselt < bare
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
     return mass, _heat(drop, state, mass, nusselt)
 
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
-from cldit.spray.droplet.arrays import DOUBLE, DropletKernels
+from cldit.gpu.program import build
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.curves import curves
 from cldit.spray.droplet.fits import LARGEST_ERROR, LARGEST_LN_ERROR, gas_fits, liquid_fits
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
-from cldit.spray.droplet.rates import MODELS, Drop, Film
+from cldit.spray.droplet.models import MODELS, inert
+from cldit.spray.droplet.rates import Drop, Film
 from cldit.spray.droplet.substances import GASES
 
 from . import droplet_twin as twin
@@ -28,13 +30,11 @@ FUELS = (
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["float", "double"])
-def defines(request: pytest.FixtureRequest, device: Device) -> dict[str, Any]:
-    if request.param == "float":
-        return {}
-    if not device.info.float64:
+@pytest.fixture(scope="module", params=[np.float32, np.float64])
+def real(request: pytest.FixtureRequest, device: Device) -> type[np.floating]:
+    if request.param is np.float64 and not device.info.float64:
         pytest.skip("the device has no double precision")
-    return dict(DOUBLE)
+    return cast(type[np.floating], request.param)
 
 
 @pytest.fixture(scope="module")
@@ -126,18 +126,23 @@ def test_a_property_that_no_polynomial_follows_is_refused() -> None:
 # --- film and rates -------------------------------------------------------------------------------
 
 
-def drops(fuel: Fuel, gas: Gas, count: int = 203) -> Drop:
-    """Droplets in all usual states: not a whole number of work-items, at most 0.9 of boiling."""
+def drops(
+    fuel: Fuel, gas: Gas, count: int = 203, *, superheated: bool = False, most_vapour: float = 0.6
+) -> Drop:
+    """Droplets in all states: not a whole number of work-items; up to 0.9 of the boiling pressure,
+    or to the hottest of the table."""
     rng = np.random.default_rng(5)
     pressure = np.exp(rng.uniform(np.log(0.1e6), np.log(2e6), count))
     drop = Drop(
         fuel=fuel,
         gas=gas,
         diameter_m=np.exp(rng.uniform(np.log(0.1e-6), np.log(100e-6), count)),
-        temperature_K=rng.uniform(260.0, fuel.boiling_K(0.9 * pressure)),
+        temperature_K=rng.uniform(
+            260.0, fuel.liquid.high_K if superheated else fuel.boiling_K(0.9 * pressure), count
+        ),
         gas_temperature_K=rng.uniform(280.0, 900.0, count),
         pressure_Pa=pressure,
-        vapour=rng.uniform(0.0, 0.6, count) * rng.integers(0, 2, count),
+        vapour=rng.choice([0.0, 0.2, 0.5, most_vapour], count),
         slip_m_s=rng.uniform(0.0, 150.0, count) * rng.integers(0, 2, count),
     )
     # As they are on the device, so that rounding of the arguments is no difference.
@@ -145,46 +150,52 @@ def drops(fuel: Fuel, gas: Gas, count: int = 203) -> Drop:
     return replace(drop, **{name: getattr(drop, name).astype(np.float32) for name in names})
 
 
+def states(fuel: Fuel, gas: Gas, real: type[np.floating]) -> Drop:
+    """Superheated droplets in double precision only: in single precision, 1 - Y at the surface has
+    few digits close to boiling. Vapour alone is beyond its limit, 0.99 of the moles."""
+    return drops(fuel, gas, superheated=real is np.float64, most_vapour=0.9995)
+
+
 def exact(drop: Drop) -> Drop:
     names = [each.name for each in fields(drop)][2:]
     return replace(drop, **{name: getattr(drop, name).astype(float) for name in names})
 
 
-def tolerance(defines: dict[str, Any]) -> float:
+def tolerance(real: type[np.floating]) -> float:
     """Of the saturation pressure: ln psat = 12 is rounded to 6 ULP, and T by 1 ULP makes 15 ULP;
     polynomials have sums of coefficients of 10. Together below 30 units."""
-    return 30 * float(np.finfo(np.float64 if defines else np.float32).eps)
+    return 30 * float(np.finfo(real).eps)
 
 
-def test_film(device: Device, heptane: Fuel, nitrogen: Gas, defines: dict[str, Any]) -> None:
-    kernels = DropletKernels.of(device, heptane, nitrogen, {"EVAPORATION": "inert", **defines})
-    drop, limit = drops(heptane, nitrogen), tolerance(defines)
+def test_film(device: Device, heptane: Fuel, nitrogen: Gas, real: type[np.floating]) -> None:
+    kernels = DropletKernels.of(device, heptane, nitrogen, inert, real=real)
+    drop, limit = states(heptane, nitrogen, real), tolerance(real)
     for share in (1 / 3, 0.5):
         got = Film(*kernels.run("films", drop.columns(), 11, share=share)[0])
         wanted = twin.film(exact(drop), share)
         for each in fields(Film):
             error = np.abs(getattr(got, each.name) - getattr(wanted, each.name))
             scale = np.abs(getattr(wanted, each.name))
-            if each.name == "transfer":  # (Ys - Yfar)/(1 - Ys), which is up to 35 and may cancel
-                scale = (1 + wanted.transfer) ** 2
-            assert np.all(error <= 2 * limit * scale), each.name
+            if each.name == "transfer":  # (Ys - Yfar)/(1 - Ys), of Ys with an error of `limit`
+                scale = (1 + np.abs(wanted.transfer)) / (1 - wanted.surface)
+            assert np.all(error <= 4 * limit * scale), each.name  # of both, and of their quotients
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_rates(
-    device: Device, heptane: Fuel, nitrogen: Gas, name: str, defines: dict[str, Any]
+    device: Device, heptane: Fuel, nitrogen: Gas, name: str, real: type[np.floating]
 ) -> None:
-    """Of the mass: errors as of the transfer number (1 + B, which is up to 36), less those of a
-    surface temperature that the finite conductivity's iteration has to 1e-9 K, or 2e-4 K in single
-    precision; its largest slope is 1/(Tb - T) < 0.3 per K. Of the heat: as of its two parts."""
-    kernels = DropletKernels.of(device, heptane, nitrogen, {**MODELS[name].defines, **defines})
-    drop = drops(heptane, nitrogen)
+    """Of the mass: errors as of the transfer number (1 + B, which is up to 36). Of the heat: as of
+    its two parts. The surface temperature of the finite conductivity's iteration has an error of
+    2e-4 K (1e-9 K); ln(1 + B) changes by up to 5 per K (1000 where droplets are superheated)."""
+    kernels = DropletKernels.of(device, heptane, nitrogen, MODELS[name], real=real)
+    drop = states(heptane, nitrogen, real)
     mass, heat = kernels.run("rates", drop.columns(), 2)[0]
     rates = twin.RATES[name](exact(drop))
     film = twin.film(exact(drop))
-    limit = tolerance(defines) * 40
+    limit = tolerance(real) * 40
     if name == "frolov-type":
-        limit += 1e-8 if defines else 2e-4
+        limit += 1e-6 if real is np.float64 else 1e-3
     unit = np.pi * drop.diameter_m * film.diffusion_kg_m_s * 2 * (1 + film.reynolds**0.5)
     assert np.all(np.abs(mass - rates[0]) <= limit * np.maximum(np.abs(rates[0]), unit))
     latent = heptane.liquid.one("latent", drop.temperature_K)
@@ -212,34 +223,36 @@ STEP: dict[str, Any] = {"duration": 5.5e-6, "tolerance": 1e-2, "drag": 1}
 @pytest.mark.parametrize("name", MODELS)
 def test_steps_in_single_precision(device: Device, heptane: Fuel, nitrogen: Gas, name: str) -> None:
     """Against double precision. With as many steps, only rounding differs: that of the rates (see
-    `test_rates`, 1.4e-4) for the losses of two or three steps, and as much of the 100 K that a
-    droplet warms at most. Others have another step, whose error is within the tolerance."""
+    `test_rates`, 1.4e-4) over up to seven steps in which a droplet loses most, and that of the
+    100 K that it warms at most. Others have other steps, whose errors are within the
+    tolerance: of three steps in temperature, which has 100 K as its unit."""
     if not device.info.float64:
         pytest.skip("the device has no double precision")
     columns = crowd(drops(heptane, nitrogen, 2003))
     (out, after), (wide, exactly) = (
-        DropletKernels.of(device, heptane, nitrogen, {**MODELS[name].defines, **more}).run(
+        DropletKernels.of(device, heptane, nitrogen, MODELS[name], real=each).run(
             "advance_droplets", columns, 5, **STEP
         )
-        for more in ({}, DOUBLE)
+        for each in (np.float32, np.float64)
     )
     assert np.all(out[4] > 0) and np.all(wide[4] > 0)
     mass, left, start = after["droplets"][0], exactly["droplets"][0], columns["droplets"][0]
     same = out[4] == wide[4]
     assert np.mean(same) > 0.8
-    differences = np.abs(mass - left) / start
-    assert differences[same].max() < 4.5e-4 and differences.max() < STEP["tolerance"]
+    differences = np.abs(mass - left) / np.maximum(start, left)  # some grow
+    assert differences[same].max() < 1e-3 and differences.max() < STEP["tolerance"]
     stays = (mass > 1e-3 * start) & (left > 1e-3 * start)
     kelvin = np.abs(after["droplets"][1] - exactly["droplets"][1])
-    assert kelvin[stays & same].max() < 0.045 and kelvin[stays].max() < 100 * STEP["tolerance"]
+    assert kelvin[stays & same].max() < 0.045 and kelvin[stays].max() < 300 * STEP["tolerance"]
     assert np.array_equal(left == 0, mass == 0) and 200 < np.sum(left == 0) < 1000
     gone = np.abs(out[3] - wide[3])[left == 0]
-    assert gone.max() < STEP["tolerance"] * STEP["duration"]
+    assert np.quantile(gone, 0.99) < STEP["tolerance"] * STEP["duration"]
+    assert gone.max() < 10 * STEP["tolerance"] * STEP["duration"]  # after ten steps of its own
 
 
 def test_lanes_are_independent(device: Device, heptane: Fuel, nitrogen: Gas) -> None:
     """Each droplet alone has the state that it has among others, bit for bit."""
-    kernels = DropletKernels.of(device, heptane, nitrogen, MODELS["spalding"].defines)
+    kernels = DropletKernels.of(device, heptane, nitrogen, MODELS["spalding"], real=np.float32)
     columns = crowd(drops(heptane, nitrogen, 13))
     out, after = kernels.run("advance_droplets", columns, 5, **STEP)
     for number in range(13):
@@ -253,19 +266,20 @@ def test_a_work_item_of_one_droplet_is_one_of_eight(
     device: Device, heptane: Fuel, nitrogen: Gas
 ) -> None:
     """The GPU's form on any device; compilers contract other sums to fused ones."""
-    eight = DropletKernels.of(device, heptane, nitrogen, MODELS["abramzon-sirignano"].defines)
-    defines = {**MODELS["abramzon-sirignano"].defines, "SIMD_WIDTH": 1}
-    one = replace(DropletKernels.of(device, heptane, nitrogen, defines), width=1)
+    model = MODELS["abramzon-sirignano"]
+    eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
+    program = build(device, "droplets.cl", {**model.defines, "SIMD_WIDTH": 1})
+    one = replace(eight, program=program, width=1)
     columns = crowd(drops(heptane, nitrogen, 200))
     (out, after), (other, state) = (
         kernels.run("advance_droplets", columns, 5, **STEP) for kernels in (eight, one)
     )
     mass = np.abs(after["droplets"][0] - state["droplets"][0]) / columns["droplets"][0]
-    assert mass[out[4] == other[4]].max() < 4.5e-4 and mass.max() < STEP["tolerance"]
+    assert mass[out[4] == other[4]].max() < 1e-3 and mass.max() < STEP["tolerance"]
 
 
 def test_impossible_droplets_are_reported(device: Device, heptane: Fuel, nitrogen: Gas) -> None:
-    kernels = DropletKernels.of(device, heptane, nitrogen, MODELS["spalding"].defines)
+    kernels = DropletKernels.of(device, heptane, nitrogen, MODELS["spalding"], real=np.float32)
     columns = crowd(drops(heptane, nitrogen, 9))
     columns["gas"][0] = np.where(np.arange(9) == 4, np.nan, columns["gas"][0])
     rounds = kernels.run("advance_droplets", columns, 5, **STEP)[0][4]

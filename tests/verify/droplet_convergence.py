@@ -11,9 +11,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from cldit.arrays import Floats
-from cldit.spray.droplet.evaporation import MODELS, Drop, Model
+from cldit.gpu.device import Device
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.models import MODELS, Model
+from cldit.spray.droplet.rates import Drop, rates
 
 _COPIES = 64  # of the droplet, followed together as in a spray
 _STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -64,14 +66,14 @@ class Reference:
     left: float
 
 
-def reference(case: Case, model: Model, fuel: Fuel, gas: Gas) -> Reference:
+def reference(case: Case, model: Model, fuel: Fuel, gas: Gas, device: Device) -> Reference:
     """Solves with scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model."""
     first = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
 
     def slopes(_: float, y: Floats) -> tuple[float, float]:
         s = max(float(y[0]), _CUT)
         mass = first * s**1.5
-        rate, heat = _rates(case, model, fuel, gas, mass, float(y[1]))
+        rate, heat = _rates(case, model, fuel, gas, device, mass, float(y[1]))
         cp = float(fuel.liquid.one("cp", y[1]))
         return -2 / 3 * s * rate / mass, heat / (mass * cp)
 
@@ -108,6 +110,7 @@ def integrated(
     model: Model,
     fuel: Fuel,
     gas: Gas,
+    device: Device,
     *,
     half_s: float,
     steps: int,
@@ -118,7 +121,16 @@ def integrated(
     step = half_s / steps
     state, at, left = start, 0.0, 0.0
     for number in range(100 * steps + 100):
-        found = advance(state, around, step, fuel=fuel, gas=gas, model=model, tolerance=tolerance)
+        found = advance(
+            state,
+            around,
+            step,
+            fuel=fuel,
+            gas=gas,
+            model=model,
+            device=device,
+            tolerance=tolerance,
+        )
         state = found.droplets
         if number == steps - 1:
             left = float(state.mass_kg[0] / start.mass_kg[0])
@@ -129,13 +141,13 @@ def integrated(
 
 
 def explicit_euler(
-    case: Case, model: Model, fuel: Fuel, gas: Gas, *, half_s: float, steps: int
+    case: Case, model: Model, fuel: Fuel, gas: Gas, device: Device, *, half_s: float, steps: int
 ) -> Reference:
     """Plain steps of mass and temperature, for comparison; infinite where it breaks down."""
     first = mass = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
     warm, step, left = case.temperature_K, half_s / steps, 0.0
     for number in range(10 * steps):
-        rate, heat = _rates(case, model, fuel, gas, mass, warm)
+        rate, heat = _rates(case, model, fuel, gas, device, mass, warm)
         if mass <= rate * step:
             return Reference(number * step + mass / rate, left)
         warm += step * heat / (mass * float(fuel.liquid.one("cp", warm)))
@@ -147,15 +159,22 @@ def explicit_euler(
     return Reference(np.inf, left)
 
 
-def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
+def measure(case: Case, model: str, fuel: Fuel, gas: Gas, device: Device) -> Convergence:
     """Errors and run times of one model in one case."""
     rule = MODELS[model]
-    wanted = reference(case, rule, fuel, gas)
+    wanted = reference(case, rule, fuel, gas, device)
     rows: list[tuple[float, float]] = []
     for steps, tolerance in [(n, np.inf) for n in _STEPS] + [(1, tol) for tol in _TOLERANCES]:
         began = time.process_time()
         found = integrated(
-            case, rule, fuel, gas, half_s=wanted.life_s / 2, steps=steps, tolerance=tolerance
+            case,
+            rule,
+            fuel,
+            gas,
+            device,
+            half_s=wanted.life_s / 2,
+            steps=steps,
+            tolerance=tolerance,
         )
         rows.append((error_of(found, wanted), (time.process_time() - began) / _COPIES))
     error, seconds = np.array(rows).T
@@ -170,12 +189,16 @@ def measure(case: Case, model: str, fuel: Fuel, gas: Gas) -> Convergence:
     )
 
 
-def measure_euler(case: Case, model: str, fuel: Fuel, gas: Gas) -> tuple[Floats, Floats]:
+def measure_euler(
+    case: Case, model: str, fuel: Fuel, gas: Gas, device: Device
+) -> tuple[Floats, Floats]:
     """Errors of `explicit_euler`."""
-    wanted = reference(case, MODELS[model], fuel, gas)
+    wanted = reference(case, MODELS[model], fuel, gas, device)
     half = wanted.life_s / 2
     error = [
-        error_of(explicit_euler(case, MODELS[model], fuel, gas, half_s=half, steps=n), wanted)
+        error_of(
+            explicit_euler(case, MODELS[model], fuel, gas, device, half_s=half, steps=n), wanted
+        )
         for n in _EULER_STEPS
     ]
     return half / np.array(_EULER_STEPS), np.array(error)
@@ -183,12 +206,13 @@ def measure_euler(case: Case, model: str, fuel: Fuel, gas: Gas) -> tuple[Floats,
 
 def measure_all(
     cache: Path,
+    device: Device,
 ) -> tuple[list[Convergence], dict[Case, tuple[Floats, Floats]]]:
     """All models in all cases; and explicit Euler with the first model."""
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
-    found = [measure(case, model, fuel, gas) for case in CASES for model in MODELS]
+    found = [measure(case, model, fuel, gas, device) for case in CASES for model in MODELS]
     first = next(iter(MODELS))
-    return found, {case: measure_euler(case, first, fuel, gas) for case in CASES}
+    return found, {case: measure_euler(case, first, fuel, gas, device) for case in CASES}
 
 
 def _states(case: Case, fuel: Fuel) -> tuple[DropletStates, DropletSurroundings]:
@@ -204,9 +228,15 @@ def _states(case: Case, fuel: Fuel) -> tuple[DropletStates, DropletSurroundings]
 
 
 def _rates(
-    case: Case, model: Model, fuel: Fuel, gas: Gas, mass: float, temperature: float
+    case: Case,
+    model: Model,
+    fuel: Fuel,
+    gas: Gas,
+    device: Device,
+    mass: float,
+    temperature: float,
 ) -> tuple[float, float]:
-    found = model(
+    found = rates(
         Drop(
             fuel=fuel,
             gas=gas,
@@ -216,6 +246,8 @@ def _rates(
             pressure_Pa=np.array([case.pressure_Pa]),
             vapour=np.zeros(1),
             slip_m_s=np.zeros(1),
-        )
+        ),
+        model,
+        device,
     )
     return float(found.mass_kg_s[0]), float(found.heat_W[0])

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.spray.droplet.evaporation import Drop, Model
+from cldit.gpu.device import Device
 from cldit.spray.droplet.fluids import Fuel, Gas
 from cldit.spray.droplet.follow import Life, follow
+from cldit.spray.droplet.models import Model
+from cldit.spray.droplet.rates import Drop, rates
 from tests.verify import droplet_published as published
 from tests.verify.droplet_published import Suspended
 
@@ -18,7 +20,9 @@ _EVEN = (0.25, 0.8)  # of d0^2: where K is read off, in the measurements as in t
 CONDITIONS = ((0.15, 300), (0.15, 573), (0.15, 620), (0.3, 500), (0.6, 573), (0.9, 300), (0.9, 620))
 
 
-def wet_bulb(fuel: Fuel, gas: Gas, model: Model, *, gas_K: float, pressure_Pa: float) -> Floats:
+def wet_bulb(
+    fuel: Fuel, gas: Gas, model: Model, *, gas_K: float, pressure_Pa: float, device: Device
+) -> Floats:
     """The state at rest in which no heat enters the liquid."""
     d = 10e-6
     drop = Drop(
@@ -35,8 +39,8 @@ def wet_bulb(fuel: Fuel, gas: Gas, model: Model, *, gas_K: float, pressure_Pa: f
     for _ in range(50):  # down to rounding
         middle = 0.5 * (low + high)
         at = replace(drop, temperature_K=np.array([middle]))
-        low, high = (middle, high) if model(at).heat_W[0] > 0 else (low, middle)
-    rate = model(replace(drop, temperature_K=np.array([low]))).mass_kg_s[0]
+        low, high = (middle, high) if rates(at, model, device).heat_W[0] > 0 else (low, middle)
+    rate = rates(replace(drop, temperature_K=np.array([low])), model, device).mass_kg_s[0]
     density = float(fuel.liquid.one("density", low))
     return np.array([low, 1e6 * 4 * rate / (np.pi * density * d)])
 
@@ -50,7 +54,13 @@ def steady_K_mm2_s(life: Life) -> float:
 
 
 def microgravity_K_mm2_s(
-    model: str, *, gas_temperature_K: float, pressure_Pa: float, diameter_m: float, cache: Path
+    model: str,
+    *,
+    gas_temperature_K: float,
+    pressure_Pa: float,
+    diameter_m: float,
+    device: Device,
+    cache: Path,
 ) -> float:
     """Rate d(d^2)/dt [mm2/s] of n-heptane at 298 K, put into nitrogen at rest."""
     life = follow(
@@ -61,6 +71,7 @@ def microgravity_K_mm2_s(
         pressure_Pa=pressure_Pa,
         model=model,
         points=41,
+        device=device,
         cache=cache,
     )
     return steady_K_mm2_s(life)
@@ -71,7 +82,7 @@ def nomura_K_mm2_s(case: published.Microgravity) -> float:
     return float(-np.polyfit(case.time_s_mm2, case.diameter2, 1)[0])
 
 
-def suspended_mm2(case: Suspended, model: str, *, cache: Path) -> Floats:
+def suspended_mm2(case: Suspended, model: str, *, device: Device, cache: Path) -> Floats:
     """d^2 at the times of the measurement, in air at 101325 Pa."""
     life = follow(
         fuel="n-heptane",
@@ -84,6 +95,7 @@ def suspended_mm2(case: Suspended, model: str, *, cache: Path) -> Floats:
         model=model,
         held=True,
         points=41,
+        device=device,
         cache=cache,
     )
     return np.asarray(np.interp(case.time_s, life.time_s, life.diameter_m**2 * 1e6, right=0.0))

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import cast
+from typing import Protocol
 
-import numba
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
+from cldit.arrays import Floats
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.spray.cone.mixing import heptane_state
-from cldit.spray.droplet.evaporation import (
-    MODELS,
-    Drop,
-    Model,
-    Rule,
-    abramzon_sirignano,
-    film,
-    inert,
-)
-from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.droplet.gasfilm import Here, Tables
-from cldit.spray.droplet.integrator import Advance, DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.advance import Advance, DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
+from cldit.spray.droplet.models import MODELS, Model, inert
+from cldit.spray.droplet.rates import Drop, film, rates
+from tests.kernels.droplet_twin import Properties
 from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
 
 
@@ -39,12 +33,18 @@ def nitrogen() -> Gas:
     return gas_table("nitrogen", cache=None)
 
 
+def density(kelvin: ArrayLike) -> Floats:
+    """Of the liquid, by the polynomial on the device, 1e-6 from the table."""
+    fits = Properties(property_table(n_heptane(), nitrogen()))
+    return np.asarray(fits.liquid(np.asarray(kelvin, dtype=float))[1])
+
+
 def droplets(
     *, diameter_m: ArrayLike = 9e-6, liquid_K: ArrayLike = 370.0, velocity_m_s: ArrayLike = 0.0
 ) -> DropletStates:
     """Moving along the only axis."""
     d, t, u = np.broadcast_arrays(*np.atleast_1d(diameter_m, liquid_K, velocity_m_s))
-    return DropletStates(n_heptane().mass_kg(d, t), t.astype(float), u.astype(float)[:, None])
+    return DropletStates(np.pi / 6 * d**3 * density(t), t.astype(float), u.astype(float)[:, None])
 
 
 def around(
@@ -57,37 +57,66 @@ def around(
     )
 
 
-def follow(
-    start: DropletStates,
-    gas: DropletSurroundings,
-    duration_s: float,
-    *,
-    model: Model = abramzon_sirignano,
-    tolerance: float = 1e-3,
-) -> Advance:
-    return advance(
-        start, gas, duration_s, fuel=n_heptane(), gas=nitrogen(), model=model, tolerance=tolerance
-    )
+class Follow(Protocol):
+    def __call__(
+        self,
+        start: DropletStates,
+        gas: DropletSurroundings,
+        duration_s: float,
+        *,
+        model: Model = ...,
+        tolerance: float = ...,
+    ) -> Advance: ...
+
+
+@pytest.fixture
+def follow(device: Device) -> Follow:
+    def call(
+        start: DropletStates,
+        gas: DropletSurroundings,
+        duration_s: float,
+        *,
+        model: Model = MODELS["abramzon-sirignano"],
+        tolerance: float = 1e-3,
+    ) -> Advance:
+        return advance(
+            start,
+            gas,
+            duration_s,
+            fuel=n_heptane(),
+            gas=nitrogen(),
+            model=model,
+            device=device,
+            tolerance=tolerance,
+        )
+
+    return call
+
+
+def written(mass_kg_s: str, heat_W: str) -> Model:
+    """Model of two expressions in OpenCL C."""
+    source = """#include "evaporation.h"
+    INLINE Rates written(__global const real *fuel, FarGas gas, Drop drop, Film film)
+    {
+        const Rates rates = {%s, %s};
+        return rates;
+    }"""
+    return Model("written", source % (mass_kg_s, heat_W))
 
 
 def even(constant_kg_m_s: float) -> Model:
     """Evaporates in proportion to the diameter, at constant temperature: the d2 law."""
-
-    @numba.njit
-    def rule(tables: Tables, here: Here) -> tuple[float, float]:
-        return constant_kg_m_s * here.diameter_m, 0.0
-
-    return Model(cast(Rule, rule))
+    return written(f"R({constant_kg_m_s!r}) * drop.diameter", "(lane_t)R(0)")
 
 
 # --- exact solutions, to rounding unless another reason is given ----------------------------------
 
 
-def test_d2_law_in_one_step_and_in_many() -> None:
+def test_d2_law_in_one_step_and_in_many(follow: Follow) -> None:
     """K = 4 c/(pi rho), life d0^2/K: exact for any step."""
     c = 1e-4
     start = droplets(diameter_m=[5e-6, 9e-6, 30e-6])
-    k = 4 * c / (np.pi * float(n_heptane().liquid.one("density", 370.0)))
+    k = 4 * c / (np.pi * float(density(370.0)))
     first = np.array([5e-6, 9e-6, 30e-6])
     found = follow(start, around(3), 1.0, model=even(c))
     assert found.gone_s == pytest.approx(first**2 / k, rel=1e-12)
@@ -95,29 +124,27 @@ def test_d2_law_in_one_step_and_in_many() -> None:
     step = first[1] ** 2 / k / 10
     for number in range(1, 8):
         state = follow(state, around(3), step, model=even(c)).droplets
-        d2 = n_heptane().diameter_m(state.mass_kg, state.temperature_K) ** 2
+        d2 = np.cbrt(6 / np.pi * state.mass_kg / density(state.temperature_K)) ** 2
         wanted = np.maximum(first**2 - k * step * number, 0)
         assert d2 == pytest.approx(wanted, rel=1e-10, abs=1e-24)
 
 
-def test_thermal_relaxation() -> None:
+def test_thermal_relaxation(follow: Follow) -> None:
     """tau = rho cp d^2/(12 lam) at Nu = 2; over 0.1 K cp changes by 2e-4 of itself."""
     lam = 0.03
-
-    @numba.njit
-    def rule(tables: Tables, here: Here) -> tuple[float, float]:
-        warm = here.gas_temperature_K - here.temperature_K
-        return 0.0, 2 * np.pi * here.diameter_m * lam * warm
-
+    model = written(
+        "(lane_t)R(0)",
+        f"R({2 * np.pi * lam!r}) * drop.diameter * (gas.temperature - drop.temperature)",
+    )
     density, cp = (float(v) for v in n_heptane().liquid.at(370.0, "density", "cp"))
     tau = density * cp * 81e-12 / (12 * lam)
     for times in (0.1, 1.0, 5.0):
-        found = follow(droplets(), around(gas_K=370.1), times * tau, model=Model(cast(Rule, rule)))
+        found = follow(droplets(), around(gas_K=370.1), times * tau, model=model)
         wanted = 370.1 - 0.1 * np.exp(-times)
         assert found.droplets.temperature_K[0] == pytest.approx(wanted, abs=0.1 * 2e-4)
 
 
-def viscosity() -> float:
+def viscosity(device: Device) -> float:
     """Of the film that the integrator sees in gas at the liquid's temperature and 1 kPa vapour."""
     one = np.ones(1)
     state = film(
@@ -130,15 +157,16 @@ def viscosity() -> float:
             1e5 * one,
             0 * one,
             0 * one,
-        )
+        ),
+        device,
     )
     return float(state.viscosity_Pa_s[0])
 
 
-def test_stokes_relaxation_and_path() -> None:
+def test_stokes_relaxation_and_path(follow: Follow, device: Device) -> None:
     """u = u0 exp(-t/tau), way u0 tau (1 - exp(-t/tau)). At Re = 7e-7 Schiller and Naumann's
     correction is 0.15 Re^0.687 = 1e-5."""
-    tau = float(n_heptane().liquid.one("density", 250.0)) * 81e-12 / (18 * viscosity())
+    tau = float(density(250.0)) * 81e-12 / (18 * viscosity(device))
     start = droplets(liquid_K=250.0, velocity_m_s=1e-6)
     gas = around(gas_K=250.0, pressure_Pa=1e5)
     for times in (0.01, 1.0, 4.0):
@@ -148,11 +176,11 @@ def test_stokes_relaxation_and_path() -> None:
         assert found.path_m[0, 0] == pytest.approx(1e-6 * tau * (1 - left), rel=1e-4)
 
 
-def test_stokes_drag_on_a_shrinking_droplet() -> None:
+def test_stokes_drag_on_a_shrinking_droplet(follow: Follow, device: Device) -> None:
     """With the d2 law the slip falls as s^(1/(k tau)), s = 1 - k t; both in closed form."""
-    tau = float(n_heptane().liquid.one("density", 250.0)) * 81e-12 / (18 * viscosity())
+    tau = float(density(250.0)) * 81e-12 / (18 * viscosity(device))
     k = 0.7 / tau
-    c = k * 81e-12 * np.pi * float(n_heptane().liquid.one("density", 250.0)) / 4
+    c = k * 81e-12 * np.pi * float(density(250.0)) / 4
     start = droplets(liquid_K=250.0, velocity_m_s=1e-6)
     gas = around(gas_K=250.0, pressure_Pa=1e5)
     for part in (0.1, 0.5, 0.99):
@@ -162,12 +190,12 @@ def test_stokes_drag_on_a_shrinking_droplet() -> None:
 
 
 @pytest.mark.parametrize("speed", [1.0, 30.0, 150.0])
-def test_drag_beyond_stokes(speed: float) -> None:
+def test_drag_beyond_stokes(follow: Follow, device: Device, speed: float) -> None:
     """Against scipy; Re up to 1900, on both sides of 1000, where Cd jumps by 0.3 %."""
     start = droplets(diameter_m=20e-6, liquid_K=250.0, velocity_m_s=speed)
     gas = around(gas_K=250.0, pressure_Pa=0.6e6)
-    mu, rho = viscosity(), 0.6e6 / (8.314 * 250.0) * nitrogen().molar_mass_kg_mol
-    tau = float(n_heptane().liquid.one("density", 250.0)) * 400e-12 / (18 * mu)
+    mu, rho = viscosity(device), 0.6e6 / (8.314 * 250.0) * nitrogen().molar_mass_kg_mol
+    tau = float(density(250.0)) * 400e-12 / (18 * mu)
 
     def slopes(_: float, u: np.ndarray) -> np.ndarray:
         re = rho * np.abs(u) * 20e-6 / mu
@@ -180,7 +208,7 @@ def test_drag_beyond_stokes(speed: float) -> None:
     assert found == pytest.approx(float(exact), rel=3e-3)
 
 
-def test_at_the_wet_bulb_the_temperature_stays() -> None:
+def test_at_the_wet_bulb_the_temperature_stays(follow: Follow, device: Device) -> None:
     """Isothermal identity: at rest neither rate depends on size, so no life of it warms a droplet.
     The wet bulb is found to 1e-9 K."""
     low, high = 300.0, 440.0
@@ -191,7 +219,11 @@ def test_at_the_wet_bulb_the_temperature_stays() -> None:
             nitrogen(),
             *(np.array([v]) for v in (9e-6, middle, 573.0, 0.6e6, 0.0, 0.0)),
         )
-        low, high = (middle, high) if abramzon_sirignano(at).heat_W[0] > 0 else (low, middle)
+        low, high = (
+            (middle, high)
+            if rates(at, MODELS["abramzon-sirignano"], device).heat_W[0] > 0
+            else (low, middle)
+        )
     start = droplets(liquid_K=low)
     found = follow(start, around(), 4e-4)
     assert found.droplets.mass_kg[0] < 0.2 * start.mass_kg[0]
@@ -217,7 +249,9 @@ ORDER = ("abramzon-sirignano", "dukowicz", "dukowicz-log", "frolov-type")
 
 
 @pytest.mark.parametrize("row", LIVES, ids=lambda row: f"{row[0] / 1e6:g}MPa-{row[1]:g}K")
-def test_lifetimes(row: tuple[float, float, tuple[int, ...], tuple[int, ...]]) -> None:
+def test_lifetimes(
+    follow: Follow, row: tuple[float, float, tuple[int, ...], tuple[int, ...]]
+) -> None:
     pressure, gas_K, lives, halves = row
     gas = around(gas_K=gas_K, pressure_Pa=pressure)
     start = droplets()
@@ -235,16 +269,17 @@ def test_lifetimes(row: tuple[float, float, tuple[int, ...], tuple[int, ...]]) -
     ("number", "name"),
     [(1, m) for m in MODELS] + [(n, "abramzon-sirignano") for n in (0, 2, 3)],
 )
-def test_against_radau(name: str, number: int) -> None:
+def test_against_radau(device: Device, name: str, number: int) -> None:
     """Errors add up over some ten steps and partly cancel: twice the tolerance of a step."""
     chosen = CASES[number]
-    wanted = reference(chosen, MODELS[name], n_heptane(), nitrogen())
+    wanted = reference(chosen, MODELS[name], n_heptane(), nitrogen(), device)
     for tolerance in (1e-2, 1e-3):
         found = integrated(
             chosen,
             MODELS[name],
             n_heptane(),
             nitrogen(),
+            device,
             half_s=wanted.life_s / 2,
             steps=1,
             tolerance=tolerance,
@@ -252,10 +287,10 @@ def test_against_radau(name: str, number: int) -> None:
         assert error_of(found, wanted) < 2 * tolerance
 
 
-def test_second_order_in_the_step() -> None:
+def test_second_order_in_the_step(device: Device) -> None:
     """Halving it divides the error by 4, to the next order."""
-    case, model = CASES[0], abramzon_sirignano
-    wanted = reference(case, model, n_heptane(), nitrogen())
+    case, model = CASES[0], MODELS["abramzon-sirignano"]
+    wanted = reference(case, model, n_heptane(), nitrogen(), device)
     errors = [
         error_of(
             integrated(
@@ -263,6 +298,7 @@ def test_second_order_in_the_step() -> None:
                 model,
                 n_heptane(),
                 nitrogen(),
+                device,
                 half_s=wanted.life_s / 2,
                 steps=steps,
                 tolerance=np.inf,
@@ -293,7 +329,7 @@ def crowd(count: int, seed: int) -> tuple[DropletStates, DropletSurroundings]:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_crowd_in_pieces(name: str) -> None:
+def test_a_crowd_in_pieces(follow: Follow, name: str) -> None:
     """What is released over pieces of time is what the liquid lost over all of it, to rounding."""
     start, gas = crowd(200, seed=7)
     state = start
@@ -319,7 +355,7 @@ def test_a_crowd_in_pieces(name: str) -> None:
     assert mass[gone] == pytest.approx(start.mass_kg[gone], rel=1e-14)
 
 
-def test_pieces_of_time_do_not_matter() -> None:
+def test_pieces_of_time_do_not_matter(follow: Follow) -> None:
     """Beyond the tolerance of the steps, that is."""
     start, gas = crowd(40, seed=3)
     whole = follow(start, gas, 1e-4, tolerance=1e-4)
@@ -333,7 +369,7 @@ def test_pieces_of_time_do_not_matter() -> None:
     assert speed.max() < 0.3  # of 60 m/s
 
 
-def test_closed_box_ends_saturated() -> None:
+def test_closed_box_ends_saturated(follow: Follow) -> None:
     """As much fuel as gas: conserved to rounding, and at the end the adiabatic saturation of
     another program part with other fits (1 % in psat is 0.3 K; latent heats 2 % apart, 1.5 K)."""
     gas_kg, pressure = 1.0, 0.6e6
@@ -372,7 +408,7 @@ def test_closed_box_ends_saturated() -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_superheated_droplets_cool_to_boiling(name: str) -> None:
+def test_superheated_droplets_cool_to_boiling(follow: Follow, name: str) -> None:
     boiling = float(n_heptane().boiling_K(0.15e6))
     warm = np.array([boiling + 1, 450.0, 520.0])
     found = follow(
@@ -388,7 +424,7 @@ def test_superheated_droplets_cool_to_boiling(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_no_step_is_too_long_and_no_droplet_too_small(name: str) -> None:
+def test_no_step_is_too_long_and_no_droplet_too_small(follow: Follow, name: str) -> None:
     start, gas = crowd(300, seed=11)
     dry = DropletSurroundings(gas.temperature_K, gas.pressure_Pa, np.zeros(300), gas.velocity_m_s)
     found = follow(start, dry, 1e5, model=MODELS[name])
@@ -397,7 +433,7 @@ def test_no_step_is_too_long_and_no_droplet_too_small(name: str) -> None:
     assert found.droplets.velocity_m_s == pytest.approx(dry.velocity_m_s)  # at rest at the end
 
 
-def test_nothing_to_do() -> None:
+def test_nothing_to_do(follow: Follow) -> None:
     none = DropletStates(np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     empty = DropletSurroundings(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     assert follow(none, empty, 1.0).mass_kg.size == 0
@@ -427,7 +463,7 @@ def test_nothing_to_do() -> None:
     ],
 )
 def test_refused(
-    start: DropletStates, gas: DropletSurroundings, duration_s: float, says: str
+    follow: Follow, start: DropletStates, gas: DropletSurroundings, duration_s: float, says: str
 ) -> None:
     with pytest.raises(SprayError, match=says):
         follow(start, gas, duration_s)

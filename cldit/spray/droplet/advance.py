@@ -12,9 +12,9 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
-from cldit.spray.droplet.arrays import DOUBLE, DropletKernels
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.rates import Model
+from cldit.spray.droplet.models import Model
 
 _AXES = 3
 _ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
@@ -90,7 +90,7 @@ def advance(
     around = surroundings
     axes = droplets.velocity_m_s.shape[1]
     rest = [np.zeros(len(droplets.mass_kg))] * (_AXES - axes)
-    kernels = DropletKernels.of(device, fuel, gas, {**model.defines, **DOUBLE})
+    kernels = DropletKernels.of(device, fuel, gas, model)
     out, after = kernels.run(
         "advance_droplets",
         {

@@ -12,10 +12,9 @@ from cldit.arrays import Floats
 from cldit.errors import DeviceError
 from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device
-from cldit.gpu.program import Define, Program, build
+from cldit.gpu.program import Program, build
 from cldit.spray.droplet.fluids import Fuel, Gas, property_table
-
-DOUBLE: Mapping[str, Define] = {"USE_FLOAT64": 1}
+from cldit.spray.droplet.models import Model
 
 
 @dataclass(frozen=True)
@@ -33,17 +32,21 @@ class DropletKernels:
 
     @classmethod
     def of(
-        cls, device: Device, fuel: Fuel, gas: Gas, defines: Mapping[str, Define]
+        cls,
+        device: Device,
+        fuel: Fuel,
+        gas: Gas,
+        model: Model,
+        *,
+        real: type[np.floating] = np.float64,
     ) -> DropletKernels:
-        """Builds the program, in double precision with `DOUBLE` among the defines.
-
-        Raises DeviceError if the device has no double precision.
-        """
-        real: type[np.floating] = np.float64 if DOUBLE.items() <= defines.items() else np.float32
-        if real is np.float64 and not device.info.float64:
+        """Builds the program; raises DeviceError if the device has no double precision."""
+        double = real is np.float64
+        if double and not device.info.float64:
             raise DeviceError(f"droplets need float64, which {device.info.name} does not have")
         width = 8 if device.is_cpu else 1
-        program = build(device, "droplets.cl", {"SIMD_WIDTH": width, **defines})
+        defines = {**model.defines, "SIMD_WIDTH": width, **({"USE_FLOAT64": 1} if double else {})}
+        program = build(device, "droplets.cl", defines, before=model.source)
         table = property_table(fuel, gas).astype(real)
         return cls(program, width, real, upload(device, "fuel", table))
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.io.text_tables import csv_text
-from cldit.spray.droplet.evaporation import MODELS
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
-from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.models import MODELS
 
 COLUMNS = ("time_s", "diameter_m", "temperature_K", "velocity_m_s", "mass_kg")
 LARGEST_M = 5e-3  # a free drop of fuel breaks up below this
@@ -53,6 +54,7 @@ def follow(
     temperature_K: float,
     gas_temperature_K: float,
     pressure_Pa: float,
+    device: Device,
     velocity_m_s: float = 0.0,
     model: str = "abramzon-sirignano",
     gas: str = "nitrogen",
@@ -69,8 +71,9 @@ def follow(
         fuel, gas: names of the fuel and of the carrier gas.
         diameter_m, temperature_K: initial values of the droplet.
         gas_temperature_K, pressure_Pa: of the gas.
+        device: which computes, in double precision.
         velocity_m_s: relative to the gas.
-        model: a key of `evaporation.MODELS`.
+        model: a key of `models.MODELS`.
         vapour: mass fraction of fuel in the gas.
         held: the velocity is constant (on a fibre in a flow), else drag brings the droplet to rest.
         duration_s: earlier end; necessary if the droplet never vanishes.
@@ -80,6 +83,7 @@ def follow(
 
     Raises:
         SprayError: an impossible value, an unknown fuel, gas or model, or no end.
+        DeviceError: the device has no double precision.
     """
     _check(diameter_m=diameter_m, velocity_m_s=velocity_m_s, vapour=vapour, model=model)
     numbers = (temperature_K, gas_temperature_K, pressure_Pa)
@@ -111,6 +115,7 @@ def follow(
             fuel=liquid,
             gas=carrier,
             model=MODELS[model],
+            device=device,
             tolerance=tolerance,
             drag=not held,
         )

@@ -1,8 +1,4 @@
-"""Evaporation models on an OpenCL device: mass loss of droplets, and heat into their liquid.
-
-A model is a function of kernels/evaporation.h; a new one is one function there and one line in
-`MODELS`.
-"""
+"""Mass loss of droplets, heat into their liquid, and the film around them, on an OpenCL device."""
 
 from __future__ import annotations
 
@@ -10,9 +6,9 @@ from dataclasses import dataclass
 
 from cldit.arrays import Floats
 from cldit.gpu.device import Device
-from cldit.gpu.program import Define
-from cldit.spray.droplet.arrays import DOUBLE, DropletKernels
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.droplet.models import Model, inert
 
 
 @dataclass(frozen=True)
@@ -70,34 +66,13 @@ class Film:
     diffusion_kg_m_s: Floats
 
 
-@dataclass(frozen=True)
-class Model:
-    """Evaporation model; `function` is its name in kernels/evaporation.h."""
-
-    function: str
-
-    @property
-    def defines(self) -> dict[str, Define]:
-        """Defines of the kernels."""
-        return {"EVAPORATION": self.function}
-
-    def __call__(self, drop: Drop, device: Device) -> Rates:
-        kernels = DropletKernels.of(device, drop.fuel, drop.gas, {**self.defines, **DOUBLE})
-        return Rates(*kernels.run("rates", drop.columns(), 2)[0])
-
-
-inert = Model("inert")  # neither evaporates nor warms
-
-MODELS = {
-    "abramzon-sirignano": Model("abramzon_sirignano"),
-    "spalding": Model("spalding"),
-    "dukowicz": Model("dukowicz"),
-    "dukowicz-log": Model("dukowicz_logarithmic"),
-    "frolov-type": Model("frolov_type"),
-}
+def rates(drop: Drop, model: Model, device: Device) -> Rates:
+    """Rates of droplets by an evaporation model, in double precision."""
+    kernels = DropletKernels.of(device, drop.fuel, drop.gas, model)
+    return Rates(*kernels.run("rates", drop.columns(), 2)[0])
 
 
 def film(drop: Drop, device: Device, *, share: float = 1 / 3) -> Film:
     """Film at a `share` of the way from the surface to the gas, see kernels/droplet_film.h."""
-    kernels = DropletKernels.of(device, drop.fuel, drop.gas, {**inert.defines, **DOUBLE})
+    kernels = DropletKernels.of(device, drop.fuel, drop.gas, inert)
     return Film(*kernels.run("films", drop.columns(), 11, share=share)[0])
