@@ -7,15 +7,21 @@
 /* Fluxes that an explicit step may carry, and along the ray also the diffusion; the rest is implicit
    (A. F. Shchepetkin, Ocean Modelling 91, 38 (2015)). A cell passes on at most `limit_along` of its mass
    along the ray, and `limit` in all. share: parts across and along the ray. */
+INLINE lane_t passed_on(lane_t lower_face, lane_t upper_face)
+{
+    const lane_t none = (lane_t)R(0), leaves = upper(upper_face, none) - lower(lower_face, none);
+    return upper(leaves, upper(lower_face, none) - lower(upper_face, none));
+}
+
 __kernel void shares(
     __global const real *restrict flux, __global const real *restrict mass,
     __global real *restrict share, const real step, const real limit, const real limit_along,
     const int periodic, const int azimuths, const int cells)
 {
     CELL(azimuths, periodic)
-    const lane_t a = upper(magnitude(READ(flux + at)), magnitude(READ(flux + at + right)));
-    const lane_t b = upper(magnitude(READ(flux + cells + at)), magnitude(READ(flux + cells + at + up)));
-    const lane_t c = upper(magnitude(READ(flux + 2 * cells + at)), magnitude(READ(flux + 2 * cells + at + 1)));
+    const lane_t a = passed_on(READ(flux + at), (right ? R(1) : R(0)) * READ(flux + at + right));
+    const lane_t b = passed_on(READ(flux + cells + at), (up ? R(1) : R(0)) * READ(flux + cells + at + up));
+    const lane_t c = passed_on(READ(flux + 2 * cells + at), READ(flux + 2 * cells + at + 1));
     const lane_t heavy = READ(mass + at) / step;
     const lane_t along = lower((lane_t)(R(1)), limit_along * heavy / (c + R(1e-30)));
     const lane_t free = limit * heavy - along * c;

@@ -18,8 +18,8 @@ from cldit.gpu.buffers import clear, download, upload, zeros
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
 from cldit.gpu.program import Define, build
 from cldit.scene.spray import LagrangianSpray
-from cldit.spray.droplet.fits import property_fits
-from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.droplet.fluids import Fuel, Gas, property_table
+from cldit.spray.droplet.models import MODELS, inert
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import Injection
 
@@ -27,15 +27,7 @@ SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from
 TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets
 
-# Names of the models in kernels/evaporation.h.
-EVAPORATION = {
-    "abramzon-sirignano": "abramzon_sirignano",
-    "spalding": "spalding",
-    "dukowicz": "dukowicz",
-    "dukowicz-log": "dukowicz_logarithmic",
-    "frolov-type": "frolov_type",
-    "none": "inert",
-}
+_GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for each
 _EXCHANGED, _GIVEN = 8, 5  # planes of sums
 # Bounds of the sums in terms of the injected mass: coefficients reach some hundred times the mass
 # where droplets are small and boil.
@@ -79,7 +71,8 @@ class Cloud:
         fields, grid = flow.fields, flow.grid
         self._width = fields.simd_width
         count = len(injection.time_s)
-        self.capacity = -(-max(count, 1) // self._width) * self._width
+        packet = self._width * _GROUP
+        self.capacity = -(-max(count, 1) // packet) * packet
         self.born, self.number = 0, 0
         each_kg = fuel.mass_kg(injection.diameter_m, np.full(count, spec.fuel_temperature_K))
         state = np.zeros((8, self.capacity), np.float32)
@@ -111,7 +104,7 @@ class Cloud:
             "state": self.state,
             "droplets": upload(self.device, "droplets", droplets),
             "birth": upload(self.device, "birth", birth),
-            "properties": self._single("properties", property_fits(fuel, carrier)),
+            "properties": self._single("properties", property_table(fuel, carrier)),
             "sums": self._sums,
             "exchange": self._exchange,
             "totals": self._totals,
@@ -138,7 +131,7 @@ class Cloud:
         }
         defines: dict[str, Define] = {
             "SIMD_WIDTH": self._width,
-            "EVAPORATION": EVAPORATION[spec.evaporation],
+            **MODELS.get(spec.evaporation, inert).defines,
             "GAS_REAL": "double" if fields.real is np.float64 else "float",
             **fixed_point_defines(self.device),
         }
@@ -147,7 +140,8 @@ class Cloud:
         def bind(kernel: str, **others: Any) -> Any:
             whole = {**known, **others}
             names = self._program.takes(kernel)
-            return self._program.bind(kernel, (1,), None, {name: whole[name] for name in names})
+            arguments = {name: whole[name] for name in names}
+            return self._program.bind(kernel, (_GROUP,), (_GROUP,), arguments)
 
         self._add_exchange = bind("add_exchange", scales=exchange_scales)
         self._move = bind("move", scales=scales)
@@ -197,7 +191,7 @@ class Cloud:
     def step(self, step_s: float) -> None:
         """Moves the parcels that were born, and sets the sources of the gas, `flow.amounts`."""
         fields = self.flow.fields
-        size = (-(-self.born // self._width),)
+        size = (-(-self.born // (self._width * _GROUP)) * _GROUP,)
         clear(self.device, self._sums, _EXCHANGED * fields.cells, np.int64)
         self._add_exchange.resized(size)(step=step_s, born=self.born)
         for launch in self._exchanged:
@@ -212,7 +206,8 @@ class Cloud:
         """Adds the parcels that left their holes before the time."""
         until = int(np.searchsorted(self._injection.time_s, time_s, side="left"))
         if until > self.born:
-            launch = self._give_birth.resized((until - self.born,))
+            count = -(-(until - self.born) // _GROUP) * _GROUP
+            launch = self._give_birth.resized((count,))
             launch(time=time_s, first=self.born, last=until)
             self.born = until
 
