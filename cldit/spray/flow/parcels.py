@@ -1,8 +1,8 @@
 """Parcels of droplets on a device, and their exchange with the gas.
 
-What a parcel gives goes to its cell in fixed point (kernels/parcels.cl), and is spread over the
-extent of its droplets before the gas receives it: across the rays by `SPOT`, along them as by linear
-weights. So finer cells do not resolve single parcels.
+What a parcel gives goes to its cell in fixed point (kernels/parcels.cl), and is spread before the gas
+receives it: across the rays over the extent of its droplets (`SPOT`), along them over its flight in
+the step. So finer cells do not resolve single parcels.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from cldit.spray.flow.injector import Injection
 
 SPOT = 0.02  # standard deviation of a parcel's droplets, over the distance from the tip
 TOLERANCE = 1e-2  # of a droplet's step; the gas is not more accurate
+REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
+NEAR_m = 10e-3  # distance up to which it flies as fast
 STATION_m = 15e-3  # below the injector, where the ECN measures droplets
 
 _GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for each
@@ -98,7 +100,7 @@ class Cloud:
         self._totals = zeros(self.device, "totals", 3, np.int64)
         self._failed = zeros(self.device, "failed", 1, np.int32)
         self._exchange = fields.plane("exchange of parcels", _EXCHANGED)
-        faces = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
+        faces_m = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
         known: dict[str, Any] = {
             **flow.known,
             "state": self.state,
@@ -110,7 +112,7 @@ class Cloud:
             "totals": self._totals,
             "total_scales": self._single("scales of totals", np.array(self._total_scales)),
             "failed": self._failed,
-            "faces": self._single("faces", faces),
+            "faces": self._single("faces", faces_m),
             "frame": self._single("frame", grid.frame),
             "symmetry": grid.symmetry,
             "ring": int(grid.ring),
@@ -149,7 +151,11 @@ class Cloud:
         spread = [self._extent(axis) for axis in (1, 0)]
         volume = fields.plane("volume", value=1.0)
         fields.write(volume, grid.volume_m3)
-        still = fields.plane("still", 2)
+        still, along = fields.plane("still", 3), fields.plane("along", 2)
+        dr_m = np.diff(grid.radius_m)
+        half_m2 = (dr_m**2 + REACH_m**2 * np.minimum(1.0, NEAR_m / grid.middle[2]) ** 2) / 24
+        between_m2 = np.concatenate([[0.0], np.minimum(half_m2[1:], half_m2[:-1])])
+        fields.write(along, grid.angle[:, :, None] * grid.conductance[2] * between_m2, 1)
 
         def receive(target: Any, planes: int, unit: Any) -> list[Any]:
             as_fields = fields.bind(
@@ -163,7 +169,8 @@ class Cloud:
                 exchange=(spread[0], spread[1]),
                 factor=1.0,
             )
-            return [as_fields, *mixed]
+            last = flow.mixing.along(target, planes, mass=volume, flux=still, diffusions=along)
+            return [as_fields, *mixed, last]
 
         self._exchanged = receive(self._exchange, _EXCHANGED, exchange_units)
         self._given = receive(flow.amounts, _GIVEN, units)

@@ -18,7 +18,7 @@ from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import inject, plume_axis
 from cldit.spray.flow.measures import VAPOUR_SHARE, History, measures
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.flow.parcels import Cloud, FlyingParcels
+from cldit.spray.flow.parcels import REACH_m, Cloud, FlyingParcels
 from cldit.spray.flow.ray_choice import DEPTH_KEY, domain_time_s, ray_grid
 from cldit.spray.flow.sampled import sampled
 from cldit.spray.result import Parcels, Spray
@@ -26,7 +26,6 @@ from cldit.spray.result import Parcels, Spray
 Floats = NDArray[np.float64]
 
 LONGEST_STEP_S = 2e-5
-REACH_m = 1e-3  # that a parcel flies in a step: jets change over several
 _RECORDS = 100
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
 _CHECKED = 32  # steps between two looks at the state
