@@ -152,13 +152,10 @@ def import_command(
 @click.option("--out", type=PATH, help="Draw the columns into this file (.png, .pdf or .svg).")
 @device_option
 @plain_errors
-def droplet(
-    diameter_um: float, as_csv: bool, out: Path | None, device: str | None, **given: Any
-) -> None:
+def droplet(diameter_um: float, as_csv: bool, out: Path | None, **given: Any) -> None:
     """Follow one droplet of fuel through hot gas until it has evaporated."""
-    life = follow(
-        diameter_m=diameter_um * 1e-6, device=open_device(device), cache=default_cache(), **given
-    )
+    given |= {"device": open_device(given["device"]), "cache": default_cache()}
+    life = follow(diameter_m=diameter_um * 1e-6, **given)
     if as_csv:
         tell(life.csv(), end="")
     if out is not None:

@@ -14,12 +14,14 @@ import numpy as np
 from matplotlib.ticker import NullFormatter
 
 from cldit.arrays import Floats
+from cldit.gpu.device import Device, open_device
 from cldit.io.files import write_bytes, write_text
 from cldit.run import default_cache
 from cldit.show.figures.style import WIDTH_IN, figure_of, png_of
-from cldit.spray.droplet.evaporation import MODELS
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.follow import follow
+from cldit.spray.droplet.models import MODELS
 from tests.verify import droplet_published as published
 from tests.verify.droplet_convergence import Case, Convergence, measure_all
 from tests.verify.droplet_verification import (
@@ -78,7 +80,7 @@ def convergence_picture(
     return png_of(figure)
 
 
-def page(cache: Path) -> str:
+def page(cache: Path, device: Device) -> str:
     """The tables, as Markdown."""
     names = list(MODELS)
     return "\n".join(
@@ -91,19 +93,19 @@ def page(cache: Path) -> str:
             "by radiation; Verwey and Birouk extrapolate droplets of 14 µm to a fibre of no",
             "thickness. Film theory (the first two columns) lies between them.",
             "",
-            *_table(["gas, K", "measured", *names], _K_rows(cache)),
+            *_table(["gas, K", "measured", *names], _K_rows(cache, device)),
             "",
             "## Suspended droplets in air, d² in mm²",
             "",
-            *_table(["case, time", "measured", *names], _suspended_rows(cache)),
+            *_table(["case, time", "measured", *names], _suspended_rows(cache, device)),
             "",
             "## Wet bulb, K / steady K, mm²/s, of n-heptane in nitrogen",
             "",
-            *_table(["gas", *names], _wet_bulb_rows(cache)),
+            *_table(["gas", *names], _wet_bulb_rows(cache, device)),
             "",
             "## Lifetime in µs of a droplet of 9 µm, injected at 370 K",
             "",
-            *_table(["gas", *names], _lifetime_rows(cache)),
+            *_table(["gas", *names], _lifetime_rows(cache, device)),
             "",
         ]
     )
@@ -127,7 +129,7 @@ def _table(heading: list[str], rows: list[list[str]]) -> list[str]:
     return ["| " + " | ".join(cells) + " |" for cells in lines]
 
 
-def _K_rows(cache: Path) -> list[list[str]]:
+def _K_rows(cache: Path, device: Device) -> list[list[str]]:
     cases = [
         (f"{case.gas_temperature_K:.0f}, 0.7 mm (Nomura)", nomura_K_mm2_s(case), case, 0.7e-3)
         for case in published.NOMURA
@@ -140,6 +142,7 @@ def _K_rows(cache: Path) -> list[list[str]]:
                 gas_temperature_K=case.gas_temperature_K,
                 pressure_Pa=published.NOMURA_Pa,
                 diameter_m=diameter,
+                device=device,
                 cache=cache,
             )
             for name in MODELS
@@ -152,6 +155,7 @@ def _K_rows(cache: Path) -> list[list[str]]:
                 gas_temperature_K=gas_K,
                 pressure_Pa=101325.0,
                 diameter_m=14e-6,
+                device=device,
                 cache=cache,
             )
             for name in MODELS
@@ -162,10 +166,10 @@ def _K_rows(cache: Path) -> list[list[str]]:
     return rows
 
 
-def _suspended_rows(cache: Path) -> list[list[str]]:
+def _suspended_rows(cache: Path, device: Device) -> list[list[str]]:
     rows = []
     for case in published.SUSPENDED:
-        found = [suspended_mm2(case, name, cache=cache) for name in MODELS]
+        found = [suspended_mm2(case, name, device=device, cache=cache) for name in MODELS]
         for number, (time, measured) in enumerate(
             zip(case.time_s, case.diameter2_mm2, strict=True)
         ):
@@ -174,20 +178,18 @@ def _suspended_rows(cache: Path) -> list[list[str]]:
     return rows
 
 
-def _wet_bulb_rows(cache: Path) -> list[list[str]]:
+def _wet_bulb_rows(cache: Path, device: Device) -> list[list[str]]:
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
+    kernels = [DropletKernels.of(device, fuel, gas, model) for model in MODELS.values()]
     rows = []
     for pressure, gas_K in CONDITIONS:
-        found = [
-            wet_bulb(fuel, gas, model, gas_K=gas_K, pressure_Pa=pressure * 1e6)
-            for model in MODELS.values()
-        ]
+        found = [wet_bulb(each, gas_K=gas_K, pressure_Pa=pressure * 1e6) for each in kernels]
         cells = [f"{warm:.1f} / {k:.3f}" for warm, k in found]
         rows.append([f"{pressure:g} MPa, {gas_K} K", *cells])
     return rows
 
 
-def _lifetime_rows(cache: Path) -> list[list[str]]:
+def _lifetime_rows(cache: Path, device: Device) -> list[list[str]]:
     rows = []
     for pressure, gas_K in CONDITIONS:
         lives = [
@@ -199,6 +201,7 @@ def _lifetime_rows(cache: Path) -> list[list[str]]:
                 pressure_Pa=pressure * 1e6,
                 model=name,
                 points=2,
+                device=device,
                 cache=cache,
             )
             for name in MODELS
@@ -215,6 +218,8 @@ def main() -> None:
     parser.add_argument("--convergence", type=Path, help="PNG of errors of the integrator")
     given = parser.parse_args()
     if given.convergence is not None:
-        write_bytes(given.convergence, convergence_picture(*measure_all(default_cache())))
+        write_bytes(
+            given.convergence, convergence_picture(*measure_all(default_cache(), open_device()))
+        )
     if given.out is not None:
-        write_text(given.out, page(default_cache()))
+        write_text(given.out, page(default_cache(), open_device()))

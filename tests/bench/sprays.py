@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from cldit.gpu.device import open_device
 from cldit.io.files import append_text, write_text
 from cldit.run import default_cache
-from cldit.spray.droplet.evaporation import MODELS
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import fuel_table, gas_table
+from cldit.spray.droplet.models import MODELS
 from cldit.spray.flow.mixture import gas_mixture
 from tests.bench.spray_cone import spray_cone
 from tests.bench.spray_g import spray_g
@@ -71,14 +73,13 @@ def _conditions(bench: Bench) -> list[str]:
     found = [bench.run(f"{p:g} MPa, {t} K", at(p, t, box=box)) for p, t in CONDITIONS]
     lone = [bench.run(f"{p:g} MPa, {t} K, alone", alone(at(p, t, box=box))) for p, t in CONDITIONS]
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
+    kernels = DropletKernels.of(open_device(), fuel, gas, MODELS["abramzon-sirignano"])
     rows = []
     for each, single in zip(found, lone, strict=True):
         ambient, notes = each.spec.ambient, each.spray.notes
         pressure, gas_K = ambient.pressure_Pa, ambient.temperature_K
         t_sat, _ = saturation(fuel, gas, fuel_K=370.0, gas_K=gas_K, pressure_Pa=pressure)
-        bulb, _ = wet_bulb(
-            fuel, gas, MODELS["abramzon-sirignano"], gas_K=gas_K, pressure_Pa=pressure
-        )
+        bulb, _ = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=pressure)
         vapour, by_itself = (
             notes["vapour_penetration_m"],
             single.spray.notes["vapour_penetration_m"],

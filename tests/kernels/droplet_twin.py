@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cldit.arrays import Floats
 from cldit.spray.droplet.fits import GAS_TERMS, LIQUID_TERMS
-from cldit.spray.droplet.fluids import property_table
+from cldit.spray.droplet.fluids import Fuel, Gas, property_table
 from cldit.spray.droplet.rates import Drop, Film
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
@@ -46,20 +47,30 @@ class Properties:
         return np.clip(temperature_K, self.table[ends], self.table[ends + 1])
 
 
-def properties(drop: Drop) -> Properties:
-    return Properties(property_table(drop.fuel, drop.gas))
+@dataclass(frozen=True)
+class Case:
+    """Droplets of a fuel in a carrier gas."""
+
+    fuel: Fuel
+    gas: Gas
+    drop: Drop
+
+    @cached_property
+    def known(self) -> Properties:
+        return Properties(property_table(self.fuel, self.gas))
 
 
-def film(drop: Drop, share: float = 1 / 3) -> Film:
+def film(case: Case, share: float = 1 / 3) -> Film:
     """Film at a share of the way from the surface to the gas."""
-    known, heavy = properties(drop), drop.fuel.molar_mass_kg_mol / drop.gas.molar_mass_kg_mol
+    drop, known = case.drop, case.known
+    heavy = case.fuel.molar_mass_kg_mol / case.gas.molar_mass_kg_mol
 
     def mass_fraction(moles: Floats | float) -> Floats:
         return np.asarray(moles / (moles + (1 - moles) / heavy))
 
     def density(kelvin: Floats, fraction: Floats) -> Floats:
-        moles = fraction / drop.fuel.molar_mass_kg_mol
-        moles = moles + (1 - fraction) / drop.gas.molar_mass_kg_mol
+        moles = fraction / case.fuel.molar_mass_kg_mol
+        moles = moles + (1 - fraction) / case.gas.molar_mass_kg_mol
         return np.asarray(drop.pressure_Pa / (GAS_CONSTANT_J_mol_K * kelvin * moles))
 
     boiling = np.exp(known.liquid(drop.temperature_K)[0]) / drop.pressure_Pa
@@ -92,18 +103,18 @@ def film(drop: Drop, share: float = 1 / 3) -> Film:
     )
 
 
-def spalding(drop: Drop) -> Pair:
-    state = film(drop)
+def spalding(case: Case) -> Pair:
+    drop, state = case.drop, film(case)
     size = np.pi * drop.diameter_m
     sherwood = 2 + 0.6 * np.sqrt(state.reynolds) * np.cbrt(state.schmidt)
     mass = size * state.diffusion_kg_m_s * sherwood * np.log1p(state.transfer)
     return mass, _heat(
-        drop, state, mass, 2 + 0.6 * np.sqrt(state.reynolds) * np.cbrt(state.prandtl)
+        case, state, mass, 2 + 0.6 * np.sqrt(state.reynolds) * np.cbrt(state.prandtl)
     )
 
 
-def abramzon_sirignano(drop: Drop) -> Pair:
-    state = film(drop)
+def abramzon_sirignano(case: Case) -> Pair:
+    drop, state = case.drop, film(case)
     size = np.pi * drop.diameter_m
 
     def thickening(blowing: Floats) -> Floats:
@@ -123,11 +134,11 @@ def abramzon_sirignano(drop: Drop) -> Pair:
         nusselt = 2 + still(state.prandtl) / thickening(middle)
         below = middle * nusselt < bare
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return mass, _heat(drop, state, mass, nusselt)
+    return mass, _heat(case, state, mass, nusselt)
 
 
-def dukowicz(drop: Drop) -> Pair:
-    state, known = film(drop, 0.5), properties(drop)
+def dukowicz(case: Case) -> Pair:
+    drop, known, state = case.drop, case.known, film(case, 0.5)
     nusselt = 2 + 0.6 * np.sqrt(state.reynolds) * np.cbrt(state.prandtl)
     bare = np.pi * drop.diameter_m * state.conductivity_W_m_K * nusselt
     middle = 0.5 * (drop.temperature_K + drop.gas_temperature_K)
@@ -137,26 +148,26 @@ def dukowicz(drop: Drop) -> Pair:
     return mass, heat - mass * known.liquid(drop.temperature_K)[3]
 
 
-def dukowicz_logarithmic(drop: Drop) -> Pair:
-    mass, heat = dukowicz(drop)
-    weaker = _blown(np.log1p(film(drop).transfer))
+def dukowicz_logarithmic(case: Case) -> Pair:
+    mass, heat = dukowicz(case)
+    weaker = _blown(np.log1p(film(case).transfer))
     return mass * weaker, heat * weaker
 
 
-def frolov_type(drop: Drop) -> Pair:
-    conductivity = properties(drop).liquid(drop.temperature_K)[4]
+def frolov_type(case: Case) -> Pair:
+    drop, conductivity = case.drop, case.known.liquid(case.drop.temperature_K)[4]
     conductance = 10 * np.pi * drop.diameter_m * conductivity
-    low = np.full_like(drop.temperature_K, drop.fuel.liquid.low_K)
-    high = np.full_like(low, drop.fuel.liquid.high_K)
+    low = np.full_like(drop.temperature_K, case.fuel.liquid.low_K)
+    high = np.full_like(low, case.fuel.liquid.high_K)
     for _ in range(60):
         surface = 0.5 * (low + high)
-        heat = spalding(replace(drop, temperature_K=surface))[1]
+        heat = spalding(replace(case, drop=replace(drop, temperature_K=surface)))[1]
         below = surface - drop.temperature_K < heat / conductance
         low, high = np.where(below, surface, low), np.where(below, high, surface)
-    return spalding(replace(drop, temperature_K=low))
+    return spalding(replace(case, drop=replace(drop, temperature_K=low)))
 
 
-RATES: dict[str, Callable[[Drop], Pair]] = {
+RATES: dict[str, Callable[[Case], Pair]] = {
     "abramzon-sirignano": abramzon_sirignano,
     "spalding": spalding,
     "dukowicz": dukowicz,
@@ -165,10 +176,11 @@ RATES: dict[str, Callable[[Drop], Pair]] = {
 }
 
 
-def _heat(drop: Drop, state: Film, mass: Floats, nusselt: Floats) -> Floats:
+def _heat(case: Case, state: Film, mass: Floats, nusselt: Floats) -> Floats:
+    drop = case.drop
     bare = np.pi * drop.diameter_m * state.conductivity_W_m_K * nusselt
     blown = _blown(mass * state.cp_vapour_J_kg_K / bare)
-    latent = properties(drop).liquid(drop.temperature_K)[3]
+    latent = case.known.liquid(drop.temperature_K)[3]
     return np.asarray(bare * (drop.gas_temperature_K - drop.temperature_K) * blown - mass * latent)
 
 

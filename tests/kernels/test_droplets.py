@@ -127,15 +127,13 @@ def test_a_property_that_no_polynomial_follows_is_refused() -> None:
 
 
 def drops(
-    fuel: Fuel, gas: Gas, count: int = 203, *, superheated: bool = False, most_vapour: float = 0.6
+    fuel: Fuel, count: int = 203, *, superheated: bool = False, most_vapour: float = 0.6
 ) -> Drop:
     """Droplets in all states: not a whole number of work-items; up to 0.9 of the boiling pressure,
     or to the hottest of the table."""
     rng = np.random.default_rng(5)
     pressure = np.exp(rng.uniform(np.log(0.1e6), np.log(2e6), count))
     drop = Drop(
-        fuel=fuel,
-        gas=gas,
         diameter_m=np.exp(rng.uniform(np.log(0.1e-6), np.log(100e-6), count)),
         temperature_K=rng.uniform(
             260.0, fuel.liquid.high_K if superheated else fuel.boiling_K(0.9 * pressure), count
@@ -146,19 +144,20 @@ def drops(
         slip_m_s=rng.uniform(0.0, 150.0, count) * rng.integers(0, 2, count),
     )
     # As they are on the device, so that rounding of the arguments is no difference.
-    names = [each.name for each in fields(drop)][2:]
+    names = [each.name for each in fields(drop)]
     return replace(drop, **{name: getattr(drop, name).astype(np.float32) for name in names})
 
 
-def states(fuel: Fuel, gas: Gas, real: type[np.floating]) -> Drop:
+def states(fuel: Fuel, real: type[np.floating]) -> Drop:
     """Superheated droplets in double precision only: in single precision, 1 - Y at the surface has
     few digits close to boiling. Vapour alone is beyond its limit, 0.99 of the moles."""
-    return drops(fuel, gas, superheated=real is np.float64, most_vapour=0.9995)
+    return drops(fuel, superheated=real is np.float64, most_vapour=0.9995)
 
 
-def exact(drop: Drop) -> Drop:
-    names = [each.name for each in fields(drop)][2:]
-    return replace(drop, **{name: getattr(drop, name).astype(float) for name in names})
+def exact(fuel: Fuel, gas: Gas, drop: Drop) -> twin.Case:
+    names = [each.name for each in fields(drop)]
+    wide = {name: getattr(drop, name).astype(float) for name in names}
+    return twin.Case(fuel, gas, replace(drop, **wide))
 
 
 def tolerance(real: type[np.floating]) -> float:
@@ -169,10 +168,10 @@ def tolerance(real: type[np.floating]) -> float:
 
 def test_film(device: Device, heptane: Fuel, nitrogen: Gas, real: type[np.floating]) -> None:
     kernels = DropletKernels.of(device, heptane, nitrogen, inert, real=real)
-    drop, limit = states(heptane, nitrogen, real), tolerance(real)
+    drop, limit = states(heptane, real), tolerance(real)
     for share in (1 / 3, 0.5):
         got = Film(*kernels.run("films", drop.columns(), 11, share=share)[0])
-        wanted = twin.film(exact(drop), share)
+        wanted = twin.film(exact(heptane, nitrogen, drop), share)
         for each in fields(Film):
             error = np.abs(getattr(got, each.name) - getattr(wanted, each.name))
             scale = np.abs(getattr(wanted, each.name))
@@ -189,10 +188,10 @@ def test_rates(
     its two parts. The surface temperature of the finite conductivity's iteration has an error of
     2e-4 K (1e-9 K); ln(1 + B) changes by up to 5 per K (1000 where droplets are superheated)."""
     kernels = DropletKernels.of(device, heptane, nitrogen, MODELS[name], real=real)
-    drop = states(heptane, nitrogen, real)
+    drop = states(heptane, real)
     mass, heat = kernels.run("rates", drop.columns(), 2)[0]
-    rates = twin.RATES[name](exact(drop))
-    film = twin.film(exact(drop))
+    rates = twin.RATES[name](exact(heptane, nitrogen, drop))
+    film = twin.film(exact(heptane, nitrogen, drop))
     limit = tolerance(real) * 40
     if name == "frolov-type":
         limit += 1e-6 if real is np.float64 else 1e-3
@@ -206,11 +205,11 @@ def test_rates(
 # --- steps ----------------------------------------------------------------------------------------
 
 
-def crowd(drop: Drop) -> dict[str, list[Any]]:
+def crowd(fuel: Fuel, drop: Drop) -> dict[str, list[Any]]:
     """Arguments of the steps: the droplets in a wind along two axes."""
     count = len(drop.diameter_m)
     wind = [np.linspace(-20.0, 20.0, count), np.full(count, 3.0), np.zeros(count)]
-    mass = drop.fuel.mass_kg(drop.diameter_m, drop.temperature_K)
+    mass = fuel.mass_kg(drop.diameter_m, drop.temperature_K)
     return {
         "gas": [drop.gas_temperature_K, drop.pressure_Pa, drop.vapour, *wind],
         "droplets": [mass, drop.temperature_K, wind[0] + drop.slip_m_s, wind[1], wind[2]],
@@ -228,7 +227,7 @@ def test_steps_in_single_precision(device: Device, heptane: Fuel, nitrogen: Gas,
     tolerance: of three steps in temperature, which has 100 K as its unit."""
     if not device.info.float64:
         pytest.skip("the device has no double precision")
-    columns = crowd(drops(heptane, nitrogen, 2003))
+    columns = crowd(heptane, drops(heptane, 2003))
     (out, after), (wide, exactly) = (
         DropletKernels.of(device, heptane, nitrogen, MODELS[name], real=each).run(
             "advance_droplets", columns, 5, **STEP
@@ -253,7 +252,7 @@ def test_steps_in_single_precision(device: Device, heptane: Fuel, nitrogen: Gas,
 def test_lanes_are_independent(device: Device, heptane: Fuel, nitrogen: Gas) -> None:
     """Each droplet alone has the state that it has among others, bit for bit."""
     kernels = DropletKernels.of(device, heptane, nitrogen, MODELS["spalding"], real=np.float32)
-    columns = crowd(drops(heptane, nitrogen, 13))
+    columns = crowd(heptane, drops(heptane, 13))
     out, after = kernels.run("advance_droplets", columns, 5, **STEP)
     for number in range(13):
         alone = {name: [each[number : number + 1] for each in columns[name]] for name in columns}
@@ -270,7 +269,7 @@ def test_a_work_item_of_one_droplet_is_one_of_eight(
     eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
     program = build(device, "droplets.cl", {**model.defines, "SIMD_WIDTH": 1})
     one = replace(eight, program=program, width=1)
-    columns = crowd(drops(heptane, nitrogen, 200))
+    columns = crowd(heptane, drops(heptane, 200))
     (out, after), (other, state) = (
         kernels.run("advance_droplets", columns, 5, **STEP) for kernels in (eight, one)
     )
@@ -280,7 +279,7 @@ def test_a_work_item_of_one_droplet_is_one_of_eight(
 
 def test_impossible_droplets_are_reported(device: Device, heptane: Fuel, nitrogen: Gas) -> None:
     kernels = DropletKernels.of(device, heptane, nitrogen, MODELS["spalding"], real=np.float32)
-    columns = crowd(drops(heptane, nitrogen, 9))
+    columns = crowd(heptane, drops(heptane, 9))
     columns["gas"][0] = np.where(np.arange(9) == 4, np.nan, columns["gas"][0])
     rounds = kernels.run("advance_droplets", columns, 5, **STEP)[0][4]
     assert rounds[4] == -1 and np.all(np.delete(rounds, 4) > 0)

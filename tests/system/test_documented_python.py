@@ -67,7 +67,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_extending(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from cldit.spray.droplet.evaporation import MODELS
+    from cldit.spray.droplet.models import MODELS
 
     before = dict(MODELS)
     try:

@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 from cldit.arrays import Floats
 from cldit.gpu.device import Device
 from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
-from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.droplet.models import MODELS, Model
+from cldit.spray.droplet.arrays import DropletKernels
+from cldit.spray.droplet.fluids import Fuel, fuel_table, gas_table
+from cldit.spray.droplet.models import MODELS
 from cldit.spray.droplet.rates import Drop, rates
 
 _COPIES = 64  # of the droplet, followed together as in a spray
@@ -66,14 +67,15 @@ class Reference:
     left: float
 
 
-def reference(case: Case, model: Model, fuel: Fuel, gas: Gas, device: Device) -> Reference:
+def reference(case: Case, kernels: DropletKernels) -> Reference:
     """Solves with scipy's Radau, in s = (m/m0)^(2/3) and T, with the plain rates of the model."""
+    fuel = kernels.fuel
     first = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
 
     def slopes(_: float, y: Floats) -> tuple[float, float]:
         s = max(float(y[0]), _CUT)
         mass = first * s**1.5
-        rate, heat = _rates(case, model, fuel, gas, device, mass, float(y[1]))
+        rate, heat = _rates(case, kernels, mass, float(y[1]))
         cp = float(fuel.liquid.one("cp", y[1]))
         return -2 / 3 * s * rate / mass, heat / (mass * cp)
 
@@ -107,30 +109,18 @@ def error_of(found: Reference, wanted: Reference) -> float:
 
 def integrated(
     case: Case,
-    model: Model,
-    fuel: Fuel,
-    gas: Gas,
-    device: Device,
+    kernels: DropletKernels,
     *,
     half_s: float,
     steps: int,
     tolerance: float,
 ) -> Reference:
     """Solves with the library's own integrator, in calls of equal length."""
-    start, around = _states(case, fuel)
+    start, around = _states(case, kernels.fuel)
     step = half_s / steps
     state, at, left = start, 0.0, 0.0
     for number in range(100 * steps + 100):
-        found = advance(
-            state,
-            around,
-            step,
-            fuel=fuel,
-            gas=gas,
-            model=model,
-            device=device,
-            tolerance=tolerance,
-        )
+        found = advance(state, around, step, kernels, tolerance=tolerance)
         state = found.droplets
         if number == steps - 1:
             left = float(state.mass_kg[0] / start.mass_kg[0])
@@ -140,14 +130,13 @@ def integrated(
     return Reference(np.inf, left)
 
 
-def explicit_euler(
-    case: Case, model: Model, fuel: Fuel, gas: Gas, device: Device, *, half_s: float, steps: int
-) -> Reference:
+def explicit_euler(case: Case, kernels: DropletKernels, *, half_s: float, steps: int) -> Reference:
     """Plain steps of mass and temperature, for comparison; infinite where it breaks down."""
+    fuel = kernels.fuel
     first = mass = float(fuel.mass_kg(case.diameter_m, case.temperature_K))
     warm, step, left = case.temperature_K, half_s / steps, 0.0
     for number in range(10 * steps):
-        rate, heat = _rates(case, model, fuel, gas, device, mass, warm)
+        rate, heat = _rates(case, kernels, mass, warm)
         if mass <= rate * step:
             return Reference(number * step + mass / rate, left)
         warm += step * heat / (mass * float(fuel.liquid.one("cp", warm)))
@@ -159,19 +148,15 @@ def explicit_euler(
     return Reference(np.inf, left)
 
 
-def measure(case: Case, model: str, fuel: Fuel, gas: Gas, device: Device) -> Convergence:
+def measure(case: Case, model: str, kernels: DropletKernels) -> Convergence:
     """Errors and run times of one model in one case."""
-    rule = MODELS[model]
-    wanted = reference(case, rule, fuel, gas, device)
+    wanted = reference(case, kernels)
     rows: list[tuple[float, float]] = []
     for steps, tolerance in [(n, np.inf) for n in _STEPS] + [(1, tol) for tol in _TOLERANCES]:
         began = time.process_time()
         found = integrated(
             case,
-            rule,
-            fuel,
-            gas,
-            device,
+            kernels,
             half_s=wanted.life_s / 2,
             steps=steps,
             tolerance=tolerance,
@@ -189,17 +174,12 @@ def measure(case: Case, model: str, fuel: Fuel, gas: Gas, device: Device) -> Con
     )
 
 
-def measure_euler(
-    case: Case, model: str, fuel: Fuel, gas: Gas, device: Device
-) -> tuple[Floats, Floats]:
+def measure_euler(case: Case, kernels: DropletKernels) -> tuple[Floats, Floats]:
     """Errors of `explicit_euler`."""
-    wanted = reference(case, MODELS[model], fuel, gas, device)
+    wanted = reference(case, kernels)
     half = wanted.life_s / 2
     error = [
-        error_of(
-            explicit_euler(case, MODELS[model], fuel, gas, device, half_s=half, steps=n), wanted
-        )
-        for n in _EULER_STEPS
+        error_of(explicit_euler(case, kernels, half_s=half, steps=n), wanted) for n in _EULER_STEPS
     ]
     return half / np.array(_EULER_STEPS), np.array(error)
 
@@ -210,9 +190,10 @@ def measure_all(
 ) -> tuple[list[Convergence], dict[Case, tuple[Floats, Floats]]]:
     """All models in all cases; and explicit Euler with the first model."""
     fuel, gas = fuel_table("n-heptane", cache=cache), gas_table("nitrogen", cache=cache)
-    found = [measure(case, model, fuel, gas, device) for case in CASES for model in MODELS]
-    first = next(iter(MODELS))
-    return found, {case: measure_euler(case, first, fuel, gas, device) for case in CASES}
+    kernels = {name: DropletKernels.of(device, fuel, gas, model) for name, model in MODELS.items()}
+    found = [measure(case, name, kernels[name]) for case in CASES for name in MODELS]
+    first = kernels[next(iter(MODELS))]
+    return found, {case: measure_euler(case, first) for case in CASES}
 
 
 def _states(case: Case, fuel: Fuel) -> tuple[DropletStates, DropletSurroundings]:
@@ -229,25 +210,19 @@ def _states(case: Case, fuel: Fuel) -> tuple[DropletStates, DropletSurroundings]
 
 def _rates(
     case: Case,
-    model: Model,
-    fuel: Fuel,
-    gas: Gas,
-    device: Device,
+    kernels: DropletKernels,
     mass: float,
     temperature: float,
 ) -> tuple[float, float]:
     found = rates(
         Drop(
-            fuel=fuel,
-            gas=gas,
-            diameter_m=fuel.diameter_m([mass], [temperature]),
+            diameter_m=kernels.fuel.diameter_m([mass], [temperature]),
             temperature_K=np.array([temperature]),
             gas_temperature_K=np.array([case.gas_K]),
             pressure_Pa=np.array([case.pressure_Pa]),
             vapour=np.zeros(1),
             slip_m_s=np.zeros(1),
         ),
-        model,
-        device,
+        kernels,
     )
     return float(found.mass_kg_s[0]), float(found.heat_W[0])

@@ -9,9 +9,8 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.gpu.device import Device
-from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.follow import Life, follow
-from cldit.spray.droplet.models import Model
 from cldit.spray.droplet.rates import Drop, rates
 from tests.verify import droplet_published as published
 from tests.verify.droplet_published import Suspended
@@ -20,14 +19,10 @@ _EVEN = (0.25, 0.8)  # of d0^2: where K is read off, in the measurements as in t
 CONDITIONS = ((0.15, 300), (0.15, 573), (0.15, 620), (0.3, 500), (0.6, 573), (0.9, 300), (0.9, 620))
 
 
-def wet_bulb(
-    fuel: Fuel, gas: Gas, model: Model, *, gas_K: float, pressure_Pa: float, device: Device
-) -> Floats:
+def wet_bulb(kernels: DropletKernels, *, gas_K: float, pressure_Pa: float) -> Floats:
     """The state at rest in which no heat enters the liquid."""
-    d = 10e-6
+    d, fuel = 10e-6, kernels.fuel
     drop = Drop(
-        fuel=fuel,
-        gas=gas,
         diameter_m=np.array([d]),
         temperature_K=np.array([gas_K]),
         gas_temperature_K=np.array([gas_K]),
@@ -39,8 +34,8 @@ def wet_bulb(
     for _ in range(50):  # down to rounding
         middle = 0.5 * (low + high)
         at = replace(drop, temperature_K=np.array([middle]))
-        low, high = (middle, high) if rates(at, model, device).heat_W[0] > 0 else (low, middle)
-    rate = rates(replace(drop, temperature_K=np.array([low])), model, device).mass_kg_s[0]
+        low, high = (middle, high) if rates(at, kernels).heat_W[0] > 0 else (low, middle)
+    rate = rates(replace(drop, temperature_K=np.array([low])), kernels).mass_kg_s[0]
     density = float(fuel.liquid.one("density", low))
     return np.array([low, 1e6 * 4 * rate / (np.pi * density * d)])
 

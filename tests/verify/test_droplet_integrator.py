@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Protocol
 
@@ -15,6 +16,7 @@ from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.spray.cone.mixing import heptane_state
 from cldit.spray.droplet.advance import Advance, DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
 from cldit.spray.droplet.models import MODELS, Model, inert
 from cldit.spray.droplet.rates import Drop, film, rates
@@ -57,6 +59,10 @@ def around(
     )
 
 
+FIRST = MODELS["abramzon-sirignano"]
+Makes = Callable[[Model], DropletKernels]
+
+
 class Follow(Protocol):
     def __call__(
         self,
@@ -69,26 +75,23 @@ class Follow(Protocol):
     ) -> Advance: ...
 
 
+@pytest.fixture(scope="module")
+def kernels(device: Device) -> Makes:
+    """Kernels of a model, made once."""
+    return cache(lambda model: DropletKernels.of(device, n_heptane(), nitrogen(), model))
+
+
 @pytest.fixture
-def follow(device: Device) -> Follow:
+def follow(kernels: Makes) -> Follow:
     def call(
         start: DropletStates,
         gas: DropletSurroundings,
         duration_s: float,
         *,
-        model: Model = MODELS["abramzon-sirignano"],
+        model: Model = FIRST,
         tolerance: float = 1e-3,
     ) -> Advance:
-        return advance(
-            start,
-            gas,
-            duration_s,
-            fuel=n_heptane(),
-            gas=nitrogen(),
-            model=model,
-            device=device,
-            tolerance=tolerance,
-        )
+        return advance(start, gas, duration_s, kernels(model), tolerance=tolerance)
 
     return call
 
@@ -144,13 +147,11 @@ def test_thermal_relaxation(follow: Follow) -> None:
         assert found.droplets.temperature_K[0] == pytest.approx(wanted, abs=0.1 * 2e-4)
 
 
-def viscosity(device: Device) -> float:
+def viscosity(kernels: Makes) -> float:
     """Of the film that the integrator sees in gas at the liquid's temperature and 1 kPa vapour."""
     one = np.ones(1)
     state = film(
         Drop(
-            n_heptane(),
-            nitrogen(),
             9e-6 * one,
             250.0 * one,
             250.0 * one,
@@ -158,15 +159,15 @@ def viscosity(device: Device) -> float:
             0 * one,
             0 * one,
         ),
-        device,
+        kernels(inert),
     )
     return float(state.viscosity_Pa_s[0])
 
 
-def test_stokes_relaxation_and_path(follow: Follow, device: Device) -> None:
+def test_stokes_relaxation_and_path(follow: Follow, kernels: Makes) -> None:
     """u = u0 exp(-t/tau), way u0 tau (1 - exp(-t/tau)). At Re = 7e-7 Schiller and Naumann's
     correction is 0.15 Re^0.687 = 1e-5."""
-    tau = float(density(250.0)) * 81e-12 / (18 * viscosity(device))
+    tau = float(density(250.0)) * 81e-12 / (18 * viscosity(kernels))
     start = droplets(liquid_K=250.0, velocity_m_s=1e-6)
     gas = around(gas_K=250.0, pressure_Pa=1e5)
     for times in (0.01, 1.0, 4.0):
@@ -176,9 +177,9 @@ def test_stokes_relaxation_and_path(follow: Follow, device: Device) -> None:
         assert found.path_m[0, 0] == pytest.approx(1e-6 * tau * (1 - left), rel=1e-4)
 
 
-def test_stokes_drag_on_a_shrinking_droplet(follow: Follow, device: Device) -> None:
+def test_stokes_drag_on_a_shrinking_droplet(follow: Follow, kernels: Makes) -> None:
     """With the d2 law the slip falls as s^(1/(k tau)), s = 1 - k t; both in closed form."""
-    tau = float(density(250.0)) * 81e-12 / (18 * viscosity(device))
+    tau = float(density(250.0)) * 81e-12 / (18 * viscosity(kernels))
     k = 0.7 / tau
     c = k * 81e-12 * np.pi * float(density(250.0)) / 4
     start = droplets(liquid_K=250.0, velocity_m_s=1e-6)
@@ -190,11 +191,11 @@ def test_stokes_drag_on_a_shrinking_droplet(follow: Follow, device: Device) -> N
 
 
 @pytest.mark.parametrize("speed", [1.0, 30.0, 150.0])
-def test_drag_beyond_stokes(follow: Follow, device: Device, speed: float) -> None:
+def test_drag_beyond_stokes(follow: Follow, kernels: Makes, speed: float) -> None:
     """Against scipy; Re up to 1900, on both sides of 1000, where Cd jumps by 0.3 %."""
     start = droplets(diameter_m=20e-6, liquid_K=250.0, velocity_m_s=speed)
     gas = around(gas_K=250.0, pressure_Pa=0.6e6)
-    mu, rho = viscosity(device), 0.6e6 / (8.314 * 250.0) * nitrogen().molar_mass_kg_mol
+    mu, rho = viscosity(kernels), 0.6e6 / (8.314 * 250.0) * nitrogen().molar_mass_kg_mol
     tau = float(density(250.0)) * 400e-12 / (18 * mu)
 
     def slopes(_: float, u: np.ndarray) -> np.ndarray:
@@ -208,22 +209,16 @@ def test_drag_beyond_stokes(follow: Follow, device: Device, speed: float) -> Non
     assert found == pytest.approx(float(exact), rel=3e-3)
 
 
-def test_at_the_wet_bulb_the_temperature_stays(follow: Follow, device: Device) -> None:
+def test_at_the_wet_bulb_the_temperature_stays(follow: Follow, kernels: Makes) -> None:
     """Isothermal identity: at rest neither rate depends on size, so no life of it warms a droplet.
     The wet bulb is found to 1e-9 K."""
     low, high = 300.0, 440.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         at = Drop(
-            n_heptane(),
-            nitrogen(),
             *(np.array([v]) for v in (9e-6, middle, 573.0, 0.6e6, 0.0, 0.0)),
         )
-        low, high = (
-            (middle, high)
-            if rates(at, MODELS["abramzon-sirignano"], device).heat_W[0] > 0
-            else (low, middle)
-        )
+        low, high = (middle, high) if rates(at, kernels(FIRST)).heat_W[0] > 0 else (low, middle)
     start = droplets(liquid_K=low)
     found = follow(start, around(), 4e-4)
     assert found.droplets.mass_kg[0] < 0.2 * start.mass_kg[0]
@@ -269,17 +264,14 @@ def test_lifetimes(
     ("number", "name"),
     [(1, m) for m in MODELS] + [(n, "abramzon-sirignano") for n in (0, 2, 3)],
 )
-def test_against_radau(device: Device, name: str, number: int) -> None:
+def test_against_radau(kernels: Makes, name: str, number: int) -> None:
     """Errors add up over some ten steps and partly cancel: twice the tolerance of a step."""
     chosen = CASES[number]
-    wanted = reference(chosen, MODELS[name], n_heptane(), nitrogen(), device)
+    wanted = reference(chosen, kernels(MODELS[name]))
     for tolerance in (1e-2, 1e-3):
         found = integrated(
             chosen,
-            MODELS[name],
-            n_heptane(),
-            nitrogen(),
-            device,
+            kernels(MODELS[name]),
             half_s=wanted.life_s / 2,
             steps=1,
             tolerance=tolerance,
@@ -287,18 +279,15 @@ def test_against_radau(device: Device, name: str, number: int) -> None:
         assert error_of(found, wanted) < 2 * tolerance
 
 
-def test_second_order_in_the_step(device: Device) -> None:
+def test_second_order_in_the_step(kernels: Makes) -> None:
     """Halving it divides the error by 4, to the next order."""
-    case, model = CASES[0], MODELS["abramzon-sirignano"]
-    wanted = reference(case, model, n_heptane(), nitrogen(), device)
+    case, model = CASES[0], FIRST
+    wanted = reference(case, kernels(model))
     errors = [
         error_of(
             integrated(
                 case,
-                model,
-                n_heptane(),
-                nitrogen(),
-                device,
+                kernels(model),
                 half_s=wanted.life_s / 2,
                 steps=steps,
                 tolerance=np.inf,

@@ -11,10 +11,8 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
-from cldit.gpu.device import Device
 from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.models import Model
+from cldit.spray.droplet.fluids import Fuel
 
 _AXES = 3
 _ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
@@ -64,11 +62,8 @@ def advance(
     droplets: DropletStates,
     surroundings: DropletSurroundings,
     duration_s: float,
+    kernels: DropletKernels,
     *,
-    fuel: Fuel,
-    gas: Gas,
-    model: Model,
-    device: Device,
     tolerance: float = 1e-3,
     drag: bool = True,
 ) -> Advance:
@@ -77,20 +72,18 @@ def advance(
     Args:
         droplets, surroundings: (N,) initial droplets, and gas around each; up to three axes.
         duration_s: of the integration.
-        fuel, gas: property tables.
-        model: of evaporation.
-        device: which computes.
+        kernels: fuel, carrier gas, evaporation model and device.
         tolerance: allowed error of a step, relative to s and to 100 K; inf: one step.
         drag: without it velocities are constant (a droplet on a fibre).
 
     Raises:
         SprayError: impossible droplets or surroundings; a droplet cannot be integrated.
     """
+    fuel = kernels.fuel
     _check(droplets, surroundings, duration_s, fuel)
     around = surroundings
     axes = droplets.velocity_m_s.shape[1]
     rest = [np.zeros(len(droplets.mass_kg))] * (_AXES - axes)
-    kernels = DropletKernels.of(device, fuel, gas, model)
     out, after = kernels.run(
         "advance_droplets",
         {

@@ -19,16 +19,19 @@ from cldit.spray.droplet.models import Model
 
 @dataclass(frozen=True)
 class DropletKernels:
-    """Program for an evaporation model, a fuel and a carrier gas.
+    """Droplets of a fuel in a carrier gas, with an evaporation model, on a device.
 
-    width: droplets of a work-item. real: type of the device's numbers. fuel: buffer of the property
-    table.
+    width: droplets of a work-item. real: type of the device's numbers. table: buffer of the
+    property table.
     """
 
+    fuel: Fuel
+    gas: Gas
+    model: Model
     program: Program
     width: int
     real: type[np.floating]
-    fuel: Any
+    table: Any
 
     @classmethod
     def of(
@@ -48,7 +51,7 @@ class DropletKernels:
         defines = {**model.defines, "SIMD_WIDTH": width, **({"USE_FLOAT64": 1} if double else {})}
         program = build(device, "droplets.cl", defines, before=model.source)
         table = property_table(fuel, gas).astype(real)
-        return cls(program, width, real, upload(device, "fuel", table))
+        return cls(fuel, gas, model, program, width, real, upload(device, "fuel", table))
 
     def run(
         self,
@@ -89,7 +92,7 @@ class DropletKernels:
             kernel,
             (groups,),
             None,
-            {"fuel": self.fuel, "count": count, **buffers, **numbers},
+            {"fuel": self.table, "count": count, **buffers, **numbers},
         )
 
         def back(name: str, quantities: int) -> Floats:

@@ -13,6 +13,7 @@ from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.io.text_tables import csv_text
 from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import check_conditions, fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS
 
@@ -107,15 +108,14 @@ def follow(
         np.zeros((1, 1)),
     )
 
+    kernels = DropletKernels.of(device, liquid, carrier, MODELS[model])
+
     def after(state: DropletStates, seconds: float) -> tuple[DropletStates, float]:
         found = advance(
             state,
             around,
             seconds,
-            fuel=liquid,
-            gas=carrier,
-            model=MODELS[model],
-            device=device,
+            kernels,
             tolerance=tolerance,
             drag=not held,
         )

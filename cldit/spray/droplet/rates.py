@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cldit.arrays import Floats
-from cldit.gpu.device import Device
 from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.models import Model, inert
 
 
 @dataclass(frozen=True)
@@ -19,8 +16,6 @@ class Drop:
     slip_m_s: speed relative to the gas.
     """
 
-    fuel: Fuel
-    gas: Gas
     diameter_m: Floats
     temperature_K: Floats
     gas_temperature_K: Floats
@@ -66,13 +61,11 @@ class Film:
     diffusion_kg_m_s: Floats
 
 
-def rates(drop: Drop, model: Model, device: Device) -> Rates:
-    """Rates of droplets by an evaporation model, in double precision."""
-    kernels = DropletKernels.of(device, drop.fuel, drop.gas, model)
+def rates(drop: Drop, kernels: DropletKernels) -> Rates:
+    """Rates of droplets by the evaporation model of the kernels."""
     return Rates(*kernels.run("rates", drop.columns(), 2)[0])
 
 
-def film(drop: Drop, device: Device, *, share: float = 1 / 3) -> Film:
+def film(drop: Drop, kernels: DropletKernels, *, share: float = 1 / 3) -> Film:
     """Film at a `share` of the way from the surface to the gas, see kernels/droplet_film.h."""
-    kernels = DropletKernels.of(device, drop.fuel, drop.gas, inert)
     return Film(*kernels.run("films", drop.columns(), 11, share=share)[0])

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from cldit.cli import main
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.spray.droplet.follow import COLUMNS, follow
 
 PAPER: dict[str, Any] = {
@@ -76,22 +77,24 @@ def test_command_draws(monkeypatch: pytest.MonkeyPatch, cache: Path, tmp_path: P
         ({"duration_s": -1.0}, "duration -1 s"),
     ],
 )
-def test_bad_values_are_refused(change: dict[str, Any], says: str, cache: Path) -> None:
+def test_bad_values_are_refused(
+    change: dict[str, Any], says: str, device: Device, cache: Path
+) -> None:
     with pytest.raises(SprayError, match=says):
-        follow(**{**PAPER, **change}, cache=cache)
+        follow(**{**PAPER, **change}, device=device, cache=cache)
 
 
-def test_a_droplet_that_stays_needs_a_duration(cache: Path) -> None:
+def test_a_droplet_that_stays_needs_a_duration(device: Device, cache: Path) -> None:
     """In its own vapour at its own saturation it can neither evaporate nor grow."""
     saturated = {**PAPER, "gas_temperature_K": 370.0, "vapour": 0.9}
     with pytest.raises(SprayError, match=r"does not vanish .* give a duration"):
-        follow(**saturated, cache=cache)
-    life = follow(**saturated, duration_s=1e-3, points=11, cache=cache)
+        follow(**saturated, device=device, cache=cache)
+    life = follow(**saturated, duration_s=1e-3, points=11, device=device, cache=cache)
     assert life.time_s[-1] == 1e-3 and not life.vanished
     assert life.mass_kg[-1] > life.mass_kg[0]  # 0.9 is above saturation: it condenses
 
 
-def test_columns_have_one_length(cache: Path) -> None:
-    life = follow(**PAPER, points=5, cache=cache)
+def test_columns_have_one_length(device: Device, cache: Path) -> None:
+    life = follow(**PAPER, points=5, device=device, cache=cache)
     assert {getattr(life, name).shape for name in COLUMNS} == {(5,)}
     assert len(life.csv().splitlines()) == 6
