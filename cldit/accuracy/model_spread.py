@@ -19,7 +19,7 @@ from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.arrays import Floats
 from cldit.errors import MediumError, SprayError, TransportError
-from cldit.medium.resolution import swept_cells
+from cldit.medium.resolution import counted
 from cldit.optics.scene_phase import has_coefficients, scene_phase
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
@@ -101,7 +101,8 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
         other = "mie"
     if not isinstance(scene.spray, GridSpray):
         depth = max(depth - _COARSER, 0)
-    if swept_cells(prepared.cube.at(depth), prepared.sources) > _MOST_CELLS:
+    cells = counted(prepared.cube.at(depth), prepared.sources, tracer.device).swept
+    if cells > _MOST_CELLS:
         why = f"not known: a second trace is long; compare a run with transport.phase: {other}"
         return Cause(_PHASE, None, why)
     changed = scene.with_(**{"transport.phase": other})

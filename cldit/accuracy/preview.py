@@ -73,6 +73,7 @@ def _preview(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, 
             prepared.properties.sources,
             optical_depth_split=scene.domain.optical_depth_split,
             max_cells=prepared.limit,
+            device=device,
         )
         try:
             traces = [trace(tree, seen, device, settings) for tree in trees]

@@ -14,7 +14,7 @@ from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError
 from cldit.gpu.device import Device
-from cldit.medium.resolution import memory_cells
+from cldit.medium.resolution import counted
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Medium, Prepared, prepare
 from cldit.prepare.stages import Stages
@@ -135,7 +135,7 @@ class Problem:
             on_lattice = resolution.cube_m is not None  # cells and lattice are made together
             depth = None if on_lattice else resolution.depth
             try:
-                return resolution, prepared, prepared.grown(self.stages, depth)
+                return resolution, prepared, prepared.grown(self.device, self.stages, depth)
             except MediumError:
                 depth = resolution.depth
                 if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):
@@ -159,7 +159,7 @@ class Problem:
         prepared = self._prepared[1]
         if finer.depth != than.depth and finer.cube_m is None and finer.depth is not None:
             frame = prepared.frame.at(finer.depth)
-            held = memory_cells(frame, prepared.sources) <= prepared.limit
+            held = counted(frame, prepared.sources, self.device).memory_cells <= prepared.limit
             return "" if held else too_many(frame.cell_m)
         possible = clamp_to_memory(finer, prepared)
         if possible is finer or possible.spacing_m is None or than.spacing_m is None:

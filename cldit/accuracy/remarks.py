@@ -14,7 +14,7 @@ from cldit.accuracy.variant_tracer import CoarseCost
 from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import Sources
-from cldit.medium.resolution import memory_cells, swept_cells
+from cldit.medium.resolution import counted
 from cldit.prepare.cell_choice import cell_bytes, memory_bytes
 from cldit.scene import Scene
 from cldit.transport.trace import TraceSettings
@@ -98,18 +98,18 @@ def expected(
 
     `coarse` are the costs of the traces before it; without any, the time is unknown.
     """
-    cells, count = swept_cells(frame, sources), len(settings)
+    found, count = counted(frame, sources, device), len(settings)
     phase = any(one.phase is not None for one in settings)
-    stored = memory_cells(frame, sources) * cell_bytes(wavelengths=count, phase=phase)
+    stored = found.memory_cells * cell_bytes(wavelengths=count, phase=phase)
     ordinates = sum(one.final_directions for one in settings)
     columns, rows = scene.camera.pixels
     most = max(coarse, key=lambda one: one.cells, default=None)
-    spent_s = 0.0 if most is None else most.scaled_s(cells, ordinates, columns * rows, count)
+    spent_s = 0.0 if most is None else most.scaled_s(found.swept, ordinates, columns * rows, count)
     if spent_s <= _LONG_s and stored <= _MUCH * memory_bytes(device):
         return ()
     each = round(ordinates / count)
     needs = {
-        "cells": (cells / 32**3, f"{cells:.2g} cells of {1e3 * frame.cell_m:.2g} mm"),
+        "cells": (found.swept / 32**3, f"{found.swept:.2g} cells of {1e3 * frame.cell_m:.2g} mm"),
         "trace": (each / _FEW_ORDINATES, f"{each} ordinates"),
         "wavelengths": (float(count), f"{count} wavelength{'' if count == 1 else 's'}"),
     }

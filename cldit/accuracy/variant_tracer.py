@@ -21,8 +21,8 @@ from cldit.accuracy.preview import previewed
 from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
-from cldit.medium.octree import Sources, build_octrees
-from cldit.medium.resolution import on_grid, swept_cells
+from cldit.medium.octree import Sources, build_octree, build_octrees
+from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
@@ -196,11 +196,12 @@ class VariantTracer:
             [sources],
             optical_depth_split=self.scene.domain.optical_depth_split if split is None else split,
             max_cells=self.prepared.limit,
+            device=self.device,
         )[0]
         pixels = None if self.drawn is None else self.drawn.sample.pixels
         found, cost = CoarseCost.measured(
             self.device,
-            swept_cells(frame, sources),
+            counted(frame, sources, self.device).swept,
             settings,
             lambda: trace(tree, self.scene, self.device, settings, pixels=pixels, rays=rays),
         )
@@ -229,8 +230,8 @@ def temperature_of(
 ) -> NodeTemperature:
     """T_app of a scene's image at the wavelength `prepared.node`; `visible` as there."""
     names = tuple(patch.name for patch in scene.patches)
-    nothing = build_octrees(prepared.cube.at(0), [(None, [])], optical_depth_split=1.0)
-    view = View.of(scene, OpticalCells.of(nothing[0], patches=names))
+    nothing = build_octree(prepared.cube.at(0), None, [], optical_depth_split=1.0)
+    view = View.of(scene, OpticalCells.of(nothing, patches=names))
     return NodeTemperature.of(scene, prepared.node, view.sees_background_alone, visible=visible)
 
 

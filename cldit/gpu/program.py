@@ -64,6 +64,11 @@ class Program:
     built: Compiled
     _own: threading.local = field(default_factory=threading.local, repr=False, compare=False)
 
+    @property
+    def real(self) -> type[np.floating]:
+        """The type that the kernels call real."""
+        return np.float64 if "USE_FLOAT64" in self.defines else np.float32
+
     def largest_group(self, kernel: str) -> int:
         """Largest number of work-items in a group of this kernel on this device."""
         return min(self.device.info.largest_group, self._kernel(kernel)[1].largest_group)
@@ -152,8 +157,7 @@ class Program:
                 check_room(handle)  # PoCL compiles once more at the first launch
             made = cl.Kernel(self.built.program, name)
             if name not in known:
-                real = np.float64 if "USE_FLOAT64" in self.defines else np.float32
-                known[name] = Signature.of(made, arguments[name], handle, real)
+                known[name] = Signature.of(made, arguments[name], handle, self.real)
             kernels[name] = made, known[name]
         return kernels[name]
 

@@ -2,14 +2,17 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Ints, Mask
 from cldit.errors import MediumError
+from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.medium.lattice import Lattice
+from cldit.medium.rasterise import Rasteriser
 from cldit.spray.extent import Box, Extent
 
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposition: about 60 bytes a pair
@@ -211,40 +214,29 @@ class PlacedPoints:
 
 @dataclass(frozen=True)
 class PlacedClouds:
-    """Clouds in the cube, in units of finest cells: place (N, 3) and covariance (N, 3, 3)."""
+    """Clouds in the cube, in units of finest cells: place (N, 3) and covariance (N, 3, 3).
+
+    device: which rasterises them.
+    """
 
     place: Floats
     covariance: Floats
     cells: int
+    device: Device | None
+
+    @cached_property
+    def _rasteriser(self) -> Rasteriser:
+        if self.device is None:
+            raise MediumError("clouds of droplets: no device; allowed: device=open_device()")
+        return Rasteriser.of(self.device, self.place, self.covariance, self.cells)
 
     def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that a cloud reaches."""
-        none = np.zeros((len(self.place), 0))
-        directory, target = np.zeros(mark.shape, np.int32), np.zeros((0, 0))
-        self._rasterise(none, directory, mark, target, marking=True)
+        self._rasteriser.mark(mark)
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread over its cloud, to its target (S,)."""
-        sums = np.zeros((len(amounts), len(targets[0]) if targets else 0))
-        mark = np.zeros(touched.directory.shape, bool)
-        amount = np.stack(amounts, axis=1) if amounts else np.zeros((len(self.place), 0))
-        self._rasterise(amount, touched.directory, mark, sums, marking=False)
-        for target, total in zip(targets, sums, strict=True):
-            target += total
-
-    def _rasterise(
-        self,
-        amount: Floats,
-        directory: NDArray[np.int32],
-        mark: Mask,
-        target: Floats,
-        *,
-        marking: bool,
-    ) -> None:
-        # Imports a compiler, which a scene without clouds does not need.
-        from cldit.medium.rasterise import rasterise
-
-        rasterise(self.place, self.covariance, amount, directory, self.cells, marking, mark, target)
+        self._rasteriser.add(touched.directory, amounts, targets)
 
 
 Placed = PlacedPoints | PlacedBoxes | PlacedClouds
@@ -264,9 +256,15 @@ def place_boxes(
 
 
 def place_droplets(
-    frame: Frame, position_m: Floats, extent: Extent | None, amount: Floats
+    frame: Frame,
+    position_m: Floats,
+    extent: Extent | None,
+    amount: Floats,
+    device: Device | None = None,
 ) -> Placed:
     """Parcels (N, 3) in the cube as points, boxes or clouds, by the extent of their droplets.
+
+    device: which rasterises clouds; None: only their place is of interest, or there are none.
 
     Raises MediumError if part of `amount` (N,) is outside the cube.
     """
@@ -283,7 +281,7 @@ def place_droplets(
     if extent is None:
         return PlacedPoints(cell)
     return PlacedClouds(
-        frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2, frame.cells
+        frame.to_cells(position_m), extent.covariance_m2 / frame.cell_m**2, frame.cells, device
     )
 
 

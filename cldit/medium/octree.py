@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
+from cldit.gpu.device import Device
 from cldit.medium.deposit import Placed, Touched, place_boxes, place_droplets, touched_bricks
 from cldit.medium.division import Division
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
@@ -134,14 +135,20 @@ def build_octree(
     *,
     optical_depth_split: float,
     max_cells: int = 60_000_000,
+    device: Device | None = None,
 ) -> Octree:
     """Deposits droplets in `points` and gas in `cells`, and divides the cube.
 
-    `optical_depth_split` is that above which a cube of vapour is halved. Raises MediumError if
+    `optical_depth_split` is that above which a cube of vapour is halved. Clouds of droplets need a
+    `device`. Raises MediumError if
     something is outside the cube, or if the tree has more than `max_cells` finest cells.
     """
     return build_octrees(
-        frame, [(points, cells)], optical_depth_split=optical_depth_split, max_cells=max_cells
+        frame,
+        [(points, cells)],
+        optical_depth_split=optical_depth_split,
+        max_cells=max_cells,
+        device=device,
     )[0]
 
 
@@ -151,13 +158,14 @@ def build_octrees(
     *,
     optical_depth_split: float,
     max_cells: int = 60_000_000,
+    device: Device | None,
 ) -> list[Octree]:
     """One tree for each of several sets of coefficients of the same spray (wavelengths).
 
     Positions are those of the first set. All trees have one division, by the largest coefficients,
     and so the same addresses; the geometry is computed once. Otherwise as `build_octree`.
     """
-    droplets, boxes = placed_sources(frame, sources[0])
+    droplets, boxes = placed_sources(frame, sources[0], device)
     touched = touched_bricks(frame, [*droplets, *boxes], limit=max_cells)
     every = _deposit(frame, touched, droplets, boxes, sources)
     for fields in every:
@@ -171,16 +179,19 @@ def build_octrees(
         return list(pool.map(lambda fields: _filled(division, fields), every))
 
 
-def placed_sources(frame: Frame, sources: Sources) -> tuple[list[Placed], list[Placed]]:
+def placed_sources(
+    frame: Frame, sources: Sources, device: Device | None
+) -> tuple[list[Placed], list[Placed]]:
     """Geometry of droplets (one or none) and of each source of gas in the cube.
 
-    Raises MediumError if something is outside the cube.
+    `device` is that of `place_droplets`. Raises MediumError if something is outside the cube.
     """
     points, cells = sources
     droplets: list[Placed] = []
     if points is not None:
         optical = points.absorption_m2 + points.scattering_m2
-        droplets.append(place_droplets(frame, points.position_m, points.extent, optical))
+        place = points.position_m
+        droplets.append(place_droplets(frame, place, points.extent, optical, device))
     boxes = [place_boxes(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
     return droplets, list(boxes)
 

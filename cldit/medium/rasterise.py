@@ -1,135 +1,151 @@
-"""Conservative deposition of clouds of droplets in cells, compiled.
-
-A cloud has a position, a covariance and a triangular profile (a box convolved with itself), whose
-support is finite: 2.45 standard deviations. It is divided along z first, then each layer along y,
-then each row along x, by differences of the integral of the profile, whose sum is 1 for any cells.
-Position and covariance of the next division follow by regression on the coordinates known so far,
-as for a normal distribution.
-"""
+"""Clouds of droplets in the finest cells of an octree: the host's side of kernels/deposit.cl."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale
+from cldit.gpu.program import Program, build
 from cldit.medium.frame import BRICK
-from cldit.spray.numba_typing import compiled
 
-REACH = 6.0**0.5  # half the width of the profile, in standard deviations
+REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
+_LAYERS_AT_ONCE = 4_000_000  # bounds the memory of the lists: 30 bytes a layer of a cloud
+_SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
+_SUM_BYTES = 2**30  # of the sums on the device; at least one kind is added at a time
 
 
-@compiled
-def _part(low: float, high: float) -> tuple[float, float, float]:
-    """Share of a profile of unit variance in an interval, and its mean and variance there."""
-    u, v = max(low / REACH, -1.0), min(high / REACH, 1.0)
-    if v <= u:
-        return 0.0, 0.0, 0.0
-    share = first = second = 0.0
-    if u < 0.0:
-        w = min(v, 0.0)
-        share += (w - u) + (w * w - u * u) / 2
-        first += (w * w - u * u) / 2 + (w**3 - u**3) / 3
-        second += (w**3 - u**3) / 3 + (w**4 - u**4) / 4
-    if v > 0.0:
-        w = max(u, 0.0)
-        share += (v - w) - (v * v - w * w) / 2
-        first += (v * v - w * w) / 2 - (v**3 - w**3) / 3
-        second += (v**3 - w**3) / 3 - (v**4 - w**4) / 4
-    if share <= 1e-12:
-        return max(share, 0.0), (u + v) / 2 * REACH, 0.0
-    mean = first / share
-    return share, mean * REACH, max(second / share - mean * mean, 0.0) * REACH * REACH
+@dataclass(frozen=True)
+class Rasteriser:
+    """Clouds on a device.
 
-
-@compiled
-def rasterise(
-    place: Floats,
-    covariance: Floats,
-    amount: Floats,
-    directory: NDArray[np.int32],
-    cells: int,
-    marking: bool,
-    mark: Mask,
-    target: Floats,
-) -> None:
-    """Adds each cloud's amounts to the stored cells, or marks the bricks that clouds reach.
-
-    Args:
-        place: (N, 3) in cells from the lower corner, x, y, z. covariance: (N, 3, 3) in cells^2.
-        amount: (N, A). directory: (nb, nb, nb), slot of each brick. cells: along an edge; the
-            outermost cells receive the amounts beyond them.
-        marking: bricks are marked in mark (nb, nb, nb), and nothing is added.
-        target: (A, slots * 512), added to.
+    cell: (N, 4) int32, x, y, z of the cell around each. shape: (N, 9), see deposit.cl. first, last:
+    (N,) lowest and highest layer, from the cloud's cell. cells: along an edge of the cube.
     """
-    kinds = amount.shape[1]
-    for n in range(place.shape[0]):
-        zz = covariance[n, 2, 2] + _LEAST
-        yy, zy = covariance[n, 1, 1] + _LEAST, covariance[n, 2, 1]
-        xx, zx, yx = covariance[n, 0, 0] + _LEAST, covariance[n, 2, 0], covariance[n, 1, 0]
-        on_z = zy / zz
-        rest_y = max(yy - on_z * zy, _LEAST)
-        # Regression of x on z and on the part of y that z does not explain.
-        on_z_x = zx / zz
-        on_y_x = (yx - on_z * zx) / rest_y
-        rest_x = max(xx - on_z_x * zx - on_y_x * on_y_x * rest_y, _LEAST)
-        sigma_z = zz**0.5
-        z_first = int(np.floor(place[n, 2] - REACH * sigma_z))
-        z_last = int(np.floor(place[n, 2] + REACH * sigma_z))
-        for z in range(z_first, z_last + 1):
-            low = (z - place[n, 2]) / sigma_z
-            high = low + 1.0 / sigma_z
-            if z_first == z_last:
-                low, high = -REACH, REACH
-            share_z, mean_z, within_z = _part(low, high)
-            if share_z <= 0.0:
-                continue
-            mean_z *= sigma_z
-            within_z *= zz
-            cell_z = min(max(z, 0), cells - 1)
-            middle_y = place[n, 1] + on_z * mean_z
-            var_y = rest_y + on_z * on_z * within_z
-            sigma_y = var_y**0.5
-            y_first = int(np.floor(middle_y - REACH * sigma_y))
-            y_last = int(np.floor(middle_y + REACH * sigma_y))
-            for y in range(y_first, y_last + 1):
-                low = (y - middle_y) / sigma_y
-                high = low + 1.0 / sigma_y
-                if y_first == y_last:
-                    low, high = -REACH, REACH
-                share_y, mean_y, within_y = _part(low, high)
-                share_y *= share_z
-                if share_y <= 0.0:
-                    continue
-                mean_y *= sigma_y
-                within_y *= var_y
-                cell_y = min(max(y, 0), cells - 1)
-                # z and the rest of y, for this layer and row.
-                gain_z, gain_y = on_z * within_z / var_y, rest_y / var_y
-                shift = on_z_x * (mean_z + gain_z * mean_y) + on_y_x * gain_y * mean_y
-                middle_x = place[n, 0] + shift
-                slope = on_z_x * gain_z + on_y_x * gain_y
-                known = on_z_x * on_z_x * within_z + on_y_x * on_y_x * rest_y
-                var_x = rest_x + max(known - slope * slope * (var_y - within_y), 0.0)
-                sigma_x = var_x**0.5
-                x_first = int(np.floor(middle_x - REACH * sigma_x))
-                x_last = int(np.floor(middle_x + REACH * sigma_x))
-                brick_z, brick_y = cell_z // BRICK, cell_y // BRICK
-                if marking:
-                    first = min(max(x_first, 0), cells - 1) // BRICK
-                    last = min(max(x_last, 0), cells - 1) // BRICK
-                    for brick in range(first, last + 1):
-                        mark[brick_z, brick_y, brick] = True
-                    continue
-                row = ((cell_z % BRICK) * BRICK + cell_y % BRICK) * BRICK
-                for x in range(x_first, x_last + 1):
-                    share = share_y
-                    if x_first != x_last:
-                        low = (x - middle_x) / sigma_x
-                        share *= _part(low, low + 1.0 / sigma_x)[0]
-                    cell_x = min(max(x, 0), cells - 1)
-                    slot = directory[brick_z, brick_y, cell_x // BRICK]
-                    at = slot * (BRICK * BRICK * BRICK) + row + cell_x % BRICK
-                    for kind in range(kinds):
-                        target[kind, at] += share * amount[n, kind]
+
+    device: Device
+    program: Program
+    cell: NDArray[np.int32]
+    shape: NDArray[np.floating]
+    first: NDArray[np.int32]
+    last: NDArray[np.int32]
+    order: NDArray[np.int64]
+    cells: int
+
+    @classmethod
+    def of(cls, device: Device, place: Floats, covariance: Floats, cells: int) -> Rasteriser:
+        """Clouds (N) of places (N, 3; x, y, z) and covariances (N, 3, 3), in cells."""
+        cell = np.floor(place).astype(np.int32)
+        xx, yy, zz = (covariance[:, axis, axis] + _LEAST for axis in range(3))
+        zx, zy, yx = covariance[:, 2, 0], covariance[:, 2, 1], covariance[:, 1, 0]
+        y_on_z, x_on_z = zy / zz, zx / zz
+        rest_y = np.maximum(yy - y_on_z * zy, _LEAST)
+        x_on_y = (yx - y_on_z * zx) / rest_y
+        rest_x = np.maximum(xx - x_on_z * zx - x_on_y**2 * rest_y, _LEAST)
+        own = place - cell
+        shape = np.stack([*own.T, zz, y_on_z, rest_y, x_on_z, x_on_y, rest_x], axis=1)
+        reach = REACH * np.sqrt(zz)
+        defines: dict[str, Any] = {"USE_FLOAT64": 1} if device.info.float64 else {}
+        defines |= {"OWN_LAYERS": 1} if device.is_cpu else fixed_point_defines(device)
+        program = build(device, "deposit.cl", defines)
+        return cls(
+            device=device,
+            program=program,
+            cell=np.concatenate([cell, np.zeros_like(cell[:, :1])], axis=1),
+            shape=shape.astype(program.real),
+            first=np.floor(own[:, 2] - reach).astype(np.int32),
+            last=np.floor(own[:, 2] + reach).astype(np.int32),
+            # Clouds of neighbouring cells one after the other: their sums stay in the cache.
+            order=np.lexsort((cell[:, 0], cell[:, 1] // BRICK)),
+            cells=cells,
+        )
+
+    def mark(self, mark: Mask) -> None:
+        """Sets the bricks (nb, nb, nb) that a cloud reaches."""
+        found = zeros(self.device, "bricks", mark.size, np.uint8)
+        for _, lists in self._lists():
+            self._launch("mark_bricks", lists, {"bricks": len(mark), "mark": found})
+        mark |= download(self.device, found, np.empty(mark.shape, np.uint8)) > 0
+
+    def add(
+        self, directory: NDArray[np.int32], amounts: list[Floats], targets: list[Floats]
+    ) -> None:
+        """Adds every amount (N,), spread over its cloud, to its target (S,).
+
+        directory: (nb, nb, nb), slot of each marked brick. The sums of an amount have a resolution
+        of 2^-61 of its total.
+        """
+        size = len(targets[0]) if targets else 0
+        step = max(1, _SUM_BYTES // (8 * max(size, 1)))
+        for start in range(0, len(amounts), step):
+            chosen = slice(start, start + step)
+            self._add(directory, np.stack(amounts[chosen], axis=1), targets[chosen])
+
+    def _add(self, directory: NDArray[np.int32], amount: Floats, targets: list[Floats]) -> None:
+        kinds, size = len(targets), len(targets[0])
+        scale = np.array([fixed_point_scale(total) for total in np.abs(amount).sum(axis=0)])
+        units = (amount * scale).astype(self.program.real)
+        sums = zeros(self.device, "sums of clouds", size * kinds, np.int64)
+        there = upload(self.device, "directory", directory)
+        for chosen, lists in self._lists():
+            arguments = {
+                "bricks": len(directory),
+                "directory": there,
+                "units": upload(self.device, "amounts", units[chosen]),
+                "kinds": kinds,
+                "sums": sums,
+            }
+            self._launch("deposit", lists, arguments)
+        rows = max(1, _SUMS_AT_ONCE // kinds)
+        for begin in range(0, size, rows):
+            part = np.empty((min(rows, size - begin), kinds), np.int64)
+            download(self.device, sums, part, first=begin * kinds)
+            for kind, target in enumerate(targets):
+                target[begin : begin + rows] += part[:, kind] / scale[kind]
+
+    def _launch(self, kernel: str, lists: dict[str, Any], arguments: dict[str, Any]) -> None:
+        group = 1 if self.device.is_cpu else 64
+        self.program.launch(kernel, (lists["items"],), (group,), {**lists, **arguments})
+
+    def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
+        """Yields parts of the clouds by number, and the arguments LISTS of the kernels for them."""
+        count = (self.last - self.first + 1)[self.order]
+        ends = np.cumsum(count, dtype=np.int64)
+        start = 0
+        while start < len(count):
+            done = ends[start - 1] if start else 0
+            stop = max(start + 1, int(np.searchsorted(ends, done + _LAYERS_AT_ONCE, "right")))
+            chosen = self.order[start:stop]
+            yield chosen, self._listed(chosen, count[start:stop])
+            start = stop
+
+    def _listed(self, chosen: NDArray[np.int64], count: NDArray[np.int32]) -> dict[str, Any]:
+        number = np.repeat(np.arange(len(chosen), dtype=np.int32), count)
+        begin = np.cumsum(count) - count
+        layer = np.arange(len(number), dtype=np.int32)
+        layer += np.repeat((self.first[chosen] - begin).astype(np.int32), count)
+        begins = np.arange(len(number) + 1, dtype=np.int32)
+        if self.device.is_cpu:
+            z = np.clip(layer + self.cell[chosen, 2][number], 0, self.cells - 1)
+            by_z = np.argsort(z.astype(np.uint16), kind="stable")
+            number, layer = number[by_z], layer[by_z]
+            filled = np.bincount(z, minlength=self.cells)
+            begins = np.append(0, np.cumsum(filled)).astype(np.int32)
+        put = self.device
+        return {
+            "items": len(begins) - 1,
+            "begins": upload(put, "layers", begins),
+            "numbers": upload(put, "layers", number),
+            "layers": upload(put, "layers", layer),
+            "cells_of": upload(put, "clouds", self.cell[chosen]),
+            "shapes": upload(put, "clouds", self.shape[chosen]),
+            "cells": self.cells,
+        }

@@ -14,8 +14,10 @@ import numpy as np
 
 from cldit.arrays import Floats, Mask
 from cldit.errors import MediumError
+from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.octree import Sources, placed_sources
+from cldit.medium.rasterise import REACH
 from cldit.spray.extent import Box, Cloud
 
 DEEPEST = 12  # halvings of a cube
@@ -48,7 +50,9 @@ class Candidate:
         return int(self.stored + _SWEPT * self.swept + _BRICK * self.frame.bricks**3)
 
 
-def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Iterator[Candidate]:
+def candidates(
+    cube: Frame, sources: Sources, device: Device | None, *, limit: int = MOST_CELLS
+) -> Iterator[Candidate]:
     """Yields cubes of the medium from one cell to the finest cells that fit, each twice as fine.
 
     All have one lower corner and edge: those of `cube`, or if the boxes of a medium are on a grid,
@@ -58,6 +62,7 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
     Args:
         cube: must contain the whole medium.
         sources: droplets and gas of any wavelength.
+        device: as in `place_droplets`, as below.
         limit: largest `Candidate.memory_cells`.
     """
     refuse_outside(cube, sources)
@@ -65,7 +70,7 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
     laid = on_grid(whole, sources)
     corner = whole if laid is None else laid
     for depth in range(DEEPEST + 1):
-        one = _counted(corner.at(depth), sources)
+        one = counted(corner.at(depth), sources, device)
         if one.memory_cells > limit:
             if depth == 0:
                 raise MediumError(f"one cell is {one.memory_cells} cells; allowed: {limit}")
@@ -75,17 +80,7 @@ def candidates(cube: Frame, sources: Sources, *, limit: int = MOST_CELLS) -> Ite
 
 def refuse_outside(cube: Frame, sources: Sources) -> None:
     """Raises MediumError if a part of the medium is outside the cube."""
-    placed_sources(cube.at(0), sources)
-
-
-def swept_cells(frame: Frame, sources: Sources) -> int:
-    """Number of finest cells of the smallest box of bricks around a medium."""
-    return _counted(frame, sources).swept
-
-
-def memory_cells(frame: Frame, sources: Sources) -> int:
-    """Number of stored cells that need as much memory as the tree of a medium."""
-    return _counted(frame, sources).memory_cells
+    placed_sources(cube.at(0), sources, None)
 
 
 def on_grid(cube: Frame, sources: Sources, *, voxel_m: float | None = None) -> Frame | None:
@@ -145,9 +140,6 @@ def _scattered_about(cube: Frame, sources: Sources) -> tuple[Floats, Floats]:
     filled = points.absorption_m2 + points.scattering_m2 > 0
     reach = np.zeros_like(points.position_m)
     if isinstance(points.extent, Cloud):
-        # Imports a compiler, which a scene without clouds does not need.
-        from cldit.medium.rasterise import REACH
-
         reach = REACH * np.sqrt(np.diagonal(points.extent.covariance_m2, axis1=1, axis2=2))
     corner = np.asarray(cube.lower_m)
     low = (points.position_m - reach)[filled].min(axis=0, initial=np.inf)
@@ -260,9 +252,10 @@ def _coefficients(sources: Sources) -> tuple[Floats, Floats]:
     return np.concatenate(extinction), np.concatenate(scattering)
 
 
-def _counted(frame: Frame, sources: Sources) -> Candidate:
+def counted(frame: Frame, sources: Sources, device: Device | None) -> Candidate:
+    """The cube with the cells that a medium fills in it."""
     mark = np.zeros((frame.bricks,) * 3, bool)
-    for each in chain(*placed_sources(frame, sources)):
+    for each in chain(*placed_sources(frame, sources, device)):
         each.mark(mark)
     cells = min(BRICK, frame.cells)
     swept = 1

@@ -64,7 +64,7 @@ def finest_lattice_m(spacing_m: float, *, parcels: float, wavelengths: int) -> f
 
 
 def chosen_frame(
-    domain: Domain, sources: Sources, *, limit: int, voxels: bool = False
+    domain: Domain, sources: Sources, device: Device | None, *, limit: int, voxels: bool = False
 ) -> tuple[Frame, tuple[str, ...]]:
     """The cube with its finest cells, and remarks.
 
@@ -84,7 +84,7 @@ def chosen_frame(
     if known_in_boxes(sources):
         wanted_m = needed_edge_m(cube, sources)
     found = None
-    for found in candidates(cube, sources, limit=limit):
+    for found in candidates(cube, sources, device, limit=limit):
         if found.frame.cell_m <= wanted_m * (1 + 1e-9):
             return found.frame, ()
     assert found is not None

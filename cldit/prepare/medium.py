@@ -202,8 +202,8 @@ class Prepared:
             self.kept[name] = make()
         return self.kept[name]
 
-    def grown(self, stages: Stages, depth: int | None = None) -> "Medium":
-        """Octrees of all wavelengths.
+    def grown(self, device: Device, stages: Stages, depth: int | None = None) -> "Medium":
+        """Octrees of all wavelengths, built on a device.
 
         depth: number of times that the cube is halved; None: as the scene has it.
         """
@@ -216,6 +216,7 @@ class Prepared:
                 sources,
                 optical_depth_split=self.scene.domain.optical_depth_split,
                 max_cells=self.limit,
+                device=device,
             )
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
         paper = trees.pop() if found.paper is not None else None
@@ -288,6 +289,7 @@ def prepare(
         frame, remarks = chosen_frame(
             scene.domain,
             found.sources[0],
+            device,
             limit=limit,
             voxels=isinstance(scene.spray, GridSpray),
         )

@@ -88,7 +88,7 @@ def chosen_and_maps(
     domain = scene.domain
     frame = Frame.around(centre_m=domain.centre_m, edge_m=domain.edge_m, leaf_edge_m=domain.leaf_m)
     split = domain.optical_depth_split
-    trees = build_octrees(frame, list(found.sources), optical_depth_split=split)
+    trees = build_octrees(frame, list(found.sources), optical_depth_split=split, device=device)
     quadrature = found.chosen.quadrature
     nothing = build_octree(frame, None, [], optical_depth_split=1.0)
     reference = trace(nothing, scene, device, settings_for(scene, None)).weights

@@ -82,7 +82,7 @@ def traced(
         centre_m=scene.domain.centre_m, edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m
     )
     sources = [emitters(spray, band) for band in chosen.bands]
-    trees = build_octrees(frame, sources, optical_depth_split=1e-5)
+    trees = build_octrees(frame, sources, optical_depth_split=1e-5, device=device)
     settings = node_settings(scene, chosen.quadrature, [None] * len(trees))
     every = trace_each(trees, scene, device, settings, report=None)
     return chosen, summed(every, chosen.quadrature, scene)
@@ -190,7 +190,8 @@ def test_trees_of_one_geometry_are_those_of_one_alone() -> None:
     points, cells = emitters(spray, band)
     frame = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=EDGE, leaf_edge_m=scene.domain.leaf_m)
     alone = build_octree(frame, points, cells, optical_depth_split=1e-5)
-    both = build_octrees(frame, [(points, cells), (points, cells)], optical_depth_split=1e-5)
+    twice = [(points, cells), (points, cells)]
+    both = build_octrees(frame, twice, optical_depth_split=1e-5, device=None)
     for tree in both:
         assert np.array_equal(tree.directory, alone.directory)
         for name, values in alone.fields.items():

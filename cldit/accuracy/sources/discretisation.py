@@ -16,7 +16,7 @@ from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.richardson import error_at, predicted_error
 from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
-from cldit.medium.resolution import in_whole_cells, swept_cells
+from cldit.medium.resolution import counted, in_whole_cells
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
@@ -118,7 +118,7 @@ class _Cells(ErrorSource):
     def _by_finer(self, at: Measurement, fixed: str) -> Estimate:
         """Error of a grid whose voxels are its cells: larger cells mix voxels, smaller do not."""
         cube = at.prepared.cube
-        cells = swept_cells(cube, at.prepared.sources) * 8
+        cells = 8 * counted(cube, at.prepared.sources, at.tracer.device).swept
         if cells > _FINER_CELLS:
             why = (
                 f"cells half as large are {cells:.2g}, which would take longer than the image; "

@@ -12,7 +12,7 @@ from typing import Any
 from cldit.accuracy.errors import OMISSION, Estimate
 from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.errors import MediumError, SprayError, TransportError
-from cldit.medium.resolution import swept_cells
+from cldit.medium.resolution import counted
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
@@ -74,7 +74,7 @@ class Omission(ErrorSource):
         if self is CUTOFF and method != "source" and at.trace_error is not None:
             why = f"method {method} ends rays at every scattering"  # `path` has one of its own
             return [] if method == "path" else [Estimate.unknown(self.name, why, self.fixed_by)]
-        cells = swept_cells(at.prepared.cube.at(at.depth), at.prepared.sources)
+        cells = counted(at.prepared.cube.at(at.depth), at.prepared.sources, at.tracer.device).swept
         fine = isinstance(at.scene.spray, GridSpray) and cells <= _MOST_CELLS
         return self._stated(at, at.depth if fine or not self.costly else at.coarse)
 

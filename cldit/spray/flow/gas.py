@@ -188,9 +188,7 @@ class GasFlow:
             *self.mixing.launches(
                 values, kinds, mass=after, flux=rest, exchange=(exchange, exchange), factor=mixing
             ),
-            self.mixing.along(
-                values, kinds, mass=after, flux=rest, diffusions=known["diffusion"]
-            ),
+            self.mixing.along(values, kinds, mass=after, flux=rest, diffusions=known["diffusion"]),
         ]
 
     def _add_up(self, plane: Any, place: int, scale: float) -> Launch:

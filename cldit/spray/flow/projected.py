@@ -9,16 +9,17 @@ injection shows the same as the mean of many, for any number of parcels and any 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from cldit.arrays import Floats
 from cldit.spray.flow.gas import HALF_WIDTH
-from cldit.spray.numba_typing import compiled
 
 PROJECTED_m = 2.0e-6  # 2.0e-3 mm3/mm2
 THIN_PROJECTED_m = 0.2e-6
 PIXEL_m = 0.5e-3
 SPOT = 0.5 * HALF_WIDTH  # standard deviation, over the distance from the injector
 _CUT = 3.0  # standard deviations
+_ROWS = 16  # that are computed at a time
 
 
 def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, float]:
@@ -39,9 +40,8 @@ def projected_reach_m(position_m: Floats, volume_m3: Floats) -> tuple[float, flo
     for axis in (0, 1):
         aside = position[:, axis] - (position[:, axis] - _CUT * spot).min() + PIXEL_m
         across = int((aside + _CUT * spot).max() / PIXEL_m) + 2
-        image = np.zeros((across, rows))
-        _paint(*_binned(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume), image)
-        tops.append(image.max(axis=0))
+        spots = _binned(aside / PIXEL_m, deep / PIXEL_m, spot / PIXEL_m, volume)
+        tops.append(_tops(*spots, (across, rows)))
     far, thin = (
         float(np.mean([_farthest(top, edge) for top in tops]))
         for edge in (PROJECTED_m, THIN_PROJECTED_m)
@@ -70,28 +70,32 @@ def _farthest(top: Floats, edge: float) -> float:
     return PIXEL_m * (row + 0.5 + (here - edge) / (here - below))
 
 
-@compiled
-def _spot(at: float, width: float, weights: Floats) -> tuple[int, int]:
-    """First and last pixel of a spot; writes the weights of its pixels, of sum 1."""
-    first = max(int(np.floor(at - _CUT * width)), 0)
-    last = min(int(np.floor(at + _CUT * width)), weights.shape[0] - 1)
-    total = 0.0
-    for i in range(first, last + 1):
-        weights[i] = np.exp(-0.5 * ((i + 0.5 - at) / width) ** 2)
-        total += weights[i]
-    for i in range(first, last + 1):
-        weights[i] /= total
-    return first, last
+def _tops(
+    aside: Floats, deep: Floats, width: Floats, amount: Floats, shape: tuple[int, int]
+) -> Floats:
+    """Largest value of each row of an image (across, rows) of spots (N,); lengths in pixels.
+
+    Rows are computed from the farthest one on, until one reaches `PROJECTED_m`.
+    """
+    across, rows = shape
+    top = np.zeros(rows)
+    for last in range(rows, 0, -_ROWS):
+        part = slice(max(last - _ROWS, 0), last)
+        some = (deep + _CUT * width >= part.start) & (deep - _CUT * width < last)
+        along = amount[some, None] * _weights(deep[some], width[some], rows).toarray()[:, part]
+        top[part] = (_weights(aside[some], width[some], across).T @ along).max(axis=0)
+        if top[part].max() > PROJECTED_m:
+            break
+    return top
 
 
-@compiled
-def _paint(across: Floats, down: Floats, width: Floats, amount: Floats, image: Floats) -> None:
-    """Adds spots (N,) to an image (A, R); lengths in pixels."""
-    aside, deep = np.empty(image.shape[0]), np.empty(image.shape[1])
-    for n in range(across.shape[0]):
-        first, last = _spot(across[n], width[n], aside)
-        top, bottom = _spot(down[n], width[n], deep)
-        for i in range(first, last + 1):
-            part = amount[n] * aside[i]
-            for k in range(top, bottom + 1):
-                image[i, k] += part * deep[k]
+def _weights(at: Floats, width: Floats, count: int) -> csr_array:
+    """Weights of the pixels for each spot (N, count), of sum 1."""
+    first, last = np.floor([at - _CUT * width, at + _CUT * width]).astype(np.int64)[..., None]
+    most = int((last - first).max(initial=0)) + 1
+    pixel = first + np.arange(most)
+    weights = np.exp(-0.5 * ((pixel + (0.5 - at[:, None])) / width[:, None]) ** 2)
+    weights *= (pixel >= 0) & (pixel <= np.minimum(last, count - 1))
+    weights /= weights.sum(axis=1, keepdims=True)
+    places = (np.clip(pixel, 0, count - 1).reshape(-1), np.arange(len(at) + 1) * most)
+    return csr_array((weights.reshape(-1), *places), shape=(len(at), count))

@@ -1,88 +1,164 @@
-"""Results of the grid of rays: all plumes, and vapour on two regular lattices."""
+"""Vapour of the grid of rays on regular lattices, finer towards the tip."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cldit.arrays import Floats, Ints, Mask
+from cldit.gpu.buffers import download, upload, zeros
+from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale, fixed_point_sums
+from cldit.gpu.program import Define, build
 from cldit.spray.droplet.fluids import Fuel
-from cldit.spray.flow.exchange import between, corners, turn_of
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.rays import RayGrid
-from cldit.spray.numba_typing import compiled
 from cldit.spray.result import Cells, Vapour
 
 NEGLIGIBLE = 1e-6  # mass fraction of vapour below which cells are omitted from the result
 SPACING_m = 0.5e-3  # of the lattice, whatever the grid is
-_NEAR_m = 10e-3  # of the tip, where plumes are narrower than 2 mm: half of the spacing
+_NEAR_m = (10e-3, 4e-3)  # of the tip: half of the spacing in each, three voxels or more in a plume
 _FAINT = 0.1  # of NEGLIGIBLE, which is added to voxels
 _MOST = 240  # voxels along an axis
+_ROUNDS = 30  # of the shells' factors: their content is right to 1e-3 or so
 _AVOGADRO = 6.02214076e23
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Regular lattice of voxels.
+
+    corner_m: (3,). shape: (3,) voxels. without: (2, 3) first voxel, and the one after the last, of
+    a box with a lattice of its own.
+    """
+
+    corner_m: Floats
+    edge_m: float
+    shape: Ints
+    without: Ints
 
 
 def sampled(flow: GasFlow, fuel: Fuel) -> Vapour | None:
     """Vapour on lattices, linear between the middles of the cells of rays.
 
-    The vapour in each shell of cells is kept. Temperatures are means by mass of vapour.
+    The vapour in each shell of cells is kept, and none is in the tip. Temperatures are means by
+    mass of vapour.
     """
-    grid = flow.grid
-    vapour = flow.read("fuel")
-    content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
-    rich = flow.read("share") >= NEGLIGIBLE
-    if not rich.any():
+    grid, vapour = flow.grid, flow.read("fuel")
+    negligible = NEGLIGIBLE * flow.far_density_kg_m3
+    if not (vapour >= negligible).any():
         return None
-    low, high = _bounds(grid, rich)
-    spacing_m = max(SPACING_m, float(np.max(high - low)) / _MOST)
-    origin = spacing_m * (np.floor(low / spacing_m) - 1)
-    shape = np.ceil((high - origin) / spacing_m).astype(np.int64) + 2
-    # The lattice, and one of half the spacing in its place near the tip.
-    near = np.rint((np.array([[-1.0], [1.0]]) * _NEAR_m - origin) / spacing_m)
-    near = np.clip(near, 0, shape).astype(np.int64)
-    lattices = (
-        (origin, spacing_m, np.zeros((2, *shape)), near),
-        (
-            origin + near[0] * spacing_m,
-            0.5 * spacing_m,
-            np.zeros((2, *(2 * (near[1] - near[0])))),
-            np.zeros_like(near),
-        ),
-    )
-    least = _FAINT * NEGLIGIBLE * flow.far_density_kg_m3
-    cosines = _cosines(grid, vapour >= 0.1 * least)
-    shells, factor = np.zeros(len(content)), np.ones(len(content))
-    for again in (False, True):
-        if again:
-            factor = np.divide(content, shells, out=np.zeros_like(content), where=shells > 0)
-        for corner, edge_m, found, without in lattices:
-            found[:] = 0.0
-            _fill(
-                (grid.frame, grid.azimuth, grid.polar, grid.radius_m, grid.symmetry),
-                vapour,
-                flow.read("temperature"),
-                least,
-                cosines,
-                factor,
-                corner,
-                edge_m,
-                without,
-                shells,
-                found,
-            )
+    lattices = lattices_of(grid, vapour >= negligible)
+    found = Filling(flow, vapour, least=_FAINT * negligible).masses(lattices)
     lower, upper, number, warm = [], [], [], []
-    for corner, edge_m, found, _ in lattices:
-        mass, heat = found.reshape(2, -1)
-        index = np.flatnonzero(mass > NEGLIGIBLE * flow.far_density_kg_m3 * edge_m**3)
-        steps = np.stack(np.unravel_index(index, found.shape[1:]), axis=1)
-        lower.append(corner + steps * edge_m)
-        upper.append(corner + (steps + 1) * edge_m)
-        number.append(mass[index] / edge_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol))
-        warm.append(heat[index] / mass[index])
+    for lattice, voxels in zip(lattices, found, strict=True):
+        mass, temperature = voxels.reshape(-1, 2).T
+        index = np.flatnonzero(mass > negligible * lattice.edge_m**3)
+        steps = np.stack(np.unravel_index(index, tuple(lattice.shape)), axis=1)
+        lower.append(lattice.corner_m + steps * lattice.edge_m)
+        upper.append(lattice.corner_m + (steps + 1) * lattice.edge_m)
+        number.append(mass[index] / lattice.edge_m**3 * (_AVOGADRO / fuel.molar_mass_kg_mol))
+        warm.append(temperature[index])
     return Vapour(
         cells=Cells(np.concatenate(lower), np.concatenate(upper)),
         number_density_m3=np.concatenate(number),
         temperature_K=np.concatenate(warm),
         molar_mass_kg_mol=fuel.molar_mass_kg_mol,
     )
+
+
+def lattices_of(grid: RayGrid, rich: Mask) -> list[Lattice]:
+    """Lattice around the cells that are rich (A, P, R), and one in the place of its voxels near
+    the tip, of half the spacing, in which there may be another one."""
+    low, high = _bounds(grid, rich)
+    edge_m = max(SPACING_m, float(np.max(high - low)) / _MOST)
+    corner = edge_m * (np.floor(low / edge_m) - 1)
+    shape = np.ceil((high - corner) / edge_m).astype(np.int64) + 2
+    lattices = []
+    for near_m in (*_NEAR_m, 0.0):
+        box = np.rint((np.array([[-near_m], [near_m]]) - corner) / edge_m)
+        without = np.clip(box, 0, shape).astype(np.int64)
+        lattices.append(Lattice(corner, edge_m, shape, without))
+        corner = corner + without[0] * edge_m
+        shape, edge_m = 2 * (without[1] - without[0]), 0.5 * edge_m
+    return lattices
+
+
+class Filling:
+    """Kernel that fills lattices with the vapour of a gas (A, P, R), from a density on."""
+
+    def __init__(self, flow: GasFlow, vapour: Floats, *, least: float) -> None:
+        grid, fields = flow.grid, flow.fields
+        self.device, self.shells = flow.device, grid.shape[2]
+        self.content = np.sum(vapour * grid.volume_m3, axis=(0, 1)) * grid.copies
+        self.densest = float(vapour.max())
+        warmth = fields.plane("warmth")
+        fields.write(warmth, vapour * flow.read("temperature"))
+        faces = np.concatenate([grid.azimuth, grid.polar, grid.radius_m])
+        self.arguments: dict[str, Any] = {
+            "fuel": flow.fuel,
+            "warmth": warmth,
+            "least_density": float(least),
+            "cosines": self._single("cosines", _cosines(grid, vapour >= 0.1 * least).T),
+            "faces": self._single("faces", faces),
+            "frame": self._single("frame", grid.frame),
+            "symmetry": grid.symmetry,
+            "ring": int(grid.ring),
+            "azimuths": grid.shape[0],
+            "polars": grid.shape[1],
+            "radii": grid.shape[2],
+            "stride": fields.stride,
+        }
+        defines: dict[str, Define] = {
+            "SIMD_WIDTH": 1,
+            "GAS_REAL": "double" if fields.real is np.float64 else "float",
+            **fixed_point_defines(self.device),
+        }
+        self.program = build(self.device, "vapour_lattice.cl", defines)
+
+    def _single(self, name: str, values: Floats) -> Any:
+        return upload(self.device, name, np.ascontiguousarray(values, np.float32))
+
+    def masses(self, lattices: list[Lattice]) -> list[Floats]:
+        """Mass and temperature (X, Y, Z, 2) of the voxels of each lattice."""
+        room = sum(float(np.prod(one.shape)) * one.edge_m**3 for one in lattices)
+        scale = fixed_point_scale(self.densest * room)
+        sums = zeros(self.device, "shells", 3 * self.shells, np.int64)
+        factor = np.ones(self.shells)
+        for lattice in lattices:
+            self.fill(lattice, factor, (sums, scale))
+        parts = fixed_point_sums(self.device, sums, 3 * self.shells, scale).reshape(-1, 3)
+        for _ in range(_ROUNDS):
+            beside = np.pad(factor, 1)
+            found = parts[:, 0] * beside[:-2] + parts[:, 1] * factor + parts[:, 2] * beside[2:]
+            factor *= np.divide(self.content, found, out=np.ones_like(factor), where=found > 0)
+        return [self.fill(lattice, factor) for lattice in lattices]
+
+    def fill(
+        self, lattice: Lattice, factor: Floats, shells: tuple[Any, float] | None = None
+    ) -> Floats:
+        """Mass and temperature (X, Y, Z, 2) of voxels, with a factor (R,) for each shell.
+
+        shells: buffer of three sums for each shell, see vapour_lattice.cl, and their scale.
+        """
+        sums, scale = shells or (zeros(self.device, "shells", 1, np.int64), 0.0)
+        shape, count = lattice.shape.tolist(), int(np.prod(lattice.shape))
+        voxels = zeros(self.device, "voxels", 2 * count, np.float32)
+        arguments = {
+            **self.arguments,
+            "factor": self._single("factor", factor),
+            "lattice": np.array([*lattice.corner_m, lattice.edge_m], np.float32),
+            "shape": np.array([*shape, 0], np.int32),
+            "without_from": np.array([*lattice.without[0], 0], np.int32),
+            "without_to": np.array([*lattice.without[1], 0], np.int32),
+            "scale": scale,
+            "shells": sums,
+            "voxels": voxels,
+        }
+        if count:
+            self.program.launch("vapour_lattice", tuple(shape[::-1]), (32, 1, 1), arguments)
+        return download(self.device, voxels, np.empty((*shape, 2), np.float32)).astype(float)
 
 
 def _cosines(grid: RayGrid, rich: Mask) -> Floats:
@@ -100,7 +176,12 @@ def _cosines(grid: RayGrid, rich: Mask) -> Floats:
 
 
 def _bounds(grid: RayGrid, rich: Mask) -> tuple[Floats, Floats]:
-    """Corners of a box around the cells that are rich (A, P, R), and their copies."""
+    """Corners of a box around the cells that are rich (A, P, R), those beside them, in which the
+    vapour falls to nothing, and their copies."""
+    for axis in range(3):
+        first, last = (np.take(rich, at, axis) for at in ([0], [-1]))
+        below = np.concatenate([first, np.delete(rich, -1, axis)], axis)
+        rich = rich | below | np.concatenate([np.delete(rich, 0, axis), last], axis)
     far = np.where(rich, grid.radius_m[1:], 0.0).max(axis=2)
     rays = grid.directions @ grid.frame.T * far[:, :, None]
     rays = rays[far > 0]
@@ -112,111 +193,3 @@ def _bounds(grid: RayGrid, rich: Mask) -> tuple[Floats, Floats]:
         rays = np.concatenate([np.stack([*(w * ring), np.full(65, h)], axis=1) for w, h in ends])
     world = rays @ grid.frame
     return np.minimum(world.min(axis=0), 0.0), np.maximum(world.max(axis=0), 0.0)
-
-
-@compiled
-def _fill(
-    grid: tuple[Floats, Floats, Floats, Floats, int],
-    fuel: Floats,
-    temperature: Floats,
-    least: float,
-    cosines: Floats,
-    factor: Floats,
-    origin: Floats,
-    spacing: float,
-    without: Ints,
-    shells: Floats,
-    result: Floats,
-) -> None:
-    """Mass of vapour, and that times its temperature, of voxels (2, X, Y, Z).
-
-    Args:
-        grid: frame, azimuth, polar, radius_m and symmetry of a `RayGrid`.
-        fuel, temperature: of its cells.
-        least: density of vapour below which there is none.
-        cosines: (2, R) bounds of the polar angle's within which each shell has vapour.
-        factor: (R,) on what is found in each shell.
-        origin, spacing: of the voxels.
-        without: (2, 3) first voxel, and the one after the last, of a box without any.
-        shells: (R,) sum of what is found without the factor; added to.
-        result: added to.
-    """
-    frame, azimuth, polar, radius, symmetry = grid
-    rich, warm = fuel.reshape(-1), temperature.reshape(-1)
-    nt, nr = len(polar) - 1, len(radius) - 1
-    cell, weight = np.empty(8, dtype=np.int64), np.empty(8)
-    p, q = np.empty(3), np.empty(3)
-    for i in range(result.shape[1]):
-        for j in range(result.shape[2]):
-            for k in range(result.shape[3]):
-                if without[0, 0] <= i < without[1, 0] and without[0, 1] <= j < without[1, 1]:
-                    if without[0, 2] <= k < without[1, 2]:
-                        continue
-                p[0] = origin[0] + (i + 0.5) * spacing
-                p[1] = origin[1] + (j + 0.5) * spacing
-                p[2] = origin[2] + (k + 0.5) * spacing
-                away = np.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
-                if away > radius[nr] + spacing:
-                    continue
-                if away > 8 * spacing:
-                    up = 0.0
-                    for a in range(3):
-                        up += frame[2, a] * p[a]
-                    shell = min(max(np.searchsorted(radius, away) - 1, 0), nr - 1)
-                    slack = spacing / away
-                    up /= away
-                    if up < cosines[0, shell] - slack or up > cosines[1, shell] + slack:
-                        continue
-                # A voxel near the tip is wider than the plumes there.
-                points = 6
-                if away > 8 * spacing:
-                    points = 2 if away < 30 * spacing else 1
-                part = (spacing / points) ** 3
-                near = away <= 8 * spacing
-                for n in range(-1, points**3):
-                    if n < 0:
-                        if near or points == 1:
-                            continue
-                        dx, dy, dz = 0.0, 0.0, 0.0
-                    else:
-                        dx = ((n // points**2 + 0.5) / points - 0.5) * spacing
-                        dy = ((n // points % points + 0.5) / points - 0.5) * spacing
-                        dz = ((n % points + 0.5) / points - 0.5) * spacing
-                    for a in range(3):
-                        q[a] = (
-                            frame[a, 0] * (p[0] + dx)
-                            + frame[a, 1] * (p[1] + dy)
-                            + frame[a, 2] * (p[2] + dz)
-                        )
-                    flat = np.sqrt(q[0] * q[0] + q[1] * q[1])
-                    lean = np.arctan2(flat, q[2])
-                    r = np.sqrt(flat * flat + q[2] * q[2])
-                    if lean < polar[0] or lean > polar[nt] or r > radius[nr]:
-                        continue
-                    angle = 0.0
-                    if symmetry != 0:
-                        angle = np.arctan2(q[1], q[0])
-                        if symmetry == 1 and (angle < azimuth[0] or angle > azimuth[-1]):
-                            continue
-                        angle -= turn_of(symmetry, angle)
-                        if symmetry > 1:
-                            angle = abs(angle)
-                    around, down = between(azimuth, angle), between(polar, lean)
-                    along = between(radius, r)
-                    corners(around, down, along, nt, nr, cell, weight)
-                    mass, heat = 0.0, 0.0
-                    for c in range(8):
-                        here = weight[c] * rich[cell[c]]
-                        mass += here
-                        heat += here * warm[cell[c]]
-                    if n < 0:
-                        if mass < 0.1 * least:
-                            break
-                        continue
-                    if mass < least:
-                        continue
-                    shell = along[1] if along[2] >= 0.5 else along[0]
-                    shells[shell] += mass * part
-                    part_here = part * factor[shell]
-                    result[0, i, j, k] += mass * part_here
-                    result[1, i, j, k] += heat * part_here

@@ -205,7 +205,9 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     every: list[tuple[Any, Any]] = [(points, cells), (unit_points, unit_cells), (None, [])]
     weights = [
         trace(
-            build_octree(frame, *sources, optical_depth_split=domain.optical_depth_split),
+            build_octree(
+                frame, *sources, optical_depth_split=domain.optical_depth_split, device=device
+            ),
             scene,
             device,
             settings,

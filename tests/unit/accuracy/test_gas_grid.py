@@ -124,8 +124,8 @@ def test_what_lies_outside_is_cut_off() -> None:
     assert placed is not None and len(placed.position_m) == 3
     assert len(cells.lower_m) == 2 and cells.lower_m[1, 0] == pytest.approx(-0.032)
     with pytest.raises(MediumError):
-        build_octrees(CUBE, [(points, [gas(lower, edge)])], optical_depth_split=1e-5)
-    tree = build_octrees(CUBE, [cut], optical_depth_split=1e-5)[0]
+        build_octrees(CUBE, [(points, [gas(lower, edge)])], optical_depth_split=1e-5, device=None)
+    tree = build_octrees(CUBE, [cut], optical_depth_split=1e-5, device=None)[0]
     assert tree.integral("vapour_absorption") == pytest.approx(1.75 * edge**3)
     assert tree.integral("droplet_scattering") == pytest.approx(9.0)
     whole = (droplets([[0, 0, 0]]), [gas(lower[:1], edge)])
@@ -285,7 +285,7 @@ def scene() -> Scene:
 
 
 def test_two_more_sprays_are_made_for_the_estimate_alone(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    device: Device, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """It is deposited as the spray is, comes from the same cache, once, and is a stage."""
     asked: list[tuple[float, Path]] = []
@@ -300,8 +300,6 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
         return Spray(parcels=parcels, vapour=here, notes={"gas_spacing_m": h_m})
 
     monkeypatch.setattr(medium, "make_spray", make)
-    info = SimpleNamespace(memory_bytes=2**31, largest_buffer_bytes=2**30)
-    device: Any = SimpleNamespace(info=info)
     stages = Stages(None)
     prepared = medium.prepare(scene(), device, stages, tmp_path)
     assert asked == [(H, tmp_path)]

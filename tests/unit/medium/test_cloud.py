@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError, SprayError
+from cldit.gpu.device import Device
 from cldit.medium.cloud import SAMPLING, Kernel, halves, variants
 from cldit.medium.deposit import PlacedBoxes, PlacedClouds, Touched, place_droplets, touched_bricks
 from cldit.medium.frame import BRICK, Frame
@@ -39,9 +40,9 @@ def clouds(count: int, seed: int = 1) -> Parcels:
     return replace(parcels, extent=Cloud(sides @ sides.transpose(0, 2, 1)))
 
 
-def deposited(frame: Frame, parcels: Parcels, *amounts: Floats) -> list[Floats]:
+def deposited(device: Device, frame: Frame, parcels: Parcels, *amounts: Floats) -> list[Floats]:
     """Each amount in all finest cells, [z, y, x]."""
-    placed = place_droplets(frame, parcels.position_m, parcels.extent, parcels.droplets)
+    placed = place_droplets(frame, parcels.position_m, parcels.extent, parcels.droplets, device)
     touched = touched_bricks(frame, [placed], limit=100_000_000)
     sums = [np.zeros(touched.slots * BRICK**3) for _ in amounts]
     placed.add(touched, list(amounts), sums)
@@ -56,17 +57,19 @@ def _dense(touched: Touched, total: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("leaf_m", [0.06, 0.011, 2e-3, 0.9e-3])
-def test_every_amount_of_a_cloud_is_kept(leaf_m: float) -> None:
+def test_every_amount_of_a_cloud_is_kept(device: Device, leaf_m: float) -> None:
     """Mass, number, surface and enthalpy: shares of a cloud sum to 1, to rounding of 1e6 terms."""
     parcels = clouds(300)
     mass, surface = parcels.masses_kg, parcels.droplets * parcels.diameter_m**2
     amounts = (mass, parcels.droplets, surface, mass * 2e3 * parcels.temperature_K)
-    for amount, found in zip(amounts, deposited(frame(leaf_m), parcels, *amounts), strict=True):
+    for amount, found in zip(
+        amounts, deposited(device, frame(leaf_m), parcels, *amounts), strict=True
+    ):
         assert found.sum() == pytest.approx(amount.sum(), rel=1e-12)
         assert found.min() >= 0
 
 
-def test_a_cloud_has_its_place_and_covariance() -> None:
+def test_a_cloud_has_its_place_and_covariance(device: Device) -> None:
     """A cell adds 1/12 of its edge squared. Regression on layers is exact but for the profile,
     which is no normal distribution: 1e-2 of a cell and of the covariance."""
     covariance = np.array([[9.0, 4.0, -3.0], [4.0, 6.0, 1.5], [-3.0, 1.5, 5.0]])
@@ -74,7 +77,7 @@ def test_a_cloud_has_its_place_and_covariance() -> None:
     for scale in (1.0, 0.1):
         cloud = Cloud(scale * covariance[None] * cube.cell_m**2)
         parcels = replace(parcels_at(np.array([[1.1e-3, -2.3e-3, 0.4e-3]])), extent=cloud)
-        (found,) = deposited(cube, parcels, np.ones(1))
+        (found,) = deposited(device, cube, parcels, np.ones(1))
         middle = np.stack(np.meshgrid(*[np.arange(64) + 0.5] * 3, indexing="ij"), -1)[..., ::-1]
         mean = np.einsum("zyx,zyxi->i", found, middle)
         apart = middle - mean
@@ -84,24 +87,24 @@ def test_a_cloud_has_its_place_and_covariance() -> None:
         np.testing.assert_allclose(around, expected, atol=0.02 * expected.max())
 
 
-def test_a_cloud_at_the_wall_stays_in_the_cube() -> None:
+def test_a_cloud_at_the_wall_stays_in_the_cube(device: Device) -> None:
     wide = Cloud(np.eye(3)[None] * 1e-4)
     parcels = replace(parcels_at(np.array([[0.0499, 0.0, -0.0499]])), extent=wide)
-    (found,) = deposited(frame(2e-3), parcels, np.ones(1))
+    (found,) = deposited(device, frame(2e-3), parcels, np.ones(1))
     assert found.sum() == pytest.approx(1.0, rel=1e-12)
 
 
-def test_shifts_of_the_lattice_do_not_matter() -> None:
+def test_shifts_of_the_lattice_do_not_matter(device: Device) -> None:
     """By whole cells, the cells move along; by parts of one, sums over blocks of 8 cells hardly
     change: what crosses a block's face is a surface term, some 1 % here."""
     cube, parcels = frame(1e-3), clouds(200)
-    (one,) = deposited(cube, parcels, parcels.droplets)
+    (one,) = deposited(device, cube, parcels, parcels.droplets)
     whole = replace(parcels, position_m=parcels.position_m + 3 * cube.cell_m)
-    (two,) = deposited(cube, whole, parcels.droplets)
+    (two,) = deposited(device, cube, whole, parcels.droplets)
     np.testing.assert_allclose(two[3:, 3:, 3:], one[:-3, :-3, :-3], atol=1e-9 * one.max())
 
 
-def test_classes_of_a_lattice_fill_its_cells() -> None:
+def test_classes_of_a_lattice_fill_its_cells(device: Device) -> None:
     """Boxes of 2 mm, three parcels in each: as many in cells of 1 mm as an eighth of each box."""
     rng = np.random.default_rng(4)
     index = np.stack(np.unravel_index(rng.choice(1000, 400, replace=False), (10, 10, 10)), 1)
@@ -109,7 +112,7 @@ def test_classes_of_a_lattice_fill_its_cells() -> None:
     parcels = replace(parcels_at(place, rng.uniform(1, 2, 1200)), extent=Box(np.full(3, 2e-3)))
     cube = frame(1.1e-3, edge_m=0.064)
     assert cube.cell_m == pytest.approx(1e-3)
-    (found,) = deposited(cube, parcels, parcels.droplets)
+    (found,) = deposited(device, cube, parcels, parcels.droplets)
     expected = np.zeros((64, 64, 64))
     first = 32 + (index - 5) * 2
     for corner, total in zip(first, parcels.droplets.reshape(-1, 3).sum(axis=1), strict=True):
@@ -127,9 +130,9 @@ def test_boxes_are_refused_outside() -> None:
         place_droplets(frame(1e-2), parcels.position_m, parcels.extent, parcels.droplets)
 
 
-def _columns(parcels: Parcels) -> Floats:
+def _columns(device: Device, parcels: Parcels) -> Floats:
     """Droplets of each column of 1 mm along y, of all."""
-    (found,) = deposited(frame(1.5e-3), parcels, parcels.droplets)
+    (found,) = deposited(device, frame(1.5e-3), parcels, parcels.droplets)
     return np.asarray(found.sum(axis=1) / found.sum())
 
 
@@ -142,7 +145,7 @@ def _known() -> Floats:
     return np.asarray(up[:, None] * across)
 
 
-def test_a_sample_comes_back_as_its_field() -> None:
+def test_a_sample_comes_back_as_its_field(device: Device) -> None:
     """A plate 2 mm thick, by 500 and by 16,000 parcels: RMS error of columns, of the largest.
 
     Noise in columns of clouds that narrow as parcels come closer falls with the power 1/6 of their
@@ -156,7 +159,7 @@ def test_a_sample_comes_back_as_its_field() -> None:
         for seed in range(5):
             place = np.random.default_rng(seed).normal(0, (6e-3, 6e-3, 2e-3), (count, 3))
             parcels = parcels_at(place)
-            found.append(_columns(parcels if points else Kernel().spread(parcels)))
+            found.append(_columns(device, parcels if points else Kernel().spread(parcels)))
         off = np.array(found) - truth
         scale = truth.max()
         return float(np.sqrt(np.mean(off**2))) / scale, float(
@@ -205,12 +208,12 @@ def test_kernels_follow_scale_and_direction() -> None:
     ],
     ids=["none", "one", "all in one place", "two", "a line"],
 )
-def test_extremes_keep_their_mass(place: Floats) -> None:
+def test_extremes_keep_their_mass(device: Device, place: Floats) -> None:
     parcels = Kernel().spread(parcels_at(place))
     assert isinstance(parcels.extent, Cloud)
     if len(place) == 0:
         return
-    (found,) = deposited(frame(1e-3), parcels, parcels.droplets)
+    (found,) = deposited(device, frame(1e-3), parcels, parcels.droplets)
     assert found.sum() == pytest.approx(len(place), rel=1e-12)
     # "at most half as wide as the spray": two parcels stay two
     assert np.trace(parcels.extent.covariance_m2, axis1=1, axis2=2).max() <= (
@@ -236,10 +239,10 @@ def test_parcels_without_droplets_are_no_neighbours() -> None:
     np.testing.assert_array_equal(both.position_m[~held], place[~held])
 
 
-def test_outside_the_cube_is_refused() -> None:
+def test_outside_the_cube_is_refused(device: Device) -> None:
     parcels = Kernel().spread(parcels_at(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]])))
     with pytest.raises(MediumError, match="50 % of the droplets is outside"):
-        deposited(frame(1e-2), parcels, parcels.droplets)
+        deposited(device, frame(1e-2), parcels, parcels.droplets)
 
 
 def test_what_cannot_be_is_refused() -> None:
@@ -289,29 +292,29 @@ def test_copies_of_a_parcel_are_in_one_half() -> None:
             assert other == pytest.approx(one + np.array([0.1 * k, 0, 0]))
 
 
-def test_halves_tell_the_error_by_sampling() -> None:
+def test_halves_tell_the_error_by_sampling(device: Device) -> None:
     """SAMPLING times the halves' difference, against that of two samples over sqrt(2), RMS over
     columns. Each is one draw over some 100 independent columns, 10 %; the error of columns falls
     with the power 1/6 of the number, not 1/3 as T_app's does, 12 %: three times
     the one and once the other."""
     rng = np.random.default_rng(6)
     samples = [parcels_at(rng.normal(0, (6e-3, 6e-3, 2e-3), (4000, 3))) for _ in range(2)]
-    one, two = (_columns(Kernel().spread(each)) for each in samples)
+    one, two = (_columns(device, Kernel().spread(each)) for each in samples)
     true = np.sqrt(np.mean((one - two) ** 2) / 2)
     found = variants(Spray(parcels=samples[0]), kernel=Kernel(), seed=1)
     assert found.halves[0].parcels is not None and found.halves[1].parcels is not None
-    first, second = (_columns(each.parcels) for each in found.halves if each.parcels)
+    first, second = (_columns(device, each.parcels) for each in found.halves if each.parcels)
     stated = SAMPLING * np.sqrt(np.mean((first - second) ** 2))
     assert stated == pytest.approx(true, rel=0.12 + 0.3)
     with pytest.raises(MediumError, match="no parcels"):
         variants(Spray(), kernel=Kernel(), seed=1)
 
 
-def test_octree_takes_clouds() -> None:
+def test_octree_takes_clouds(device: Device) -> None:
     parcels = clouds(100)
     amount = parcels.droplets
     source = PointSource(parcels.position_m, amount, 2 * amount, 3 * amount, parcels.extent)
-    tree = build_octree(frame(1e-3), source, [], optical_depth_split=1e-5)
+    tree = build_octree(frame(1e-3), source, [], optical_depth_split=1e-5, device=device)
     # values are kept in single precision
     assert tree.integral("droplet_emission") == pytest.approx(3 * amount.sum(), rel=2e-7)
 

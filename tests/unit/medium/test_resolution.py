@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError
+from cldit.gpu.device import Device
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, PointSource, Sources, build_octree
 from cldit.medium.resolution import (
@@ -48,8 +49,8 @@ def droplets(place: Floats, extent: Extent | None = None) -> PointSource:
     return PointSource(place, one, one, one, extent)
 
 
-def tree_of(frame: Frame, sources: Sources) -> Octree:
-    return build_octree(frame, *sources, optical_depth_split=1e-5)
+def tree_of(frame: Frame, sources: Sources, device: Device | None = None) -> Octree:
+    return build_octree(frame, *sources, optical_depth_split=1e-5, device=device)
 
 
 @pytest.mark.parametrize(
@@ -160,7 +161,7 @@ def test_boxes_on_no_grid_get_cells_of_half_their_edge() -> None:
     sources: Sources = (None, [source(lower, lower + 4e-3, np.full(200, 10.0))])
     assert on_grid(CUBE, sources) is None
     assert needed_edge_m(CUBE, sources) == pytest.approx(2e-3, rel=1e-6)
-    frames = [each.frame for each in candidates(CUBE, sources, limit=10**6)]
+    frames = [each.frame for each in candidates(CUBE, sources, None, limit=10**6)]
     assert all((frame.lower_m, frame.edge_m) == (CUBE.lower_m, EDGE) for frame in frames)
 
 
@@ -202,7 +203,7 @@ def test_candidates_go_from_one_cell_to_the_finest_that_fits() -> None:
     rng = np.random.default_rng(4)
     points = droplets(rng.normal(0, 0.01, (300, 3)))
     for sources in ((points, []), voxels((24, 24, 24), (4e-3,) * 3)):
-        found = list(candidates(CUBE, sources, limit=200_000))
+        found = list(candidates(CUBE, sources, None, limit=200_000))
         assert found[0].frame.depth == 0
         assert all(b.frame.depth == a.frame.depth + 1 for a, b in pairwise(found))
         assert found[-1].memory_cells <= 200_000
@@ -223,7 +224,7 @@ def test_droplets_in_the_boxes_of_a_lattice_are_on_a_grid_too() -> None:
     assert frame is not None and frame.cell_m == pytest.approx(2e-3)
 
 
-def test_parcels_beside_the_gas_have_room() -> None:
+def test_parcels_beside_the_gas_have_room(device: Device) -> None:
     """Points and clouds lie on no grid: gas keeps its own, and the cube reaches to all of them."""
     gas = voxels((10, 10, 10), (2e-3,) * 3)[1]
     place = np.array([[0.0, 0.0, -0.05], [0.03, 0.0, 0.0]])
@@ -234,7 +235,7 @@ def test_parcels_beside_the_gas_have_room() -> None:
         assert frame is not None and frame.cell_m == pytest.approx(2e-3)
         bricks = (np.array([-0.01] * 3) - np.array(frame.lower_m)) / (8 * frame.cell_m)
         np.testing.assert_allclose(bricks, np.rint(bricks), atol=1e-9)
-        tree = tree_of(frame, sources)
+        tree = tree_of(frame, sources, device)
         assert tree.integral("droplet_scattering") == pytest.approx(
             2.0 + 0.8 * 0.1 / 2e-3 * 8e-6, rel=1e-6
         )
@@ -258,15 +259,15 @@ def test_nothing_and_what_cannot_be() -> None:
     empty: Sources = (None, [])
     assert on_grid(CUBE, empty) is None
     assert needed_edge_m(CUBE, empty) == EDGE
-    assert next(candidates(CUBE, empty)).stored == 0
+    assert next(candidates(CUBE, empty, None)).stored == 0
     _, (grid,) = voxels((2, 2, 2), (0.01,) * 3)
     none = source(grid.lower_m, grid.upper_m, np.zeros(8))
     assert needed_edge_m(CUBE, (None, [none])) == pytest.approx(0.01)
     assert not tree_of(CUBE, (None, [none])).has_droplets
     outside = source(grid.lower_m + 0.1, grid.upper_m + 0.1, np.ones(8))
     with pytest.raises(MediumError, match=r"is outside the domain.*domain\.edge_m"):
-        next(candidates(CUBE, (None, [outside])))
+        next(candidates(CUBE, (None, [outside]), None))
     with pytest.raises(MediumError, match="no boxes"):
         needed_edge_m(CUBE, (droplets(np.zeros((1, 3))), []))
     with pytest.raises(MediumError, match="allowed: 100"):
-        next(candidates(CUBE, (None, [grid]), limit=100))
+        next(candidates(CUBE, (None, [grid]), None, limit=100))

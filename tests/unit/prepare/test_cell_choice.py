@@ -33,7 +33,7 @@ def cube(voxels: int, voxel_m: float, depth: float = 0.3) -> Sources:
 
 
 def chosen(domain: Domain, sources: Sources, limit: int = MOST_CELLS) -> tuple[Frame, str]:
-    frame, remarks = chosen_frame(domain, sources, limit=limit)
+    frame, remarks = chosen_frame(domain, sources, None, limit=limit)
     return frame, " ".join(remarks)
 
 
@@ -55,7 +55,8 @@ def test_a_leaf_that_is_set_stays(rule: Any) -> None:
     frame, said = chosen(Domain(rule=rule, leaf_edge_m=3e-3), sources, limit=10)
     assert frame == Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.2, leaf_edge_m=3e-3)
     assert said == ""
-    own, _ = chosen_frame(Domain(rule=rule, leaf_edge_m=3e-3), sources, limit=10, voxels=True)
+    domain = Domain(rule=rule, leaf_edge_m=3e-3)
+    own, _ = chosen_frame(domain, sources, None, limit=10, voxels=True)
     assert own.cell_m == pytest.approx(2e-3)
 
 
