@@ -37,7 +37,10 @@ from cldit.spray.flow.simulate import simulate_spray
 @click.option("--out", type=PATH, help="Folder; default: sprays/SCENE.")
 @figures_option
 @plain_errors
-def spray_command(scene: str, out: Path | None, suffix: str | None) -> None:
+@device_option
+def spray_command(
+    scene: str, out: Path | None, suffix: str | None, device: str | None
+) -> None:
     """Compute only the spray of SCENE: figures, history, files for ParaView."""
     chosen = load_scene(scene)
     folder = out or Path("sprays") / chosen.name
@@ -50,7 +53,9 @@ def spray_command(scene: str, out: Path | None, suffix: str | None) -> None:
                 phase = f"{time_s * 1e3:.3f} ms, {parcels} parcels"
                 bar.watch(Progress(phase, round(time_s / end_s * 100), 100, None))
 
-            found, history, _ = simulate_spray(chosen.spray, cache=default_cache(), watch=watch)
+            found, history, _ = simulate_spray(
+                chosen.spray, open_device(device), cache=default_cache(), watch=watch
+            )
     else:
         found = make_spray(chosen.spray, cache=default_cache())
     for text in found.remarks:

@@ -148,6 +148,7 @@ class Prepared:
     spec: AnySpray
     number: int
     limit: int
+    device: Device
     cache: Path
     kept: dict[str, Any] = field(default_factory=dict)
 
@@ -180,7 +181,7 @@ class Prepared:
 
     def resprayed(self, spec: AnySpray) -> Sources:
         """The spray of another specification at that wavelength."""
-        return self.sources_of(deposited(self.scene, make_spray(spec, cache=self.cache)))
+        return self.sources_of(deposited(self.scene, make_spray(spec, self.device, cache=self.cache)))
 
     def rescattered(self, *, mie: bool) -> "Prepared":
         """The medium whose droplets scatter isotropically, or by Mie's phase function, at that
@@ -267,7 +268,7 @@ def prepare(
     spec = spec or scene.spray
     with stages.stage("spray") as note:
         note.append(scene.spray.model if spray is None else "given")
-        made = spray or make_spray(spec, cache=cache, watch=stages.watch)
+        made = spray or make_spray(spec, device, cache=cache, watch=stages.watch)
         spray = deposited(scene, made)
         stages.remark((*spray.remarks, *_motion_remarks(scene, made)))
     if isinstance(scene.spray, CfdSpray):
@@ -306,6 +307,7 @@ def prepare(
         spec=spec,
         number=found.chosen.main,
         limit=limit,
+        device=device,
         cache=cache,
     )
 

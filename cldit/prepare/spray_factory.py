@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import assert_never
 
+from cldit.gpu.device import Device
 from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray, ConeSpray, EmptySpray, GridSpray, LagrangianSpray
 from cldit.spray.penetration import with_figures
@@ -14,20 +15,21 @@ AnySpray = ConeSpray | LagrangianSpray | GridSpray | CfdSpray | EmptySpray
 
 def make_spray(
     spec: AnySpray,
+    device: Device | None = None,
     *,
     cache: Path | None = None,
     watch: Watch = silent,
 ) -> Spray:
     """Runs the model or reads the file; the notes include figures of `cldit.spray.penetration`.
 
-    `cache` is the folder of tables of fuel properties and computed sprays, None keeps nothing;
+    `device` computes a `lagrangian` spray, and is not used for others. `cache` is the folder of tables of fuel properties and computed sprays, None keeps nothing;
     `watch` takes the progress of reading a CFD case.
     """
-    return with_figures(_made(spec, cache, watch))
+    return with_figures(_made(spec, device, cache, watch))
 
 
-def _made(spec: AnySpray, cache: Path | None, watch: Watch) -> Spray:
-    # Each model is imported when a scene names it: flow brings a compiler, CFD brings VTK.
+def _made(spec: AnySpray, device: Device | None, cache: Path | None, watch: Watch) -> Spray:
+    # Each model is imported when a scene names it: CFD brings VTK.
     match spec:
         case ConeSpray():
             from cldit.spray.cone.spray import make_cone
@@ -38,7 +40,9 @@ def _made(spec: AnySpray, cache: Path | None, watch: Watch) -> Spray:
             from cldit.spray.flow.simulate import simulate_times
 
             def computed(times_s: tuple[float, ...]) -> Iterator[Spray]:
-                return (found[0] for found in simulate_times(spec, times_s, cache=cache))
+                if device is None:
+                    raise TypeError("a lagrangian spray is computed on a device, and none is given")
+                return (result[0] for result in simulate_times(spec, times_s, device, cache=cache))
 
             return cached_spray(spec, cache, computed)
         case GridSpray():

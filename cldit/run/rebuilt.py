@@ -64,7 +64,7 @@ def rebuilt(
     _check_files(run)
     stages = Stages(say)
     spec = resolution.spray(scene)
-    spray = make_spray(spec or scene.spray, cache=cache)
+    spray = make_spray(spec or scene.spray, device, cache=cache)
     _check_figures(run, "spray", run.info.spray, spray.notes)
     prepared = prepare(
         scene,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cldit.gpu.device import Device
+from cldit.gpu.device import Device, open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
 from cldit.scene import Scene, load_scene
@@ -123,7 +123,7 @@ class Lab:
     def spray(self, scene: Scene) -> Spray:
         """Spray of a scene, from the cache if it is there."""
         self._note(scene)
-        return make_spray(scene.spray, cache=self.runs.cache)
+        return make_spray(scene.spray, self.device or open_device(), cache=self.runs.cache)
 
     def _note(self, scene: Scene) -> None:
         self.used.setdefault(scene.name, scene)

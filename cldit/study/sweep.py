@@ -164,7 +164,7 @@ def as_finished(client: Any, futures: dict[Any, T]) -> Iterator[tuple[T, Any, st
 
 def _spray(spec: LagrangianSpray, cache: Path | None) -> Spray:
     """Computes a spray on a worker."""
-    return make_spray(spec, cache=cache or default_cache())
+    return make_spray(spec, worker_device(), cache=cache or default_cache())
 
 
 def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finished:

@@ -46,7 +46,7 @@ class RayFields:
         """Buffer of numbers of a table."""
         return upload(self.device, name, np.asarray(values, dtype or self.real).reshape(-1))
 
-    def row(self, name: str, values: Floats, *, padded: float = 0.0) -> Any:
+    def row(self, name: str, values: Any, *, padded: float = 0.0) -> Any:
         """Buffer of numbers along a row (R,) or of its faces (R + 1,)."""
         out = np.full(self.stride + 1, padded)
         out[: len(values)] = values
