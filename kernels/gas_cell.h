@@ -13,15 +13,19 @@
 #define GUARD 16
 
 /* Place of a work-item's first cell, and distances to its neighbours, which are the cell itself at a wall.
-   The last dimension of a launch counts azimuth, and above it the fields. */
-#define CELL(azimuths, periodic) \
-    const int i = (int)get_global_id(0) * SIMD_WIDTH, j = get_global_id(1), k = (int)get_global_id(2) % (azimuths); \
-    const int field = (int)get_global_id(2) / (azimuths); \
-    const int stride = (int)get_global_size(0) * SIMD_WIDTH, polars = get_global_size(1), layer = polars * stride; \
-    const int ray = k * polars + j, at = GUARD + ray * stride + i; \
+   Launches have one dimension and groups of one size, since compilers compile a kernel anew for another
+   size; it counts the packets of a row, the rays, and `kinds` fields. */
+#define CELL_ARGUMENTS \
+    const int azimuths, const int polars, const int stride, const int periodic, const int kinds, const int cells
+#define CELL \
+    const int item = get_global_id(0), packets = stride / SIMD_WIDTH, row = item / packets; \
+    const int field = row / (azimuths * polars), ray = row - field * azimuths * polars; \
+    if (field >= kinds) return; \
+    const int i = (item - row * packets) * SIMD_WIDTH, k = ray / polars, j = ray - k * polars; \
+    const int layer = polars * stride, at = GUARD + ray * stride + i; \
     const int down = j > 0 ? -stride : 0, up = j + 1 < polars ? stride : 0; \
-    const int left = k > 0 ? -layer : (periodic) ? ((azimuths) - 1) * layer : 0; \
-    const int right = k + 1 < (azimuths) ? layer : (periodic) ? -k * layer : 0;
+    const int left = k > 0 ? -layer : periodic ? (azimuths - 1) * layer : 0; \
+    const int right = k + 1 < azimuths ? layer : periodic ? -k * layer : 0;
 
 /* Volume of the cell: its solid angle times the integral of r^2 over its shell; 1 in padded cells. */
 #define VOLUME(angle, shell) ((angle)[ray] * READ((shell) + i))

@@ -31,10 +31,9 @@ __kernel void eddies(
     __global const real *restrict square, __global const real *restrict mixing_length,
     __global const real *restrict open_below, __global const real *restrict open_above,
     __global const real *restrict angle,
-    __global const real *restrict shell, const real far_density, const int periodic,
-    const int azimuths, const int cells)
+    __global const real *restrict shell, const real far_density, CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     const lane_t u = READ(velocity + at), v = READ(velocity + at + cells), w = READ(velocity + at + 2 * cells);
     lane_t uu = (lane_t)(R(0)), uv = uu, uw = uu, vu = uu, vv = uu, vw = uu, wu = uu, wv = uu, ww = uu;
     const lane_t side = READ(strip + i);

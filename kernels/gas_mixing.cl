@@ -19,10 +19,12 @@ __kernel void mix_across(
     __global const real *restrict flux, const int flux_plane, __global const real *restrict exchange,
     __global const real *restrict conductance, __global const real *restrict length,
     __global real *restrict ratio, const real factor, const real step, const int count, const int jump,
-    const int other, const int table_jump, const int table_other, const int ring, const int cells)
+    const int other, const int table_jump, const int table_other, const int ring,
+    const int lines, const int packets, const int cells)
 {
+    const int line = (int)get_global_id(0) / packets, i = ((int)get_global_id(0) - line * packets) * SIMD_WIDTH;
+    if (line >= lines) return;
     __global const real *rest = flux + flux_plane * cells;
-    const int line = get_global_id(1), i = (int)get_global_id(0) * SIMD_WIDTH;
     const int first = GUARD + line * other + i, table = line * table_other;
     const lane_t zero = (lane_t)(R(0)), half_step = (lane_t)(R(0.5) * factor * step) * READ(length + i);
     __global real *ring_side = ratio + cells;
@@ -108,8 +110,10 @@ __kernel void mix_across(
 __kernel void mix_along(
     __global real *restrict fields, const int kinds, __global real *restrict mass,
     __global const real *restrict flux, __global const real *restrict diffusions,
-    __global real *restrict ratio, const real step, const int radii, const int stride, const int cells)
+    __global real *restrict ratio, const real step, const int radii, const int stride, const int rays,
+    const int cells)
 {
+    if (get_global_id(0) >= (size_t)rays) return;
     __global const real *rest = flux + 2 * cells, *diffusion = diffusions + cells;
     const int first = GUARD + (int)get_global_id(0) * stride;
     int count = radii;

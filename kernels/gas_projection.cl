@@ -15,9 +15,9 @@ __kernel void mass_fluxes(
     __global const real *restrict outward, __global const real *restrict strip,
     __global const real *restrict square, __global const real *restrict open_below,
     __global const real *restrict angle, __global const real *restrict shell,
-    __global const real *restrict shell_ratio, __global real *restrict flux, const int periodic, const int azimuths, const int cells)
+    __global const real *restrict shell_ratio, __global real *restrict flux, CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     const lane_t inverse = R(1) / VOLUME(angle, shell);
     const lane_t m = READ(mass + at) * inverse;
     const lane_t x = READ(velocity + at) * m, y = READ(velocity + at + cells) * m, z = READ(velocity + at + 2 * cells) * m;
@@ -49,10 +49,9 @@ __kernel void imbalance(
     __global const real *restrict flux, __global const real *restrict kept,
     __global const real *restrict density, __global const real *restrict amiss,
     __global const real *restrict angle, __global const real *restrict shell,
-    __global real *restrict potential, const real step, const int periodic, const int azimuths,
-    const int cells)
+    __global real *restrict potential, const real step, CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     __global const real *b = flux + cells, *c = flux + 2 * cells;
     const lane_t leaves = (right ? R(1) : R(0)) * READ(flux + at + right) + (up ? R(1) : R(0)) * READ(b + at + up) + READ(c + at + 1);
     const lane_t enters = READ(flux + at) + READ(b + at) + READ(c + at);
@@ -64,9 +63,9 @@ __kernel void balance(
     __global real *restrict potential, __global const real *restrict sums,
     __global const real *restrict angle,
     __global const real *restrict shell, __global const real *restrict inside, const real whole,
-    const int azimuths)
+    CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     const lane_t even = sums[2] / whole * VOLUME(angle, shell) - READ(potential + at);
     WRITE(READ(inside + i) * even, potential + at);
 }
@@ -74,15 +73,17 @@ __kernel void balance(
 /* Products of matrices (batch, count, count) and rows of values. A work-item makes SIMD_WIDTH columns of
    ROWS rows of a product.
 
-   jump: distance of rows; batch_jump: of the values of the next batch. */
+   columns: numbers of a row; jump: distance of rows; batch_jump: of the values of the next batch. */
 #define ROWS 4
 __kernel void transform(
     __global const real *restrict matrices, __global const real *restrict values,
     __global real *restrict products, const int count, const int jump, const int batch_jump,
-    const int matrix_jump)
+    const int matrix_jump, const int columns, const int batches)
 {
-    const int column = (int)get_global_id(0) * SIMD_WIDTH, row = (int)get_global_id(1) * ROWS;
-    const int batch = get_global_id(2);
+    const int item = get_global_id(0), packets = columns / SIMD_WIDTH, rest = item / packets;
+    const int blocks = (count + ROWS - 1) / ROWS, batch = rest / blocks;
+    if (batch >= batches) return;
+    const int column = (item - rest * packets) * SIMD_WIDTH, row = (rest - batch * blocks) * ROWS;
     __global const real *matrix = matrices + batch * matrix_jump;
     const int start = GUARD + batch * batch_jump + column;
     const int r1 = smaller(row + 1, count - 1), r2 = smaller(row + 2, count - 1);
@@ -107,8 +108,9 @@ __kernel void transform(
 __kernel void solve_along(
     __global real *restrict modes, __global const real *restrict lower,
     __global const real *restrict upper, __global const real *restrict pivot, const int radii,
-    const int stride)
+    const int stride, const int rays)
 {
+    if (get_global_id(0) >= (size_t)rays) return;
     const int first = GUARD + (int)get_global_id(0) * stride;
     real value = modes[first] * pivot[first];
     modes[first] = value;
@@ -132,10 +134,9 @@ __kernel void correct(
     __global const real *restrict strip, __global const real *restrict length,
     __global const real *restrict square, __global const real *restrict open_below,
     __global const real *restrict open_above,
-    __global real *restrict flux, __global real *restrict force, const int periodic,
-    const int azimuths, const int cells)
+    __global real *restrict flux, __global real *restrict force, CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     const lane_t here = READ(potential + at), side = R(0.5) * READ(strip + i), wide = READ(length + i);
     const lane_t p_left = READ(potential + at + left), p_right = READ(potential + at + right);
     const lane_t p_down = READ(potential + at + down), p_up = READ(potential + at + up);

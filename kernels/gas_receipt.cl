@@ -6,9 +6,9 @@
 __kernel void as_fields(
     __global long *restrict sums, __global const real *restrict units, __global real *restrict fields,
     __global const real *restrict angle, __global const real *restrict shell,
-    const real copies, const int azimuths, const int cells)
+    const real copies, CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     __global const long *from = sums + (long)field * cells + at;
     for (int lane = 0; lane < SIMD_WIDTH; ++lane)
         fields[field * cells + at + lane] =

@@ -9,9 +9,9 @@ __kernel void source_pressure(
     __global const real *restrict fuel, __global const real *restrict enthalpy,
     __global const real *restrict temperature, __global const real *restrict amiss,
     __global const real *restrict common, __global const real *restrict mixture,
-    __global real *restrict rise, const int azimuths, const int cells)
+    __global real *restrict rise, CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     const lane_t mass = READ(amounts + at), heat = READ(amounts + cells + at);
     const lane_t heavy = READ(density + at) + mass, vapour = READ(fuel + at) + mass;
     const lane_t t =
@@ -27,10 +27,9 @@ __kernel void receive(
     __global const real *restrict amounts, __global const real *restrict rise, const real part,
     __global real *restrict density, __global real *restrict fuel, __global real *restrict enthalpy,
     __global real *restrict velocity, __global real *restrict amiss, __global real *restrict mass,
-    __global const real *restrict angle, __global const real *restrict shell, const int azimuths,
-    const int cells)
+    __global const real *restrict angle, __global const real *restrict shell, CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     const lane_t before = READ(density + at), gain = part * READ(amounts + at), after = before + gain;
     const lane_t kept = before / after, given = part / after;
     const int x = at, y = at + cells, z = at + 2 * cells;

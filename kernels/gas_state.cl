@@ -13,9 +13,9 @@ __kernel void finish(
     __global real *restrict velocity, __global real *restrict density, __global real *restrict fuel,
     __global real *restrict enthalpy, __global real *restrict temperature, __global real *restrict own,
     __global const real *restrict mixture, __global const real *restrict angle,
-    __global const real *restrict shell, const int azimuths, const int cells)
+    __global const real *restrict shell, CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     const lane_t heavy = READ(after + at), inverse = R(1) / heavy, moved = READ(carried + at);
     const lane_t share = READ(values + at), heat = READ(values + cells + at);
     const int y = at + cells, z = at + 2 * cells;
@@ -36,9 +36,9 @@ __kernel void per_mass(
     __global const real *restrict density, __global const real *restrict fuel,
     __global const real *restrict enthalpy, __global real *restrict values,
     __global real *restrict mass, __global const real *restrict angle,
-    __global const real *restrict shell, const int azimuths, const int cells)
+    __global const real *restrict shell, CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     const lane_t dense = READ(density + at), inverse = R(1) / dense;
     WRITE(READ(fuel + at) * inverse, values + at);
     WRITE(READ(enthalpy + at) * inverse, values + cells + at);
@@ -78,9 +78,9 @@ __kernel void compress(
     __global const real *restrict own, __global const real *restrict common,
     __global const real *restrict density, __global real *restrict enthalpy,
     __global real *restrict amiss, __global real *restrict kept, __global const real *restrict angle,
-    __global const real *restrict shell, const real step, const int azimuths)
+    __global const real *restrict shell, const real step, CELL_ARGUMENTS)
 {
-    CELL(azimuths, 0)
+    CELL
     const lane_t error = READ(own + at) / (VOLUME(angle, shell) * common[0]) - R(1);
     WRITE(READ(enthalpy + at) + (common[0] - common[1]), enthalpy + at);
     WRITE(error, amiss + at);

@@ -16,9 +16,9 @@ INLINE lane_t passed_on(lane_t lower_face, lane_t upper_face)
 __kernel void shares(
     __global const real *restrict flux, __global const real *restrict mass,
     __global real *restrict share, const real step, const real limit, const real limit_along,
-    const int periodic, const int azimuths, const int cells)
+    CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     const lane_t a = passed_on(READ(flux + at), (right ? R(1) : R(0)) * READ(flux + at + right));
     const lane_t b = passed_on(READ(flux + cells + at), (up ? R(1) : R(0)) * READ(flux + cells + at + up));
     const lane_t c = passed_on(READ(flux + 2 * cells + at), READ(flux + 2 * cells + at + 1));
@@ -37,9 +37,9 @@ __kernel void divide(
     __global const real *restrict angle, __global const real *restrict conductance,
     __global real *restrict explicit_flux, __global real *restrict rest,
     __global real *restrict diffusion, const real mixing, const real most_diffused, const real step,
-    const int periodic, const int azimuths, const int cells)
+    CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     const lane_t here = READ(share + at), along = READ(share + cells + at);
     lane_t whole = READ(flux + at), part = whole * lower(here, READ(share + at + left));
     WRITE(part, explicit_flux + at);
@@ -85,9 +85,9 @@ __kernel void face_fluxes(
     __global const real *restrict diffusion, __global const real *restrict mass,
     __global const real *restrict open_below, __global const real *restrict open_second,
     __global const real *restrict open_above, __global real *restrict fluxes, const real step,
-    const int bounded, const int periodic, const int azimuths, const int cells)
+    const int bounded, CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     __global const real *value = values + field * cells;
     __global real *out = fluxes + 3 * field * cells;
     const lane_t here = READ(value + at), none = (lane_t)(R(0)), heavy = READ(mass + at);
@@ -114,10 +114,9 @@ __kernel void face_fluxes(
 /* Mass of the cells after the explicit step. */
 __kernel void settle_mass(
     __global const real *restrict mass, __global const real *restrict explicit_flux,
-    __global real *restrict after, const real step, const int periodic, const int azimuths,
-    const int cells)
+    __global real *restrict after, const real step, CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     __global const real *b = explicit_flux + cells, *c = explicit_flux + 2 * cells;
     const lane_t in = READ(explicit_flux + at) + READ(b + at) + READ(c + at);
     const lane_t out = (right ? R(1) : R(0)) * READ(explicit_flux + at + right) + (up ? R(1) : R(0)) * READ(b + at + up) + READ(c + at + 1);
@@ -128,9 +127,9 @@ __kernel void settle_mass(
 __kernel void settle(
     __global real *restrict values, __global const real *restrict fluxes,
     __global const real *restrict mass, __global const real *restrict after, const real step,
-    const int periodic, const int azimuths, const int cells)
+    CELL_ARGUMENTS)
 {
-    CELL(azimuths, periodic)
+    CELL
     __global const real *a = fluxes + 3 * field * cells, *b = a + cells, *c = b + cells;
     const lane_t in = READ(a + at) + READ(b + at) + READ(c + at);
     const lane_t out = (right ? R(1) : R(0)) * READ(a + at + right) + (up ? R(1) : R(0)) * READ(b + at + up) + READ(c + at + 1);

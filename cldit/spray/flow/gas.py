@@ -90,6 +90,8 @@ class GasFlow:
             "step": 1.0,
             "part": 1.0,
             "azimuths": grid.shape[0],
+            "polars": grid.shape[1],
+            "stride": fields.stride,
             "periodic": int(grid.ring),
             "cells": fields.cells,
         }

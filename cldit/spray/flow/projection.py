@@ -49,11 +49,12 @@ class Projection:
             "pivot": self._pivot,
             "radii": radii,
             "stride": self._fields.stride,
+            "rays": azimuths * polars,
         }
         return [
             self._product("into azimuth", amiss, modes),
             self._product("into polar", modes, amiss),
-            self._program.bind("solve_along", (azimuths * polars,), None, along),
+            self._fields.grouped(self._program, "solve_along", azimuths * polars, along),
             self._product("from polar", amiss, modes),
             self._product("from azimuth", modes, amiss),
         ]
@@ -73,9 +74,11 @@ class Projection:
             "jump": columns,
             "batch_jump": layer,
             "matrix_jump": count * count,
+            "columns": columns,
+            "batches": 1 if azimuth else azimuths,
         }
-        size = (columns // f.simd_width, -(-count // _ROWS), 1 if azimuth else azimuths)
-        return self._program.bind("transform", size, None, arguments)
+        items = columns // f.simd_width * -(-count // _ROWS) * arguments["batches"]
+        return f.grouped(self._program, "transform", items, arguments)
 
 
 class Factors:

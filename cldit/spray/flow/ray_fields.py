@@ -16,6 +16,7 @@ from cldit.spray.flow.rays import RayGrid
 
 _GUARD = 16  # kernels/gas_cell.h
 _PACKET = 16  # rows are padded to multiples of it
+_GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
 
 
 class RayFields:
@@ -31,6 +32,7 @@ class RayFields:
         self.stride = -(-(radii + 2) // _PACKET) * _PACKET
         self.cells = azimuths * polars * self.stride + 2 * _GUARD
         self.simd_width = 8 if device.is_cpu else 1
+        self.packets = azimuths * polars * self.stride // self.simd_width
         self._programs: dict[str, Program] = {}
 
     def program(self, name: str) -> Program:
@@ -83,10 +85,15 @@ class RayFields:
         """
         program = self.program(name)
         whole = {**known, **others}
+        whole = {"kinds": 1, **whole}
         arguments = {argument: whole[argument] for argument in program.takes(kernel)}
-        azimuths, polars, _ = self.grid.shape
-        size = (self.stride // self.simd_width, polars, azimuths * others.get("kinds", 1))
-        return program.bind(kernel, size, None, arguments)
+        return self.grouped(program, kernel, self.packets * int(whole["kinds"]), arguments)
+
+    def grouped(
+        self, program: Program, kernel: str, items: int, arguments: Mapping[str, Any]
+    ) -> Launch:
+        """Launch of work-items in groups of one size."""
+        return program.bind(kernel, (items,), (_GROUP,), arguments)
 
 
 class Mixing:
@@ -131,6 +138,7 @@ class Mixing:
             "factor": factor,
             "step": 1.0,
             "cells": f.cells,
+            "packets": f.stride // f.simd_width,
         }
         layer, packets = polars * f.stride, f.stride // f.simd_width
         polar = {
@@ -157,7 +165,9 @@ class Mixing:
         }
         lines = [(azimuths, polar)] + [(polars, azimuth)] * (azimuths > 1)
         return [
-            self.program.bind("mix_across", (packets, count), None, common | axis)
+            f.grouped(
+                self.program, "mix_across", packets * count, common | axis | {"lines": count}
+            )
             for count, axis in lines
         ]
 
@@ -174,6 +184,7 @@ class Mixing:
             "step": 1.0,
             "radii": radii,
             "stride": self.fields.stride,
+            "rays": azimuths * polars,
             "cells": self.fields.cells,
         }
-        return self.program.bind("mix_along", (azimuths * polars,), None, arguments)
+        return self.fields.grouped(self.program, "mix_along", azimuths * polars, arguments)
