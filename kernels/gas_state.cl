@@ -73,16 +73,20 @@ __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void add_up(
 }
 
 /* Compression, which conserves energy, and the error of each cell's pressure. common: the pressure, and
-   that before the step. */
+   that before the step. kept: the divergence that the next step has, too; less where gas passes through a
+   cell within the step, so that its divergence is another one (share: parts of the fluxes that an explicit
+   step may carry). */
 __kernel void compress(
     __global const real *restrict own, __global const real *restrict common,
     __global const real *restrict density, __global real *restrict enthalpy,
-    __global real *restrict amiss, __global real *restrict kept, __global const real *restrict angle,
+    __global real *restrict amiss, __global real *restrict kept, __global const real *restrict share,
+    __global const real *restrict angle,
     __global const real *restrict shell, const real step, CELL_ARGUMENTS)
 {
     CELL
     const lane_t error = READ(own + at) / (VOLUME(angle, shell) * common[0]) - R(1);
     WRITE(READ(enthalpy + at) + (common[0] - common[1]), enthalpy + at);
     WRITE(error, amiss + at);
-    WRITE(READ(kept + at) + (READ(density + at) * error / step), kept + at);
+    const lane_t memory = lower(READ(share + at), READ(share + cells + at));
+    WRITE(memory * (READ(kept + at) + READ(density + at) * error / step), kept + at);
 }

@@ -28,6 +28,7 @@ _POLE = np.radians(15.0)
 _NEAREST_POLE = np.radians(3.0)
 _FIRST_TIME_S = 1.25e-3
 _OVER = 1.15  # Naber and Siebers' penetration; one plume alone in hot, thin gas has 1.12 times it
+_LEAST_LEAN = np.radians(15.0)  # of plumes beside a pole on the injector's axis
 _FEWEST = 3  # cells between planes of symmetry
 
 
@@ -61,6 +62,15 @@ def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
         count = max(_FEWEST, int(np.ceil(np.pi / kind * np.sin(lean) / h)))
         azimuth = np.linspace(0.0, np.pi / kind, count + 1)
         return _checked(RayGrid(_frame(down, axes[0]), radius, polar, azimuth, kind), spec)
+    down = np.array([0.0, 0.0, -1.0])
+    leans = np.arccos(np.clip(axes @ down, -1.0, 1.0))
+    if leans.min() >= _LEAST_LEAN:
+        # A full circle of azimuth, in which every plume flows along a line of the grid.
+        low, high = max(float(leans.min()) - _BESIDE, 0.0), float(leans.max()) + _BESIDE
+        polar = _fine(low, high, h, 0.0, max(_BEHIND, high + 0.05))
+        count = int(np.ceil(2 * np.pi * np.sin(min(float(leans.max()), np.pi / 2)) / h))
+        azimuth = np.linspace(-np.pi, np.pi, max(count, _FEWEST) + 1)
+        return _checked(RayGrid(_frame(down), radius, polar, azimuth, 1), spec)
     # The pole across the injector's axis that is farthest from all plumes.
     turns = np.radians(np.arange(0.0, 180.0, 5.0))
     poles = np.stack([np.cos(turns), np.sin(turns), np.zeros_like(turns)], axis=1)

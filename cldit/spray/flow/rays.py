@@ -8,6 +8,7 @@ the injector:
 - one plume: its own axis, one cell of azimuth, since the mean flow is the same all around;
 - equal plumes at equal angles: the injector's axis, and half of the sector of one plume, between
   planes of symmetry;
+- other plumes, all inclined: the injector's axis, and a full circle of azimuth;
 - any others: an axis across the injector's, so that the poles are in gas at rest; all plumes.
 
 Walls are planes or cones of rays, the tip, and a sphere far away. All of them slip. Arrays have the
