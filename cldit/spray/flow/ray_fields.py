@@ -60,13 +60,11 @@ class RayFields:
             return zeros(self.device, name, planes * self.cells, self.real)
         return self.table(name, np.full(planes * self.cells, value))
 
-    def read(self, buffer: Any, plane: int = 0) -> Floats:
-        """A plane as an array (A, P, R)."""
-        out = download(
-            self.device, buffer, np.empty(self.cells, self.real), first=plane * self.cells
-        )
-        rows = out[_GUARD:-_GUARD].reshape(*self.grid.shape[:2], self.stride)
-        return np.array(rows[:, :, : self.grid.shape[2]], dtype=np.float64)
+    def read(self, buffer: Any, planes: int = 1) -> Floats:
+        """The first planes of a buffer as an array (planes, A, P, R)."""
+        out = download(self.device, buffer, np.empty((planes, self.cells), self.real))
+        rows = out[:, _GUARD:-_GUARD].reshape(planes, *self.grid.shape[:2], self.stride)
+        return np.array(rows[..., : self.grid.shape[2]], dtype=np.float64)
 
     def write(self, buffer: Any, values: Floats, plane: int = 0) -> None:
         """Sets a plane to an array (A, P, R)."""

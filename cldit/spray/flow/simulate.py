@@ -14,7 +14,7 @@ from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.droplet.fluids import Fuel, check_conditions, fuel_table, gas_table
-from cldit.spray.flow.gas import GasFlow
+from cldit.spray.flow.gas import GasFlow, UnstableGas
 from cldit.spray.flow.injector import inject, plume_axis
 from cldit.spray.flow.measures import VAPOUR_SHARE, History, measures
 from cldit.spray.flow.mixture import gas_mixture
@@ -28,7 +28,9 @@ Floats = NDArray[np.float64]
 LONGEST_STEP_S = 2e-5
 _RECORDS = 100
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
-_CHECKED = 32  # steps between two looks at the state
+MOST_GAS_STEPS = 32  # of a step of the parcels
+SLACK = 1.5  # of the speed of the gas over that of the liquid; a lump of parcels overshoots
+_CHECKED = 16  # steps between two looks at the state
 _BESIDE = 1e-3  # share of the fuel beside walls that has a remark
 
 
@@ -80,24 +82,35 @@ def simulate_times(
         times_s, lambda time_s: domain_time_s(spec.model_copy(update={"time_s": time_s}))
     )
     for _, group in spaces:
-        times = tuple(group)
-        state = _State(spec.model_copy(update={"time_s": times[-1]}), device, cache, records)
-        for time_s in times:
-            while time_s > state.time_s + 1.5 * state.longest_step_s:
-                state.step(state.longest_step_s)
-                if watch is not None:
-                    watch(state.time_s, times[-1], state.cloud.born)
-            # It is at least half as long as the others: a very short one would need large changes
-            # of the gas.
-            state.step(time_s - state.time_s)
-            yield state.result()
+        times, gas_steps = tuple(group), 0
+        done = 0
+        while done < len(times):
+            last = spec.model_copy(update={"time_s": times[-1]})
+            state = _State(last, device, cache, records, gas_steps)
+            try:
+                for number, time_s in enumerate(times):
+                    state.until(time_s, watch)
+                    result = state.result()
+                    if number == done:
+                        done += 1
+                        yield result
+            except UnstableGas:
+                # Lumps of few parcels need shorter steps of the gas.
+                gas_steps = 2 * state.gas_steps
+                if gas_steps > MOST_GAS_STEPS:
+                    raise
 
 
 class _State:
     """Parcels and gas, and what is counted of them."""
 
     def __init__(
-        self, spec: LagrangianSpray, device: Device, cache: Path | None, records: int
+        self,
+        spec: LagrangianSpray,
+        device: Device,
+        cache: Path | None,
+        records: int,
+        gas_steps: int = 0,
     ) -> None:
         self.spec, self.records = spec, records
         self.fuel, carrier = fuel_table(spec.fuel, cache=cache), gas_table(spec.gas, cache=cache)
@@ -111,10 +124,11 @@ class _State:
             pressure_Pa=ambient.pressure_Pa,
             temperature_K=ambient.temperature_K,
             device=device,
+            fastest_m_s=SLACK * self.injection.speed_m_s,
         )
         self.cloud = Cloud(spec, self.injection, self.flow, fuel=self.fuel, carrier=carrier)
-        # A gas step takes no parcel farther than most of a cell where cells have the scene's spacing.
-        self.gas_steps = max(1, math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m))
+        # A gas step takes no parcel farther than a cell where cells have the scene's spacing.
+        self.gas_steps = gas_steps or max(1, math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m))
         self.time_s, self.steps, self._fastest_m_s = 0.0, 0, self.injection.speed_m_s
         self.rows: list[tuple[float, ...]] = []
 
@@ -129,6 +143,16 @@ class _State:
             self._fastest_m_s = self.cloud.fastest_m_s()
         doubled = math.floor(math.log2(self.injection.speed_m_s / max(self._fastest_m_s, 1e-9)))
         return min(first * 2.0 ** max(doubled, 0), LONGEST_STEP_S)
+
+    def until(self, time_s: float, watch: Watch | None) -> None:
+        """Advances to a time."""
+        while time_s > self.time_s + 1.5 * self.longest_step_s:
+            self.step(self.longest_step_s)
+            if watch is not None:
+                watch(self.time_s, self.spec.time_s, self.cloud.born)
+        # It is at least half as long as the others: a very short one would need large changes of
+        # the gas.
+        self.step(time_s - self.time_s)
 
     def step(self, step_s: float) -> None:
         """Advances parcels and gas."""
