@@ -95,8 +95,9 @@ INLINE lane_t mean_rise(lane_t rate, lane_t jacobian, lane_t shrink, lane_t time
     const lane_t life = shrink * time > R(1) ? R(1) / shrink : time;
     const lane_t j = firm(jacobian, theta);
     const lane_t rest = j - shrink;
-    const lane_t y = rest == R(0) ? j : rest;
-    return rate / j * (expm1_of(y * theta) / (y * life) - R(1));
+    const lane_t y = rest == R(0) ? R(1e-9) * j : rest;
+    const lane_t part = rate / j * (expm1_of(y * theta) / (y * life) - R(1));
+    return theta >= R(FOREVER) ? rate / (shrink - j) : part; /* its limit: the difference from 1 would cancel */
 }
 
 /* Mean of an exponential that falls from 1 to `ratio`; 0 for the ratio 0. */

@@ -11,27 +11,6 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from cldit.arrays import Floats
-from cldit.spray.numba_typing import compiled
-
-
-@compiled
-def place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
-    """Interval of a value on a uniform grid, clamped at its ends, and distance into it.
-
-    The grid starts at `low` and has `count` intervals of length `step`. NaN remains NaN.
-    """
-    rise = min(at - low, count * step)
-    if not rise > 0:
-        return 0, (0.0 if at <= low else np.nan)
-    cell = min(int(rise * (1 / step)), count - 1)
-    return cell, rise - cell * step
-
-
-@compiled
-def cubic(table: Floats, cell: int, column: int, part: float) -> float:
-    """Value of property `column` in a table (intervals, properties, 4), at a `place`."""
-    c = table[cell, column]
-    return float(((c[0] * part + c[1]) * part + c[2]) * part + c[3])
 
 
 @dataclass(frozen=True)
@@ -49,10 +28,6 @@ class Curves:
     def step_K(self) -> float:
         """Length of an interval."""
         return (self.high_K - self.low_K) / int(next(iter(self.coefficients.values())).shape[1])
-
-    def packed(self, *names: str) -> Floats:
-        """Cubics of the properties for compiled code, (intervals, properties, 4)."""
-        return np.ascontiguousarray(np.stack([self.coefficients[name].T for name in names], axis=1))
 
     def at(self, temperature_K: ArrayLike, *names: str) -> tuple[Floats, ...]:
         """Values of the properties `names`, each of the shape of `temperature_K`."""

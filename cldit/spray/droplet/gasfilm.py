@@ -1,4 +1,4 @@
-"""Gas film around one droplet at its reference state, compiled."""
+"""Gas film around one droplet at its reference state, compiled for the cone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numba
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.spray.droplet.curves import cubic, place
+from cldit.spray.droplet.curves import Curves
 from cldit.spray.droplet.fluids import Fuel, Gas, diffusivity_m2_s
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.numba_typing import compiled
@@ -81,9 +81,9 @@ def tables(fuel: Fuel, gas: Gas) -> Tables:
     """Property tables of a fuel and a carrier gas for compiled code."""
     liquid, vapour, carrier = fuel.liquid, fuel.vapour, gas.vapour
     return Tables(
-        liquid=liquid.packed(*_LIQUID),
-        vapour=vapour.packed(*_VAPOUR),
-        carrier=carrier.packed(*_VAPOUR),
+        liquid=_packed(liquid, _LIQUID),
+        vapour=_packed(vapour, _VAPOUR),
+        carrier=_packed(carrier, _VAPOUR),
         liquid_low_K=liquid.low_K,
         liquid_high_K=liquid.high_K,
         liquid_step_K=liquid.step_K,
@@ -95,6 +95,31 @@ def tables(fuel: Fuel, gas: Gas) -> Tables:
         gas_kg_mol=gas.molar_mass_kg_mol,
         diffusion=float(diffusivity_m2_s(fuel, gas, temperature_K=1.0, pressure_Pa=1.0)),
     )
+
+
+@compiled
+def place(at: float, low: float, step: float, count: int) -> tuple[int, float]:
+    """Interval of a value on a uniform grid, clamped at its ends, and distance into it.
+
+    The grid starts at `low` and has `count` intervals of length `step`. NaN remains NaN.
+    """
+    rise = min(at - low, count * step)
+    if not rise > 0:
+        return 0, (0.0 if at <= low else np.nan)
+    cell = min(int(rise * (1 / step)), count - 1)
+    return cell, rise - cell * step
+
+
+@compiled
+def cubic(table: Floats, cell: int, column: int, part: float) -> float:
+    """Value of property `column` in a table (intervals, properties, 4), at a `place`."""
+    c = table[cell, column]
+    return float(((c[0] * part + c[1]) * part + c[2]) * part + c[3])
+
+
+def _packed(curves: Curves, names: tuple[str, ...]) -> Floats:
+    """Cubics of the properties, (intervals, properties, 4)."""
+    return np.ascontiguousarray(np.stack([curves.coefficients[name].T for name in names], axis=1))
 
 
 @compiled
