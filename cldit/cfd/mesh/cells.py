@@ -91,8 +91,7 @@ class CellMesh(ABC):
     ) -> Measures:
         """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
         wanted = np.arange(self.cells) if cells is None else cells
-        count = len(wanted)
-        found = Measures(np.empty(count), *(np.empty((count, 3)) for _ in range(3)))
+        found = Measures(np.empty(len(wanted)), *(np.empty((len(wanted), 3)) for _ in range(3)))
         for place, part in self.polyhedra(wanted):
             given = part.points_m, part.corners, part.start, part.first, part.sides, part.members
             for chosen, own in geometry.measure(*given, origin_m, rotation):
@@ -101,10 +100,8 @@ class CellMesh(ABC):
                     bad = int(np.flatnonzero(own.fault)[0])
                     text = _FAULTS[own.fault[bad] - 1].format(wanted[here[bad]])
                     raise SprayError(f"{self.source}: {text}")
-                found.volume_m3[here] = own.volume_m3
-                found.centroid_m[here] = own.centroid_m.T
-                found.lower_m[here] = own.lower_m.T
-                found.upper_m[here] = own.upper_m.T
+                for name, values in vars(found).items():
+                    values[here] = getattr(own, name).T
         return found
 
     def boxes(

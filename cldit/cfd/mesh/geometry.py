@@ -59,8 +59,7 @@ class Faces:
         # each triangle signed by the face's own normal: a notch in the polygon counts as one
         weight = np.einsum("acf,af->cf", triangles, area)
         total = weight.sum(axis=0)
-        moment = np.einsum("acf,cf->af", following, weight)
-        moment += np.einsum("acf,cf->af", here, weight)
+        moment = np.einsum("acf,cf->af", here + following, weight)
         # a face without area has no weight in any sum
         flat = ~(total > 0.0)
         middle += np.where(flat, 0.0, moment / np.where(flat, 1.0, 3.0 * total))
@@ -77,8 +76,7 @@ class Faces:
         rotation: Floats,
     ) -> Faces:
         """Faces (F,) of a mesh, see `Polyhedra`, those with as many corners together."""
-        begin = start[faces]
-        size = start[faces + 1] - begin
+        begin, size = start[faces], start[faces + 1] - start[faces]
         made = cls(*(np.empty((3, len(faces))) for _ in range(4)))
         for kind in np.flatnonzero(np.bincount(size)).tolist():
             here = np.flatnonzero(size == kind)
