@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats
 from cldit.errors import TransportError
 from cldit.gpu.device import Device
-from cldit.medium.octree import build_octrees
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
@@ -68,13 +67,7 @@ def _preview(scene: Scene, device: Device, prepared: Prepared) -> tuple[Floats, 
     background_K = chosen.quadrature.reference_K
     shares = np.array([float(node.share(background_K)) for node in chosen.nodes])
     for depth in range(coarse, cube.depth + 1):
-        trees = build_octrees(
-            cube.at(depth),
-            prepared.properties.sources,
-            optical_depth_split=scene.domain.optical_depth_split,
-            max_cells=prepared.limit,
-            device=device,
-        )
+        trees = prepared.octrees(cube.at(depth), prepared.properties.sources)
         try:
             traces = [trace(tree, seen, device, settings) for tree in trees]
         except TransportError:  # cells so large reach behind a patch

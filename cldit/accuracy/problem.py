@@ -135,7 +135,7 @@ class Problem:
             on_lattice = resolution.cube_m is not None  # cells and lattice are made together
             depth = None if on_lattice else resolution.depth
             try:
-                return resolution, prepared, prepared.grown(self.device, self.stages, depth)
+                return resolution, prepared, prepared.grown(self.stages, depth)
             except MediumError:
                 depth = resolution.depth
                 if depth is None or depth <= _LEAST_DEPTH or not cells_are_free(self.scene):

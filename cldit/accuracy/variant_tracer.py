@@ -21,7 +21,7 @@ from cldit.accuracy.preview import previewed
 from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
-from cldit.medium.octree import Sources, build_octree, build_octrees
+from cldit.medium.octree import Sources, build_octree
 from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.cell_choice import finest_lattice_m
@@ -191,13 +191,7 @@ class VariantTracer:
         frame = self.prepared.cube.at(depth)
         if self.prepared.on_lattice:
             frame = on_grid(frame, sources, voxel_m=frame.cell_m) or frame
-        tree = build_octrees(
-            frame,
-            [sources],
-            optical_depth_split=self.scene.domain.optical_depth_split if split is None else split,
-            max_cells=self.prepared.limit,
-            device=self.device,
-        )[0]
+        (tree,) = self.prepared.octrees(frame, [sources], split)
         pixels = None if self.drawn is None else self.drawn.sample.pixels
         found, cost = CoarseCost.measured(
             self.device,

@@ -1,6 +1,6 @@
 """Spray, optics and octrees of a scene, one octree for each wavelength."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -181,7 +181,9 @@ class Prepared:
 
     def resprayed(self, spec: AnySpray) -> Sources:
         """The spray of another specification at that wavelength."""
-        return self.sources_of(deposited(self.scene, make_spray(spec, self.device, cache=self.cache)))
+        return self.sources_of(
+            deposited(self.scene, make_spray(spec, self.device, cache=self.cache))
+        )
 
     def rescattered(self, *, mie: bool) -> "Prepared":
         """The medium whose droplets scatter isotropically, or by Mie's phase function, at that
@@ -203,8 +205,18 @@ class Prepared:
             self.kept[name] = make()
         return self.kept[name]
 
-    def grown(self, device: Device, stages: Stages, depth: int | None = None) -> "Medium":
-        """Octrees of all wavelengths, built on a device.
+    def octrees(
+        self, frame: Frame, sources: Sequence[Sources], split: float | None = None
+    ) -> list[Octree]:
+        """Trees of `sources` in a cube; `split` takes the place of `domain.optical_depth_split`."""
+        if split is None:
+            split = self.scene.domain.optical_depth_split
+        return build_octrees(
+            frame, sources, optical_depth_split=split, max_cells=self.limit, device=self.device
+        )
+
+    def grown(self, stages: Stages, depth: int | None = None) -> "Medium":
+        """Octrees of all wavelengths.
 
         depth: number of times that the cube is halved; None: as the scene has it.
         """
@@ -212,13 +224,7 @@ class Prepared:
         frame = self.frame if depth is None else self.frame.at(depth)
         sources = [*found.sources, *([] if found.paper is None else [found.paper])]
         with stages.stage("octree") as note:
-            trees = build_octrees(
-                frame,
-                sources,
-                optical_depth_split=self.scene.domain.optical_depth_split,
-                max_cells=self.limit,
-                device=device,
-            )
+            trees = self.octrees(frame, sources)
             note.append(f"{sum(trees[0].leaves)} leaves, finest {frame.cell_m * 1e3:.3g} mm")
         paper = trees.pop() if found.paper is not None else None
         bare = replace(found, sources=(), paper=None)

@@ -76,8 +76,7 @@ def rebuilt(
         cube_m=resolution.cube_m,
         spectral_K=resolution.spectral_K,
     )
-    depth = None if resolution.cube_m is not None else resolution.depth
-    medium = prepared.grown(device, stages, depth)
+    medium = prepared.grown(stages, None if resolution.cube_m is not None else resolution.depth)
     quadrature = medium.properties.chosen.quadrature
     nodes = SpectralInfo.of(quadrature, (), None).nodes
     for number_, (kept, made) in enumerate(zip(_nodes(run), nodes, strict=False)):

@@ -71,7 +71,7 @@ def test_pictures_of_threads_equal_those_of_one(
     for phase in PHASES:
         scene = block(phase)
         stages = Stages(None)
-        medium = prepare(scene, device, stages, tmp_path, droplets()).grown(device, stages)
+        medium = prepare(scene, device, stages, tmp_path, droplets()).grown(stages)
         phases = medium.properties.phases
         made[phase] = (medium.trees[0], scene, settings_for(scene, phases[0] if phases else None))
 

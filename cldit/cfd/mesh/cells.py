@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
+from cldit.cfd.mesh import geometry
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
 
@@ -89,27 +90,18 @@ class CellMesh(ABC):
         self, cells: Labels | None = None, origin_m: Floats = ORIGIN, rotation: Floats = TURN
     ) -> Measures:
         """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
-        # imports a compiler, which a list of a case does not need
-        from cldit.cfd.mesh import geometry
-
         wanted = np.arange(self.cells) if cells is None else cells
-        count = len(wanted)
-        found = Measures(np.empty(count), *(np.empty((count, 3)) for _ in range(3)))
-        origin, turn = np.asarray(origin_m, np.float64), np.ascontiguousarray(rotation)
+        found = Measures(np.empty(len(wanted)), *(np.empty((len(wanted), 3)) for _ in range(3)))
         for place, part in self.polyhedra(wanted):
-            whole = len(place) == count
-            own = found if whole else Measures(*(values[place] for values in vars(found).values()))
-            fault = np.empty(len(place), np.int8)
             given = part.points_m, part.corners, part.start, part.first, part.sides, part.members
-            written = own.volume_m3, own.centroid_m, own.lower_m, own.upper_m, fault
-            geometry.measure(*given, origin, turn, *written)
-            for number, text in enumerate(_FAULTS, start=1):
-                bad = np.flatnonzero(fault == number)
-                if len(bad):
-                    raise SprayError(f"{self.source}: " + text.format(wanted[place][bad[0]]))
-            if not whole:
-                for all_, some in zip(vars(found).values(), vars(own).values(), strict=True):
-                    all_[place] = some
+            for chosen, own in geometry.measure(*given, origin_m, rotation):
+                here = place[chosen]
+                if own.fault.any():
+                    bad = int(np.flatnonzero(own.fault)[0])
+                    text = _FAULTS[own.fault[bad] - 1].format(wanted[here[bad]])
+                    raise SprayError(f"{self.source}: {text}")
+                for name, values in vars(found).items():
+                    values[here] = getattr(own, name).T
         return found
 
     def boxes(

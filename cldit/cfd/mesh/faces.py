@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats
+from cldit.cfd.mesh import geometry
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels, PointMesh, Polyhedra, check_labels
 from cldit.errors import SprayError
 
@@ -49,14 +50,9 @@ class Mesh(PointMesh):
         _ = self.extent_m
 
     @cached_property
-    def _sides(self) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    def _sides(self) -> tuple[Labels, Labels]:
         """First side of each cell, and the sides of all cells, as in `Polyhedra`."""
-        from cldit.cfd.mesh import geometry
-
-        first = np.zeros(self.cells + 1, np.int64)
-        sides = np.empty(len(self.owner) + np.count_nonzero(self.neighbour >= 0), np.int32)
-        geometry.sides_of_cells(self.owner, self.neighbour, first, sides)
-        return first, sides
+        return geometry.sides_of_cells(self.owner, self.neighbour, self.cells)
 
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """Faces of `cells` (N,), all in one part."""

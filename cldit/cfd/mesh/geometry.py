@@ -1,26 +1,106 @@
-"""Volume, centroid and bounds of polyhedra, in compiled loops that keep only the results.
+"""Volume, centroid and bounds of polyhedra, some cells at a time.
 
 A face is split into triangles about its mean corner, a cell into pyramids that meet in the mean of
-its face centres (as in OpenFOAM, primitiveMeshTools::makeCellCentresAndVols).
+its face centres (as in OpenFOAM, primitiveMeshTools::makeCellCentresAndVols). Coordinates come
+first in all arrays of this file, and faces or cells last, which numpy is fastest with.
 """
 
 from __future__ import annotations
 
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from cldit.arrays import Floats, Ints
-from cldit.spray.numba_typing import compiled
 
 AnyFloats = NDArray[np.floating]
 AnyLabels = NDArray[np.signedinteger]
 
 FEW_FACES, OPEN, NO_VOLUME = 1, 2, 3
 _OPEN = 0.01  # share of a cell's surface that may be missing; the slack is for float32 points
-_MOST = 64  # faces of a cell, and corners of a face, for which there is room at first
+_SIDES = 8_000  # at a time, whose arrays stay in the cache
 
 
-@compiled
+@dataclass(frozen=True)
+class Faces:
+    """Polygons: centre, area vector, and bounds low and high, (3, F) each."""
+
+    centre: Floats
+    area: Floats
+    low: Floats
+    high: Floats
+
+    @classmethod
+    def of(
+        cls, points_m: AnyFloats, corners: AnyLabels, origin_m: Floats, rotation: Floats
+    ) -> Faces:
+        """Polygons of so many corners (n, F) each, seen from `origin_m` and rotated."""
+        found, count = points_m[corners], len(corners)
+        ring = np.empty((3, count + 1, corners.shape[1]))  # the first corner comes last again
+        here, following = ring[:, :-1], ring[:, 1:]
+        for axis in range(3):
+            np.subtract(found[..., axis], origin_m[axis], out=here[axis])
+        if not np.array_equal(rotation, np.eye(3)):
+            here[:] = [a * here[0] + b * here[1] + c * here[2] for a, b, c in rotation]
+        low, high = here.min(axis=1), here.max(axis=1)
+        middle = here.sum(axis=1) / count
+        here -= middle[:, None]
+        ring[:, -1] = ring[:, 0]
+        triangles = np.empty((3, count, corners.shape[1]))  # twice their areas
+        for axis in range(3):
+            one, other = (axis + 1) % 3, (axis + 2) % 3
+            np.multiply(here[one], following[other], out=triangles[axis])
+            triangles[axis] -= here[other] * following[one]
+        area = triangles.sum(axis=1)
+        # each triangle signed by the face's own normal: a notch in the polygon counts as one
+        weight = np.einsum("acf,af->cf", triangles, area)
+        total = weight.sum(axis=0)
+        moment = np.einsum("acf,cf->af", here + following, weight)
+        # a face without area has no weight in any sum
+        flat = ~(total > 0.0)
+        middle += np.where(flat, 0.0, moment / np.where(flat, 1.0, 3.0 * total))
+        return cls(middle, 0.5 * area, low, high)
+
+    @classmethod
+    def chosen(
+        cls,
+        points_m: AnyFloats,
+        corners: AnyLabels,
+        start: AnyLabels,
+        faces: AnyLabels,
+        origin_m: Floats,
+        rotation: Floats,
+    ) -> Faces:
+        """Faces (F,) of a mesh, see `Polyhedra`, those with as many corners together."""
+        begin, size = start[faces], start[faces + 1] - start[faces]
+        made = cls(*(np.empty((3, len(faces))) for _ in range(4)))
+        for kind in np.flatnonzero(np.bincount(size)).tolist():
+            here = np.flatnonzero(size == kind)
+            own = corners[begin[here] + np.arange(kind)[:, None]]
+            found = cls.of(points_m, own, origin_m, rotation)
+            if len(here) == len(faces):
+                return found
+            for all_, some in zip(vars(made).values(), vars(found).values(), strict=True):
+                all_[:, here] = some
+        return made
+
+
+@dataclass(frozen=True)
+class Measured:
+    """volume_m3 (N,), centroid_m, lower_m and upper_m (3, N) of cells; and fault (N,): 0, or the
+    code of a fault, and then the others are undefined."""
+
+    volume_m3: Floats
+    centroid_m: Floats
+    lower_m: Floats
+    upper_m: Floats
+    fault: NDArray[np.int8]
+
+
 def measure(
     points_m: AnyFloats,
     corners: AnyLabels,
@@ -30,151 +110,85 @@ def measure(
     members: AnyLabels,
     origin_m: Floats,
     rotation: Floats,
-    volume_m3: Floats,
-    centroid_m: Floats,
-    lower_m: Floats,
-    upper_m: Floats,
-    fault: NDArray[np.int8],
-) -> None:
+) -> Iterator[tuple[Ints, Measured]]:
     """Measures the cells `members` (N,) of `Polyhedra`, seen from `origin_m` and rotated.
 
-    The other arrays are written: volume_m3 (N,), centroid_m, lower_m, upper_m (N, 3), and fault
-    (N,): 0, or the code of a fault, and then the results of the cell are undefined.
+    Yields the indices of some members, and their measures.
     """
-    centre, area = np.empty((_MOST, 3)), np.empty((_MOST, 3))
-    ring, triangles = np.empty((_MOST, 3)), np.empty((_MOST, 3))
-    middle, tip = np.empty(3), np.empty(3)
-    for n in range(len(members)):
-        begin, end = first[members[n]], first[members[n] + 1]
-        count = end - begin
-        fault[n] = 0
-        if count < 4:
-            fault[n] = FEW_FACES
-            continue
-        if count > len(centre):
-            centre, area = np.empty((2 * count, 3)), np.empty((2 * count, 3))
-        lower_m[n] = np.inf
-        upper_m[n] = -np.inf
-        tip[:] = 0.0
-        surface = 0.0
-        missing_x = missing_y = missing_z = 0.0
-        for k in range(count):
-            side = sides[begin + k]
-            face, sign = (side, 1.0) if side >= 0 else (-1 - side, -1.0)
-            a, b = start[face], start[face + 1]
-            if b - a > len(ring):
-                ring, triangles = np.empty((2 * (b - a), 3)), np.empty((2 * (b - a), 3))
-            middle[:] = 0.0
-            for c in range(b - a):
-                point = corners[a + c]
-                x = points_m[point, 0] - origin_m[0]
-                y = points_m[point, 1] - origin_m[1]
-                z = points_m[point, 2] - origin_m[2]
-                for i in range(3):
-                    place = rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z
-                    ring[c, i] = place
-                    middle[i] += place
-                    lower_m[n, i] = min(lower_m[n, i], place)
-                    upper_m[n, i] = max(upper_m[n, i], place)
-            middle /= b - a
-            area[k] = 0.0
-            for c in range(b - a):
-                d = c + 1 if c + 1 < b - a else 0
-                ax, ay, az = (
-                    ring[d, 0] - ring[c, 0],
-                    ring[d, 1] - ring[c, 1],
-                    ring[d, 2] - ring[c, 2],
-                )
-                bx, by, bz = middle[0] - ring[c, 0], middle[1] - ring[c, 1], middle[2] - ring[c, 2]
-                triangles[c, 0] = 0.5 * (ay * bz - az * by)
-                triangles[c, 1] = 0.5 * (az * bx - ax * bz)
-                triangles[c, 2] = 0.5 * (ax * by - ay * bx)
-                for i in range(3):
-                    area[k, i] += triangles[c, i]
-            # each triangle signed by the face's own normal: a notch in the polygon counts as one
-            total = 0.0
-            centre[k] = 0.0
-            for c in range(b - a):
-                d = c + 1 if c + 1 < b - a else 0
-                weight = 0.0
-                for i in range(3):
-                    weight += triangles[c, i] * area[k, i]
-                total += weight
-                for i in range(3):
-                    centre[k, i] += weight * (ring[c, i] + ring[d, i] + middle[i]) / 3.0
-            size = 0.0
-            for i in range(3):
-                # a face without area has no weight in any sum
-                centre[k, i] = centre[k, i] / total if total > 0.0 else middle[i]
-                area[k, i] *= sign
-                size += area[k, i] * area[k, i]
-                tip[i] += centre[k, i]
-            surface += size**0.5
-            missing_x += area[k, 0]
-            missing_y += area[k, 1]
-            missing_z += area[k, 2]
-        # outward area vectors of a closed cell sum to nothing
-        if (missing_x**2 + missing_y**2 + missing_z**2) ** 0.5 > _OPEN * surface:
-            fault[n] = OPEN
-            continue
-        tip /= count
-        volume = 0.0
-        centroid_m[n] = 0.0
-        for k in range(count):
-            pyramid = 0.0
-            for i in range(3):
-                pyramid += area[k, i] * (centre[k, i] - tip[i]) / 3.0
-            volume += pyramid
-            for i in range(3):
-                centroid_m[n, i] += pyramid * (centre[k, i] - tip[i])
+    begin = first[members].astype(np.int64)
+    count = first[members + 1] - begin
+    few, closed = np.flatnonzero(count < 4), np.flatnonzero(count >= 4)
+    if few.size:
+        none = np.zeros((3, few.size))
+        yield few, Measured(none[0], none, none, none, np.full(few.size, FEW_FACES, np.int8))
+    ends = np.cumsum(count[closed])
+    done = 0
+    while done < len(closed):
+        past = ends[done - 1] if done else 0
+        stop = max(done + 1, int(np.searchsorted(ends, past + _SIDES, "right")))
+        chosen = closed[done:stop]
+        own, at = count[chosen], ends[done:stop] - count[chosen] - past
+        side = sides[np.repeat(begin[chosen] - at, own) + np.arange(ends[stop - 1] - past)]
+        outward = side >= 0
+        # most faces are those of two cells
+        each, of_side = np.unique(np.where(outward, side, -1 - side), return_inverse=True)
+        faces = Faces.chosen(points_m, corners, start, each, origin_m, rotation)
+        faces = Faces(*(values[:, of_side] for values in vars(faces).values()))
+        faces.area[:, ~outward] *= -1.0
+        yield chosen, _cells(faces, own, at)
+        done = stop
+
+
+def _cells(faces: Faces, count: Ints, at: Ints) -> Measured:
+    """Measures cells of so many faces (N,), of which the first ones are `at`."""
+    area, centre = faces.area, faces.centre
+    surface = np.add.reduceat(np.sqrt(np.sum(area * area, axis=0)), at)
+    # outward area vectors of a closed cell sum to nothing
+    missing = np.sqrt(np.sum(np.add.reduceat(area, at, axis=1) ** 2, axis=0))
+    tip = np.add.reduceat(centre, at, axis=1) / count
+    apart = centre - np.repeat(tip, count, axis=1)
+    pyramid = np.sum(area * apart, axis=0) / 3.0
+    volume = np.add.reduceat(pyramid, at)
+    fault = np.where(np.abs(volume) > 0.0, 0, NO_VOLUME)
+    fault = np.where(missing > _OPEN * surface, OPEN, fault).astype(np.int8)
+    shift = np.add.reduceat(pyramid * apart, at, axis=1) / np.where(fault > 0, 1.0, volume)
+    return Measured(
         # faces that all point inwards (some exporters) turn every sign: the cell is the same
-        volume_m3[n] = abs(volume)
-        if not volume_m3[n] > 0.0:
-            fault[n] = NO_VOLUME
-            continue
-        for i in range(3):
-            centroid_m[n, i] = tip[i] + 0.75 * centroid_m[n, i] / volume
+        volume_m3=np.abs(volume),
+        centroid_m=tip + 0.75 * shift,
+        lower_m=np.minimum.reduceat(faces.low, at, axis=1),
+        upper_m=np.maximum.reduceat(faces.high, at, axis=1),
+        fault=fault,
+    )
 
 
-@compiled
 def sides_of_cells(
-    owner: AnyLabels, neighbour: AnyLabels, first: Ints, sides: NDArray[np.int32]
-) -> None:
-    """Sorts faces by cell, from owner and neighbour (F,); a neighbour of -1 is none.
+    owner: AnyLabels, neighbour: AnyLabels, cells: int
+) -> tuple[AnyLabels, AnyLabels]:
+    """First side of each cell, and the sides of all cells, as in `Polyhedra`.
 
-    Written: first (C + 1,), zeros before: the first side of each cell; sides: f for the owner,
-    -1 - f for the neighbour.
+    owner, neighbour: (F,) of each face; a neighbour of -1 is none.
     """
-    for face in range(len(owner)):
-        first[owner[face] + 1] += 1
-        if neighbour[face] >= 0:
-            first[neighbour[face] + 1] += 1
-    for cell in range(1, len(first)):  # np.cumsum into it takes the compiler ten times as long
-        first[cell] += first[cell - 1]
-    place = first[:-1].copy()
-    for face in range(len(owner)):
-        cell = owner[face]
-        sides[place[cell]] = face
-        place[cell] += 1
-        cell = neighbour[face]
-        if cell >= 0:
-            sides[place[cell]] = -1 - face
-            place[cell] += 1
+    inner = np.flatnonzero(neighbour >= 0).astype(np.int32)
+    cell = np.concatenate([owner, neighbour[inner]]).astype(np.int32)
+    side = np.concatenate([np.arange(len(owner), dtype=np.int32), -1 - inner])
+    # A matrix with one entry a row; its transpose has them sorted by cell, in two passes.
+    rows = np.arange(len(side) + 1, dtype=np.int32)
+    by_cell = csr_array((side, cell, rows), shape=(len(side), cells)).tocsc()
+    return by_cell.indptr, by_cell.data
 
 
-@compiled
-def walk_faces(numbers: AnyLabels, place: Ints) -> int:
+def walk_faces(numbers: AnyLabels) -> Ints:
     """Finds faces that are stored one after the other, each as its size and its corners.
 
-    Written: place (F + 1,), the index of each face's size, and the end of the last face, which is
-    also returned: it is not `len(numbers)` if the numbers are no such list.
+    Returns the index of each face's size, and the end of the last face (F + 1,), which is not
+    `len(numbers)` if the numbers are no such list.
     """
-    here = 0
-    for face in range(len(place) - 1):
-        place[face] = here
-        if here < len(numbers) and numbers[here] > 0:
-            here += 1 + numbers[here]
-        else:
-            here += 1 + len(numbers)
-    place[-1] = here
-    return here
+    sizes, place, here = np.ascontiguousarray(numbers).data, array("q", [0]), 0
+    while here < len(numbers):
+        size = sizes[here]
+        if size < 1:
+            break
+        here += 1 + size
+        place.append(here)
+    return np.array(place, np.int64)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
+from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam.collated import GAP
 from cldit.cfd.openfoam.file import FoamFile
 
@@ -173,11 +174,8 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
         table = numbers.reshape(count, width)
         if np.all(table[:, 0] == width - 1):  # all faces have as many corners: no need to walk
             return table[:, 1:].reshape(-1), np.arange(count + 1) * (width - 1)
-    from cldit.cfd.mesh.geometry import walk_faces  # brings a compiler
-
-    place = np.empty(count + 1, dtype=np.int64)
-    here = walk_faces(numbers, place)
-    if here != len(numbers):
+    place = walk_faces(numbers)
+    if len(place) != count + 1 or place[-1] != len(numbers):
         raise file.fail(f"truncated or damaged: {len(numbers)} numbers do not make {count} faces")
     keep = np.ones(len(numbers), dtype=bool)
     keep[place[:-1]] = False

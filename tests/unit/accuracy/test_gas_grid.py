@@ -293,7 +293,7 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
     one = np.ones(50)
     parcels = Parcels(place, 1e-5 * one, 1e3 * one, 370.0 * one, 600.0 * one)
 
-    def make(spec: Any, *, cache: Path, **_: Any) -> Spray:
+    def make(spec: Any, _: Device | None = None, *, cache: Path, **__: Any) -> Spray:
         h_m = spec.box.spacing_m
         asked.append((h_m, cache))
         here = vapour(h_m, long=round(48 * H / h_m))

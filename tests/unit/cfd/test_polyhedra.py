@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cldit.cfd.mesh import geometry
 from cldit.cfd.mesh.faces import Mesh, join
+from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam.cloud import decode
 from cldit.cfd.openfoam.file import FoamFile
 from cldit.errors import SprayError
@@ -113,3 +115,48 @@ def test_barycentric_base_point_of_a_notched_face() -> None:
     centroid = np.array([0.0, -0.2 / 3, 1.0])
     expected = weights @ np.array([centroid, [0, -0.2, 2], [1, -1, 2], [0, 1, 2]])
     assert decode(file, rows, ARROW)[0] == pytest.approx(expected, abs=1e-14)
+
+
+def test_cells_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells with faces of three and four corners, in any order and any parts, are the same; and so
+    are two cells that share a face, which is turned for one of them."""
+    solids = (TET, PYRAMID, ARROW)
+    faces = np.cumsum([0, *(len(one.corners) for one in solids)])
+    points = np.cumsum([0, *(len(one.points_m) for one in solids)])
+    owner = np.concatenate([np.full(len(one.owner), cell) for cell, one in enumerate(solids)])
+    mesh = Mesh(
+        points_m=np.concatenate([one.points_m for one in solids]),
+        corners=np.concatenate([one.corners + at for one, at in zip(solids, points, strict=False)]),
+        start=np.append(
+            0, np.concatenate([one.start[1:] + at for one, at in zip(solids, faces, strict=False)])
+        ),
+        owner=owner,
+        neighbour=np.full(len(owner), -1),
+        cells=3,
+        source="solids",
+    )
+    cells = np.array([2, 0, 1, 2])
+    alone = [vars(one.measure()) for one in solids]
+    for sides in (1, 11, 1000):
+        monkeypatch.setattr(geometry, "_SIDES", sides)
+        for name, values in vars(mesh.measure(cells)).items():
+            expected = np.concatenate([alone[cell][name] for cell in cells])
+            np.testing.assert_allclose(values, expected, atol=1e-15)
+    both = Mesh(
+        points_m=np.array([*TET.points_m, [0.0, 0.0, -1.0]]),
+        corners=np.array([0, 2, 1, 0, 1, 3, 1, 2, 3, 2, 0, 3, 4, 1, 0, 4, 2, 1, 4, 0, 2]),
+        start=np.arange(8) * 3,
+        owner=np.array([0, 0, 0, 0, 1, 1, 1]),
+        neighbour=np.array([1, -1, -1, -1, -1, -1, -1]),
+        cells=2,
+        source="double",
+    )
+    assert both.measure().volume_m3 == pytest.approx([1 / 6, 1 / 6], rel=1e-14)
+
+
+def test_faces_one_after_the_other() -> None:
+    """Places of sizes, and lists that are none: a size of 0, and one beyond the end."""
+    numbers = np.array([3, 0, 1, 2, 4, 3, 2, 1, 0, 3, 7, 8, 9], np.int32)
+    assert walk_faces(numbers).tolist() == [0, 4, 9, 13]
+    assert walk_faces(numbers[:-1])[-1] != len(numbers) - 1
+    assert walk_faces(np.array([3, 0, 1, 2, 0, 5]))[-1] != 6
