@@ -172,6 +172,8 @@ class LagrangianSpray(Section):
         "abramzon-sirignano", "spalding", "dukowicz", "dukowicz-log", "frolov-type", "none"
     ] = "abramzon-sirignano"
     """Evaporation model of single droplets (docs/spray.md)."""
+    mixing_length: Annotated[float, Within(1e-3, 0.1)] = 0.018
+    """Turbulence: mixing length of the eddies over the distance from the injector."""
     box: FlowBox = FlowBox()
     """The space in which the gas flow is computed, and its cells."""
     deposit: Deposit = "kernel"

@@ -9,7 +9,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.spray.droplet.fluids import Fuel
 from cldit.spray.flow.gas import GasFlow
-from cldit.spray.flow.parcels import STATION_m, FlyingParcels
+from cldit.spray.flow.parcels import FlyingParcels, STATION_m
 from cldit.spray.flow.projected import projected_reach_m
 
 VAPOUR_SHARE = 1e-3  # the vapour's edge, as a mass fraction

@@ -10,6 +10,7 @@ from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import NABER_SIEBERS, Jet
+from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 from cldit.spray.flow.injector import Injection, plume_axis
 from cldit.spray.flow.rays import RayGrid
 
@@ -46,12 +47,15 @@ def symmetry(plumes: tuple[Plume, ...]) -> int:
     return count if same and even else 1
 
 
-def ray_grid(spec: LagrangianSpray, injection: Injection) -> RayGrid:
-    """Grid for the plumes of `spec`; raises SprayError if there are too many cells."""
+def ray_grid(spec: LagrangianSpray, injection: Injection, *, gas_kg_mol: float) -> RayGrid:
+    """Grid for the plumes of `spec` in a gas of this molar mass.
+
+    Raises SprayError if there are too many cells.
+    """
     h = spec.box.cell_m / SPACING_AT_m
     axes = np.array([plume_axis(each) for each in spec.plumes])
     kind = symmetry(spec.plumes)
-    reach_m, far_m = _reach_m(spec, injection)
+    reach_m, far_m = _reach_m(spec, injection, gas_kg_mol)
     if kind == 0:
         return round_grid(axes[0], spacing_m=spec.box.cell_m, reach_m=reach_m, far_m=far_m)
     radius = _radii(h, reach_m, far_m)
@@ -117,9 +121,10 @@ def domain_time_s(spec: LagrangianSpray) -> float:
     return float(_FIRST_TIME_S * 2.0**doubled)
 
 
-def _reach_m(spec: LagrangianSpray, injection: Injection) -> tuple[float, float]:
+def _reach_m(spec: LagrangianSpray, injection: Injection, gas_kg_mol: float) -> tuple[float, float]:
     """Distance that the plumes stay within, and radius of the domain: half as far again."""
-    gas = spec.ambient.pressure_Pa * 0.028 / (8.314 * spec.ambient.temperature_K)
+    ambient = spec.ambient
+    gas = ambient.pressure_Pa * gas_kg_mol / (GAS_CONSTANT_J_mol_K * ambient.temperature_K)
     reach = 5e-3
     for plume, hole in zip(spec.plumes, injection.holes, strict=False):
         if not hole.diameter_m > 0:

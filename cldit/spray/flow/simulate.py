@@ -18,7 +18,7 @@ from cldit.spray.flow.gas import GasFlow, UnstableGas
 from cldit.spray.flow.injector import inject, plume_axis
 from cldit.spray.flow.measures import VAPOUR_SHARE, History, measures
 from cldit.spray.flow.mixture import gas_mixture
-from cldit.spray.flow.parcels import REACH_m, Cloud, FlyingParcels
+from cldit.spray.flow.parcels import Cloud, FlyingParcels, REACH_m
 from cldit.spray.flow.ray_choice import DEPTH_KEY, domain_time_s, ray_grid
 from cldit.spray.flow.sampled import sampled
 from cldit.spray.result import Parcels, Spray
@@ -119,11 +119,12 @@ class _State:
         self.axes = np.array([plume_axis(plume) for plume in spec.plumes])
         self.injection = inject(spec, self.fuel)
         self.flow = GasFlow(
-            ray_grid(spec, self.injection),
+            ray_grid(spec, self.injection, gas_kg_mol=carrier.molar_mass_kg_mol),
             gas_mixture(self.fuel, carrier, reference_K=ambient.temperature_K),
             pressure_Pa=ambient.pressure_Pa,
             temperature_K=ambient.temperature_K,
             device=device,
+            mixing_length=spec.mixing_length,
             fastest_m_s=SLACK * self.injection.speed_m_s,
         )
         self.cloud = Cloud(spec, self.injection, self.flow, fuel=self.fuel, carrier=carrier)
@@ -189,6 +190,7 @@ class _State:
         self._record()
         spec, flow, fuel = self.spec, self.flow, self.fuel
         cloud = self.cloud.read()
+        _check_liquid(cloud, fuel)
         history = History(*np.array(self.rows).T)
         injected, wall_kg = self.injected_kg, self.cloud.wall_kg
         notes = {
@@ -255,6 +257,17 @@ def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
             f"spray.fuel_temperature_K {hot_K:g} K: {fuel.name} boils at {boiling_K:.1f} K and "
             f"{ambient_key}pressure_Pa {ambient.pressure_Pa:g}, and flash boiling is not computed; "
             f"allowed: below {boiling_K:.1f} K"
+        )
+
+
+def _check_liquid(cloud: FlyingParcels, fuel: Fuel) -> None:
+    """Raises SprayError if droplets have become as hot as the end of their properties."""
+    hot = cloud.temperature_K >= fuel.liquid.high_K - 0.5
+    if hot.any():
+        raise SprayError(
+            f"spray.ambient: {int(hot.sum())} of {len(hot)} parcels of {fuel.name} reach "
+            f"{fuel.liquid.high_K:.1f} K, near the critical temperature {fuel.critical_K:.1f} K, "
+            "where they are no droplets; allowed: a lower pressure or temperature of the gas"
         )
 
 
