@@ -12,7 +12,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.errors import SprayError
 from cldit.spray.droplet.arrays import DropletKernels
-from cldit.spray.droplet.fluids import Fuel
+from cldit.spray.droplet.fluids import Fuel, HIGHEST_Pa
 
 _AXES = 3
 _ONE_STEP = 1e30  # a tolerance that only an impossible step exceeds
@@ -133,7 +133,7 @@ def _check(
         ("mass_kg of a droplet", mass, 0.0, 1e-3),
         ("temperature_K of a droplet", temperature, fuel.liquid.low_K, fuel.liquid.high_K),
         ("temperature_K of the gas", around.temperature_K, 80.0, fuel.vapour.high_K),
-        ("pressure_Pa of the gas", around.pressure_Pa, 1e3, fuel.highest_Pa),
+        ("pressure_Pa of the gas", around.pressure_Pa, 1e3, HIGHEST_Pa),
         ("vapour, mass fraction in the gas,", around.vapour, 0.0, 1.0),
         ("duration_s", np.asarray([duration_s]), 0.0, 1e9),
     )

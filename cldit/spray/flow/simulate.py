@@ -190,7 +190,6 @@ class _State:
         self._record()
         spec, flow, fuel = self.spec, self.flow, self.fuel
         cloud = self.cloud.read()
-        _check_liquid(cloud, fuel)
         history = History(*np.array(self.rows).T)
         injected, wall_kg = self.injected_kg, self.cloud.wall_kg
         notes = {
@@ -213,16 +212,16 @@ class _State:
             "equal_plumes": float(max(flow.grid.symmetry, 1)),
             "grid_cells": float(np.prod(flow.grid.shape)),
         }
-        remarks: tuple[str, ...] = ()
+        remarks = _hot_liquid(cloud, fuel)
         share, vapour = flow.read("share"), flow.read("fuel")
         if wall_kg > 1e-3 * injected:
-            remarks = (
+            remarks += (
                 f"{100 * wall_kg / injected:.2g} % of the fuel left the gas as liquid, at its wall "
                 f"of {flow.grid.radius_m[-1]:.3g} m or beside it; allowed: a larger "
                 f"{DEPTH_KEY}, or smaller inclinations",
             )
         elif share[:, :, -1].max() >= VAPOUR_SHARE:
-            remarks = (
+            remarks += (
                 f"vapour has reached the wall of the gas, {flow.grid.radius_m[-1]:.3g} m from the "
                 f"tip; allowed: a larger {DEPTH_KEY}",
             )
@@ -260,15 +259,17 @@ def _check(spec: LagrangianSpray, fuel: Fuel) -> None:
         )
 
 
-def _check_liquid(cloud: FlyingParcels, fuel: Fuel) -> None:
-    """Raises SprayError if droplets have become as hot as the end of their properties."""
+def _hot_liquid(cloud: FlyingParcels, fuel: Fuel) -> tuple[str, ...]:
+    """Remark on droplets as hot as the end of their properties."""
     hot = cloud.temperature_K >= fuel.liquid.high_K - 0.5
-    if hot.any():
-        raise SprayError(
-            f"spray.ambient: {int(hot.sum())} of {len(hot)} parcels of {fuel.name} reach "
-            f"{fuel.liquid.high_K:.1f} K, near the critical temperature {fuel.critical_K:.1f} K, "
-            "where they are no droplets; allowed: a lower pressure or temperature of the gas"
-        )
+    if not hot.any():
+        return ()
+    share = float(cloud.liquid_kg[hot].sum() / cloud.liquid_kg.sum())
+    return (
+        f"{100 * share:.2g} % of the liquid is at {fuel.liquid.high_K:.1f} K, where its properties "
+        f"end below the critical temperature of {fuel.name}, {fuel.critical_K:.1f} K; it is not "
+        "heated further",
+    )
 
 
 def _parcels(cloud: FlyingParcels, fuel: Fuel) -> Parcels | None:
