@@ -6,11 +6,11 @@ import functools
 
 import numpy as np
 import pytest
+from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
 
 from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray, Plume
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
-from cldit.spray.flow.coupling import FlyingParcels, LiquidModel, move
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.injector import inject
 from cldit.spray.flow.mixture import gas_mixture
