@@ -105,9 +105,9 @@ def test_sums_and_compression(gas_flow: GasFlow) -> None:
     volume, eps = flow.grid.volume_m3, float(np.finfo(gas_flow.fields.real).eps)
     own = PRESSURE_Pa * (1.01 + 0.01 * drawn(flow)) * volume
     enthalpy, density = 1e5 * drawn(flow), drawn(flow, low=1.0, high=5.0)
-    kept = drawn(flow)
+    kept, share = drawn(flow), drawn(flow, 2, low=0.2, high=1.0)
     for name, planes in (
-        ("own", own), ("enthalpy", enthalpy), ("density", density), ("kept", kept)
+        ("own", own), ("enthalpy", enthalpy), ("density", density), ("kept", kept), ("share", share)
     ):  # fmt: skip
         put(flow, name, planes, junk=1e9)
     flow._add_up(flow.known["own"], 0, 1.0 / float(volume.sum()))()
@@ -122,7 +122,7 @@ def test_sums_and_compression(gas_flow: GasFlow) -> None:
     assert_close(flow.read("enthalpy"), enthalpy + rise, real, roundings=8)
     # Near 1 the quotient rounds by eps.
     assert np.abs(flow.read("amiss") - error).max() < 8 * eps
-    wanted = kept + density * error / step_s
+    wanted = share.min(axis=0) * (kept + density * error / step_s)
     assert np.abs(flow.read("kept") - wanted).max() < 8 * eps * (1.0 + 5.0 / step_s)
 
 

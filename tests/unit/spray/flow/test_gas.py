@@ -104,7 +104,7 @@ def test_everything_is_conserved(device: Device, step_s: float) -> None:
         fastest = max(fastest, float((leaving / (flow.read("density") * volume)).max()))
     scale[:2] = before[0]
     scale[2] = flow.pressure_Pa * volume.sum()
-    assert np.abs(flow.read("velocity")).max() > 0.5
+    assert np.abs(flow.read("velocity")).max() > 0.2
     assert (fastest > 1.0) == (step_s > 1e-4)
     assert np.all(np.abs(contents(flow) - before - received) < 300 * eps * scale)
     assert flow.read("share").min() > -eps  # the limiter makes no negative vapour
