@@ -111,7 +111,11 @@ class GasFlow:
         ratio = np.concatenate([[1.0], shell[1:] / shell[:-1]])
         place = np.arange(radii)
         around, downward, outward = grid.areas
-        gases: list[Any] = [[gas.reference_K, gas.carrier_J_kg_K, gas.vapour_J_kg_K], gas.carrier, gas.vapour]
+        gases: list[Any] = [
+            [gas.reference_K, gas.carrier_J_kg_K, gas.vapour_J_kg_K],
+            gas.carrier,
+            gas.vapour,
+        ]
         tables = {
             "angle": grid.angle,
             "around": around,

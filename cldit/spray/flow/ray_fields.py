@@ -165,9 +165,7 @@ class Mixing:
         }
         lines = [(azimuths, polar)] + [(polars, azimuth)] * (azimuths > 1)
         return [
-            f.grouped(
-                self.program, "mix_across", packets * count, common | axis | {"lines": count}
-            )
+            f.grouped(self.program, "mix_across", packets * count, common | axis | {"lines": count})
             for count, axis in lines
         ]
 
