@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray, simulate_times
 from cldit.spray.result import Spray
 
+ULP = float(np.finfo(np.float32).eps)
 Result = tuple[Spray, History, GasFlow]
 
 COARSE = LagrangianSpray(
@@ -37,7 +39,9 @@ def hot(device: Device, tables: Path) -> Result:
 def test_fuel_is_conserved(hot: Result) -> None:
     notes = hot[0].notes
     found = notes["liquid_mass_kg"] + notes["vapour_mass_kg"] + notes["wall_mass_kg"]
-    assert found == pytest.approx(notes["injected_mass_kg"], rel=1e-10)
+    # Each step rounds the mass of a droplet, in single precision, by half an ULP of it.
+    most = notes["steps"] * ULP / 2
+    assert found == pytest.approx(notes["injected_mass_kg"], rel=most, abs=0)
     assert hot[0].vapour is not None
     # Cells with next to no vapour are left out of the result.
     assert hot[0].vapour.mass_kg == pytest.approx(notes["vapour_mass_kg"], rel=1e-3)
@@ -77,13 +81,16 @@ def test_all_times_come_from_one_integration(
     monkeypatch.setattr(simulate._State, "step", counted)
     times = (0.05e-3, 0.1e-3, 0.3e-3)
     found = [each[0] for each in simulate_times(COARSE, times, device, cache=tables)]
-    assert len(steps) == hot[0].notes["steps"] + 2
-    alone = simulate_spray(COARSE.model_copy(update={"time_s": times[1]}), device, cache=tables)[0]
-    for one, other in ((found[1], alone), (found[2], hot[0])):
-        assert one.parcels is not None and other.parcels is not None
-        np.testing.assert_array_equal(one.parcels.position_m, other.parcels.position_m)
-        assert one.vapour is not None and other.vapour is not None
-        np.testing.assert_array_equal(one.vapour.temperature_K, other.vapour.temperature_K)
+    # One integration: its steps, of which the last to each time has half to one and a half.
+    assert abs(len(steps) - hot[0].notes["steps"]) <= len(times)
+    alone = simulate_spray(COARSE.model_copy(update={"time_s": times[0]}), device, cache=tables)[0]
+    assert alone.parcels is not None and found[0].parcels is not None
+    np.testing.assert_array_equal(found[0].parcels.position_m, alone.parcels.position_m)
+    assert alone.vapour is not None and found[0].vapour is not None
+    np.testing.assert_array_equal(found[0].vapour.temperature_K, alone.vapour.temperature_K)
+    # Later ones have other steps, hence other eddies: chance of a thousand parcels, 1/sqrt(1000).
+    for name in ("liquid_mass_kg", "vapour_mass_kg", "vapour_penetration_m"):
+        assert found[2].notes[name] == pytest.approx(hot[0].notes[name], rel=0.06)
 
 
 def test_parcels_are_alike_as_samples(hot: Result) -> None:
@@ -216,8 +223,13 @@ def test_vapour_beside_walls_has_a_remark(device: Device, tables: Path) -> None:
         (Plume(inclination_deg=89.0, azimuth_deg=0.0),),
         # One axis twice, and one across.
         tuple(Plume(inclination_deg=80.0, azimuth_deg=a) for a in (0.0, 0.0, 180.0)),
+        # Cones that cross each other, in a full circle of azimuth.
+        tuple(
+            Plume(inclination_deg=20.0, azimuth_deg=a, cone_angle_deg=60.0, mass_fraction=1 + a)
+            for a in (0.0, 10.0, 20.0)
+        ),
     ],
-    ids=["30-equal", "30", "sideways", "same-axis"],
+    ids=["30-equal", "30", "sideways", "same-axis", "crossing"],
 )
 def test_any_holes_keep_the_fuel(plumes: tuple[Plume, ...], device: Device, tables: Path) -> None:
     changes = {
@@ -228,5 +240,34 @@ def test_any_holes_keep_the_fuel(plumes: tuple[Plume, ...], device: Device, tabl
     }
     notes = simulate_spray(COARSE.model_copy(update=changes), device, cache=tables)[0].notes
     found = notes["liquid_mass_kg"] + notes["vapour_mass_kg"]
-    assert found == pytest.approx(notes["injected_mass_kg"], rel=1e-10)
+    most = (notes["steps"] + 1) * ULP / 2  # of droplets in single precision
+    assert found == pytest.approx(notes["injected_mass_kg"], rel=most, abs=0)
     assert notes["injected_mass_kg"] > 0
+
+
+def test_before_the_injection_there_is_nothing(device: Device, tables: Path) -> None:
+    """The first parcel leaves its hole after the needle has opened."""
+    spec = COARSE.model_copy(update={"time_s": 1e-7})
+    spray, history, flow = simulate_spray(spec, device, cache=tables)
+    assert spray.parcels is None and spray.vapour is None
+    assert history.injected_kg[-1] == 0.0
+    assert not flow.read("velocity").any()
+
+
+def test_single_precision_and_other_widths(hot: Result, device: Device, tables: Path) -> None:
+    """Results as on a GPU, and without double precision, against those on a CPU.
+
+    The flow is chaotic: parcels differ after some steps, and sums over all by the chance of a
+    thousand parcels.
+    """
+    wanted = hot[0].notes
+    for changes in ({"float64": False}, {"kind": "gpu"}, {"kind": "gpu", "float64": False}):
+        other = replace(device, info=replace(device.info, **changes))
+        spray, _, flow = simulate_spray(COARSE, other, cache=tables)
+        assert flow.fields.real is (np.float64 if other.info.float64 else np.float32)
+        found = spray.notes
+        total = found["liquid_mass_kg"] + found["vapour_mass_kg"] + found["wall_mass_kg"]
+        # Gas in single precision: a step rounds by some ULP of a cell's vapour, at random.
+        assert total == pytest.approx(wanted["injected_mass_kg"], rel=2e-5, abs=0)
+        for name in ("liquid_mass_kg", "vapour_mass_kg", "vapour_penetration_m", "pressure_Pa"):
+            assert found[name] == pytest.approx(wanted[name], rel=0.03), (changes, name)
