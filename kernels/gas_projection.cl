@@ -44,7 +44,10 @@ __kernel void mass_fluxes(
     }
 }
 
-/* Mass that leaves each cell by the fluxes, less the outflow that keeps its pressure. */
+/* Mass that leaves each cell by the fluxes, less the outflow that keeps its pressure. The outflow is that of
+   the last step and so late: where gas passes several cells in a step, a cell could be emptied by it. In a
+   step it is at most MOST_EXPANSION of the cell's mass; the rest is left to the next steps. */
+#define MOST_EXPANSION R(0.5)
 __kernel void imbalance(
     __global const real *restrict flux, __global const real *restrict kept,
     __global const real *restrict density, __global const real *restrict amiss,
@@ -55,7 +58,9 @@ __kernel void imbalance(
     __global const real *b = flux + cells, *c = flux + 2 * cells;
     const lane_t leaves = (right ? R(1) : R(0)) * READ(flux + at + right) + (up ? R(1) : R(0)) * READ(b + at + up) + READ(c + at + 1);
     const lane_t enters = READ(flux + at) + READ(b + at) + READ(c + at);
-    WRITE(leaves - enters - (READ(kept + at) + READ(density + at) * READ(amiss + at) / step) * VOLUME(angle, shell), potential + at);
+    const lane_t whole = READ(density + at) / step, most_out = MOST_EXPANSION * whole;
+    const lane_t wanted = limited(READ(kept + at) + whole * READ(amiss + at), -most_out, most_out);
+    WRITE(leaves - enters - wanted * VOLUME(angle, shell), potential + at);
 }
 
 /* Spreads the sum of the imbalance evenly over the volume, since the walls are closed; changes sign. */

@@ -14,6 +14,9 @@ from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.compilation import compiled
 from cldit.gpu.device import Device
 from cldit.gpu.kernel_source import assemble
+from cldit.spray.flow.gas import GasFlow
+
+from .gas_twin import as_device, gas_of, grid_of
 
 Floats = NDArray[np.floating]
 
@@ -62,3 +65,22 @@ def _apply(
 @pytest.fixture(scope="session")
 def apply(device: Device) -> Apply:
     return partial(_apply, device)
+
+
+@pytest.fixture(
+    scope="session",
+    params=[(np.float64, 8), (np.float64, 1), (np.float32, 1)],
+    ids=["double-8", "double-1", "single-1"],
+)
+def gas_device(request: pytest.FixtureRequest, device: Device) -> Device:
+    """The device as the gas sees a CPU, a GPU, and one without double precision."""
+    real, width = request.param
+    if real is np.float64 and not device.info.float64:
+        pytest.skip("the device has no double precision")
+    return as_device(device, real, width)
+
+
+@pytest.fixture(params=["walls", "ring", "round", "sector"])
+def gas_flow(request: pytest.FixtureRequest, gas_device: Device) -> GasFlow:
+    """Gas at rest on each kind of grid."""
+    return gas_of(grid_of(request.param), gas_device)

@@ -28,6 +28,7 @@ Floats = NDArray[np.float64]
 LONGEST_STEP_S = 2e-5
 _RECORDS = 100
 CELLS_A_STEP = 1.2  # parcels' cells of the scene's spacing in a step of the gas
+_FEWEST_GAS_STEPS = 2  # near the tip cells are shorter, and the gas's divergence is a step late
 MOST_GAS_STEPS = 32  # of a step of the parcels
 SLACK = 1.5  # of the speed of the gas over that of the liquid; a lump of parcels overshoots
 _CHECKED = 16  # steps between two looks at the state
@@ -129,7 +130,8 @@ class _State:
         )
         self.cloud = Cloud(spec, self.injection, self.flow, fuel=self.fuel, carrier=carrier)
         # A gas step takes no parcel farther than a cell where cells have the scene's spacing.
-        self.gas_steps = gas_steps or max(1, math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m))
+        steps = math.ceil(CELLS_A_STEP * REACH_m / spec.box.cell_m)
+        self.gas_steps = gas_steps or max(_FEWEST_GAS_STEPS, steps)
         self.time_s, self.steps, self._fastest_m_s = 0.0, 0, self.injection.speed_m_s
         self.rows: list[tuple[float, ...]] = []
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.gpu.device import Device
 from cldit.spray.flow.gas import GasFlow
 from cldit.spray.flow.mixture import GasMixture
 from cldit.spray.flow.ray_choice import round_grid
@@ -15,7 +16,7 @@ Floats = NDArray[np.float64]
 
 THRUST_N = 0.3  # as of a plume of the ECN's Spray G
 _SOURCE_m = 8e-3  # from the injector's place: there the jet gets its momentum and its width
-_END_s = 1.5e-3
+_END_s, _STEP_s = 1.5e-3, 5e-6
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class FreeJet:
 
 def free_jet(
     mixture: GasMixture,
+    device: Device,
     *,
     spacing_m: float,
     fuel_kg_s: float = 0.0,
@@ -40,25 +42,27 @@ def free_jet(
 ) -> FreeJet:
     """Nitrogen of 0.6 MPa, pushed by `THRUST_N` from 8 mm on, with or without cold fuel vapour."""
     grid = round_grid(np.array([0.0, 0.0, -1.0]), spacing_m=spacing_m, reach_m=80e-3, far_m=80e-3)
-    flow = GasFlow(grid, mixture, pressure_Pa=0.6e6, temperature_K=573.0)
+    flow = GasFlow(grid, mixture, pressure_Pa=0.6e6, temperature_K=573.0, device=device)
     radius, polar = grid.middle[2], grid.middle[1]
     wide = np.exp(-0.5 * (polar / 0.07) ** 2)
     along = np.exp(-0.5 * ((radius - _SOURCE_m) / 1e-3) ** 2)
     source = np.broadcast_to(wide[:, None] * along, grid.shape)
     source = source / (np.sum(source * grid.volume_m3) * grid.copies)
-    time, step, still = 0.0, 5e-6, np.zeros((3, *grid.shape))
-    while time < _END_s:
-        momentum, mass = still.copy(), source * fuel_kg_s * step
-        momentum[2] = source * THRUST_N * step  # the grid's third axis is the jet's
-        flow.proceed(step, mass=mass, enthalpy=-9e5 * mass, momentum=momentum)
-        time += step
+    mass = source * fuel_kg_s * _STEP_s
+    flow.write("amounts", mass, 0)
+    flow.write("amounts", -9e5 * mass, 1)
+    flow.write("amounts", source * THRUST_N * _STEP_s, 4)  # the grid's third axis is the jet's
+    for _ in range(round(_END_s / _STEP_s)):
+        flow.step(_STEP_s)
+    flow.check()
+    density, outward = flow.read("density"), flow.fields.read(flow.known["flux"], 2)
     around = flow.far_density_kg_m3
     rows: list[tuple[float, float, float, float]] = []
     for distance in distances_m:
         i = int(np.argmin(np.abs(grid.radius_m - distance)))
         x = float(grid.radius_m[i])
-        flux = flow.flux[2, 0, :, i]  # outward, through the shell
-        speed = flux / (x**2 * grid.angle[0]) / flow.density[0, :, i - 1 : i + 1].mean(axis=1)
+        flux = outward[0, :, i]
+        speed = flux / (x**2 * grid.angle[0]) / density[0, :, i - 1 : i + 1].mean(axis=1)
         # On the axis by the parabola through the first two rays.
         first, second = polar[:2] ** 2
         top = float(speed[0] + (speed[0] - speed[1]) * first / (second - first))
@@ -69,7 +73,7 @@ def free_jet(
                 half / x,
                 float(flux[within].sum()) * grid.copies / (float(np.sqrt(around * THRUST_N)) * x),
                 top * x / float(np.sqrt(THRUST_N / around)),
-                float(flow.density[0, 0, i]) / around,
+                float(density[0, 0, i]) / around,
             )
         )
     return FreeJet(distances_m, *(tuple(column) for column in zip(*rows, strict=True)))

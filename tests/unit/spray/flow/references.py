@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cldit.gpu.device import Device
 from cldit.scene.spray import EIGHT_PLUMES, Ambient, LagrangianSpray, Plume
 from cldit.spray.cone.jet import NABER_SIEBERS, Jet
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table
@@ -66,12 +67,12 @@ class Found:
         return self.jet.tip_m(self.spec.time_s)
 
 
-def find(spec: LagrangianSpray, *, cache: Path | None) -> Found:
+def find(spec: LagrangianSpray, device: Device, *, cache: Path | None) -> Found:
     """Computes the spray `spec` and what it is compared with; tables are kept in `cache`."""
     fuel = fuel_table(spec.fuel, cache=cache)
     gas = gas_table(spec.gas, cache=cache)
     start = time.process_time()
-    spray, history, flow = simulate_spray(spec, cache=cache)
+    spray, history, flow = simulate_spray(spec, device, cache=cache)
     seconds = time.process_time() - start
     axes = np.array([hole.axis for hole in inject(spec, fuel).holes])
     return Found(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.scene.spray import Ambient, FlowBox, LagrangianSpray, Plume
 from cldit.show.report.spray_report import extent, liquid_mass, vapour_mass, write_spray
 from cldit.spray.flow import simulate
@@ -17,6 +19,7 @@ from cldit.spray.flow.measures import History
 from cldit.spray.flow.simulate import simulate_spray, simulate_times
 from cldit.spray.result import Spray
 
+ULP = float(np.finfo(np.float32).eps)
 Result = tuple[Spray, History, GasFlow]
 
 COARSE = LagrangianSpray(
@@ -29,14 +32,16 @@ COARSE = LagrangianSpray(
 
 
 @pytest.fixture(scope="module")
-def hot() -> Result:
-    return simulate_spray(COARSE)
+def hot(device: Device, tables: Path) -> Result:
+    return simulate_spray(COARSE, device, cache=tables)
 
 
 def test_fuel_is_conserved(hot: Result) -> None:
     notes = hot[0].notes
     found = notes["liquid_mass_kg"] + notes["vapour_mass_kg"] + notes["wall_mass_kg"]
-    assert found == pytest.approx(notes["injected_mass_kg"], rel=1e-10)
+    # Each step rounds the mass of a droplet, in single precision, by half an ULP of it.
+    most = notes["steps"] * ULP / 2
+    assert found == pytest.approx(notes["injected_mass_kg"], rel=most, abs=0)
     assert hot[0].vapour is not None
     # Cells with next to no vapour are left out of the result.
     assert hot[0].vapour.mass_kg == pytest.approx(notes["vapour_mass_kg"], rel=1e-3)
@@ -45,9 +50,9 @@ def test_fuel_is_conserved(hot: Result) -> None:
 def test_the_plume_is_cooler_than_the_gas_but_not_below_saturation(hot: Result) -> None:
     _, history, flow = hot
     # Adiabatic saturation of 370 K fuel with 573 K nitrogen at 0.6 MPa is at 369 K.
-    assert 369 - 2 < flow.temperature_K.min() < 500
+    assert 369 - 2 < flow.read("temperature").min() < 500
     assert history.coldest_K.min() > 369 - 2
-    assert flow.temperature_K.max() < 570.5
+    assert flow.read("temperature").max() < 570.5
 
 
 def test_it_goes_as_far_as_a_spray_goes(hot: Result) -> None:
@@ -56,14 +61,16 @@ def test_it_goes_as_far_as_a_spray_goes(hot: Result) -> None:
     assert 0.85 * 24.8e-3 < hot[0].notes["vapour_penetration_m"] < 33e-3
 
 
-def test_the_same_again(hot: Result) -> None:
-    again = simulate_spray(COARSE)[0]
+def test_the_same_again(hot: Result, device: Device, tables: Path) -> None:
+    again = simulate_spray(COARSE, device, cache=tables)[0]
     assert again.parcels is not None
     assert hot[0].parcels is not None
     np.testing.assert_array_equal(again.parcels.position_m, hot[0].parcels.position_m)
 
 
-def test_all_times_come_from_one_integration(hot: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_all_times_come_from_one_integration(
+    hot: Result, monkeypatch: pytest.MonkeyPatch, device: Device, tables: Path
+) -> None:
     steps: list[float] = []
     step = simulate._State.step
 
@@ -73,14 +80,17 @@ def test_all_times_come_from_one_integration(hot: Result, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(simulate._State, "step", counted)
     times = (0.05e-3, 0.1e-3, 0.3e-3)
-    found = [each[0] for each in simulate_times(COARSE, times)]
-    assert len(steps) == hot[0].notes["steps"] + 2
-    alone = simulate_spray(COARSE.model_copy(update={"time_s": times[1]}))[0]
-    for one, other in ((found[1], alone), (found[2], hot[0])):
-        assert one.parcels is not None and other.parcels is not None
-        np.testing.assert_array_equal(one.parcels.position_m, other.parcels.position_m)
-        assert one.vapour is not None and other.vapour is not None
-        np.testing.assert_array_equal(one.vapour.temperature_K, other.vapour.temperature_K)
+    found = [each[0] for each in simulate_times(COARSE, times, device, cache=tables)]
+    # One integration: its steps, of which the last to each time has half to one and a half.
+    assert abs(len(steps) - hot[0].notes["steps"]) <= len(times)
+    alone = simulate_spray(COARSE.model_copy(update={"time_s": times[0]}), device, cache=tables)[0]
+    assert alone.parcels is not None and found[0].parcels is not None
+    np.testing.assert_array_equal(found[0].parcels.position_m, alone.parcels.position_m)
+    assert alone.vapour is not None and found[0].vapour is not None
+    np.testing.assert_array_equal(found[0].vapour.temperature_K, alone.vapour.temperature_K)
+    # Later ones have other steps, hence other eddies: chance of a thousand parcels, 1/sqrt(1000).
+    for name in ("liquid_mass_kg", "vapour_mass_kg", "vapour_penetration_m"):
+        assert found[2].notes[name] == pytest.approx(hot[0].notes[name], rel=0.06)
 
 
 def test_parcels_are_alike_as_samples(hot: Result) -> None:
@@ -133,31 +143,31 @@ def test_files(hot: Result, tmp_path: Path) -> None:
     assert np.sum(volume * density) == pytest.approx(spray.vapour.mass_kg, rel=1e-12)
 
 
-def test_nothing_injected_is_an_empty_picture(tmp_path: Path) -> None:
+def test_nothing_injected_is_an_empty_picture(tmp_path: Path, device: Device, tables: Path) -> None:
     spec = COARSE.model_copy(update={"injected_mass_kg": 0.0, "time_s": 1e-4})
-    spray, history, flow = simulate_spray(spec)
+    spray, history, flow = simulate_spray(spec, device, cache=tables)
     assert spray.parcels is None
     assert spray.vapour is None
-    assert flow.temperature_K.min() == pytest.approx(570.0)
+    assert flow.read("temperature").min() == pytest.approx(570.0)
     assert np.all(np.isfinite(extent(spray)))
     assert len(write_spray(spray, history, tmp_path, title="")) == 3
 
 
-def test_without_evaporation_there_is_no_vapour() -> None:
+def test_without_evaporation_there_is_no_vapour(device: Device, tables: Path) -> None:
     spec = COARSE.model_copy(update={"evaporation": "none", "time_s": 1e-4})
-    spray, _, flow = simulate_spray(spec)
+    spray, _, flow = simulate_spray(spec, device, cache=tables)
     assert spray.vapour is None
     assert spray.parcels is not None
     np.testing.assert_allclose(spray.parcels.temperature_K, 370.0, rtol=1e-12)
-    assert flow.velocity[2].max() > 5  # the gas comes along all the same
+    assert flow.read("velocity")[2].max() > 5  # the gas comes along all the same
 
 
-def test_a_grid_that_is_too_fine_is_refused() -> None:
+def test_a_grid_that_is_too_fine_is_refused(device: Device, tables: Path) -> None:
     fine = FlowBox(spacing_m=1e-4, depth_m=0.2)
     heavy = COARSE.plumes[0].model_copy(update={"mass_fraction": 1.1})
     changes = {"box": fine, "plumes": (heavy, *COARSE.plumes[1:])}
     with pytest.raises(SprayError, match=r"box.spacing_m.*at least"):
-        simulate_spray(COARSE.model_copy(update=changes))
+        simulate_spray(COARSE.model_copy(update=changes), device, cache=tables)
 
 
 @pytest.mark.parametrize(
@@ -177,25 +187,29 @@ def test_a_grid_that_is_too_fine_is_refused() -> None:
         ({"injected_mass_kg": 1e-4}, r"injected_mass_kg: 0\.0001 is .*8 holes.*at most 1\.\d+e-05"),
     ],
 )
-def test_impossible_input_is_refused(changes: dict[str, Any], wanted: str) -> None:
+def test_impossible_input_is_refused(
+    changes: dict[str, Any], wanted: str, device: Device, tables: Path
+) -> None:
     with pytest.raises(SprayError, match=wanted):
-        simulate_spray(COARSE.model_copy(update=changes))
+        simulate_spray(COARSE.model_copy(update=changes), device, cache=tables)
 
 
-def test_a_spray_that_meets_the_wall_says_so() -> None:
+def test_a_spray_that_meets_the_wall_says_so(device: Device, tables: Path) -> None:
     near = {"box": FlowBox(spacing_m=4e-3, depth_m=6e-3)}
-    spray = simulate_spray(COARSE.model_copy(update={**near, "time_s": 1.5e-4}))[0]
+    spray = simulate_spray(
+        COARSE.model_copy(update={**near, "time_s": 1.5e-4}), device, cache=tables
+    )[0]
     assert "left the gas as liquid" in spray.remarks[0]
     assert "spray.box.depth_m" in spray.remarks[0]
 
 
-def test_vapour_beside_walls_has_a_remark() -> None:
+def test_vapour_beside_walls_has_a_remark(device: Device, tables: Path) -> None:
     """Wide plumes across the injector reach the walls of rays 115 degrees from its axis."""
     wide = tuple(
         Plume(inclination_deg=89.0, azimuth_deg=45.0 * k, cone_angle_deg=60.0) for k in range(8)
     )
     found = [
-        " ".join(simulate_spray(COARSE.model_copy(update=each))[0].remarks)
+        " ".join(simulate_spray(COARSE.model_copy(update=each), device, cache=tables)[0].remarks)
         for each in ({"plumes": wide, "time_s": 0.9e-3}, {"time_s": 0.9e-3})
     ]
     assert ["is vapour beside the walls" in text for text in found] == [True, False]
@@ -209,17 +223,51 @@ def test_vapour_beside_walls_has_a_remark() -> None:
         (Plume(inclination_deg=89.0, azimuth_deg=0.0),),
         # One axis twice, and one across.
         tuple(Plume(inclination_deg=80.0, azimuth_deg=a) for a in (0.0, 0.0, 180.0)),
+        # Cones that cross each other, in a full circle of azimuth.
+        tuple(
+            Plume(inclination_deg=20.0, azimuth_deg=a, cone_angle_deg=60.0, mass_fraction=1 + a)
+            for a in (0.0, 10.0, 20.0)
+        ),
     ],
-    ids=["30-equal", "30", "sideways", "same-axis"],
+    ids=["30-equal", "30", "sideways", "same-axis", "crossing"],
 )
-def test_any_holes_keep_the_fuel(plumes: tuple[Plume, ...]) -> None:
+def test_any_holes_keep_the_fuel(plumes: tuple[Plume, ...], device: Device, tables: Path) -> None:
     changes = {
         "plumes": plumes,
         "time_s": 5e-5,
         "injected_mass_kg": 5e-7 * len(plumes),
         "box": FlowBox(spacing_m=4e-3),
     }
-    notes = simulate_spray(COARSE.model_copy(update=changes))[0].notes
+    notes = simulate_spray(COARSE.model_copy(update=changes), device, cache=tables)[0].notes
     found = notes["liquid_mass_kg"] + notes["vapour_mass_kg"]
-    assert found == pytest.approx(notes["injected_mass_kg"], rel=1e-10)
+    most = (notes["steps"] + 1) * ULP / 2  # of droplets in single precision
+    assert found == pytest.approx(notes["injected_mass_kg"], rel=most, abs=0)
     assert notes["injected_mass_kg"] > 0
+
+
+def test_before_the_injection_there_is_nothing(device: Device, tables: Path) -> None:
+    """The first parcel leaves its hole after the needle has opened."""
+    spec = COARSE.model_copy(update={"time_s": 1e-7})
+    spray, history, flow = simulate_spray(spec, device, cache=tables)
+    assert spray.parcels is None and spray.vapour is None
+    assert history.injected_kg[-1] == 0.0
+    assert not flow.read("velocity").any()
+
+
+def test_single_precision_and_other_widths(hot: Result, device: Device, tables: Path) -> None:
+    """Results as on a GPU, and without double precision, against those on a CPU.
+
+    The flow is chaotic: parcels differ after some steps, and sums over all by the chance of a
+    thousand parcels.
+    """
+    wanted = hot[0].notes
+    for changes in ({"float64": False}, {"kind": "gpu"}, {"kind": "gpu", "float64": False}):
+        other = replace(device, info=replace(device.info, **changes))
+        spray, _, flow = simulate_spray(COARSE, other, cache=tables)
+        assert flow.fields.real is (np.float64 if other.info.float64 else np.float32)
+        found = spray.notes
+        total = found["liquid_mass_kg"] + found["vapour_mass_kg"] + found["wall_mass_kg"]
+        # Gas in single precision: a step rounds by some ULP of a cell's vapour, at random.
+        assert total == pytest.approx(wanted["injected_mass_kg"], rel=2e-5, abs=0)
+        for name in ("liquid_mass_kg", "vapour_mass_kg", "vapour_penetration_m", "pressure_Pa"):
+            assert found[name] == pytest.approx(wanted[name], rel=0.03), (changes, name)
