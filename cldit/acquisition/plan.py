@@ -19,7 +19,6 @@ from cldit.scene.camera import USUAL_INTEGRATION_S
 from cldit.scene.checks import Section, Within, describe
 from cldit.scene.delays import SAME_s, delay_text
 from cldit.scene.schema import Scene
-from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.scene.values import Backgrounds
 
 Kind = Literal["reference", "injection"]
@@ -241,7 +240,7 @@ def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATI
     # 20 time constants bring a first-order black body from anywhere to within a millikelvin.
     timeout_s = max(3600.0, 20.0 * scene.rig.background_time_constant_s)
     trigger = TriggerSection()
-    if isinstance(scene.spray, ConeSpray | LagrangianSpray):
+    if scene.spray.model == "cone" or scene.spray.model == "lagrangian":
         trigger = TriggerSection(
             camera_delay_s=scene.spray.time_s, injector_width_s=scene.spray.injection_duration_s
         )
