@@ -28,9 +28,10 @@ from cldit.medium.resolution import within
 from cldit.prepare import medium
 from cldit.prepare.stages import Stages
 from cldit.run import simulate
-from cldit.scene import Scene, load_scene, parse_scene
+from cldit.scene import Scene, parse_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Cells, Parcels, Spray, Vapour
+from tests.coarse import cone_scene
 
 H = 1e-3
 CUBE = Frame.around(centre_m=(0.0, 0.0, 0.0), edge_m=0.064, leaf_edge_m=2e-3)
@@ -324,7 +325,7 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
 
 def test_the_estimate_gives_way_where_a_coarser_cone_leaves_the_domain(device: Device) -> None:
     """The cone's boxes of 10 and 20 mm reach out of the domain of 80 mm; those of 5 mm do not."""
-    data = load_scene("gdi").model_dump(mode="json")
+    data = cone_scene().model_dump(mode="json")
     data["spray"]["spacing_m"] = 5e-3
     data["camera"]["pixels"] = [12, 12]
     errors = simulate(parse_scene(data), device=device).errors
