@@ -25,6 +25,17 @@ INLINE int reaches(
     return cosine >= cosines[shell].x - slack && cosine <= cosines[shell].y + slack;
 }
 
+/* Length along the ray of the cells at the distance `far`: points farther apart would miss shells, whose
+   factors have no bound then. */
+INLINE real length_of_shell(real far, const Rays *rays)
+{
+    __global const real *along = rays->faces + rays->azimuths + rays->polars + 2;
+    int low, step;
+    real part;
+    const int shell = between(along, rays->radii, far, &low, &step, &part);
+    return along[shell + 1] - along[shell];
+}
+
 /* warmth: product of density and temperature. factor: of each shell. lattice: lower corner, and the edge
    of a voxel. without: a box of voxels with a lattice of its own. scale: of the sums; 0: none are wanted.
    shells: three sums of each shell, the vapour in it by the weights of the factors of the shell below, its
@@ -47,8 +58,9 @@ __kernel void vapour_lattice(
     const real3 middle = (real3)(i + R(0.5), j + R(0.5), k + R(0.5)) * spacing + lattice.xyz;
     const real far = root(middle.x * middle.x + middle.y * middle.y + middle.z * middle.z);
     if (!reaches(middle, far, spacing, cosines, &rays)) return;
-    const int points = far <= NEAR * spacing ? 6 : far < MIDDLE * spacing ? 2 : 1;
-    if (points == 2) { /* the middle of an empty voxel shows it */
+    int points = far <= NEAR * spacing ? 6 : far < MIDDLE * spacing ? 2 : 1;
+    points = larger(points, (int)(spacing / length_of_shell(far, &rays) + R(0.99)));
+    if (points > 1 && points < 6) { /* the middle of an empty voxel shows it */
         const Place at = place_of(middle, &rays);
         if (!at.inside || gathered(fuel, &at) < R(0.1) * least_density) return;
     }
