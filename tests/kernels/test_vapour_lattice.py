@@ -40,7 +40,7 @@ def flow_of(device: Device, name: str, spacing_m: float = 2e-3) -> GasFlow:
     """Gas with a jet on every plume's axis, which ends within four shells, 300 K colder there."""
     box, plumes = FlowBox(spacing_m=spacing_m), {**KINDS, "down": DOWN}[name]
     spec = LagrangianSpray(injected_mass_kg=1e-6, plumes=plumes, box=box)
-    grid = ray_grid(spec, inject(spec, fuel()))
+    grid = ray_grid(spec, inject(spec, fuel()), gas_kg_mol=0.0280134)
     mixture = gas_mixture(fuel(), gas_table("nitrogen", cache=None), reference_K=570.0)
     flow = GasFlow(grid, mixture, pressure_Pa=6e5, temperature_K=570.0, device=device)
     axes = np.array([_axis(plume) for plume in plumes])

@@ -66,7 +66,7 @@ def test_mass_momentum_and_energy_of_a_spray(device: Device, kind: str, name: st
         velocity_m_s=injection.velocity_m_s * 0.4,  # none gets to a wall within the time
     )
     flow = GasFlow(
-        ray_grid(spec, injection),
+        ray_grid(spec, injection, gas_kg_mol=0.0280134),
         gas_mixture(fuel, carrier, reference_K=700.0),
         pressure_Pa=0.4e6,
         temperature_K=700.0,

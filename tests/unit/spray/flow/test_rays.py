@@ -25,7 +25,7 @@ def grid(name: str, spacing_m: float = 4e-3) -> RayGrid:
     spec = LagrangianSpray(
         injected_mass_kg=1e-6, plumes=KINDS[name], box=FlowBox(spacing_m=spacing_m)
     )
-    return ray_grid(spec, inject(spec, fuel_table("n-heptane", cache=None)))
+    return ray_grid(spec, inject(spec, fuel_table("n-heptane", cache=None)), gas_kg_mol=0.0280134)
 
 
 def test_the_kind_of_an_injector() -> None:
@@ -67,4 +67,4 @@ def test_plumes_all_over_are_refused() -> None:
     )
     spec = LagrangianSpray(injected_mass_kg=1e-6, plumes=plumes)
     with pytest.raises(SprayError, match=r"spray.plumes.*smaller inclinations"):
-        ray_grid(spec, inject(spec, fuel_table("n-heptane", cache=None)))
+        ray_grid(spec, inject(spec, fuel_table("n-heptane", cache=None)), gas_kg_mol=0.0280134)
