@@ -1,7 +1,7 @@
-"""Base of the drivers of black bodies: limits, settings of the line, the safe set point."""
+"""Base of the drivers of black bodies: limits, units, settings of the line, the safe set point."""
 
 from abc import abstractmethod
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar, get_args
 
 from pydantic import model_validator
 
@@ -16,8 +16,23 @@ from cldit.scene.values import Temperature
 
 from .line_address import LineAddress
 
+Unit = Literal["celsius", "fahrenheit", "kelvin"]
+UNITS: tuple[Unit, ...] = get_args(Unit)
+_SCALES = {"celsius": (273.15, 1.0), "fahrenheit": (459.67, 1.8), "kelvin": (0.0, 1.0)}
 _COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
 _AGREE_K = 0.1  # a set point is read back rounded to a tenth
+
+
+def to_kelvin(number: float, unit: Unit) -> float:
+    """Temperature [K] of a number in a unit."""
+    offset, per_kelvin = _SCALES[unit]
+    return (number + offset) / per_kelvin
+
+
+def from_kelvin(temperature_K: float, unit: Unit) -> float:
+    """Number of a temperature [K] in a unit."""
+    offset, per_kelvin = _SCALES[unit]
+    return temperature_K * per_kelvin - offset
 
 
 class BlackBodyLimits(Section):

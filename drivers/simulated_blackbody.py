@@ -43,8 +43,11 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
     def _drop(self) -> None:
         """Does nothing, because there is no line."""
 
-    def _still(self) -> str:
-        return f"set point {self._aim(self._settings.start_K):.1f} K"
+    def _write_safe(self) -> None:
+        self._aim(self._settings.start_K)
+
+    def _check_safe(self) -> str:
+        return f"set point {self._heater.setpoint_K:.1f} K"
 
     def _last_known(self) -> str:
         return str(self._setpoint)

@@ -25,7 +25,6 @@ from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
 
 _SAFE = b"safe\n"
-_CONNECT_s = 15.0  # longer than any camera's heartbeat
 _PAUSES_s = (0.0, 1.0, 10.0)  # before each attempt
 _WAIT_s = 120.0  # for all attempts of the guard, where its parent lives on
 _PROCESS = (
@@ -151,5 +150,5 @@ def _make_safe(rig_file: bytes) -> RigSafety:
         rig = open_rig(parse_yaml(rig_file.decode(), source="rig"))
     except ClditError as error:
         return RigSafety({}, [str(error)])
-    safety = rig.make_safe(connect_s=_CONNECT_s)
+    safety = rig.make_safe(taken_over=True)
     return RigSafety(safety.did, safety.problems + rig.close())

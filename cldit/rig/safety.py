@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from cldit.rig.errors import NotSafe
 from cldit.rig.protocols import KINDS, Device, Safety
 
+_CONNECT_s = 15.0  # longer than any camera's heartbeat
+
 
 @dataclass(frozen=True)
 class RigSafety:
@@ -27,22 +29,22 @@ def make_safe(
     devices: Mapping[str, Device],
     connected: Collection[str],
     *,
-    connect_s: float | None = None,
+    taken_over: bool = False,
 ) -> RigSafety:
     """Makes each device safe, the last first; a dead one does not keep the others from it.
 
-    `devices` are by name; those that are named in `connected` must not deny it. With `connect_s`
-    each is connected first; one that answers, and cannot be used, is made safe all the same.
+    `devices` are by name; those that are named in `connected` must not deny it. `taken_over`:
+    another process, which ended, may have left all of them on.
     """
     did: dict[str, str] = {}
     problems: list[str] = []
     for name, device in reversed(list(devices.items())):
         try:
-            failure = None if connect_s is None else _connected(device, connect_s)
+            failure = _take_over(device) if taken_over else None
             result = device.make_safe()
             if failure is not None and not result.connected:
                 raise failure
-            _check(result, was_connected=connect_s is not None or name in connected)
+            _check(result, was_connected=taken_over or name in connected)
         except Exception as error:  # as above
             still_on = f"; {KINDS[name]}: switch it off by hand" if name in KINDS else ""
             problems.append(f"{name}: {error}{still_on}")
@@ -52,10 +54,12 @@ def make_safe(
     return RigSafety(did, problems)
 
 
-def _connected(device: Device, connect_s: float) -> Exception | None:
-    """Connects a device, and returns the error."""
+def _take_over(device: Device) -> Exception | None:
+    """Lets make_safe() reach a device that this process has not used; without a method for it, the
+    device is connected, and the error returned."""
+    take_over = getattr(device, "take_over", None)  # of cldit.rig.link.Linked
     try:
-        device.connect(connect_s)
+        device.connect(_CONNECT_s) if take_over is None else take_over()
     except Exception as error:  # a broken sensor must not keep it hot
         return error
     return None

@@ -45,9 +45,10 @@ def test_modbus_agrees_with_minimalmodbus(model: str) -> None:
     clock = SimulatedClock()
     with ModbusPeer(model, clock=clock, serial=True) as peer:
         device = open_modbus_blackbody(
-            {"model": model, "serial": peer.serial, "limits_K": [253.0, 873.0]},
+            {"model": model, "serial": peer.serial, "limits_K": [253.0, 873.0],
+             **({"temperature_unit": "celsius"} if model == "ir-2100" else {})},
             RigContext(clock, None, Path(), 1),
-        )
+        )  # fmt: skip
         device.connect()
         assert device.set_setpoint(440.35) == pytest.approx(440.35, abs=0.05)
         device.close()

@@ -117,12 +117,14 @@ def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
 
 
 _BARE = {  # numbers alone: an answer does not show its question
+    "unit": "fahrenheit",
     "temperature": {"send": "T?", "answer": "{value}"},
     "setpoint": {"send": "SP?", "answer": "{value}"},
     "set": {"send": "SP {value:.2f}"},
 }
 _TALKS = {
     "unit": "kelvin",
+    "unit_check": {"send": "UNIT", "answer": "IN KELVIN"},
     "identity": {"send": "ID", "answer": "BLACK BODY {any}"},
     "temperature": {"send": "READ T", "answer": "T = {value} K"},
     "setpoint": {"send": "READ S", "answer": "S = {value} K"},
@@ -172,7 +174,7 @@ def _fluke(serial: bool) -> Make:
             return make_device("fluke418x", clock, {}, settings, answer_s, line_to(peer))
 
         device = afresh()
-        told = (f"Fluke 418x at {where_is(peer)}", "heater on", "keypad")
+        told = (f"418x at {where_is(peer)}", "heater on", "front panel")
 
         def stable() -> bool:
             return peer.heating and abs(peer.heater.now_K() - peer.setpoint_K) < _STABLE_K
@@ -307,7 +309,7 @@ BEDS: dict[str, dict[str, Make]] = {
     "fluke418x": {"tcp": _fluke(False), "serial": _fluke(True)},
     "modbus_blackbody": {
         "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
-        "ir2100-serial": _modbus({"model": "ir-2100"}, True),
+        "ir2100-serial": _modbus({"model": "ir-2100", "temperature_unit": "celsius"}, True),
         "registers-tcp": _modbus({"registers": _OTHER}, False),
     },
     "pulse_generator": {
