@@ -67,7 +67,6 @@ class BlackBody(Settling, Generic[S]):
 
     @property
     def safe_setpoint_K(self) -> float:
-        """Set point of make_safe(); the lowest unless the settings name one."""
         return float(getattr(self._settings, "safe_setpoint_K", self._settings.limits_K[0]))
 
     @property

@@ -23,6 +23,10 @@ class BlackBodySettings(Dynamics, BlackBodyLimits):
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings before it is unplugged
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
+    @property
+    def safe_setpoint_K(self) -> float:
+        return self.start_K
+
 
 class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
     """Implements `cldit.rig.protocols.Background`."""
@@ -44,7 +48,7 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
         """Does nothing, because there is no line."""
 
     def _write_safe(self) -> None:
-        self._aim(self._settings.start_K)
+        self._aim(self.safe_setpoint_K)
 
     def _check_safe(self) -> str:
         return f"set point {self._heater.setpoint_K:.1f} K"

@@ -77,7 +77,7 @@ def check_driver(
             safety = make_safe({part: device}, ())
             for did in safety.did.values():
                 OUT.print(f"made safe: {escaped(did)}")
-            for problem in safety.problems:
+            for problem in safety.unsafe:
                 safe = False
                 OUT.print(f"[bold red]NOT SAFE:[/] {escaped(problem)}")
             device.close()

@@ -293,6 +293,19 @@ class Linked(ABC):
         self._state, self._why_lost = LinkState.OPEN, ""
         return did
 
+    @contextmanager
+    def observed(self) -> Iterator[None]:
+        """Context in which an instrument that was made safe is read, and stays harmless; it is
+        opened, and closed again, if need be. Raises RigError."""
+        closed = self._state is LinkState.NEVER
+        self._reach(self._reach_s, for_use=False)
+        try:
+            yield
+            self._harmless, self._answered = True, False
+        finally:
+            if closed:
+                self.close()
+
     def take_over(self) -> None:
         """States that another process, which ended, may have left the instrument on."""
         if self._state is LinkState.NEVER:

@@ -227,7 +227,7 @@ class Rig:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if problems := self.make_safe().problems + self.close():
+        if problems := self.make_safe().unsafe + self.close():
             text = "the rig was not left safe:\n" + "\n".join(problems)
             if error is None:
                 raise RigError(text)

@@ -1,7 +1,7 @@
 """Makes all devices of a rig safe; a device that does not confirm it counts as unsafe."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cldit.rig.errors import NotSafe
 from cldit.rig.protocols import KINDS, Device, Safety
@@ -14,10 +14,17 @@ class RigSafety:
     """Result of making a rig safe.
 
     did: the actions in words, by device. problems: one line for each device that may still be on.
+    not_cooling: one line for each that confirmed its safe set point, and does not cool.
     """
 
     did: dict[str, str]
     problems: list[str]
+    not_cooling: list[str] = field(default_factory=list)
+
+    @property
+    def unsafe(self) -> list[str]:
+        """Everything that needs a person's hand."""
+        return self.problems + self.not_cooling
 
     @property
     def moved(self) -> bool:
@@ -51,7 +58,22 @@ def make_safe(
         else:
             if result.connected:
                 did[name] = result.did
-    return RigSafety(did, problems)
+    return RigSafety(did, problems, _watch(devices, did))
+
+
+def _watch(devices: Mapping[str, Device], did: dict[str, str]) -> list[str]:
+    """Watches the devices that can be hot until they cool, and adds the temperature to `did`;
+    returns a line for each that is not seen to cool."""
+    not_cooling = []
+    for name in did:
+        watch = getattr(devices[name], "watch_cooling", None)  # of cldit.rig.stability.Settling
+        if watch is None:
+            continue
+        try:
+            did[name] += f", {watch()}"
+        except Exception as error:  # the others are watched all the same
+            not_cooling.append(f"{name}: {did[name]}, but {error}; switch it off by hand")
+    return not_cooling
 
 
 def _take_over(device: Device) -> Exception | None:

@@ -91,5 +91,7 @@ def _left_on(bed: Bed, trouble: float | Fault, way: str) -> None:
     expect(not bed.left_on(), f"left on: {bed.left_on()}; make_safe(): {safety}")
     if not isinstance(trouble, Fault):
         expect(not safety.problems, f"off, but make_safe() raised: {safety.problems}")
+        seen = trouble <= bed.device.limits.high_K or safety.not_cooling
+        expect(seen, f"reads {trouble:g} K, and it is not said that it does not cool: {safety.did}")
     elif struck and trouble is not Fault.ODD:  # a number may be none of those that are read back
         expect(safety.problems, f"off without a right answer, but make_safe() did {safety.did}")
