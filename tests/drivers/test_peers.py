@@ -124,7 +124,25 @@ def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
         )
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
+def test_a_camera_on_loopback_is_searched_there_alone(client: str) -> None:
+    """What is broadcast on a network comes back to a socket for all addresses."""
+    with (
+        GigePeer((64, 48)) as peer,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as everywhere,
+    ):
+        everywhere.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        everywhere.bind(("", 3956))
+        everywhere.settimeout(0.5)
+        for interface in ({"interface": "127.0.0.1"}, {"interface": None}):
+            camera = camera_before(peer, client, **interface)
+            camera.connect()
+            camera.close()
+        with pytest.raises(TimeoutError):
+            everywhere.recv(1024)
+
+
+@pytest.mark.gige
 def test_camera_loses_packets(client: str) -> None:
     """At 0.5 % loss every whole picture is bit-exact, and the resends are few."""
     with GigePeer(loss=0.005, seed=3) as peer:
@@ -146,7 +164,7 @@ def test_camera_loses_packets(client: str) -> None:
         assert whole + camera.statistics()["incomplete"] == 60
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_camera_frames_that_never_come(client: str) -> None:
     """A gap shows in the ids; half a picture is incomplete, and says so."""
     with GigePeer((64, 48)) as peer:
@@ -168,7 +186,7 @@ def test_camera_frames_that_never_come(client: str) -> None:
         camera.close()
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_camera_is_free_after_its_clients_death(client: str) -> None:
     """A client that dies keeps the camera no longer than the heartbeat; alive, it keeps it."""
     with GigePeer((64, 48)) as peer:
@@ -188,7 +206,7 @@ def test_camera_is_free_after_its_clients_death(client: str) -> None:
         first.close()
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_camera_unplugged(client: str) -> None:
     with GigePeer((64, 48)) as peer:
         camera = camera_before(peer, client)

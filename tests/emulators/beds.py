@@ -201,19 +201,22 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
     camera, injector = settings.get("camera", "AB"), settings.get("injector", "CD")
     level = f"LAMP {('AB', 'CD', 'EF', 'GH').index(injector) + 1}"
 
+    def armed() -> str:
+        at_V = peer.values[level]
+        pulse = ["a trigger injects"] if peer.injects(injector) else []
+        return ", ".join([*pulse, *([f"{injector} at {at_V} V"] if at_V > 0.5 else [])])
+
     def left_on() -> str:
         values = peer.values
-        on = [
+        modes = [
             text
             for text, bad in (
-                ("a trigger injects", peer.injects(injector)),
-                (f"{injector} at {values[level]} V", peer.triggers > 0 and values[level] > 0.5),
                 ("burst mode", values["BURM"] != 0),
                 ("triggers by itself", values["TSRC"] != 5),
             )
             if bad
         ]
-        return ", ".join(on)
+        return ", ".join([*([armed()] if peer.triggers > 0 and armed() else []), *modes])
 
     def agrees(stored: Mapping[str, Any]) -> bool:
         delays = stored["delays"].items()
@@ -233,7 +236,7 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
     volts = settings.get("injector_V", 5.0)
     told = (f"DG645 at {peer.host}:{peer.port}", f"{injector} {volts:g} V", f"output {injector}")
     return Bed(
-        device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses,
+        device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses, armed,
         afresh=afresh, hang_up=peer.unplug,
     )  # fmt: skip
 
@@ -259,9 +262,11 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
             for name, output in (("camera", camera), ("injector", injector))
         }
 
+        def armed() -> str:
+            return f"output {injector} would inject" if peer.injects(injector) else ""
+
         def left_on() -> str:
-            injects = f"output {injector} would inject" if peer.injects(injector) else ""
-            return injects or ("running" if peer.running else "")
+            return armed() or ("running" if peer.running else "")
 
         def agrees(stored: Mapping[str, Any]) -> bool:
             return stored["running"] == peer.running and all(
@@ -276,7 +281,7 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
 
         told = (f"{series} at {where_is(peer)}", f"{injector} on", f"output {injector}")
         return Bed(
-            device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses,
+            device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses, armed,
             afresh=afresh, hang_up=peer.unplug,
         )  # fmt: skip
 
