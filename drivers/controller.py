@@ -96,6 +96,14 @@ class BlackBody(Settling, Generic[S]):
         self._setpoint.confirmed(f"{got_K:.1f} K")
         return got_K
 
+    def _described(self, setpoint_K: float) -> str:
+        """Describes the body for `make_safe`; a broken sensor does not keep it from being safe."""
+        try:
+            temperature = f"temperature {self.read_temperature():.1f} K"
+        except OddAnswer:
+            temperature = "no temperature"
+        return f"set point {setpoint_K:.1f} K, {temperature}"
+
     def set_setpoint(self, temperature_K: float) -> float:
         check_setpoint(self.limits, temperature_K)
         return self._aim(temperature_K)

@@ -129,7 +129,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
     def _check_safe(self) -> str:
         heater = self._check_heater("off", self._settings.heater_off)
         got_K = self._confirmed(self.safe_setpoint_K, self._kelvin(self._settings.setpoint))
-        return f"{heater}set point {got_K:.1f} K"
+        return heater + self._described(got_K)
 
     def _check_heater(self, state: str, switch: Command | None) -> str:
         """Describes the heater after its switch, which is read back if possible."""

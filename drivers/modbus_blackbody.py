@@ -167,7 +167,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
 
     def _check_safe(self) -> str:
         got_K = self._confirmed(self._settings.safe_setpoint_K, self._get(self._map.setpoint))
-        return f"set point {got_K:.1f} K"
+        return self._described(got_K)
 
     def read_temperature(self) -> float:
         return self._get(self._map.temperature)

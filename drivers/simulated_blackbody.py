@@ -51,7 +51,7 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
         self._aim(self.safe_setpoint_K)
 
     def _check_safe(self) -> str:
-        return f"set point {self._heater.setpoint_K:.1f} K"
+        return self._described(self._heater.setpoint_K)
 
     def _last_known(self) -> str:
         return str(self._setpoint)

@@ -70,7 +70,7 @@ def _watch(devices: Mapping[str, Device], did: dict[str, str]) -> list[str]:
         if watch is None:
             continue
         try:
-            did[name] += f", {watch()}"
+            did[name] += f"; {watch()}"
         except Exception as error:  # the others are watched all the same
             not_cooling.append(f"{name}: {did[name]}, but {error}; switch it off by hand")
     return not_cooling

@@ -88,7 +88,7 @@ def watch_cooling(device: Thermometer, clock: Clock, safe_K: float) -> str:
     end_s = clock.now_s() + _WATCH_s
     first_K = reading_K = read_temperature(device)
     if first_K <= safe_K + _COLD_K:
-        return f"temperature {first_K:.1f} K"
+        return f"cold at {first_K:.1f} K"
     recent_K = deque([first_K], _MEAN_OF)
     highest_K = -math.inf  # mean
     while clock.now_s() < end_s:
@@ -99,7 +99,7 @@ def watch_cooling(device: Thermometer, clock: Clock, safe_K: float) -> str:
             mean_K = fmean(recent_K)
             highest_K = max(highest_K, mean_K)
             if mean_K <= highest_K - max(_FALL * (first_K - safe_K), _LEAST_FALL_K):
-                return f"temperature {reading_K:.1f} K, falling"
+                return f"falls to {reading_K:.1f} K"
     raise NotSafe(
         f"it does not cool: {first_K:.1f} K, and {reading_K:.1f} K after {_WATCH_s:.0f} s; is it "
         "in manual output, at a second set point, on hold in a ramp, or in another unit?"

@@ -41,7 +41,7 @@ def check_implausible(
                 "sensor frozen": _FROZEN_K,
                 "above the limits": bed.device.limits.high_K + _ABOVE_K,
             }
-        ways = ["connected", *(["afresh"] if bed.afresh is not None else ["closed"])]
+        ways = ["connected", *(["afresh"] if bed.afresh is not None else [])]
     cases = [(trouble, way) for trouble in troubles for way in ways]
 
     def one(case: tuple[str, str]) -> str:
@@ -58,21 +58,9 @@ def check_implausible(
     return len(cases)
 
 
-def _made_safe(bed: Bed, way: str) -> Any:
-    """Device that is to be made safe: that of the session, connected or closed while on, or another
-    for the same instrument, as of the guard after a crash.
-    """
-    if way == "connected":
-        return bed.device
-    bed.device.close()
-    if way == "closed":
-        return bed.device
-    assert bed.afresh is not None
-    return bed.afresh()
-
-
 def _left_on(bed: Bed, trouble: float | Fault, way: str) -> None:
-    """Raises ContractBroken if the instrument is left on, or the wrong result is reported."""
+    """Raises ContractBroken if the instrument is left on, or the wrong result is reported; `afresh`
+    by another device for it, as of the guard after a crash."""
     assert bed.replies is not None
     errors = session(bed)
     expect(not errors and bed.left_on(), f"the session leaves nothing on: {errors}")
@@ -80,7 +68,10 @@ def _left_on(bed: Bed, trouble: float | Fault, way: str) -> None:
         bed.replies.spoil(trouble, bed.replies.sent + 1, last=10**9, late_s=_LATE_s)
     elif bed.sensor is not None:
         bed.sensor(trouble)
-    device = _made_safe(bed, way)
+    device = bed.device
+    if way == "afresh" and bed.afresh is not None:
+        bed.device.close()
+        device = bed.afresh()
     safety = make_safe({"device": device}, ("device",), taken_over=device is not bed.device)
     end_s = time.monotonic() + _OBEYED_s
     while bed.left_on() and time.monotonic() < end_s:
