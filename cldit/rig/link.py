@@ -223,20 +223,6 @@ class Linked(ABC):
         if self._state is LinkState.NEVER:
             self._unlock()
 
-    @contextmanager
-    def reserved(self) -> Iterator[None]:
-        """Context in which the instrument stays locked though it is closed; raises as `reserve`."""
-        self.reserve()
-        address, token = self._locked, object()
-        if address is not None:
-            locks.take(address, token)
-        try:
-            yield
-        finally:
-            if address is not None:
-                locks.free(address, token)
-            self.let_go()
-
     def _unlock(self) -> None:
         if self._locked is not None:
             locks.free(self._locked, self)
