@@ -1,9 +1,8 @@
 """Contract of drivers before implausible readings and spoiled answers: no instrument is left on.
 
-Making safe writes first and reads later: what counts is the state of the emulator. Where only the
-sensor is broken, the set point can be read back. Where every answer is missing, late, damaged,
-impossible or of another instrument, the instrument must be harmless all the same, and the failure
-to confirm it must be reported.
+Making safe writes first and reads later. Where only the sensor is broken, the set point is read
+back. Where every answer is missing, late, damaged or of another instrument, the instrument must be
+harmless all the same, and that this is not confirmed must be reported.
 """
 
 import time
@@ -17,8 +16,7 @@ from cldit.testing.expect import ContractBroken, expect
 from cldit.testing.lost_replies import session
 from cldit.testing.replies import Fault
 
-_ANSWER_s, _LATE_s = 0.3, 0.4
-_OBEYED_s = 5.0  # until an emulator has obeyed commands that wait behind late answers
+_ANSWER_s, _LATE_s, _OBEYED_s = 0.3, 0.4, 5.0  # the last one for commands behind late answers
 _BROKEN_HIGH_K, _BROKEN_LOW_K, _FROZEN_K = 3549.85, 73.15, 295.0  # 3276.7 °C, -200 °C
 _ABOVE_K = 50.0  # above the limits of the set point
 
@@ -59,8 +57,7 @@ def check_implausible(
 
 
 def _left_on(bed: Bed, trouble: float | Fault, way: str) -> None:
-    """Raises ContractBroken if the instrument is left on, or the wrong result is reported; `afresh`
-    by another device for it, as of the guard after a crash."""
+    """Raises ContractBroken if it is left on; `afresh`: by another device, as after a crash."""
     assert bed.replies is not None
     errors = session(bed)
     expect(not errors and bed.left_on(), f"the session leaves nothing on: {errors}")
@@ -84,5 +81,8 @@ def _left_on(bed: Bed, trouble: float | Fault, way: str) -> None:
         expect(not safety.problems, f"off, but make_safe() raised: {safety.problems}")
         seen = trouble <= bed.device.limits.high_K or safety.not_cooling
         expect(seen, f"reads {trouble:g} K, and it is not said that it does not cool: {safety.did}")
-    elif struck and trouble is not Fault.ODD:  # a number may be none of those that are read back
+        return
+    # A camera's acknowledgements have no data to spoil; an odd number may be none that is checked.
+    camera = hasattr(bed.device, "software_trigger")
+    if struck and trouble is not Fault.ODD and (trouble is Fault.DROP or not camera):
         expect(safety.problems, f"off without a right answer, but make_safe() did {safety.did}")
