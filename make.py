@@ -3,7 +3,6 @@
 
 python3 make.py run [SCENE] [cldit run options]   the main job; `gdi` if no scene is given
 python3 make.py test [--all] [pytest options]     the tests of the first tier; of both
-python3 make.py loopback                          the rig's tests, in `unshare -rn` (Linux)
 python3 make.py lint                              ruff, mypy --strict, types as users see them
 python3 make.py docs                              the docs as a site: build/docs/index.html
 python3 make.py wheel                             builds the wheel, installs it elsewhere, runs it
@@ -86,18 +85,6 @@ def test(arguments: list[str]) -> None:
     call(python, "-m", "pytest", *tiers, *parallel, *options)
 
 
-def loopback() -> None:
-    """Brings up the loopback of a fresh network namespace, and runs the rig's tests in it."""
-    import fcntl
-    import socket
-    import struct
-
-    set_flags, up_and_running = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP | IFF_RUNNING
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
-        fcntl.ioctl(control, set_flags, struct.pack("16sh14x", b"lo", up_and_running))
-    test(["tests/drivers", "tests/system/test_rig_kill.py"])
-
-
 def lint() -> None:
     python = install("pocl,cfd,rig,studies,dev")
     call(python, "-m", "ruff", "check", ".")
@@ -131,8 +118,6 @@ def main() -> None:
         run(arguments)
     elif task == "test":
         test(arguments)
-    elif task == "loopback":
-        loopback()
     elif task == "lint":
         lint()
     elif task == "docs":

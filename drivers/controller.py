@@ -1,7 +1,7 @@
-"""Base of the drivers of black bodies: limits, settings of the line, the safe set point."""
+"""Base of the drivers of black bodies: limits, units, settings of the line, the safe set point."""
 
 from abc import abstractmethod
-from typing import Generic, TypeVar
+from typing import Generic, Literal, TypeVar, get_args
 
 from pydantic import model_validator
 
@@ -16,8 +16,23 @@ from cldit.scene.values import Temperature
 
 from .line_address import LineAddress
 
+Unit = Literal["celsius", "fahrenheit", "kelvin"]
+UNITS: tuple[Unit, ...] = get_args(Unit)
+_SCALES = {"celsius": (273.15, 1.0), "fahrenheit": (459.67, 1.8), "kelvin": (0.0, 1.0)}
 _COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
 _AGREE_K = 0.1  # a set point is read back rounded to a tenth
+
+
+def to_kelvin(number: float, unit: Unit) -> float:
+    """Temperature [K] of a number in a unit."""
+    offset, per_kelvin = _SCALES[unit]
+    return (number + offset) / per_kelvin
+
+
+def from_kelvin(temperature_K: float, unit: Unit) -> float:
+    """Number of a temperature [K] in a unit."""
+    offset, per_kelvin = _SCALES[unit]
+    return temperature_K * per_kelvin - offset
 
 
 class BlackBodyLimits(Section):
@@ -52,7 +67,6 @@ class BlackBody(Settling, Generic[S]):
 
     @property
     def safe_setpoint_K(self) -> float:
-        """Set point of make_safe(); the lowest unless the settings name one."""
         return float(getattr(self._settings, "safe_setpoint_K", self._settings.limits_K[0]))
 
     @property
@@ -81,6 +95,14 @@ class BlackBody(Settling, Generic[S]):
             )
         self._setpoint.confirmed(f"{got_K:.1f} K")
         return got_K
+
+    def _described(self, setpoint_K: float) -> str:
+        """Describes the body for `make_safe`; a broken sensor does not keep it from being safe."""
+        try:
+            temperature = f"temperature {self.read_temperature():.1f} K"
+        except OddAnswer:
+            temperature = "no temperature"
+        return f"set point {setpoint_K:.1f} K, {temperature}"
 
     def set_setpoint(self, temperature_K: float) -> float:
         check_setpoint(self.limits, temperature_K)

@@ -77,6 +77,8 @@ class Dg645(ScpiInstrument):
 
     def _open(self, timeout_s: float) -> None:
         self._line.open(min(timeout_s, self._settings.answer_s))
+
+    def _identify(self) -> None:
         info = self._line.identity("DG645")
         serial, firmware = info.serial.removeprefix("s/n"), info.firmware.removeprefix("ver")
         self._info = replace(info, serial=serial, firmware=firmware)
@@ -186,16 +188,23 @@ class Dg645(ScpiInstrument):
     def abort(self) -> None:
         self._line.write("BURM 0")  # a changed setting ends the running cycle
 
-    def _still(self) -> str:
+    def _still(self) -> None:
         """Allows *TRG alone to trigger one cycle, without a pulse at the injector's output."""
+        self._write_safe()
+        self._check_safe()
+
+    def _write_safe(self) -> None:
         self._inhibited = True
         injector = self._settings.injector
         first, second = _EDGES[injector]
-        # All of it without a reading first: what reads back wrong must not keep the rest.
         self._line.write(
             f"*CLS;DLAY {second},{first},0;LAMP {_OUTPUTS[injector]},{_LOWEST_V:g};BURM 0;"
             f"TSRC {_SINGLE_SHOT}"
         )
+
+    def _check_safe(self) -> str:
+        injector = self._settings.injector
+        first, second = _EDGES[injector]
         self._set("TSRC", None, _SINGLE_SHOT)
         self._set("BURM", None, 0)
         self._edge(second, first, 0.0)

@@ -94,7 +94,9 @@ class GenicamCamera(Linked):
         features = self._features = Features(watched(self._client, self._asking))
         if features.has("GevHeartbeatTimeout"):
             features.client.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
-        features.client.stop()  # before anything is read that could be impossible
+
+    def _identify(self) -> None:
+        self.disarm()  # before anything is read that could be impossible
 
     def _prepare(self) -> None:
         wanted, features = self._settings, self._connected()
@@ -116,8 +118,10 @@ class GenicamCamera(Linked):
         if client is not None:
             client.close()
 
-    def _still(self) -> str:
+    def _write_safe(self) -> None:
         self.disarm()
+
+    def _check_safe(self) -> str:
         return "disarmed"
 
     def _last_known(self) -> str:

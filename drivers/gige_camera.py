@@ -36,12 +36,11 @@ class VivaClient:
         self._viva = viva
         self._settings = settings
         self._stream: Any = None
-        loopback = settings.address.startswith("127.")  # searched only together with all others
+        loopback = "127.0.0.1" if settings.address.startswith("127.") else None
         try:
             found = viva.discover(
                 timeout_ms=round(1e3 * _DISCOVERY_s),
-                iface=None if loopback else settings.interface,
-                all=loopback,
+                iface=settings.interface or loopback,
             )
             here = [device for device in found if device.ip == settings.address]
             if not here:

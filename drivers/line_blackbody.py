@@ -4,19 +4,18 @@ Nothing here is specific to an instrument: its manual gives the templates for th
 `cldit check-driver line_blackbody rig.yaml` tries them on an emulator of the same templates.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from cldit.rig.checks import check_answer
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
-from cldit.rig.errors import NotConnected, OddAnswer
-from cldit.rig.link import Told
+from cldit.rig.errors import ConfigRejected, OddAnswer
+from cldit.rig.link import Told, send_all
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
-from cldit.scene.values import ZERO_CELSIUS_K
 
-from .controller import BlackBody, ControllerSettings
+from .controller import BlackBody, ControllerSettings, Unit, from_kelvin, to_kelvin
 from .line_templates import Ask, Command, Tell, pattern
 from .scpi import ScpiInstrument
 
@@ -31,7 +30,8 @@ ABOUT = DriverAbout(
 class LineSettings(ControllerSettings):
     maker: str = "unknown maker"
     model: str = "black body"
-    unit: Literal["celsius", "kelvin"] = "celsius"  # unit of all numbers
+    unit: Unit  # unit of all numbers
+    unit_check: Command | None = None  # a query, and its answer as long as that is the unit
     temperature: Ask
     setpoint: Ask  # reads it
     set: Tell  # writes it
@@ -39,6 +39,8 @@ class LineSettings(ControllerSettings):
     stable: Ask | None = None  # 1 or 0
     heater_on: Command | None = None  # if it has a switch (in YAML `on` means true)
     heater_off: Command | None = None
+    heater: Ask | None = None  # reads the switch, 1 or 0
+    begin: tuple[Command, ...] = ()  # sent first, and when the rig is made safe
     port: Annotated[int, Within(1, 65535)] = 5025
     baudrate: Annotated[int, Within(300, 1_000_000)] = 9600
     parity: Literal["none", "even", "odd"] = "none"
@@ -71,9 +73,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
             **options,
         )
         BlackBody.__init__(self, settings, context.clock)
-        self._offset_K = ZERO_CELSIUS_K if settings.unit == "celsius" else 0.0
         self._heater = Told("heater")
-        self._set_first = False
 
     def _open(self, timeout_s: float) -> None:
         from pyvisa.constants import Parity
@@ -81,6 +81,8 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
         if self._settings.serial is not None:
             self._line.add_options(parity=Parity[self._settings.parity])
         self._line.open(min(timeout_s, self._settings.answer_s))
+
+    def _identify(self) -> None:
         identity = self._settings.identity
         if identity is not None and identity.answer is not None:
             fits = pattern(identity.answer).fullmatch
@@ -88,6 +90,15 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
                 identity.text(), lambda text: text if fits(text) else None, identity.answer
             )
             self._info = replace(self._info, firmware=said)
+            parts = [part.strip() for part in said.split(",")]
+            if len(parts) == 4:  # as *IDN? is answered
+                maker, model, serial, firmware = parts
+                self._info = replace(
+                    self._info, maker=maker, model=model, serial=serial, firmware=firmware
+                )
+        for command in (*self._settings.begin, self._settings.unit_check):
+            if command is not None:
+                self._tell(command)
 
     def _prepare(self) -> None:
         self.read_temperature()
@@ -100,73 +111,84 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
         return {
             **self._settings.model_dump(mode="json"),
             "setpoint_K": self._kelvin(self._settings.setpoint),
+            **(
+                {} if (heater := self._settings.heater) is None else {"heating": self._flag(heater)}
+            ),
         }
 
-    def _still(self) -> str:
-        """Switches the heater off, if possible, and sets the safe set point; what it says to either
-        is checked after both. Each attempt begins with the other one, so that a command without the
-        expected answer does not keep the other from being sent."""
-        off, safe_K = self._settings.heater_off, self._settings.safe_setpoint_K
+    def _write_safe(self) -> None:
+        """Switches the heater off, if possible, and sets the safe set point."""
+        off, safe_K = self._settings.heater_off, self.safe_setpoint_K
         self._setpoint.written(f"{safe_K:.1f} K")
-        commands: list[tuple[Command, float]] = [(self._settings.set, safe_K - self._offset_K)]
         if off is not None:
             self._heater.written("off")
-            commands.insert(int(self._set_first), (off, 0.0))
-        self._set_first = not self._set_first
-        for check in [self._told(command, value) for command, value in commands]:
-            check()
-        self._set_first, heater = False, ""
-        if off is not None:
-            answers = off.answer is not None
-            heater = "heater off, " if answers else "switched the heater off (not confirmed), "
-            if answers:
-                self._heater.confirmed("off")
-        got_K = self._confirmed(safe_K, self._kelvin(self._settings.setpoint))
-        return f"{heater}set point {got_K:.1f} K"
+        switches = () if off is None else (off,)
+        first = [partial(self._tell, command) for command in (*switches, *self._settings.begin)]
+        send_all(*first, partial(self._set, safe_K))
+
+    def _check_safe(self) -> str:
+        heater = self._check_heater("off", self._settings.heater_off)
+        got_K = self._confirmed(self.safe_setpoint_K, self._kelvin(self._settings.setpoint))
+        return heater + self._described(got_K)
+
+    def _check_heater(self, state: str, switch: Command | None) -> str:
+        """Describes the heater after its switch, which is read back if possible."""
+        if switch is None:
+            return ""
+        ask = self._settings.heater
+        if ask is not None and self._flag(ask) is not (state == "on"):
+            raise ConfigRejected(f"background: the heater does not switch {state}")
+        if ask is None and switch.answer is None:
+            return f"switched the heater {state} (not confirmed), "
+        self._heater.confirmed(state)
+        return f"heater {state}, "
 
     def _aim(self, temperature_K: float) -> float:
         self._setpoint.written(f"{temperature_K:.1f} K")
-        self._told(self._settings.set, temperature_K - self._offset_K)()
+        self._set(temperature_K)
         got_K = self._confirmed(temperature_K, self._kelvin(self._settings.setpoint))
         if self._settings.heater_on is not None:
             self._heater.written("on")
-            self._told(self._settings.heater_on)()
+            self._tell(self._settings.heater_on)
+        self._check_heater("on", self._settings.heater_on)
         return got_K
 
     def read_temperature(self) -> float:
         return self._kelvin(self._settings.temperature)
 
     def is_stable(self) -> bool | None:
-        if self._settings.stable is None:
-            return None
-        ask = self._settings.stable
-        value = self._line.ask(ask.text(), lambda answer: self._in(ask, answer))
-        if value not in (0.0, 1.0):
-            raise NotConnected(f"background: answered {value:g} to stable, expected 0 or 1")
-        return value == 1.0
+        return None if self._settings.stable is None else self._flag(self._settings.stable)
 
     # Templates on the line
 
-    def _told(self, command: Command, value: float = 0.0) -> Callable[[], None]:
-        """Sends a command, and returns the check of its answer."""
+    def _set(self, temperature_K: float) -> None:
+        self._tell(self._settings.set, from_kelvin(temperature_K, self._settings.unit))
+
+    def _tell(self, command: Command, value: float = 0.0) -> None:
+        """Sends a command, and checks its answer."""
         text, expected = command.text(value), command.answer
         if expected is None:
             self._line.write(text)
-            return lambda: None
-        answer = self._line.query(text)
+            return
 
-        def check() -> None:
-            with self._asking():
-                if not pattern(expected).fullmatch(answer):
-                    raise OddAnswer(
-                        f"background: answered {answer!r} to {text}, expected {expected}"
-                    )
+        def check(answer: str) -> None:
+            if not pattern(expected).fullmatch(answer):
+                raise OddAnswer(f"background: answered {answer!r} to {text}, expected {expected}")
 
-        return check
+        self._line.ask(text, check)
+
+    def _flag(self, ask: Ask) -> bool:
+        def parse(answer: str) -> bool:
+            if (value := self._in(ask, answer)) not in (0.0, 1.0):
+                raise OddAnswer(f"background: answered {answer!r} to {ask.send}, expected 0 or 1")
+            return value == 1.0
+
+        return self._line.ask(ask.text(), parse)
 
     def _kelvin(self, ask: Ask) -> float:
         def parse(answer: str) -> float:
-            return self._plausible(ask.send, self._in(ask, answer) + self._offset_K)
+            kelvin = to_kelvin(self._in(ask, answer), self._settings.unit)
+            return self._plausible(ask.send, kelvin)
 
         return self._line.ask(ask.text(), parse)
 
@@ -177,7 +199,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
                 f"background: answered {answer!r} to {ask.send}, expected {ask.answer}; is another "
                 "program using it?"
             )
-        return check_answer("background", ask.send, found[1])
+        return check_answer("background", ask.send, found[1].replace(" ", ""))
 
 
 def open_line_blackbody(settings: dict[str, Any], context: RigContext) -> LineBlackBody:

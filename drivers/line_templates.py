@@ -11,7 +11,7 @@ from pydantic import field_validator, model_validator
 from cldit.scene.checks import Section
 
 _FIELD = re.compile(r"\{(value(?::[^{}]*)?|any)\}")
-_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+_NUMBER = r"\s*([-+]? *(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"  # may be padded
 
 
 def pattern(template: str) -> re.Pattern[str]:

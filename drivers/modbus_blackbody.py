@@ -18,13 +18,13 @@ from cldit.rig.errors import ConfigRejected, NotConnected
 from cldit.rig.link import Linked
 from cldit.rig.protocols import DeviceInfo
 from cldit.scene.checks import Within
-from cldit.scene.values import ZERO_CELSIUS_K
 
-from .controller import BlackBody, ControllerSettings
+from .controller import UNITS, BlackBody, ControllerSettings, Unit, from_kelvin, to_kelvin
 from .modbus_registers import MAPS, Register, RegisterMap
 
 T = TypeVar("T")
 
+_WRITE, _REJECTED = 16, 0x80  # function of a write, bit of a rejected one
 _BUSY = 6  # exception: ask again later
 _BUSY_PAUSES_s = (0.05, 0.1, 0.2, 0.4, 0.8)
 
@@ -43,12 +43,23 @@ class ModbusSettings(ControllerSettings):
     baudrate: Annotated[int, Within(300, 1_000_000)] | None = None  # None: the controller's default
     unit: Annotated[int, Within(1, 247)] = 1
     answer_s: Annotated[float, Within(0.01, 60.0)] = 1.0
+    temperature_unit: Unit | None = None  # as at its front panel, if no register gives it
 
     @model_validator(mode="after")
     def _one_map(self) -> "ModbusSettings":
         if (self.model is None) == (self.registers is None):
             raise ValueError("model, registers: allowed: one of the two")
+        if self.map.unit_register is None and self.stated_unit is None:
+            raise ValueError(
+                "temperature_unit: required, because no register gives it; allowed: the unit at "
+                "the controller's front panel (celsius, fahrenheit, kelvin)"
+            )
         return self
+
+    @property
+    def stated_unit(self) -> Unit | None:
+        """Unit of the temperatures in the rig file."""
+        return self.temperature_unit or self.map.unit
 
     def address(self) -> str:
         # Several controllers share a line; a serial one is of one program all the same.
@@ -73,8 +84,9 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         )
         BlackBody.__init__(self, settings, context.clock)
         self._map = settings.map
-        self._offset_K = ZERO_CELSIUS_K if self._map.unit == "celsius" else 0.0
+        self._unit = settings.stated_unit
         self._client: Any = None
+        self._request = self._heard = b""  # on a serial line
 
     def _open(self, timeout_s: float) -> None:
         from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -88,19 +100,38 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             self._client = ModbusTcpClient(settings.host, port=settings.port, **options)
         else:
             baudrate = settings.baudrate or self._map.baudrate
-            self._client = ModbusSerialClient(settings.where, baudrate=baudrate, **options)
+            self._client = ModbusSerialClient(
+                settings.where, baudrate=baudrate, trace_packet=self._own_answer, **options
+            )
         try:
             if not self._client.connect():
                 raise NotConnected(f"{settings.where} does not answer")
-            # No other request has so many registers, so the size of a late answer gives it away.
-            many = 2 * max(self._map.temperature.words, self._map.setpoint.words)
-            with suppress(ConfigRejected):  # a rejection is an answer, too
-                self._registers(self._map.temperature, many)
         except Exception as error:
             raise NotConnected(
                 f"background: {self._where}: {error}; check that it is switched on, its address, "
                 "and that no other program uses the line"
             ) from error
+
+    def _identify(self) -> None:
+        # No other request has so many registers, so the size of a late answer gives it away.
+        many = 2 * max(self._map.temperature.words, self._map.setpoint.words)
+        with suppress(ConfigRejected):  # a rejection is an answer, too
+            self._registers(self._map.temperature, many)
+        self._check_unit()
+
+    def _check_unit(self) -> None:
+        """Reads the unit of the temperatures, if a register gives it; raises ConfigRejected."""
+        at, stated = self._map.unit_register, self._settings.stated_unit
+        if at is None:
+            return
+        code = self._registers(Register(address=at, format="uint16"), 1)[0]
+        unit = UNITS[code] if code < len(UNITS) else None
+        if unit is None or stated not in (None, unit):
+            raise ConfigRejected(
+                f"background: its unit is {unit or 'unknown'} (register {at}: {code}); "
+                f"allowed: {stated or ', '.join(UNITS)}"
+            )
+        self._unit = unit
 
     def _prepare(self) -> None:
         self.read_temperature()
@@ -121,6 +152,7 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
     def read_configuration(self) -> dict[str, Any]:
         return {
             **self._settings.model_dump(mode="json"),
+            "temperature_unit": self._unit,
             "setpoint_K": self._get(self._map.setpoint),
             **{
                 name: self._registers(Register(address=at, format="uint16"), 1)[0]
@@ -128,12 +160,14 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             },
         }
 
-    def _still(self) -> str:
-        safe_K = self._settings.safe_setpoint_K
+    def _write_safe(self) -> None:
+        safe_K, register = self._settings.safe_setpoint_K, self._map.setpoint
         self._setpoint.written(f"{safe_K:.1f} K")
-        register = self._map.setpoint
-        self._write(register.address, register.encode(safe_K - self._offset_K))
-        return f"set point {self._confirmed(safe_K, self._get(register)):.1f} K"
+        self._write(register.address, self._encoded(register, safe_K))
+
+    def _check_safe(self) -> str:
+        got_K = self._confirmed(self._settings.safe_setpoint_K, self._get(self._map.setpoint))
+        return self._described(got_K)
 
     def read_temperature(self) -> float:
         return self._get(self._map.temperature)
@@ -145,18 +179,26 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
     def _aim(self, temperature_K: float) -> float:
         self._setpoint.written(f"{temperature_K:.1f} K")
         register = self._map.setpoint
-        words = register.encode(temperature_K - self._offset_K)
+        words = self._encoded(register, temperature_K)
         if self._registers(register, len(words)) != words:
             self._write(register.address, words)
         return self._confirmed(temperature_K, self._get(register))
+
+    @property
+    def _known_unit(self) -> Unit:
+        # Of all units, Celsius has the lowest number for a temperature, so that a safe set point
+        # that is written before the unit could be read is never too hot.
+        return self._unit or "celsius"
+
+    def _encoded(self, register: Register, temperature_K: float) -> list[int]:
+        return register.encode(from_kelvin(temperature_K, self._known_unit))
 
     def _get(self, register: Register) -> float:
         """Temperature in a register [K]."""
 
         def kelvin(words: list[int]) -> float:
             what = f"register {register.address}"
-            temperature_K = register.decode(words) + self._offset_K
-            return self._plausible(what, temperature_K)
+            return self._plausible(what, to_kelvin(register.decode(words), self._known_unit))
 
         return self._read(register, register.words, kelvin)
 
@@ -183,6 +225,35 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
 
         self._ask("write_registers", address, {"values": words}, written)
 
+    def _own_answer(self, sending: bool, data: bytes) -> bytes:
+        """Called by pymodbus for a request, and for all bytes that came since. Returns this unit's
+        whole answer among them, or nothing, which waits on: a line also carries late answers, those
+        of other units, and echoes."""
+        from pymodbus.framer import FramerRTU
+
+        if sending:
+            self._request, self._heard = data, b""
+            return data
+        self._heard = data
+        unit, function = self._request[:2]
+        size = 8 if function == _WRITE else 5 + 2 * int.from_bytes(self._request[4:6], "big")
+        for at in range(len(data)):
+            for code, length in ((function, size), (function | _REJECTED, 5)):
+                frame = data[at : at + length]
+                whole = frame[:2] == bytes((unit, code)) and len(frame) == length
+                if whole and FramerRTU.compute_CRC(frame[:-2]) == int.from_bytes(frame[-2:], "big"):
+                    return frame
+        return b""
+
+    def _strange(self) -> str:
+        """Describes the bytes that came instead of an answer on a serial line."""
+        heard, unit = self._heard, self._settings.unit
+        if not heard:
+            return ""
+        if heard == self._request:
+            return "; the request itself came back: does the adapter echo, is the controller off?"
+        return f"; {len(heard)} bytes came, no whole answer of unit {unit}: {heard[:12].hex(' ')}"
+
     def _ask(self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]) -> T:
         """One exchange; every request may be sent twice."""
 
@@ -191,7 +262,8 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
                 return getattr(self._client, what)(address, device_id=self._settings.unit, **named)
             except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
                 raise NotConnected(
-                    f"background: no answer at register {address} ({error}); check the line"
+                    f"background: no answer at register {address} ({error}{self._strange()}); "
+                    "check the line"
                 ) from error
 
         def work() -> T:

@@ -13,6 +13,8 @@ from cldit.rig.checks import check_answer
 from cldit.rig.errors import ConfigRejected
 from cldit.scene.checks import Section, Within
 
+from .controller import Unit
+
 _CODES = {"int16": ">h", "uint16": ">H", "int32": ">i", "uint32": ">I", "float32": ">f"}
 _WORD = 2  # bytes
 
@@ -63,8 +65,10 @@ class RegisterMap(Section):
 
     maker: str = "unknown maker"
     model: str = "Modbus controller"
-    unit: Literal["celsius", "kelvin"] = "celsius"
-    """Unit of both registers."""
+    unit: Unit | None = None
+    """Unit of both registers; compared with that of `unit_register`, if there is one."""
+    unit_register: Annotated[int, Within(0, 65535)] | None = None
+    """Holding register that gives the unit: 0 Celsius, 1 Fahrenheit, 2 Kelvin."""
     temperature: Register
     """Process value."""
     setpoint: Register
@@ -95,6 +99,7 @@ MAPS = {
         model="eurotherm-3200",
         temperature=_eurotherm(1),
         setpoint=_eurotherm(24),
+        unit_register=516,
         baudrate=9600,
     ),
     "ir-2100": RegisterMap(

@@ -10,6 +10,7 @@ before the first acquisition: none of this was tried on an instrument.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
@@ -17,6 +18,7 @@ from pydantic import model_validator
 from cldit.rig.checks import check_burst, plain_burst
 from cldit.rig.drivers import DriverAbout, RigContext, check_settings
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, FireUncertain, RigError
+from cldit.rig.link import send_all
 from cldit.rig.protocols import Burst, DeviceInfo
 from cldit.scene.checks import Within
 
@@ -106,6 +108,8 @@ class PulseGenerator(ScpiInstrument):
 
     def _open(self, timeout_s: float) -> None:
         self._line.open(min(timeout_s, self._settings.answer_s))
+
+    def _identify(self) -> None:
         self._info = self._line.identity(self._series.model)
 
     def _prepare(self) -> None:
@@ -206,15 +210,20 @@ class PulseGenerator(ScpiInstrument):
         self._switch(f"{self._system}STAT", False)
         self._over_s = 0.0
 
-    def _still(self) -> str:
-        """Switches all outputs off, and reads that back after all are; then resets what would send
-        a pulse once they are on."""
+    def _still(self) -> None:
+        self._write_safe()
+        self._check_safe()
+
+    def _write_safe(self) -> None:
+        """Switches all outputs off, and that of the injector."""
         self._inhibited = True
+        off = (f"{self._system}STAT 0", f"{self._injector}STAT 0")
+        send_all(*(partial(self._line.acknowledged, command, "ok") for command in off))
+
+    def _check_safe(self) -> str:
+        """Reads back that the outputs are off; then resets what would send a pulse once they are
+        on."""
         output = self._settings.injector
-        off = [f"{self._system}STAT 0", f"{self._injector}STAT 0"]
-        answers = [self._line.query(command) for command in off]
-        for command, answer in zip(off, answers, strict=True):
-            self._line.check_acknowledged(command, "ok", answer)
         self._switch(f"{self._system}STAT", False)
         self._over_s = 0.0
         self._switch(f"{self._injector}STAT", False)

@@ -181,10 +181,6 @@ class ScpiLine:
 
         self.ask(command, lambda answer: self._acknowledge(command, word, answer), once=once)
 
-    def check_acknowledged(self, command: str, word: str, answer: str) -> None:
-        """Checks an answer that was asked for before, as `acknowledged`."""
-        self._exchange(command, lambda: self._acknowledge(command, word, answer))
-
     def _acknowledge(self, command: str, word: str, answer: str) -> None:
         if answer.startswith("?") and answer[1:].isdigit():
             raise ConfigRejected(f"{self._kind}: {self._resource} rejects {command} ({answer})")

@@ -23,6 +23,10 @@ class BlackBodySettings(Dynamics, BlackBodyLimits):
     unplug_after: Annotated[int, Within(0, 10**9)] | None = None  # readings before it is unplugged
     stable_within_K: Annotated[float, Within(0.0, 100.0)] = 0.5  # the controller's own flag
 
+    @property
+    def safe_setpoint_K(self) -> float:
+        return self.start_K
+
 
 class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
     """Implements `cldit.rig.protocols.Background`."""
@@ -43,8 +47,11 @@ class SimulatedBlackBody(Linked, BlackBody[BlackBodySettings]):
     def _drop(self) -> None:
         """Does nothing, because there is no line."""
 
-    def _still(self) -> str:
-        return f"set point {self._aim(self._settings.start_K):.1f} K"
+    def _write_safe(self) -> None:
+        self._aim(self.safe_setpoint_K)
+
+    def _check_safe(self) -> str:
+        return self._described(self._heater.setpoint_K)
 
     def _last_known(self) -> str:
         return str(self._setpoint)

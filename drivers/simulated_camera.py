@@ -99,9 +99,11 @@ class SimulatedCamera(Linked):
         self._armed = False
         self._model = None
 
-    def _still(self) -> str:
+    def _write_safe(self) -> None:
         self.disarm()
         self._buffer.clear()
+
+    def _check_safe(self) -> str:
         return "disarmed"
 
     def _last_known(self) -> str:

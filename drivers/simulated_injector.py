@@ -55,9 +55,11 @@ class SimulatedInjector(Linked):
     def _drop(self) -> None:
         """Does nothing, because there is no line."""
 
-    def _still(self) -> str:
+    def _write_safe(self) -> None:
         self.abort()
         self.inhibit()
+
+    def _check_safe(self) -> str:
         return "inhibited"
 
     def _last_known(self) -> str:

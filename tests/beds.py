@@ -76,7 +76,7 @@ def make_of(driver: str, variant: str, rig: dict[str, Any]) -> Make:
 
 def cases(*, simulated: bool = True, cameras: bool = True, slow_cameras: bool = False) -> list[Any]:
     """Every bed of every installed driver; a driver without one fails."""
-    camera_marks = [pytest.mark.loopback_only, *([pytest.mark.slow] if slow_cameras else [])]
+    camera_marks = [pytest.mark.gige, *([pytest.mark.slow] if slow_cameras else [])]
     return [
         pytest.param(
             name,

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
-import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from cldit.acquisition import Plan, plan_from_scene
 from cldit.gpu.device import Device, open_device
@@ -23,16 +26,14 @@ from cldit.scene.spray import ConeSpray
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Clients of GigE Vision look for cameras by broadcast: only where loopback alone hears it."""
-    if {name for _, name in socket.if_nameindex()} == {"lo"}:
-        return
-    skip = pytest.mark.skip(
-        reason="broadcasts: runs where there is only loopback (unshare -n), as in .ci/run"
-    )
-    for item in items:
-        if item.get_closest_marker("loopback_only"):
-            item.add_marker(skip)
+@pytest.fixture(autouse=True)
+def one_camera_at_a_time(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Clients of GigE Vision search at 127.0.0.1, where the newest camera of all processes is
+    found: tests with one wait for each other."""
+    with ExitStack() as stack:
+        if request.node.get_closest_marker("gige"):
+            stack.enter_context(FileLock(Path(tempfile.gettempdir(), "cldit-tests-gige.lock")))
+        yield
 
 
 @pytest.fixture(scope="session")

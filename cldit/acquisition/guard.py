@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -25,9 +26,8 @@ from cldit.rig.load import Rig, open_rig
 from cldit.rig.safety import RigSafety
 
 _SAFE = b"safe\n"
-_CONNECT_s = 15.0  # longer than any camera's heartbeat
 _PAUSES_s = (0.0, 1.0, 10.0)  # before each attempt
-_WAIT_s = 120.0  # for all attempts of the guard, where its parent lives on
+_WAIT_s = 300.0  # for all attempts of the guard, each of which may watch for a minute
 _PROCESS = (
     "import pathlib, sys; from cldit.acquisition.guard import watch; "
     "sys.exit(watch(sys.stdin.buffer, pathlib.Path(sys.argv[1])))"
@@ -69,7 +69,7 @@ class Guard:
         problems = safety.problems
         if not problems:
             self._safe = True
-            return []
+            return safety.not_cooling  # the guard could do no more
         if self._process is None or self._process.stdin is None:
             return problems
         self._rig.close()  # one that is held could not be opened by the guard
@@ -120,7 +120,7 @@ def watch(stream: IO[bytes], folder: Path) -> int:
         if not safety.problems:
             break
         log += [*safety.problems, f"attempt {attempt} of {len(_PAUSES_s)} failed"]
-    problems = safety.problems
+    problems = safety.unsafe
     log.append("NOT SAFE:\n" + "\n".join(problems) if problems else "every device is safe")
     with suppress(ClditError):  # a full disk must not keep the alarm
         append_text(folder / GUARD, "\n".join(log) + "\n")
@@ -142,8 +142,8 @@ def _note(folder: Path, safety: RigSafety, time: str) -> None:
     if not safety.moved or not (folder / JOURNAL).exists():
         return
     with suppress(ClditError), Journal(folder / JOURNAL) as journal:  # guard.log has it too
-        event = "unsafe" if safety.problems else "made safe"
-        journal.append(event, time=time, did=safety.did, problems=safety.problems)
+        event = "unsafe" if safety.unsafe else "made safe"
+        journal.append(event, time=time, did=safety.did, problems=safety.unsafe)
 
 
 def _make_safe(rig_file: bytes) -> RigSafety:
@@ -151,5 +151,5 @@ def _make_safe(rig_file: bytes) -> RigSafety:
         rig = open_rig(parse_yaml(rig_file.decode(), source="rig"))
     except ClditError as error:
         return RigSafety({}, [str(error)])
-    safety = rig.make_safe(connect_s=_CONNECT_s)
-    return RigSafety(safety.did, safety.problems + rig.close())
+    safety = rig.make_safe(taken_over=True)
+    return replace(safety, problems=safety.problems + rig.close())

@@ -14,8 +14,7 @@ from cldit.acquisition.runner import acquire
 from cldit.cli.console import OUT, ProgressBar, plain_errors
 from cldit.cli.options import PATH
 from cldit.cli.results import print_next
-from cldit.errors import RunFolderError
-from cldit.rig.errors import RigError
+from cldit.rig.errors import Aborted, RigError
 from cldit.rig.load import open_rig
 
 
@@ -49,7 +48,7 @@ def acquire_command(rig: Path, plan: Path, out: Path, dry: bool, live: bool) -> 
         f"{record.lost_injections} injections without a saved image"
     )
     if not record.complete:
-        raise RunFolderError("not complete; run the same command again to continue")
+        raise Aborted("not complete; run the same command again to continue")
     print_next("cldit", "evaluate", out)
 
 

@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Iterable
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -68,20 +67,20 @@ def check_driver(
     if not yes and not click.confirm("Continue?"):
         sys.exit(1)
     assert rig is not None
-    device = open_instrument(rig, part)
-    safe = True
-    with device.reserved() if isinstance(device, Linked) else nullcontext():
-        try:
-            good = _show(on_instrument(device, kind, Allowed(warmest_K, inject=False)))
-        finally:
-            safety = make_safe({part: device}, ())
-            for did in safety.did.values():
-                OUT.print(f"made safe: {escaped(did)}")
-            for problem in safety.problems:
-                safe = False
-                OUT.print(f"[bold red]NOT SAFE:[/] {escaped(problem)}")
-            device.close()
-    _end(good and safe)
+    device, keeper = open_instrument(rig, part), open_instrument(rig, part)
+    if isinstance(keeper, Linked):
+        keeper.reserve()  # also while a check has closed the device
+    try:
+        good = _show(on_instrument(device, kind, Allowed(warmest_K, inject=False)))
+    finally:
+        safety = make_safe({part: device}, ())
+        for did in safety.did.values():
+            OUT.print(f"made safe: {escaped(did)}")
+        for problem in safety.unsafe:
+            OUT.print(f"[bold red]NOT SAFE:[/] {escaped(problem)}")
+        device.close()
+        keeper.close()
+    _end(good and not safety.unsafe)
 
 
 def _of_rig(name: str, rig: Path | None) -> tuple[str | None, dict[str, Any]]:

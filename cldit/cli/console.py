@@ -13,6 +13,7 @@ from rich.table import Column, Table
 from cldit.cli.program import Exit
 from cldit.errors import ClditError
 from cldit.prepare.stages import StageLine
+from cldit.rig.errors import Aborted
 
 if TYPE_CHECKING:  # used by every command, of which few acquire
     from cldit.acquisition.progress import Progress
@@ -35,7 +36,7 @@ def plain_errors(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except ClditError as error:
             print_problem(str(error))
-            sys.exit(Exit.FAILED)
+            sys.exit(Exit.STOPPED if isinstance(error, Aborted) else Exit.FAILED)
         except OSError as error:
             if error.filename is None:
                 raise

@@ -10,7 +10,6 @@ import logging
 import os
 import stat
 import tempfile
-import warnings
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -34,15 +33,6 @@ def pocl_cache() -> Path:
     """Folder in which PoCL keeps compiled kernels."""
     named = os.environ.get("POCL_CACHE_DIR")
     return Path(named) if named else _own().parent / "pocl"
-
-
-@cache
-def runtime_folder() -> Path:
-    """Folder of this user on this machine for what running processes tell each other."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # without XDG_RUNTIME_DIR it is a temporary folder
-        usual = Path(platformdirs.user_runtime_dir("cldit", appauthor=False))
-    return usual if _can_be_written(usual, size=1) else _temporary(usual, size=1)
 
 
 @cache

@@ -9,9 +9,10 @@
                              |  close() while it may be on: CLOSED, to be made safe as LOST is
 ```
 
-`make_safe` of an instrument that is LOST or CLOSED connects again, with a few attempts in a limited
-time, and raises NotSafe if they fail. It does nothing in the state NEVER alone. It needs the line
-and the identity, no reading: a black body whose sensor broke is cooled all the same.
+`make_safe` of an instrument that is LOST or CLOSED opens the line again, with a few attempts in a
+limited time, and raises NotSafe if they fail. It does nothing in the state NEVER alone. An attempt
+first writes everything that makes the instrument harmless, and only then needs an answer: where the
+receiving direction alone is broken, a black body is cooled all the same.
 """
 
 import time
@@ -72,6 +73,18 @@ class Told:
         return f"{self._what} {known}" + (f" ({since[-1]} written since)" if since else "")
 
 
+def send_all(*commands: Callable[[], object]) -> None:
+    """Sends every command, then raises the first RigError of an answer."""
+    errors = []
+    for command in commands:
+        try:
+            command()
+        except RigError as error:
+            errors.append(error)
+    if errors:
+        raise errors[0]
+
+
 class Linked(ABC):
     """`connect`, `close` and `make_safe` of an instrument behind a line that can fail.
 
@@ -112,7 +125,10 @@ class Linked(ABC):
 
     @abstractmethod
     def _open(self, timeout_s: float) -> None:
-        """Opens the line and identifies the instrument, which needs no reading; raises RigError."""
+        """Opens the line, which needs no answer of the instrument if possible; raises RigError."""
+
+    def _identify(self) -> None:  # noqa: B027
+        """Checks which instrument answers, which needs no reading; raises RigError."""
 
     def _prepare(self) -> None:  # noqa: B027
         """Prepares the instrument for use: readings must be plausible; raises RigError."""
@@ -122,11 +138,13 @@ class Linked(ABC):
         """Closes the line in any state; never raises."""
 
     @abstractmethod
-    def _still(self) -> str:
-        """Makes the instrument harmless, then reads back that it is, and says what was done.
+    def _write_safe(self) -> None:
+        """Writes everything that makes the instrument harmless, before it raises the RigError of
+        any answer; see `send_all`."""
 
-        All is written before anything is read, as a reading may be impossible. Raises RigError.
-        """
+    @abstractmethod
+    def _check_safe(self) -> str:
+        """Reads back that the instrument is harmless, and describes it; raises RigError."""
 
     @abstractmethod
     def _last_known(self) -> str:
@@ -165,6 +183,7 @@ class Linked(ABC):
 
         def attempt(left_s: float) -> None:
             self._open(left_s)
+            self._identify()
             if for_use:
                 self._prepare()
 
@@ -204,20 +223,6 @@ class Linked(ABC):
         if self._state is LinkState.NEVER:
             self._unlock()
 
-    @contextmanager
-    def reserved(self) -> Iterator[None]:
-        """Context in which the instrument stays locked though it is closed; raises as `reserve`."""
-        self.reserve()
-        address, token = self._locked, object()
-        if address is not None:
-            locks.take(address, token)
-        try:
-            yield
-        finally:
-            if address is not None:
-                locks.free(address, token)
-            self.let_go()
-
     def _unlock(self) -> None:
         if self._locked is not None:
             locks.free(self._locked, self)
@@ -232,31 +237,65 @@ class Linked(ABC):
             return Safety(connected=False, did="nothing: it was not connected")
         start_s = time.monotonic()
         failures: list[str] = []
-        self._whole = True
         while len(failures) < _TRIES:
             left_s = self._reach_s - (time.monotonic() - start_s)
             if failures and left_s <= 0.0:
                 break
             try:
-                self._reach(max(left_s, 0.1), for_use=False)
-                did = self._still()
+                did = self._attempt_safe(max(left_s, 0.1))
             except Exception as error:  # after any error, the instrument may be on
                 failures.append(str(error))
-                self._lose(error)
                 continue
             self._harmless, self._answered = True, False
-            self._whole = False
             if before is LinkState.CLOSED:
                 self.close()
             found = "".join(f"; found again after: {text}" for text in (why, *failures) if text)
             return Safety(connected=True, did=did + found)
-        self._whole = False
         lost = f"; it was lost before: {why}" if why else ""
         raise NotSafe(
             f"{self._where} could not be made safe: {failures[-1]}{lost}; tried {len(failures)} "
             f"times in {time.monotonic() - start_s:.1f} s. Last known: {self._last_known()}. "
             f"By hand: {self._by_hand}"
         )
+
+    def _attempt_safe(self, timeout_s: float) -> str:
+        """Makes the instrument harmless in one attempt. A missing answer does not drop the line
+        before everything is written, because the state is OPENING."""
+        was_open = self._state is LinkState.OPEN
+        self.reserve()
+        self._state = LinkState.OPENING
+        self._prepared = self._prepared and was_open
+        try:
+            if not was_open:
+                self._open(timeout_s)
+            self._write_safe()
+            if not was_open:
+                self._identify()
+            did = self._check_safe()
+        except BaseException as error:
+            self._state = LinkState.OPEN
+            self._lose(error)
+            raise
+        self._state, self._why_lost = LinkState.OPEN, ""
+        return did
+
+    @contextmanager
+    def observed(self) -> Iterator[None]:
+        """Context in which an instrument that was made safe is read, and stays harmless; it is
+        opened, and closed again, if need be. Raises RigError."""
+        closed = self._state is LinkState.NEVER
+        self._reach(self._reach_s, for_use=False)
+        try:
+            yield
+            self._harmless, self._answered = True, False
+        finally:
+            if closed:
+                self.close()
+
+    def take_over(self) -> None:
+        """States that another process, which ended, may have left the instrument on."""
+        if self._state is LinkState.NEVER:
+            self._state = LinkState.CLOSED
 
     @contextmanager
     def _asking(self) -> Iterator[None]:

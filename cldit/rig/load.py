@@ -205,9 +205,9 @@ class Rig:
                 device.let_go()
             raise InUse("\n".join(refusals))
 
-    def make_safe(self, *, connect_s: float | None = None) -> RigSafety:
+    def make_safe(self, *, taken_over: bool = False) -> RigSafety:
         """Makes every device safe, the last first; see `cldit.rig.safety.make_safe`."""
-        safety = make_safe(self.devices, self._connected, connect_s=connect_s)
+        safety = make_safe(self.devices, self._connected, taken_over=taken_over)
         self._safe.clear()
         self._safe.update(safety.did)
         return safety
@@ -227,7 +227,7 @@ class Rig:
         return self
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
-        if problems := self.make_safe().problems + self.close():
+        if problems := self.make_safe().unsafe + self.close():
             text = "the rig was not left safe:\n" + "\n".join(problems)
             if error is None:
                 raise RigError(text)

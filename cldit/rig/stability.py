@@ -1,13 +1,23 @@
-"""Stability of a background's temperature."""
+"""Stability of a background's temperature, and its fall once it was made safe."""
 
+import math
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable
+from contextlib import nullcontext
+from statistics import fmean
 from typing import Protocol
 
 from cldit.rig.checks import Thermometer, read_temperature
 from cldit.rig.clock import Clock, StopCheck
-from cldit.rig.errors import Aborted, DeviceTimeout
-from cldit.rig.protocols import Stability
+from cldit.rig.errors import Aborted, DeviceTimeout, NotSafe
+from cldit.rig.protocols import Limits, Stability
+
+_COLD_K = 5.0  # above the safe set point
+_WATCH_s, _WATCH_POLL_s = 60.0, 0.5
+_FALL, _LEAST_FALL_K = 0.01, 0.5  # of the excess over the safe set point
+# A fall of 0.5 K is five standard deviations of a mean of ten readings with a noise of 0.3 K.
+_MEAN_OF = 10
 
 
 class Settled(Thermometer, Protocol):
@@ -68,10 +78,48 @@ def wait_stable(
             raise Aborted(f"stopped while the background approached {temperature_K:g} K")
 
 
+def watch_cooling(device: Thermometer, clock: Clock, safe_K: float) -> str:
+    """Watches a background at its safe set point until it is seen to cool; describes it.
+
+    A set point alone cools nothing where the controller is in manual output. Raises NotSafe unless
+    the temperature is within 5 K of `safe_K`, or falls within 60 s by 1 % of its excess; raises
+    NotConnected if it cannot be read.
+    """
+    end_s = clock.now_s() + _WATCH_s
+    first_K = reading_K = read_temperature(device)
+    if first_K <= safe_K + _COLD_K:
+        return f"cold at {first_K:.1f} K"
+    recent_K = deque([first_K], _MEAN_OF)
+    highest_K = -math.inf  # mean
+    while clock.now_s() < end_s:
+        clock.sleep(_WATCH_POLL_s)
+        reading_K = read_temperature(device)
+        recent_K.append(reading_K)
+        if len(recent_K) == _MEAN_OF:
+            mean_K = fmean(recent_K)
+            highest_K = max(highest_K, mean_K)
+            if mean_K <= highest_K - max(_FALL * (first_K - safe_K), _LEAST_FALL_K):
+                return f"falls to {reading_K:.1f} K"
+    raise NotSafe(
+        f"it does not cool: {first_K:.1f} K, and {reading_K:.1f} K after {_WATCH_s:.0f} s; is it "
+        "in manual output, at a second set point, on hold in a ramp, or in another unit?"
+    )
+
+
 class Settling(ABC):
-    """Base of backgrounds, with the `wait_stable` that all of them share."""
+    """Base of backgrounds, with `wait_stable` and `watch_cooling`, which all of them share."""
 
     _clock: Clock
+
+    @property
+    @abstractmethod
+    def limits(self) -> Limits:
+        """Limits of the set point."""
+
+    @property
+    def safe_setpoint_K(self) -> float:
+        """Set point of make_safe(); the lowest, unless a driver has another."""
+        return self.limits.low_K
 
     @abstractmethod
     def read_temperature(self) -> float:
@@ -80,6 +128,11 @@ class Settling(ABC):
     @abstractmethod
     def is_stable(self) -> bool | None:
         """The controller's own judgement; None if it has none."""
+
+    def watch_cooling(self) -> str:
+        """Watches as the function of that name, after make_safe()."""
+        with getattr(self, "observed", nullcontext)():
+            return watch_cooling(self, self._clock, self.safe_setpoint_K)
 
     def wait_stable(
         self,

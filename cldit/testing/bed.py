@@ -34,9 +34,11 @@ class Bed:
     instrument; empty if nothing is. `told`: texts of the error if the instrument cannot be reached
     after the session. replies: channel of the replies; None for a simulated device, which is
     unplugged after its session. pulses: of generators, times [s] of the pulses sent to the `camera`
-    or the `injector`. afresh: makes another device for the same emulator, as after a crash. sensor:
-    of black bodies, breaks the sensor, which then reads one temperature [K]. hang_up: closes the
-    sessions of the line, which may be opened again, or waits until the emulator closes them.
+    or the `injector`. armed: of generators, describes what a trigger would send to the injector, or
+    a level of its output above the lowest; empty if nothing. afresh: makes another device for the
+    same emulator, as after a crash. sensor: of black bodies, breaks the sensor, which then reads
+    one temperature [K]. hang_up: closes the sessions of the line, which may be opened again, or
+    waits until the emulator closes them.
     """
 
     device: Any
@@ -45,6 +47,7 @@ class Bed:
     told: tuple[str, ...]
     replies: Replies | None = None
     pulses: Callable[[str], list[float]] | None = None
+    armed: Callable[[], str] | None = None
     afresh: Callable[[], Any] | None = None
     sensor: Callable[[float], None] | None = None
     hang_up: Callable[[], None] | None = None

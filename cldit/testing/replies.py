@@ -13,6 +13,7 @@ class Fault(StrEnum):
     GARBAGE = "garbage"  # its data are other bytes; what frames them is whole
     HALF = "half"  # its end never arrives
     LATE = "late"  # it arrives after the time to wait, and delays the following ones
+    FOREIGN = "foreign"  # another instrument on the line answers
     ODD = "odd"  # its numbers are impossible, as those of a broken sensor
 
 
@@ -25,6 +26,7 @@ BINARY_NAN = b"\x7f\xc0\x00\x00"  # float32, big-endian
 INTEGER_NONE = b"\x80\x00"  # int16, the most negative: integers have no NaN
 _TEXT_ODD, _WORD_ODD = b"32767", b"\x7f\xf0"
 _NUMBER = re.compile(rb"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?")
+_OTHERS = b"17.3 OF ANOTHER"
 _IDENTITY_COMMAS = 3  # an identity is no reading
 
 
@@ -76,6 +78,9 @@ class Replies:
                 if instead in (BINARY_NAN, INTEGER_NONE):
                     instead = (instead * (stop - start))[: stop - start]
                 return reply[:start] + instead + reply[stop:]
+            case Fault.FOREIGN:
+                binary = self.no_number in (BINARY_NAN, INTEGER_NONE)  # its peer knows the address
+                return reply if binary else reply[:start] + _OTHERS + reply[stop:]
             case Fault.ODD:
                 said = reply[start:stop]
                 if self.no_number in (BINARY_NAN, INTEGER_NONE):

@@ -12,11 +12,10 @@ from typing import Any
 from cldit.rig.errors import ConfigRejected, RigError
 from cldit.rig.protocols import Burst, TriggerGenerator
 from cldit.testing.bed import Bed, Step
-from cldit.testing.expect import Allowed, Check, expect, near, refuses
+from cldit.testing.expect import Allowed, Check, ContractBroken, expect, near, refuses
 
 _QUANTUM_s = 1e-6  # no instrument is coarser
-_DONE_s = 5.0
-_PERIOD_s, _LATE_s = 0.05, 1.0
+_DONE_s, _PERIOD_s, _LATE_s = 5.0, 0.05, 1.0
 _BUSY_s = 0.02  # delay of an emulator's pulse on a busy machine
 
 
@@ -34,14 +33,19 @@ def starts_inhibited(trigger: TriggerGenerator, allowed: Allowed) -> None:
 def quantises_a_little(trigger: TriggerGenerator, allowed: Allowed) -> None:
     """Checks that `configure` returns the quantised burst, which it then accepts exactly."""
     asked = Burst(
+        n=3,
+        period_s=_PERIOD_s,
         camera_delay_s=0.95e-3 + 1e-10,
         injector_delay_s=1e-5,
         widths_s=(1e-4, 1.5e-3),
         inject=allowed.inject,
     )
     got = trigger.configure(asked)
-    near(got.camera_delay_s, asked.camera_delay_s, _QUANTUM_s, "camera_delay_s [s]")
-    expect((got.n, got.inject) == (1, asked.inject), f"{got} for {asked}")
+    for name in ("period_s", "camera_delay_s", "injector_delay_s"):
+        near(getattr(got, name), getattr(asked, name), _QUANTUM_s, f"{name} [s]")
+    for width_s, asked_s in zip(got.widths_s, asked.widths_s, strict=True):
+        near(width_s, asked_s, _QUANTUM_s, "widths_s [s]")
+    expect((got.n, got.inject) == (3, asked.inject), f"{got} for {asked}")
     again = trigger.configure(got)
     expect(again == got, f"{again} for {got}, which it supports")
     trigger.inhibit()
@@ -102,9 +106,14 @@ def _seen(bed: Bed, output: str, expected: int) -> list[float]:
 
 
 def references_do_not_inject(bed: Bed, allowed: Allowed) -> None:
-    """Checks that each burst pulses the camera once, and the injector on request only."""
+    """Checks that each burst pulses the camera once, and the injector on request only, whose output
+    is otherwise at its lowest level: a step to a higher one may open it without a pulse."""
+    if bed.armed is None:
+        raise ContractBroken("the bed lacks `armed`, which describes the injector's output")
     for number, (inject, injections) in enumerate(((False, 0), (True, 1), (False, 1)), 1):
         bed.device.configure(Burst(inject=inject))
+        armed = bed.armed()
+        expect(bool(armed) is inject, f"before a burst with inject {inject}: {armed or 'nothing'}")
         bed.device.fire()
         bed.device.wait_done(1.0)
         injected = len(_seen(bed, "injector", injections))
@@ -123,10 +132,11 @@ def burst(bed: Bed, allowed: Allowed) -> None:
     bed.device.fire()
     refuses(bed.device.fire, RigError, "fire() within a burst")
     bed.device.wait_done(2.0)
+    near(got.period_s, _PERIOD_s, _QUANTUM_s, "period_s [s]")
     times_s = _seen(bed, "camera", 3)
     expect(len(times_s) == 3, f"{len(times_s)} pulses to the camera, not 3")
     for first_s, second_s in pairwise(times_s):
-        near(second_s - first_s, got.period_s, _BUSY_s, "from pulse to pulse [s]")
+        near(second_s - first_s, _PERIOD_s, _BUSY_s, "from pulse to pulse [s]")
 
 
 def abort(bed: Bed, allowed: Allowed) -> None:

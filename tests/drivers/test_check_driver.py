@@ -40,8 +40,9 @@ EUROTHERM = BEDS["modbus_blackbody"]["eurotherm-tcp"]
 
 
 def test_an_injector_that_is_not_held_still(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Dg645, "_still", lambda self: "inhibited")
-    with opened(DG645) as bed, pytest.raises(ContractBroken, match=r"injections|on after"):
+    monkeypatch.setattr(Dg645, "_write_safe", lambda self: None)
+    monkeypatch.setattr(Dg645, "_check_safe", lambda self: "inhibited")
+    with opened(DG645) as bed, pytest.raises(ContractBroken, match="a trigger injects"):
         bed.device.connect()
         references_do_not_inject(bed, EVERYTHING)
     with pytest.raises(ContractBroken, match="on after make_safe"):

@@ -34,8 +34,7 @@ def opened(make: Make, data: dict[str, Any]) -> Iterator[Rig]:
 
 def over_sockets(rigs: dict[str, Make]) -> list[Any]:
     return [
-        name if name == "simulated" else pytest.param(name, marks=pytest.mark.loopback_only)
-        for name in rigs
+        name if name == "simulated" else pytest.param(name, marks=pytest.mark.gige) for name in rigs
     ]
 
 

@@ -119,7 +119,7 @@ def peers() -> Iterator[PeerRig]:
         yield rig
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_a_dry_run_sets_or_names_them(client: str, peers: PeerRig, tmp_path: Path) -> None:
     data = peers.rig_data()
     data["camera"]["driver"] = client
@@ -135,7 +135,7 @@ def test_a_dry_run_sets_or_names_them(client: str, peers: PeerRig, tmp_path: Pat
     assert "IRFormat is TemperatureLinear100mK, which changes its counts" in problem
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_a_folder_is_not_continued_with_another_gain(peers: PeerRig, tmp_path: Path) -> None:
     for gain_dB, stated in ((3.0, True), (6.0, False)):
         data = peers.rig_data()

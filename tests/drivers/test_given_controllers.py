@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +15,20 @@ from cldit.rig.clock import SimulatedClock, SystemClock
 from cldit.rig.drivers import RigContext, load_driver
 from cldit.rig.errors import ConfigRejected, DeviceTimeout, NotConnected, NotSafe
 from cldit.testing.bed import opened
-from cldit.testing.replies import Replies
+from cldit.testing.replies import Fault, Replies
 from tests.emulators.beds import BEDS
-from tests.emulators.blackbody import ModbusPeer
+from tests.emulators.blackbody import ModbusPeer, of_another
 from tests.emulators.lines import LineServer
 
 for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.controller import Unit
     from drivers.line_templates import pattern
     from drivers.modbus_registers import Register, RegisterMap
 else:
+    from cldit.drivers.controller import Unit
     from cldit.drivers.line_templates import pattern
     from cldit.drivers.modbus_registers import Register, RegisterMap
 
@@ -63,6 +66,7 @@ def test_other_registers_agree_with_minimalmodbus() -> None:
     registers = {
         "maker": "Eurotherm",
         "model": "eurotherm-3216, remote set point",
+        "unit": "celsius",
         "temperature": {"address": 1, "format": "int16", "decimals": 1},
         "setpoint": {"address": 26, "format": "int16", "decimals": 1},
     }
@@ -87,6 +91,8 @@ def test_other_registers_agree_with_minimalmodbus() -> None:
 
 def test_templates() -> None:
     assert pattern("T = {value} K").fullmatch(" t =  +4.2e2   K ")
+    for padded in ("MV=   22.00", "MV=22.00 ", "MV= - 22.00"):
+        assert pattern("MV={value}").fullmatch(padded)
     assert not pattern("T = {value} K").fullmatch("S = 420 K")
     assert not pattern("T.{value}").fullmatch("Tx420")  # no regular expression
     assert pattern("{any}BODY {any}").fullmatch("BLACK BODY 12")
@@ -95,6 +101,7 @@ def test_templates() -> None:
 BARE = {
     "host": "x",
     "limits_K": [283.0, 573.0],
+    "unit": "celsius",
     "temperature": {"send": "T?", "answer": "{value}"},
     "setpoint": {"send": "SP?", "answer": "{value}"},
     "set": {"send": "SP {value:.2f}"},
@@ -110,7 +117,8 @@ BARE = {
         ({"temperature": {"send": "T?", "answer": "{value:.2f}"}}, "has no format"),
         ({"temperature": {"send": "T?", "answer": "{number}"}}, "{value} and {any}"),
         ({"temperature": {"send": "T?"}}, "answer"),
-        ({"unit": "fahrenheit"}, "unit"),
+        ({"unit": "rankine"}, "unit"),
+        ({"unit": None}, "unit"),
     ],
 )
 def test_templates_that_say_nothing(change: dict[str, Any], text: str) -> None:
@@ -122,7 +130,7 @@ def test_templates_that_say_nothing(change: dict[str, Any], text: str) -> None:
 def test_registers_that_say_nothing() -> None:
     both = {"model": "ir-2100", "registers": {"temperature": {}, "setpoint": {}}}
     good = {"address": 1, "format": "int16"}
-    line = {"host": "x", "limits_K": [283, 500]}
+    line = {"host": "x", "limits_K": [283, 500], "temperature_unit": "celsius"}
     for settings, text in (
         ({}, "model, registers: allowed: one of the two"),
         (both, "registers.temperature.address"),
@@ -178,7 +186,7 @@ def test_templates_before_pyvisa_sim(tmp_path: Path) -> None:
         assert device.read_temperature() == pytest.approx(294.85)
         assert device.set_setpoint(420.0) == pytest.approx(420.0, abs=0.01)
         assert oven.query("SP?").strip() == "146.85"
-        assert device.make_safe().did == "set point 295.0 K"
+        assert device.make_safe().did.startswith("set point 295.0 K, temperature 294.")
         assert oven.query("SP?").strip() == "21.85"
         device.close()
     finally:
@@ -208,15 +216,95 @@ def test_a_heater_switch_without_an_answer_does_not_keep_the_set_point(
     with opened(BEDS["line_blackbody"]["talks-serial"], answer_s=0.2) as bed:
         bed.device.connect()
         bed.device.set_setpoint(440.0)
-        told, off = bed.device._told, bed.device._settings.heater_off
+        tell, off = bed.device._tell, bed.device._settings.heater_off
 
         def silent(command: Any, value: float = 0.0) -> Any:
             with bed.device._asking():
                 if command is off:
                     raise DeviceTimeout("no answer")
-            return told(command, value)
+            return tell(command, value)
 
-        monkeypatch.setattr(bed.device, "_told", silent)
+        monkeypatch.setattr(bed.device, "_tell", silent)
         with pytest.raises(NotSafe, match=r"set point .*295\.0 K"):
             bed.device.make_safe()
         assert bed.left_on() == ""
+
+
+def eurotherm(peer: ModbusPeer, **settings: Any) -> Any:
+    line = {"serial": peer.serial} if peer.serial else {"host": peer.host, "port": peer.port}
+    known = {"model": "eurotherm-3200", "limits_K": [283.0, 573.0], "answer_s": 0.3}
+    return load_driver("modbus_blackbody")({**known, **settings, **line}, CONTEXT)
+
+
+@pytest.mark.parametrize(
+    "ahead",
+    [of_another, lambda answer: b"\x00\xff", lambda answer: answer[:4]],
+    ids=["another unit's answer", "noise", "a part of an answer"],
+)
+def test_bytes_ahead_of_an_answer_are_waited_out(ahead: Callable[[bytes], bytes]) -> None:
+    with ModbusPeer("eurotherm-3200", serial=True) as peer:
+        peer.noise = ahead
+        body = eurotherm(peer)
+        body.connect()
+        assert body.set_setpoint(440.0) == pytest.approx(440.0, abs=0.01)
+        assert "found again" not in body.make_safe().did
+        body.close()
+
+
+def test_an_echo_is_named() -> None:
+    """An adapter of RS-485 that echoes is no trouble where the controller answers as well."""
+    with ModbusPeer("eurotherm-3200", serial=True) as peer:
+        peer.noise = lambda answer: peer.request
+        body = eurotherm(peer)
+        body.connect()
+        peer.replies.spoil(Fault.DROP, peer.replies.sent + 1, last=10**9)
+        with pytest.raises(NotConnected, match="the request itself came back"):
+            body.read_temperature()
+        peer.replies.spoil(Fault.FOREIGN, peer.replies.sent + 1, last=10**9)
+        with pytest.raises(NotConnected, match=r"no whole answer of unit 1: 01 03"):
+            body.connect()
+
+
+@pytest.mark.parametrize("unit", ["celsius", "fahrenheit", "kelvin"])
+def test_the_unit_is_read_from_the_controller(unit: Unit) -> None:
+    with ModbusPeer("eurotherm-3200") as peer:
+        peer.temperature_unit = unit
+        body = eurotherm(peer)
+        body.connect()
+        assert body.set_setpoint(440.0) == pytest.approx(440.0, abs=0.01)
+        assert peer.setpoint_K == pytest.approx(440.0, abs=0.01)
+        assert body.read_configuration()["temperature_unit"] == unit
+        body.close()
+        after_a_crash = eurotherm(peer)  # it does not know the unit before it has written
+        after_a_crash.take_over()
+        after_a_crash.make_safe()
+        assert peer.setpoint_K == pytest.approx(295.0, abs=0.01)
+        stated = eurotherm(peer, temperature_unit="celsius")
+        if unit != "celsius":
+            with pytest.raises(ConfigRejected, match=rf"unit is {unit} .*allowed: celsius"):
+                stated.connect()
+
+
+def test_a_unit_that_no_register_gives_is_stated() -> None:
+    with pytest.raises(SceneError, match="temperature_unit: required"):
+        load_driver("modbus_blackbody")(
+            {"host": "x", "model": "ir-2100", "limits_K": [283, 500]}, CONTEXT
+        )
+
+
+def test_a_stated_unit_is_checked() -> None:
+    """A query of the rig file, with the answer that its unit has."""
+    settings = {"unit_check": {"send": "UNIT?", "answer": "C"}, **BARE, "answer_s": 0.3}
+    answers = {b"UNIT?": b"F\r\n", b"T?": b"71.3\r\n"}
+    server = LineServer("127.0.0.1", 0, lambda line: answers[line.strip()], Replies())
+    try:
+        body = load_driver("line_blackbody")(
+            {**settings, "host": "127.0.0.1", "port": server.port}, CONTEXT
+        )
+        with pytest.raises(NotConnected, match=r"answered 'F' to UNIT.*expected C"):
+            body.connect(1.0)
+        answers[b"UNIT?"] = b"C\r\n"
+        body.connect()
+        body.close()
+    finally:
+        server.close()

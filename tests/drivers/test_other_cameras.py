@@ -29,7 +29,7 @@ from tests.emulators.rig import CALIBRATION
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.genicam_camera import GenicamCamera
 
-pytestmark = pytest.mark.loopback_only
+pytestmark = pytest.mark.gige
 
 
 def driver(address: str, name: str = "gige_camera", **settings: Any) -> GenicamCamera:

@@ -45,9 +45,10 @@ def test_modbus_agrees_with_minimalmodbus(model: str) -> None:
     clock = SimulatedClock()
     with ModbusPeer(model, clock=clock, serial=True) as peer:
         device = open_modbus_blackbody(
-            {"model": model, "serial": peer.serial, "limits_K": [253.0, 873.0]},
+            {"model": model, "serial": peer.serial, "limits_K": [253.0, 873.0],
+             **({"temperature_unit": "celsius"} if model == "ir-2100" else {})},
             RigContext(clock, None, Path(), 1),
-        )
+        )  # fmt: skip
         device.connect()
         assert device.set_setpoint(440.35) == pytest.approx(440.35, abs=0.05)
         device.close()
@@ -123,7 +124,25 @@ def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
         )
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
+def test_a_camera_on_loopback_is_searched_there_alone(client: str) -> None:
+    """What is broadcast on a network comes back to a socket for all addresses."""
+    with (
+        GigePeer((64, 48)) as peer,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as everywhere,
+    ):
+        everywhere.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        everywhere.bind(("", 3956))
+        everywhere.settimeout(0.5)
+        for interface in ({"interface": "127.0.0.1"}, {"interface": None}):
+            camera = camera_before(peer, client, **interface)
+            camera.connect()
+            camera.close()
+        with pytest.raises(TimeoutError):
+            everywhere.recv(1024)
+
+
+@pytest.mark.gige
 def test_camera_loses_packets(client: str) -> None:
     """At 0.5 % loss every whole picture is bit-exact, and the resends are few."""
     with GigePeer(loss=0.005, seed=3) as peer:
@@ -145,7 +164,7 @@ def test_camera_loses_packets(client: str) -> None:
         assert whole + camera.statistics()["incomplete"] == 60
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_camera_frames_that_never_come(client: str) -> None:
     """A gap shows in the ids; half a picture is incomplete, and says so."""
     with GigePeer((64, 48)) as peer:
@@ -167,7 +186,7 @@ def test_camera_frames_that_never_come(client: str) -> None:
         camera.close()
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_camera_is_free_after_its_clients_death(client: str) -> None:
     """A client that dies keeps the camera no longer than the heartbeat; alive, it keeps it."""
     with GigePeer((64, 48)) as peer:
@@ -187,7 +206,7 @@ def test_camera_is_free_after_its_clients_death(client: str) -> None:
         first.close()
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_camera_unplugged(client: str) -> None:
     with GigePeer((64, 48)) as peer:
         camera = camera_before(peer, client)

@@ -33,7 +33,7 @@ def plan(**changes: Any) -> Plan:
     )
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_plan_over_sockets(client: str, tmp_path: Path) -> None:
     """Three backgrounds with 0.5 % packet loss, a rate error and a picture that is never sent:
     every shot once and bit-exact, every injection accounted for, all devices safe."""
@@ -67,7 +67,7 @@ def test_plan_over_sockets(client: str, tmp_path: Path) -> None:
     assert not peers.camera.controlled
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_shots_of_several_frames_over_sockets(tmp_path: Path) -> None:
     """With 0.5 % packet loss: each shot one trigger and four pictures, bit-exact and in order; a
     picture that never comes costs the whole shot, which is taken again; a misfire is found."""
@@ -95,7 +95,7 @@ def test_shots_of_several_frames_over_sockets(tmp_path: Path) -> None:
             acquire(rig, plan(retakes=1), tmp_path / "b")
 
 
-@pytest.mark.loopback_only
+@pytest.mark.gige
 def test_rate_error_ends_the_run_without_a_second_trigger(tmp_path: Path) -> None:
     with PeerRig(camera=GigePeer((64, 48))) as peers:
         peers.generator.fail_rate = 1

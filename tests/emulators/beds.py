@@ -117,12 +117,14 @@ def _modbus(usual_map: Mapping[str, Any], serial: bool) -> Make:
 
 
 _BARE = {  # numbers alone: an answer does not show its question
+    "unit": "fahrenheit",
     "temperature": {"send": "T?", "answer": "{value}"},
     "setpoint": {"send": "SP?", "answer": "{value}"},
     "set": {"send": "SP {value:.2f}"},
 }
 _TALKS = {
     "unit": "kelvin",
+    "unit_check": {"send": "UNIT", "answer": "IN KELVIN"},
     "identity": {"send": "ID", "answer": "BLACK BODY {any}"},
     "temperature": {"send": "READ T", "answer": "T = {value} K"},
     "setpoint": {"send": "READ S", "answer": "S = {value} K"},
@@ -172,7 +174,7 @@ def _fluke(serial: bool) -> Make:
             return make_device("fluke418x", clock, {}, settings, answer_s, line_to(peer))
 
         device = afresh()
-        told = (f"Fluke 418x at {where_is(peer)}", "heater on", "keypad")
+        told = (f"418x at {where_is(peer)}", "heater on", "front panel")
 
         def stable() -> bool:
             return peer.heating and abs(peer.heater.now_K() - peer.setpoint_K) < _STABLE_K
@@ -199,19 +201,22 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
     camera, injector = settings.get("camera", "AB"), settings.get("injector", "CD")
     level = f"LAMP {('AB', 'CD', 'EF', 'GH').index(injector) + 1}"
 
+    def armed() -> str:
+        at_V = peer.values[level]
+        pulse = ["a trigger injects"] if peer.injects(injector) else []
+        return ", ".join([*pulse, *([f"{injector} at {at_V} V"] if at_V > 0.5 else [])])
+
     def left_on() -> str:
         values = peer.values
-        on = [
+        modes = [
             text
             for text, bad in (
-                ("a trigger injects", peer.injects(injector)),
-                (f"{injector} at {values[level]} V", peer.triggers > 0 and values[level] > 0.5),
                 ("burst mode", values["BURM"] != 0),
                 ("triggers by itself", values["TSRC"] != 5),
             )
             if bad
         ]
-        return ", ".join(on)
+        return ", ".join([*([armed()] if peer.triggers > 0 and armed() else []), *modes])
 
     def agrees(stored: Mapping[str, Any]) -> bool:
         delays = stored["delays"].items()
@@ -231,7 +236,7 @@ def _dg645(stack: ExitStack, settings: Mapping[str, Any], answer_s: float | None
     volts = settings.get("injector_V", 5.0)
     told = (f"DG645 at {peer.host}:{peer.port}", f"{injector} {volts:g} V", f"output {injector}")
     return Bed(
-        device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses,
+        device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses, armed,
         afresh=afresh, hang_up=peer.unplug,
     )  # fmt: skip
 
@@ -257,9 +262,11 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
             for name, output in (("camera", camera), ("injector", injector))
         }
 
+        def armed() -> str:
+            return f"output {injector} would inject" if peer.injects(injector) else ""
+
         def left_on() -> str:
-            injects = f"output {injector} would inject" if peer.injects(injector) else ""
-            return injects or ("running" if peer.running else "")
+            return armed() or ("running" if peer.running else "")
 
         def agrees(stored: Mapping[str, Any]) -> bool:
             return stored["running"] == peer.running and all(
@@ -274,7 +281,7 @@ def _pulse_generator(series: str, identity: str, serial: bool) -> Make:
 
         told = (f"{series} at {where_is(peer)}", f"{injector} on", f"output {injector}")
         return Bed(
-            device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses,
+            device, trigger_steps(device, agrees), left_on, told, peer.replies, pulses, armed,
             afresh=afresh, hang_up=peer.unplug,
         )  # fmt: skip
 
@@ -307,7 +314,7 @@ BEDS: dict[str, dict[str, Make]] = {
     "fluke418x": {"tcp": _fluke(False), "serial": _fluke(True)},
     "modbus_blackbody": {
         "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
-        "ir2100-serial": _modbus({"model": "ir-2100"}, True),
+        "ir2100-serial": _modbus({"model": "ir-2100", "temperature_unit": "celsius"}, True),
         "registers-tcp": _modbus({"registers": _OTHER}, False),
     },
     "pulse_generator": {

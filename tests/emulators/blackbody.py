@@ -8,17 +8,19 @@ from __future__ import annotations
 import asyncio
 import os
 import threading
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from cldit.rig.clock import Clock, SystemClock
-from cldit.scene.values import ZERO_CELSIUS_K
 from cldit.testing.replies import BINARY_NAN, INTEGER_NONE, Fault, Replies
 from tests.emulators.lines import AtOneLine, Terminals
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
     from drivers.heater import Dynamics, Heater
     from drivers.modbus_registers import MAPS, RegisterMap
 else:
+    from cldit.drivers.controller import UNITS, Unit, from_kelvin, to_kelvin
     from cldit.drivers.heater import Dynamics, Heater
     from cldit.drivers.modbus_registers import MAPS, RegisterMap
 
@@ -28,6 +30,11 @@ def _summed(frame: bytes) -> bytes:
     from pymodbus.framer.rtu import FramerRTU
 
     return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
+
+
+def of_another(frame: bytes) -> bytes:
+    """The same answer by the next unit on a serial line."""
+    return _summed(bytes((frame[0] + 1,)) + frame[1:-2])
 
 
 class Peer:
@@ -80,12 +87,14 @@ class ModbusPeer(Peer):
         self._map = registers or MAPS[str(model)]
         formats = {self._map.temperature.format, self._map.setpoint.format}
         self.replies = Replies(BINARY_NAN if formats == {"float32"} else INTEGER_NONE)
-        self._offset_K = ZERO_CELSIUS_K if self._map.unit == "celsius" else 0.0
+        self.temperature_unit: Unit = self._map.unit or "celsius"
         self._unit = unit
         self._loop: asyncio.AbstractEventLoop | None = None
         self._server: Any = None
         self._terminals = Terminals()
         self._master = -1
+        self.noise: Callable[[bytes], bytes] = lambda answer: b""  # ahead of it, on a serial line
+        self.request = b""
 
     def __enter__(self) -> ModbusPeer:
         if self._wants_serial:
@@ -150,13 +159,20 @@ class ModbusPeer(Peer):
     def _trace(self, sending: bool, packet: bytes) -> bytes:
         """A packet as it leaves; the whole server waits for one that is late."""
         if not sending:
+            self.request = packet
             return packet
         # The data are after unit, function and number of bytes, within six bytes or a check sum.
+        struck = self.replies.struck
         if self.serial is None:
-            return self.replies.passed(packet, slice(9, None))
+            sent = self.replies.passed(packet, slice(9, None))
+            foreign = struck < self.replies.struck and self.replies.fault is Fault.FOREIGN
+            return sent[:6] + bytes((sent[6] + 1,)) + sent[7:] if foreign else sent
         sent = self.replies.passed(packet, slice(3, -2))
-        # An impossible number is no damage of the line: its check sum is right.
-        return sent if self.replies.fault is not Fault.ODD else _summed(sent[:-2])
+        if struck < self.replies.struck and self.replies.fault is Fault.FOREIGN:
+            sent = of_another(packet)
+        elif struck < self.replies.struck and self.replies.fault is Fault.ODD:
+            sent = _summed(sent[:-2])  # no damage of the line: its check sum is right
+        return self.noise(packet) + sent
 
     def _master_path(self) -> str:
         """Path of a second terminal, coupled to the first: the server opens its end by name."""
@@ -178,7 +194,8 @@ class ModbusPeer(Peer):
         setpoint = self._map.setpoint
         if values is not None and address == setpoint.address and len(values) == setpoint.words:
             self.writes += 1
-            self.heater.aim(setpoint.decode([int(word) for word in values]) + self._offset_K)
+            number = setpoint.decode([int(word) for word in values])
+            self.heater.aim(to_kelvin(number, self.temperature_unit))
         for register, words in self._words().items():
             at = register - start
             if 0 <= at <= len(current) - len(words):
@@ -189,11 +206,15 @@ class ModbusPeer(Peer):
         held: dict[int, tuple[int, ...]] = {
             at: (2100 if name == "model_code" else 0,) for name, at in self._map.extra.items()
         }
+        if self._map.unit_register is not None:
+            held[self._map.unit_register] = (UNITS.index(self.temperature_unit),)
         for register, kelvin in (
             (self._map.temperature, self.sensed_K()),
             (self._map.setpoint, self.heater.setpoint_K),
         ):
-            held[register.address] = tuple(register.encode(kelvin - self._offset_K))
+            held[register.address] = tuple(
+                register.encode(from_kelvin(kelvin, self.temperature_unit))
+            )
         return held
 
 
@@ -203,6 +224,7 @@ class FlukePeer(AtOneLine, Peer):
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self.heating = False
+        self.temperature_unit: Unit = "fahrenheit"  # as somebody left it
         self._limit_K = 0.5
 
     def _obey(self, line: bytes) -> bytes:
@@ -210,18 +232,20 @@ class FlukePeer(AtOneLine, Peer):
         off_K = abs(self.heater.now_K() - self.heater.setpoint_K)
         answers = {
             "*IDN?": "FLUKE,4181,B12345,1.10",
-            "SOUR:SPO?": f"{self.heater.setpoint_K - ZERO_CELSIUS_K:.2f}",
+            "SOUR:SPO?": f"{from_kelvin(self.heater.setpoint_K, self.temperature_unit):.2f}",
             "OUTP:STAT?": f"{int(self.heating)}",
-            "SOUR:SENS:DATA?": f"{self.sensed_K() - ZERO_CELSIUS_K:.3f}",
+            "SOUR:SENS:DATA?": f"{from_kelvin(self.sensed_K(), self.temperature_unit):.3f}",
             "SOUR:STAB:LIM?": f"{self._limit_K:.2f}",
             "SOUR:STAB:TEST?": f"{int(self.heating and off_K <= self._limit_K)}",
-            "UNIT:TEMP?": "C",
+            "UNIT:TEMP?": self.temperature_unit[0].upper(),
         }
         if name in answers:
             return answers[name].encode() + b"\r\n"
         if name == "SOUR:SPO":
             self.writes += 1
-            self.heater.aim(float(value) + ZERO_CELSIUS_K)
+            self.heater.aim(to_kelvin(float(value), self.temperature_unit))
+        elif name == "UNIT:TEMP":
+            self.temperature_unit = "celsius" if value == "C" else "fahrenheit"
         elif name == "OUTP:STAT":
             self.heating = value == "1"
         elif name == "SOUR:STAB:LIM":

@@ -2,7 +2,7 @@
 
 GVCP (control) and GVSP (images) by the GigE Vision 1.2 specification: discovery, registers, control
 privilege with heartbeat, packet resend. Several can run at once, each at its own loopback address;
-all receive the discovery broadcast.
+a search for cameras finds the newest.
 """
 
 from __future__ import annotations
@@ -86,22 +86,17 @@ class GigePeer:
         self._modes = dict.fromkeys((reg.FRAME, reg.BURST), 0)
         for at, size in zip((reg.WIDTH, reg.HEIGHT), self.sensor, strict=True):
             self._put(at + 0x100, size)
-        self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._control.bind((self.host, _GVCP))
         self._stream = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4 << 20)
         self._stream.bind((self.host, 0))
         self._put(reg.STREAM_SOURCE, self._stream.getsockname()[1])
-        self._hearing = [self._control]
-        # Clients search for cameras by broadcast, and on loopback at 127.0.0.1, where the newest of
-        # several peers receives them.
-        for address in ("255.255.255.255", "127.255.255.255", "127.0.0.1"):
-            if address == self.host:
-                continue
-            ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        # Clients search on loopback at 127.0.0.1, where the newest of several peers is found. No
+        # other address is bound, so nothing from a network arrives.
+        self._hearing = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in "ab"]
+        for ear, address in zip(self._hearing, (self.host, "127.0.0.1"), strict=True):
             ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             ear.bind((address, _GVCP))
-            self._hearing.append(ear)
+        self._control = self._hearing[0]
         self._on = True
         self._threads = [
             threading.Thread(target=target, daemon=True) for target in (self._listen, self._expose)

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from cldit.scene.values import ZERO_CELSIUS_K
 from tests.emulators.blackbody import Peer
 from tests.emulators.lines import AtOneLine
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
+    from drivers.controller import from_kelvin, to_kelvin
     from drivers.line_blackbody import LineSettings
     from drivers.line_templates import Command, pattern
 else:
+    from cldit.drivers.controller import from_kelvin, to_kelvin
     from cldit.drivers.line_blackbody import LineSettings
     from cldit.drivers.line_templates import Command, pattern
 
@@ -31,7 +32,7 @@ class LinePeer(AtOneLine, Peer):
     def __init__(self, settings: LineSettings, **options: Any) -> None:
         super().__init__(**options)
         self._settings = settings
-        self._offset_K = ZERO_CELSIUS_K if settings.unit == "celsius" else 0.0
+        self._unit = settings.unit
         self.heating = settings.heater_on is None
 
     @property
@@ -41,8 +42,8 @@ class LinePeer(AtOneLine, Peer):
     def _obey(self, line: bytes) -> bytes:
         text, asked = line.decode("ascii", "replace").strip(), self._settings
         values = {
-            asked.temperature: self.sensed_K() - self._offset_K,
-            asked.setpoint: self.setpoint_K - self._offset_K,
+            asked.temperature: from_kelvin(self.sensed_K(), self._unit),
+            asked.setpoint: from_kelvin(self.setpoint_K, self._unit),
         }
         if asked.stable is not None:
             values[asked.stable] = float(self.stable)
@@ -53,13 +54,16 @@ class LinePeer(AtOneLine, Peer):
             if switch is not None and text == switch.text():
                 self.heating = state
                 return self._answer(switch)
-        if asked.identity is not None and text == asked.identity.text():
-            return self._answer(asked.identity)
+        if asked.heater is not None and text == asked.heater.text():
+            return self._answer(asked.heater, float(self.heating))
+        for query in (asked.identity, asked.unit_check, *asked.begin):
+            if query is not None and text == query.text():
+                return self._answer(query)
         found = pattern(asked.set.send).fullmatch(text)
         if found is None:
             return b"?\r\n"
         self.writes += 1
-        self.heater.aim(float(found[1]) + self._offset_K)
+        self.heater.aim(to_kelvin(float(found[1]), self._unit))
         return self._answer(asked.set, float(found[1]))
 
     def _answer(self, command: Command, value: float = 0.0) -> bytes:

@@ -37,7 +37,7 @@ for _module in ("viva_genicam", "pyvisa_py", "pymodbus"):
 
 CHILD = Path(__file__).with_name("acquisition_child.py")
 pytestmark = [
-    pytest.mark.loopback_only,
+    pytest.mark.gige,
     pytest.mark.skipif(os.name == "nt", reason="SIGKILL is POSIX"),
 ]
 

@@ -45,6 +45,8 @@ time.sleep(120)
 @contextmanager
 def in_another_process(device: Any, driver: str) -> Iterator[subprocess.Popen[str]]:
     """A process that has connected the instrument of `device`."""
+    if driver == "fluke418x":  # which gives its settings to the other one
+        driver = "line_blackbody"
     settings = yaml.safe_dump(device._settings.model_dump(mode="json", exclude_none=True))
     process = subprocess.Popen(
         [sys.executable, "-c", HOLDS, driver, settings], stdout=subprocess.PIPE, text=True

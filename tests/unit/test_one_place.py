@@ -26,7 +26,7 @@ PLACES: dict[str, set[str]] = {
     # the journal's own appends, syncs, and a measurement of syncs
     # and members of an archive that files.py writes
     "open to write": {"files.py", "disk.py", "spray_file.py"},
-    "os.open": {"files.py", "journal.py", "terminal.py", "pocl.py"},
+    "os.open": {"files.py", "journal.py", "terminal.py", "pocl.py", "locks.py"},
     "imwrite": {"images.py"},
     "savefig": {"style.py"},  # into memory
     # resources of the package, pages that the same command wrote, /proc

@@ -66,6 +66,23 @@ def test_a_death_is_made_safe_and_noted(tiny_rig: dict[str, Any], begun: Path) -
     assert last(begun)["event"] == "made safe" and last(begun)["problems"] == []
 
 
+def test_what_does_not_cool_is_loud_and_not_tried_again(
+    tiny_rig: dict[str, Any], begun: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A controller in manual output confirms its set point: another attempt would not help."""
+
+    def manual(data: dict[str, Any]) -> Rig:
+        rig = open_rig(data)
+        monkeypatch.setattr(rig.background, "read_temperature", lambda: 460.0)
+        return rig
+
+    monkeypatch.setattr(guard_module, "open_rig", manual)
+    assert watch(told(tiny_rig, b""), begun) == 1
+    log = (begun / "guard.log").read_text()
+    assert "NOT SAFE" in log and "does not cool: 460.0 K" in log and "attempt" not in log
+    assert last(begun)["event"] == "unsafe" and "does not cool" in last(begun)["problems"][0]
+
+
 def test_what_cannot_be_made_safe_is_loud(
     tiny_rig: dict[str, Any],
     begun: Path,

@@ -29,8 +29,10 @@ class Lamp(Linked):
     def _drop(self) -> None:
         self.dropped += 1
 
-    def _still(self) -> str:
+    def _write_safe(self) -> None:
         self.switch(False)
+
+    def _check_safe(self) -> str:
         return "light off"
 
     def _last_known(self) -> str:
