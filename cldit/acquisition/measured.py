@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError, model_val
 from cldit.acquisition.frames import FrameReader
 from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, find_sources, parse_source
 from cldit.acquisition.pictures.told import (
+    check_clock,
     check_exposures,
     check_times,
     read_temperatures,
@@ -335,7 +336,10 @@ def _shots_of(
     images: list[tuple[Source, int, Told]] = []
     for found in find_sources(folder, patterns, where, given.axes):
         source = replace(found, incomplete=given.incomplete)
-        images += [(source, number, told) for number, told in enumerate(reader.told(source))]
+        of_file = reader.told(source)
+        if times is None:
+            check_clock(of_file, source)
+        images += [(source, number, told) for number, told in enumerate(of_file)]
     if not images or (count is not None and len(images) != count):
         raise EvaluationError(
             f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or too "
@@ -357,7 +361,7 @@ def _shots_of(
         taken_s = [None] * len(images)
     for (source, number, told), background_K, time_s in zip(images, kelvin, taken_s, strict=True):
         yield MeasuredShot(
-            id=f"{source.path.name}[{number}]",
+            id=source.image(number, folder),
             kind=kind,
             background_setpoint_K=setpoint_K,
             background_K=background_K,

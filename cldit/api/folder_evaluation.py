@@ -39,7 +39,6 @@ def evaluate_delays(
     folder: str | Path,
     *,
     curve: CurveSource = "planck",
-    robust: bool = False,
     frame: int = 0,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -57,7 +56,6 @@ def evaluate_delays(
     evaluate = partial(
         evaluate_folder,
         curve=curve,
-        robust=robust,
         frame=frame,
         accept=accept,
         progress=progress,
@@ -106,7 +104,6 @@ def evaluate_folder(
     folder: str | Path,
     *,
     curve: CurveSource = "planck",
-    robust: bool = False,
     frame: int = 0,
     delay: int | None = None,
     accept: Collection[str] = (),
@@ -119,7 +116,7 @@ def evaluate_folder(
 
     Args:
         folder: acquisition, folder with measured.yaml, or such a file itself.
-        curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
+        curve, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
             measured.yaml accepts are accepted too.
         frame: which image of each shot, if the plan has several.
         delay: which of the plan's delays, from 0; required if it has several.
@@ -149,7 +146,7 @@ def evaluate_folder(
         place = maps_folder(acquisition.folder, acquisition.plan.delays, number)
         acquisition = acquisition.at_delay(number)
         missing = acquisition.missing
-    evaluate = partial(evaluate_shots, curve=curve, robust=robust, accept=accept, progress=progress)
+    evaluate = partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
     try:
         evaluation = evaluate(acquisition)
     except RunFolderError:

@@ -82,17 +82,10 @@ class Evidence:
             parts: list[Floats] = []
             for setpoint in setpoints:
                 group = sums[setpoint, kind]
-                kept = [
-                    small.ravel()[chosen]
-                    for small, weight in zip(group.thumbnails, group.weights, strict=True)
-                    if weight > 0.0
-                ]
-                parts.append((np.array(kept, float) - calibration.offset_counts) / scale)
+                seen = np.array([small.ravel()[chosen] for small in group.thumbnails], float)
+                parts.append((seen - calibration.offset_counts) / scale)
             shots[kind] = tuple(parts)
-            places[kind] = tuple(
-                Places.of(sums[k, kind].places)[np.array(sums[k, kind].weights) > 0.0]
-                for k in setpoints
-            )
+            places[kind] = tuple(Places.of(sums[k, kind].places) for k in setpoints)
             counts = np.array([part.mean(axis=0) for part in parts]) * scale
             noise = calibration.variance_counts2(counts + calibration.offset_counts)
             camera[kind] = noise / scale**2 / pixels

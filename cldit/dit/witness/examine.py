@@ -47,7 +47,6 @@ def examine_images(
     ending, saturation = images.plateau(sums, saturation_counts)
     found = [
         backgrounds.celsius(named_K),
-        images.repeats(sums),
         ending,
         images.axes(sums, setpoints),
         orientation(sums, setpoints),

@@ -237,6 +237,25 @@ def test_files_that_lost_a_part_are_refused(
     assert not capfd.readouterr().err
 
 
+@pytest.mark.parametrize("virtual", [False, True])
+def test_chunks_of_hdf5_that_were_never_written_are_refused(tmp_path: Path, virtual: bool) -> None:
+    """HDF5 reads them as zeros; `incomplete` reads what is there."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset("film", IMAGES.shape, IMAGES.dtype, chunks=(1, 3, 7))
+        data[:2], data[2, :3], data[3:] = IMAGES[:2], IMAGES[2, :3], IMAGES[3:]
+    path = tmp_path / "a.h5"
+    if virtual:
+        layout = h5py.VirtualLayout(IMAGES.shape, IMAGES.dtype)
+        layout[:] = h5py.VirtualSource(path, "film", IMAGES.shape)
+        path = tmp_path / "b.h5"
+        with h5py.File(path, "w") as file:
+            file.create_virtual_dataset("film", layout)
+    with pytest.raises(EvaluationError, match=r"a\.h5: /film: 1 of 12 chunks are missing"):
+        open_stack(Source(path))
+    assert len(read_all(Source(path, incomplete=True))) == len(IMAGES)
+
+
 def test_tdms_by_groups_of_channels_and_its_size(tmp_path: Path) -> None:
     nptdms = pytest.importorskip("nptdms")
     path = tmp_path / "a.tdms"
