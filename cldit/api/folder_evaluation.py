@@ -1,7 +1,7 @@
 """Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,9 +12,11 @@ from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow, table_csv
-from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
+from cldit.dit.maps import Maps
+from cldit.dit.recorded import EVALUATION, CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
+from cldit.io.digests import write_sealed
 from cldit.io.files import write_text
 from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
@@ -174,7 +176,8 @@ def evaluate_folder(
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=acquisition.pixel_m)
-    write_text(place / "evaluation.json", evaluation.to_json())
+    files = [place / f"{item.name}.tif" for item in fields(Maps)]
+    write_sealed(place / EVALUATION, evaluation.to_dict(), files)
     return evaluation
 
 

@@ -43,6 +43,7 @@ Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
 
+EVALUATION = "evaluation.json"
 IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
 _MUCH = 0.01  # share of saturated pixels that is reported
 
