@@ -86,6 +86,19 @@ def made(seed: int, *, backgrounds: int = 4, shape: tuple[int, int] | None = Non
     return Made(Recorded(shots, around, calibration), emissivity, kelvin)
 
 
+@pytest.mark.parametrize(
+    ("shape", "backgrounds"), [((24, 32), 4), ((64, 12), 4), ((10, 80), 4), (None, 7), (None, 2)]
+)
+@pytest.mark.parametrize("seeds", [5, pytest.param(25, marks=pytest.mark.slow)])
+def test_coarse_and_narrow_images_are_no_alarm(
+    shape: tuple[int, int] | None, backgrounds: int, seeds: int
+) -> None:
+    """The spray is only some pixels wide; a pattern of pixels is not."""
+    for seed in range(1000, 1000 + seeds):
+        found = evaluate_shots(made(seed, backgrounds=backgrounds, shape=shape).recorded)
+        assert not [one.text for one in found.witnesses if one.stands_out] and not found.remarks
+
+
 def _deviations(seeds: range) -> tuple[Floats, Floats, list[str]]:
     """Deviations of T_app and emissivity in standard errors, and the findings of checks."""
     kelvins: list[Floats] = []

@@ -16,9 +16,11 @@ from cldit.dit.solve import KINDS, Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
+from cldit.dit.witness.hypotheses import Hypothesis, fitted, said
 
+_THIN = 0.3  # largest emissivity of the pixels with the least spray, as a cause
 _DENSE = 0.3  # share of the blocks, those with the most spray, that give its temperature
-_EXPLAINED = 0.1  # largest remaining share of the squares for a cause that explains them
+_FREE = 0.005  # emissivity of the clearest pixels, up to which they are free of spray
 _MORE = 0.05  # of the background's contrast
 _LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
@@ -47,21 +49,25 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     unexplained = _beyond_spray(seen, x=x, noise=noise, warmest=evidence.warmest)
     degrees = evidence.degrees("reference") + evidence.degrees("injection")
     beyond = bool(np.any(np.abs(unexplained) > sure(degrees) * noise))
-    causes = _causes(seen, x, evidence, noise)
-    best = min(causes, key=lambda one: one.left)
+    causes = _causes(seen, x, evidence, noise, chosen)
+    widening = [one for one in causes if one.column in ("offset", "black body")]
+    best = min(widening, key=lambda one: one.left)
     shown_K = (best.beside if beyond else unexplained) / evidence.rise
     noise_K = noise / evidence.rise
     worst_K = float(np.max(np.abs(shown_K)))
     stands_out = beyond and worst_K > WORTH_K
     says = ""
+    thin = 1.0 - float(np.mean(slopes(evidence)[chosen]))
+    if thin > _FREE:
+        unseen = "so a fouled window, or a lower gain, is not seen"
+        says = f"no pixel is free of spray (emissivity {thin:.3f}), {unseen}"
     if stands_out:
-        if best.left > _EXPLAINED * float(np.sum((best.beside / noise) ** 2)):
-            says = "explained neither by the camera's offset nor by the black body alone"
-        elif best.column == "offset":
-            says = "as if the camera's offset changed between the kinds"
-        else:
-            says = f"as if the black body differed by {best.size:+.2f} K between the kinds"
-        says += ", or there is spray in the whole image"
+        none = _spray_alone(seen, x, evidence, noise)
+        tried = [Hypothesis(one.text, one.left, one.unknowns) for one in causes]
+        tried = list({one.text.partition(" by ")[0]: one
+                      for one in sorted(tried, key=lambda one: -one.score)}.values())  # fmt: skip
+        likely = fitted(tried, none=none, degrees=len(x))
+        says = f"{said(likely, none=none, tried=4)}, or there is spray in the whole image"
         slope = slopes(evidence)
         if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
             says += "; injections show more of the background: are the two kinds swapped?"
@@ -104,27 +110,69 @@ def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> 
 
 @dataclass(frozen=True)
 class _Cause:
-    """A possible cause. size: radiance of an offset, or kelvin. beside: (K,) difference without
-    the spray. left: unexplained squares, in units of the noise."""
+    """A possible cause. size: radiance of an offset, kelvin, or relative gain. beside: (K,)
+    difference without the spray. left: unexplained squares, in units of the noise."""
 
     column: str
     size: float
     beside: Floats
     left: float
+    unknowns: int
+
+    @property
+    def text(self) -> str:
+        """The cause in words."""
+        if self.column == "black body":
+            return f"as if the black body differed by {self.size:+.2f} K between the kinds"
+        if self.column == "gain":
+            change = f"{100.0 * self.size:+.2g} %"
+            return (
+                f"as if the camera's gain (exposure, range) changed by {change} between the kinds"
+            )
+        if self.column == "curve":
+            return "as if the camera's curve (gamma) changed between the kinds"
+        return "as if the camera's offset changed between the kinds"
 
 
-def _causes(seen: Floats, x: Floats, evidence: Evidence, noise: Floats) -> list[_Cause]:
-    """Offset or kelvin that explain `seen`, together with a spray as warm as the dense one."""
+def _spray_alone(seen: Floats, x: Floats, evidence: Evidence, noise: Floats) -> float:
+    """Chi-square of `seen` without a cause but a spray as warm as the dense one."""
+    _, left = nnls(((_own(evidence, x) - x) / noise)[:, None], seen / noise)
+    return float(left**2)
+
+
+def _causes(
+    seen: Floats, x: Floats, evidence: Evidence, noise: Floats, chosen: Mask
+) -> list[_Cause]:
+    """Causes that are fitted to `seen`, each alone and with a spray as warm as the dense one."""
+    gain = float(np.mean(evidence.gains("reference")[chosen]))
+    signal = evidence.mean("reference")[:, chosen].mean(axis=1) / (gain if gain > 0.0 else 1.0)
+    bend = signal * np.log(np.maximum(signal / signal.max(), 1e-9))  # of a power of the signal
     spray = _own(evidence, x) - x
     found: list[_Cause] = []
-    for name, column in (("offset", np.ones_like(x)), ("black body", evidence.rise)):
-        for sign in (1.0, -1.0):
-            design = np.stack([sign * column, spray], axis=1) / noise[:, None]
+    for name, columns in (
+        ("offset", [np.ones_like(x)]),
+        ("black body", [evidence.rise]),
+        ("gain", [signal]),
+        ("gain", [x]),
+        ("gain", [x, np.ones_like(x)]),  # of an unknown dark level
+        ("curve", [bend, signal]),
+    ):
+        for more in ([], [spray]):
+            design = np.array([*columns, *(-one for one in columns), *more]).T / noise[:, None]
             size = np.max(np.abs(design), axis=0)
             share, left = nnls(design / size, seen / noise)
             share = share / size
+            of_spray = share[-1] * spray if more else 0.0
+            if more and share[-1] > _THIN:
+                continue
             found.append(
-                _Cause(name, sign * float(share[0]), seen - spray * share[1], float(left**2))
+                _Cause(
+                    name,
+                    float(share[0] - share[len(columns)]),
+                    np.asarray(seen - of_spray),
+                    float(left**2),
+                    len(columns) + len(more),
+                )
             )
     return found
 
