@@ -12,10 +12,10 @@ import numpy as np
 
 from cldit.acquisition.witness_names import Acceptable
 from cldit.arrays import Floats, Mask
+from cldit.dit.hypotheses import UNITS, Hypothesis, fitted, line_chi2, said
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, refusal, sure
-from cldit.dit.witness.hypotheses import UNITS, Hypothesis, fitted, line_chi2, said
-from cldit.dit.witness.lines import OffLine, off_line, squares
+from cldit.dit.witness.lines import OffLine, off_line
 
 FLOOR_K = 0.005  # error of mean shares of windows
 CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
@@ -37,33 +37,17 @@ def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
     return _judge(evidence, "injection", clearest(evidence), stated_K=stated_K)[0]
 
 
-def fitted_over(
-    as_stated: Evidence, fitted: Evidence, lined: Witness, *, stated_K: Floats
-) -> Witness:
+def fitted_over(as_stated: Evidence, lined: Witness, *, stated_K: Floats) -> Witness:
     """Witness of references with a filter that was fitted to them.
 
-    It is `lined`, that of the fitted filter, unless the deviation of one background explains the
-    references and no filter does: then it is severe.
+    It is `lined`, that of the fitted filter, unless with the filter `as_stated` the deviation of
+    one background is the only cause that fits: then it is severe.
     """
     other, off = references(as_stated, stated_K=stated_K)
-    if off is None or off.lone is None or not other.stands_out:
+    if off is None or off.lone is None or len(other.causes) != 1:
         return lined
-    keep = np.arange(len(stated_K)) != off.lone
-    alone, curve = (
-        squares(
-            one.source["reference"][which],
-            one.mean("reference").mean(axis=1)[which],
-            one.rise[which],
-        )
-        for one, which in ((as_stated, keep), (fitted, np.ones_like(keep)))
-    )
-    if alone > 0.1 * curve:
-        return lined
-    return replace(
-        other,
-        says=f"{other.says}; no other filter explains that: use --calibration planck",
-        severe=True,
-    )
+    says = f"{other.says}; no other filter explains that: use --calibration planck"
+    return replace(other, says=says, severe=True)
 
 
 def clearest(evidence: Evidence, *, share: float = CLEAREST) -> Mask:
@@ -108,6 +92,7 @@ def _judge(
             name=name,
             compared=of,
             says=said(causes, none=none, tried=len(tried)) if stands_out else "",
+            causes=tuple(one.text for one in causes),
             setpoints=evidence.setpoints,
             kelvin=tuple(off.kelvin.tolist()),
             noise_K=tuple(off.noise_K.tolist()),

@@ -164,6 +164,11 @@ class Evidence:
         """Means (K, B) over the shots of a kind."""
         return np.array([part.mean(axis=0) for part in self.shots[kind]])
 
+    @property
+    def change(self) -> Floats:
+        """Means (K, B) of the injections minus those of the references."""
+        return self.mean("injection") - self.mean("reference")
+
     def gains(self, kind: str) -> Floats:
         """Slope (B,) of each block's signals over the radiance of the background."""
         away = self.source[kind] - self.source[kind].mean()
@@ -206,7 +211,7 @@ class Evidence:
         It is the independent variance (K, B) of each block's mean, and the variance of the relative
         change of Delta I that all blocks of a shot share.
         """
-        difference = self.mean("injection") - self.mean("reference")
+        difference = self.change
         found = self.amount(difference)
         alone, together = found.alone, found.variance
         n = self.number("injection")[:, None]

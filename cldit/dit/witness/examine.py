@@ -92,7 +92,7 @@ def examine(
     if common.cause and lined.stands_out and not lined.severe:
         lined = replace(lined, says=f"{lined.says}, {common.cause}")
     if unfitted is not None:
-        lined = backgrounds.fitted_over(seen_as(unfitted), evidence, lined, stated_K=stated_K)
+        lined = backgrounds.fitted_over(seen_as(unfitted), lined, stated_K=stated_K)
     between, systematic = kinds(evidence)
     uneven = levels(evidence)
     moved, widened = shift(

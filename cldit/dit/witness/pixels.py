@@ -94,11 +94,8 @@ class Patterns:
 
 
 def _without_smooth(image: Floats) -> Floats:
-    """Fourth differences (h, w) of an image: a pixel minus its four neighbours, twice.
-
-    Second differences contain the curvature of a spray that is only some pixels wide. Both contain
-    neighbours, up to two pixels away.
-    """
+    """Fourth differences (h, w): a pixel minus its four neighbours, twice. Second differences would
+    contain the curvature of a spray that is only some pixels wide."""
     once = image - neighbours(image)
     return once - neighbours(once)
 
