@@ -117,10 +117,14 @@ def _worst(
 
 
 def _noise(references: Sums) -> float:
-    """Noise of a pixel: by the variance of references, else that of counts."""
-    seen = float(np.median(references.variance()))
-    level = float(np.mean(np.abs(references.mean())))
-    return float(np.sqrt(seen if seen > 0.0 else max(level, 1e-30)))
+    """Noise of a pixel: by the variance of references, which one outlier may spoil, or the median
+    deviation of their blocks; else that of counts."""
+    small = np.array(references.thumbnails, float)
+    usual = 1.4826 * float(np.median(np.abs(small - np.median(small, axis=0))))
+    of_blocks = usual * np.sqrt(references.total.size / small[0].size)
+    seen = np.sqrt(float(np.median(references.variance())))
+    level = np.sqrt(max(float(np.mean(np.abs(references.mean()))), 1e-30))
+    return float(min((one for one in (seen, of_blocks) if one > 0.0), default=level))
 
 
 def _rms(values: NDArray[np.floating]) -> float:

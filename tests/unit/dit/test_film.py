@@ -90,6 +90,20 @@ def _elsewhere(shot: Shot, taken: dict[str, Image]) -> Image:
     return image
 
 
+def _exposed(shot: Shot, _: dict[str, Image]) -> Image:
+    """One reference and one injection are exposed for longer."""
+    longer = shot.id in ("b01_ref_02", "b02_inj_06")
+    return np.rint(shot.image * (1.3 if longer else 1.0)).astype(np.uint16)
+
+
+def _salt(shot: Shot, _: dict[str, Image]) -> Image:
+    """Some pixels of one reference are saturated."""
+    image = shot.image.copy()
+    if shot.id == "b03_ref_01":
+        image[np.random.default_rng(0).random(SHAPE) < 0.02] = 16383
+    return image
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize(
     ("change", "named"),
@@ -99,6 +113,8 @@ def _elsewhere(shot: Shot, taken: dict[str, Image]) -> Image:
         (_ended, ["b03_inj_07: lost lines: rows 25 to 47 have one value"]),
         (_spot, ["b00_inj_03 is an outlier", "b02_ref_01 is an outlier"]),
         (_elsewhere, ["b01_inj_04 is an outlier"]),
+        (_exposed, ["b01_ref_02 is an outlier", "b02_inj_06 is an outlier"]),
+        (_salt, ["b03_ref_01 is an outlier"]),
     ],
 )
 def test_an_image_damaged_in_part_is_left_out(change: Change, named: list[str], seed: int) -> None:
