@@ -7,6 +7,7 @@ image with the others of its background.
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,6 +24,7 @@ _USUAL = 0.9  # share of the images in which such a row belongs to the camera
 _DEVIATES = 6.0  # standard deviations of a block
 _MOST = 5  # rows that are listed
 _NAMED = 3  # repeats that a message lists
+_LEAST_LAG = 0.002  # of the image before, that is worth a warning
 _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
 
 
@@ -129,6 +131,47 @@ def repeats(sums: AllSums) -> Witness | None:
         "repeats",
         f"{len(same)} of {count} images repeat another one, pixel by pixel ({listed}): a frozen "
         "camera, or copied files",
+    )
+
+
+def lag(sums: AllSums) -> Witness | None:
+    """Witness of references that contain a part of the image before, by those that follow an
+    injection."""
+    product, square, rest, count = 0.0, 0.0, 0.0, 0
+    for setpoint in sorted({setpoint for setpoint, _ in sums}):
+        taken = sorted(
+            (place.at, kind, number)
+            for kind in KINDS
+            for number, place in enumerate(sums[setpoint, kind].places)
+        )
+        pairs = [
+            (sums[setpoint, "reference"].thumbnails[number], sums[setpoint, before].thumbnails[n])
+            for (_, before, n), (_, kind, number) in pairwise(taken)
+            if kind == "reference"
+        ]
+        if len(pairs) > 2:
+            image, earlier = (
+                np.array(one, float).reshape(len(pairs), -1) for one in zip(*pairs, strict=True)
+            )
+            mean = image.mean(axis=0)
+            common = np.linalg.qr(np.array([np.ones_like(mean), mean]).T)[0]  # of drifts
+            off, change = (
+                one - one @ common @ common.T
+                for one in (image - mean, earlier - earlier.mean(axis=0))
+            )
+            product += float(np.sum(off * change))
+            square += float(np.sum(change**2))
+            rest, count = rest + float(np.sum(off**2)), count + off.size
+    if not square > 0.0:
+        return None
+    share, noise = product / square, np.sqrt(rest / count / square)
+    if share < max(_DEVIATES * noise, _LEAST_LAG):
+        return None
+    return Witness(
+        name="repeats",
+        says=f"images contain {100.0 * share:.2g} % of the image before (lag): emissivities are "
+        "too low by about that; leave more time between images, or take the kinds in blocks",
+        stands_out=True,
     )
 
 

@@ -16,7 +16,7 @@ from cldit.dit.budget import Budget, Part, budget, common_parts
 from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
 from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
-from cldit.dit.film import check_depths, check_turns, damaged, repeats
+from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
 from cldit.dit.shots import (
@@ -171,7 +171,7 @@ def evaluate_shots(
     sums, ignored = accumulate(acquisition, stated_counts, progress, places=axis.places)
     check_depths(sums)
     check_turns(sums)
-    frozen = [one for one in (repeats(sums),) if one is not None]
+    frozen = [one for one in (repeats(sums), lag(sums)) if one is not None]
     refuse(frozen, accept)
     ignored += exclude(acquisition, sums, damaged(sums), needed=True)
     odd = outliers(sums)

@@ -29,7 +29,7 @@ BUDGETS: dict[str, int] = {
     "cldit": 179,
     "cli": 2651,
     "comparison": 2295,
-    "dit": 6435,
+    "dit": 6478,
     "drivers": 3646,
     "gpu": 1045,
     "io": 1879,

@@ -6,6 +6,7 @@ Expected: the fault is named with its image; T_app and emissivity keep the error
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from cldit.dit.recorded import Evaluation, evaluate_shots
 from cldit.errors import EvaluationError
-from tests.laboratory import Laboratory, laboratory
+from tests.laboratory import Drifts, Laboratory, laboratory
 from tests.verify.evaluation_bias import Shot
 
 SHAPE = (48, 64)
@@ -172,3 +173,17 @@ def test_most_images_damaged_are_refused() -> None:
     text = r"references at 453 K: 8 of 8 images are damaged \(shot b01_ref_0.: lost lines: rows 1"
     with pytest.raises(EvaluationError, match=text):
         evaluate_shots(_damaged(5, change).recorded)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.02])
+def test_image_lag_is_named(share: float) -> None:
+    """Offset and gain drift as well, which is no lag."""
+    drifts = Drifts(offset_counts=1.0, gain=2e-4)
+    made = laboratory(6, shape=SHAPE, scatter=0.0, drifts=drifts)
+    before = made.recorded.shots[0].image
+    for number, shot in enumerate(made.recorded.shots):
+        image = np.rint((1.0 - share) * shot.image + share * before).astype(np.uint16)
+        before, made.recorded.shots[number] = shot.image, replace(shot, image=image)
+    found = [one.says for one in evaluate_shots(made.recorded).witnesses if "lag" in one.says]
+    assert len(found) == (share > 0.0)
+    assert all(re.match(r"images contain 2(\.1)? % of the image before \(lag\)", x) for x in found)
