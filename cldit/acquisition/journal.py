@@ -62,10 +62,10 @@ def read_entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
     last: Entry = {}
     for number, line in enumerate(data[:whole].splitlines()):
         problem, entry = parse_entry(line, number)
-        problem = problem or _lacks(entry)
-        checked = "check" in entry or "check" in last
-        if not problem and checked and entry.get("check") != _check(entry, last):
-            problem = "differs from what was written"
+        if not problem and not ("check" in entry or "check" in last):
+            problem = _lacks(entry)
+        elif not problem and entry.get("check") != _check(entry, last):
+            problem = _lacks(entry) or "differs from what was written"
         if problem:
             return entries, whole, _damaged(path, number, problem)
         entries.append(entry)
