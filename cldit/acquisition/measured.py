@@ -1,6 +1,6 @@
 """Measured images in files of any program, described by a small YAML: `measured.yaml`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
@@ -14,7 +14,6 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError, model_val
 from cldit.acquisition.frames import FrameReader
 from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, find_sources, parse_source
 from cldit.acquisition.pictures.told import (
-    check_clock,
     check_exposures,
     check_times,
     read_temperatures,
@@ -402,7 +401,7 @@ def _shots_of(
         taken_s = [None] * len(images)
     for (source, number, told), background_K, time_s in zip(images, kelvin, taken_s, strict=True):
         yield MeasuredShot(
-            id=source.image(number, folder),
+            id=_name(source, number, folder),
             kind=kind,
             background_setpoint_K=setpoint_K,
             background_K=background_K,
@@ -411,6 +410,27 @@ def _shots_of(
             told=told,
             time_s=time_s,
         )
+
+
+def _name(source: Source, number: int, folder: Path) -> str:
+    """Name of image `number` of the chosen ones: the file in `folder`, and its place there."""
+    inside = source.path.is_relative_to(folder)
+    named = replace(source, path=source.path.relative_to(folder)) if inside else source
+    return f"{named.text}[{source.first + number * source.step}]"
+
+
+def check_clock(told: Sequence[Told], source: Source) -> None:
+    """Raises EvaluationError if the clock of a file goes back from one of its images to the next:
+    some are those of another time, or in another order.
+    """
+    for number, (before, after) in enumerate(pairwise(told), start=1):
+        if before.time_s is not None and after.time_s is not None and after.time_s < before.time_s:
+            raise EvaluationError(
+                f"{source.text}: frame {source.first + number * source.step}: the clock goes back "
+                f"by {before.time_s - after.time_s:.3g} s; are frames in another order, or of "
+                "another film? Select those of one with [first:last], or give references_s and "
+                "injections_s"
+            )
 
 
 def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:

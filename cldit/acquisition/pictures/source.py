@@ -53,12 +53,6 @@ class Source:
         """The file and the data set in it, as the user names them."""
         return f"{self.path}::{self.dataset}" if self.dataset else str(self.path)
 
-    def image(self, number: int, folder: Path) -> str:
-        """Name of image `number` of the chosen ones: the file in `folder`, and its place there."""
-        inside = self.path.is_relative_to(folder)
-        named = replace(self, path=self.path.relative_to(folder)) if inside else self
-        return f"{named.text}[{self.first + number * self.step}]"
-
 
 @dataclass(frozen=True)
 class Told:

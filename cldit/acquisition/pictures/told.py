@@ -186,20 +186,6 @@ def check_exposures(told: Iterable[tuple[str, Told]], stated_s: float | None) ->
     return first_s
 
 
-def check_clock(told: Sequence[Told], source: Source) -> None:
-    """Raises EvaluationError if the clock of a file goes back from one of its images to the next:
-    some are those of another time, or in another order.
-    """
-    for number, (before, after) in enumerate(pairwise(told), start=1):
-        if before.time_s is not None and after.time_s is not None and after.time_s < before.time_s:
-            raise EvaluationError(
-                f"{source.text}: frame {source.first + number * source.step}: the clock goes back "
-                f"by {before.time_s - after.time_s:.3g} s; are frames in another order, or of "
-                "another film? Select those of one with [first:last], or give references_s and "
-                "injections_s"
-            )
-
-
 def check_times(told: Iterable[tuple[str, Told, float | None]]) -> None:
     """Compares the times of the YAML with those of the files; both may start anywhere.
 

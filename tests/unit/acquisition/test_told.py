@@ -13,12 +13,11 @@ import tifffile
 import yaml
 from click.testing import CliRunner
 
-from cldit.acquisition.measured import open_measured
+from cldit.acquisition.measured import check_clock, open_measured
 from cldit.acquisition.pictures.hcc import Hcc
 from cldit.acquisition.pictures.hdf5 import Hdf5
 from cldit.acquisition.pictures.source import Source, Told, moment_s
 from cldit.acquisition.pictures.tiff import Tiff, told_by_exif
-from cldit.acquisition.pictures.told import check_clock
 from cldit.cli import main
 from cldit.errors import EvaluationError
 from tests.laboratory import Laboratory, laboratory
