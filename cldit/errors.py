@@ -1,8 +1,29 @@
 """Errors for users. Each message names the path, the value and the allowed values."""
 
+import re
+
+_MOST = 80  # letters of a value in a message
+_FILE_NAME = 255  # letters; a longer word is no part of a path
+_VALUES = re.compile(
+    rf"(?<!\w)(?:'[^'\n]{{{_MOST},}}'|\"[^\"\n]{{{_MOST},}}\"|\[[^\[\]\n]{{{_MOST},}}\])(?!\w)"
+    rf"|[^\s/\\]{{{_FILE_NAME + 1},}}"
+)
+
 
 class ClditError(Exception):
-    """Base of every error that cldit raises on purpose; the CLI prints it without a traceback."""
+    """Base of every error that cldit raises on purpose; the CLI prints it without a traceback.
+
+    Quoted values of its message, lists and words longer than a file's name are cut to 80 letters.
+    """
+
+    def __init__(self, *parts: object) -> None:
+        super().__init__(*(_VALUES.sub(_cut, one) if isinstance(one, str) else one
+                           for one in parts))  # fmt: skip
+
+
+def _cut(value: re.Match[str]) -> str:
+    end = value[0][-1] if value[0][0] in "'\"[" else ""
+    return f"{value[0][: _MOST - 3]}...{end}"
 
 
 class FileError(ClditError, OSError):
@@ -78,5 +99,9 @@ class StudyError(ClditError, ValueError):
 
 
 def reason(error: BaseException) -> str:
-    """Text of an error, or its kind if it has none, as MemoryError."""
-    return str(error) or type(error).__name__
+    """Text of an error, without a file that the caller names too; its kind if it has none, as
+    MemoryError.
+    """
+    text = str(error) or type(error).__name__
+    inner = re.search(r": cannot be read \((.*)\)$", text, re.DOTALL)
+    return inner[1] if inner and isinstance(error, FileError) else text

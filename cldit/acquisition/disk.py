@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
 
 from cldit.errors import DiskFull
 from cldit.io.data_streams import DataStream
@@ -41,7 +40,7 @@ def check_room(folder: Path, needed: int) -> None:
 
 
 @contextmanager
-def checked_stream(path: Path) -> Iterator[IO[bytes]]:
+def checked_stream(path: Path) -> Iterator[DataStream]:
     """Stream into a file that carries its own checksum; it is on the disk at the end.
 
     It is renamed before it is synced, so that the system can write data and entry in one go, which

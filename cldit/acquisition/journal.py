@@ -10,6 +10,7 @@ from typing import Any
 
 from cldit.acquisition.progress import Approach
 from cldit.errors import RunFolderError
+from cldit.io.content import digest
 from cldit.io.files import fsync_folder, open_regular, written
 from cldit.io.plain_data import parse_json
 from cldit.rig.clock import Clock
@@ -24,6 +25,8 @@ _TYPES: dict[str, type | tuple[type, ...]] = {  # of what an entry may hold
     "inject": bool,
     "reason": str,
     "sha256": str,
+    "file_sha256": str,
+    "check": str,
     "background_before_K": _NUMBER,
     "background_after_K": _NUMBER,
     "background_K": _NUMBER,
@@ -56,12 +59,24 @@ def read_entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
             raise RunFolderError(str(error)) from error
     whole = data.rfind(b"\n") + 1  # what follows the last newline was never finished
     entries: list[Entry] = []
+    last: Entry = {}
     for number, line in enumerate(data[:whole].splitlines()):
         problem, entry = parse_entry(line, number)
+        if not problem and not ("check" in entry or "check" in last):
+            problem = _lacks(entry)
+        elif not problem and entry.get("check") != _check(entry, last):
+            problem = _lacks(entry) or "differs from what was written"
         if problem:
             return entries, whole, _damaged(path, number, problem)
         entries.append(entry)
+        last = entry
     return entries, whole, None
+
+
+def _check(entry: Entry, last: Entry) -> str:
+    """Digest of an entry and of the check of the one before; lines of 0.2.0 have none."""
+    values = {name: value for name, value in entry.items() if name != "check"}
+    return digest(values, last.get("check", ""))
 
 
 def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
@@ -111,11 +126,10 @@ def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]
     return found
 
 
-def check_entry(path: Path, entry: Entry) -> None:
-    """Raises RunFolderError if an `entry` of the journal `path` lacks a field of its event."""
+def _lacks(entry: Entry) -> str:
+    """Fields of its event that an `entry` lacks, in words."""
     missing = [name for name in _NEEDED.get(entry["event"], ()) if name not in entry]
-    if missing:
-        raise _damaged(path, entry["seq"], f"has no {' and no '.join(missing)}")
+    return f"has no {' and no '.join(missing)}" if missing else ""
 
 
 def _damaged(path: Path, number: int, what: str) -> RunFolderError:
@@ -151,6 +165,7 @@ class Journal:
         line, a kill does not. DiskFull and RunFolderError leave the journal unchanged.
         """
         entry: Entry = {"seq": len(self.entries), "time": time, "event": event, **values}
+        entry["check"] = _check(entry, self.entries[-1] if self.entries else {})
         line = json.dumps(entry, allow_nan=False).encode() + b"\n"
         with written(self.path, needed_bytes=self._room_bytes()):
             try:

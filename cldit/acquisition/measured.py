@@ -1,6 +1,7 @@
 """Measured images in files of any program, described by a small YAML: `measured.yaml`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -107,6 +108,19 @@ class MeasuredBackground(Section):
         if isinstance(celsius, (int, float)):
             return {**data, "temperature_K": celsius + ZERO_CELSIUS_K}
         return data
+
+
+def _filled(data: Any) -> Any:
+    """Data of a draft, in which a section with comments alone is None, with empty sections."""
+    if not isinstance(data, dict):
+        return data
+    backgrounds = data.get("backgrounds", ())
+    if isinstance(backgrounds, list):
+        backgrounds = [{} if one is None else one for one in backgrounds]
+    empty: dict[str, Any] = {
+        name: {} for name in ("setup", "sensor") if name in data and data[name] is None
+    }
+    return {**data, **empty, **({"backgrounds": backgrounds} if "backgrounds" in data else {})}
 
 
 class MeasuredFile(Section):
@@ -262,28 +276,38 @@ def open_measured(path: str | Path) -> Measured:
     file = path / MEASURED if path.is_dir() else path
     folder = file.resolve().parent
     try:
-        given = MeasuredFile.model_validate(read_mapping(file), context={"folder": folder})
+        data = _filled(read_mapping(file))
+        given = MeasuredFile.model_validate(data, context={"folder": folder})
     except ValidationError as error:
-        raise SceneError(f"{file}:\n{describe(MeasuredFile, error.errors())}") from error
+        missing = any(one["type"] == "missing" for one in error.errors())
+        hint = " is incomplete; complete and uncomment what is missing:" if missing else ""
+        raise SceneError(f"{file}:{hint}\n{describe(MeasuredFile, error.errors())}") from error
+    with _named(file, "sensor"):
+        calibration = _calibration(given)
     reader = FrameReader()
     shots = tuple(_shots(file, given, reader))
-    check_times((shot.id, shot.told, shot.time_s) for shot in shots)
-    check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
-    bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
+    with _named(file, "backgrounds"):
+        check_times((shot.id, shot.told, shot.time_s) for shot in shots)
+    with _named(file, "integration_time_s"):
+        check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
+    with _named(file, "bad_pixels"):
+        bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
     centre_m = given.setup.centre_m
     if bad_pixels is not None or given.setup.injector_pixel is not None:
-        shape = reader.read(shots[0].source, shots[0].number).shape
-        centre_m = given.setup.centre_of(shape)
+        with _named(file, "backgrounds"):
+            shape = reader.read(shots[0].source, shots[0].number).shape
+        with _named(file, "setup.injector_pixel"):
+            centre_m = given.setup.centre_of(shape)
         if bad_pixels is not None and bad_pixels.shape != shape:
             raise EvaluationError(
-                f"bad_pixels: {given.bad_pixels} has shape {bad_pixels.shape}; allowed: {shape}, "
-                f"that of {shots[0].id}"
+                f"{file}: bad_pixels: {given.bad_pixels} has shape {bad_pixels.shape}; allowed: "
+                f"{shape}, that of {shots[0].id}"
             )
     reader.close()
     return Measured(
         folder=folder,
         name=given.name,
-        calibration=_calibration(given),
+        calibration=calibration,
         surroundings=given.setup.surroundings,
         pixel_m=given.setup.pixel_m,
         centre_m=centre_m,
@@ -300,6 +324,15 @@ def open_measured(path: str | Path) -> Measured:
     )
 
 
+@contextmanager
+def _named(file: Path, key: str) -> Iterator[None]:
+    """Adds the file and the key to an error about its value."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # those of cldit too; names may be impossible
+        raise EvaluationError(f"{file}: {key}: {error}") from error
+
+
 def _shots(file: Path, given: MeasuredFile, reader: FrameReader) -> Iterator[MeasuredShot]:
     """All images in the order of `file`, each once."""
     setpoints = [background.temperature_K for background in given.backgrounds]
@@ -309,23 +342,28 @@ def _shots(file: Path, given: MeasuredFile, reader: FrameReader) -> Iterator[Mea
                 f"{file}: backgrounds: {setpoint_K:g} K is given twice; list its files together"
             )
     owners: dict[tuple[Source, int], MeasuredShot] = {}
-    for background, kind in product(given.backgrounds, get_args(Kind)):
-        for shot in _shots_of(file.resolve().parent, given, background, kind, reader):
+    for (place, background), kind in product(enumerate(given.backgrounds), get_args(Kind)):
+        key = f"backgrounds[{place}].{kind}s"
+        for shot in _shots_of(file, given, background, kind, reader, key=key):
             owner = owners.setdefault((shot.source, shot.number), shot)
             if owner is not shot:
                 both = f"named as {owner.where} and as {shot.where}"
-                raise EvaluationError(f"{shot.source.text}: {both}; remove one")
+                raise EvaluationError(f"{file}: {key}: {shot.source.text}: {both}; remove one")
             yield shot
 
 
 def _shots_of(
-    folder: Path,
+    file: Path,
     given: MeasuredFile,
     background: MeasuredBackground,
     kind: Kind,
     reader: FrameReader,
+    *,
+    key: str,
 ) -> Iterator[MeasuredShot]:
-    """Images of one kind at one background, with their temperatures and times."""
+    """Images of one kind at one background, with their temperatures and times; `key` is that of
+    the images in the file."""
+    folder = file.resolve().parent
     setpoint_K = background.temperature_K
     where = f"{kind}s at {setpoint_K:g} K"
     count = given.references if kind == "reference" else given.shots
@@ -333,31 +371,37 @@ def _shots_of(
         getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
     )
     images: list[tuple[Source, int, Told]] = []
-    for found in find_sources(folder, patterns, where, given.axes):
-        source = replace(found, incomplete=given.incomplete)
-        images += [(source, number, told) for number, told in enumerate(reader.told(source))]
-    if not images or (count is not None and len(images) != count):
-        raise EvaluationError(
-            f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or too "
-            "many files match"
-        )
+    with _named(file, key):
+        for found in find_sources(folder, patterns, where, given.axes):
+            source = replace(found, incomplete=given.incomplete)
+            of_file = reader.told(source)
+            if times is None:
+                check_clock(of_file, source)
+            images += [(source, number, told) for number, told in enumerate(of_file)]
+        if not images or (count is not None and len(images) != count):
+            raise EvaluationError(
+                f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or "
+                "too many files match"
+            )
     kelvin, taken_s = [setpoint_K] * len(images), [told.time_s for _, _, told in images]
     if kelvins is not None or celsius is not None:
-        kelvin = read_temperatures(
-            folder,
-            celsius if kelvins is None else kelvins,
-            where=where,
-            count=len(images),
-            setpoint_K=setpoint_K,
-            zero_K=ZERO_CELSIUS_K if kelvins is None else 0.0,
-        )
+        with _named(file, f"{key}_{'C' if kelvins is None else 'K'}"):
+            kelvin = read_temperatures(
+                folder,
+                celsius if kelvins is None else kelvins,
+                where=where,
+                count=len(images),
+                setpoint_K=setpoint_K,
+                zero_K=ZERO_CELSIUS_K if kelvins is None else 0.0,
+            )
     if times is not None:
-        taken_s = [*read_times(folder, times, where=where, count=len(images))]
+        with _named(file, f"{key}_s"):
+            taken_s = [*read_times(folder, times, where=where, count=len(images))]
     elif any(one.references_s or one.injections_s for one in given.backgrounds):  # another clock
         taken_s = [None] * len(images)
     for (source, number, told), background_K, time_s in zip(images, kelvin, taken_s, strict=True):
         yield MeasuredShot(
-            id=f"{source.path.name}[{number}]",
+            id=_name(source, number, folder),
             kind=kind,
             background_setpoint_K=setpoint_K,
             background_K=background_K,
@@ -366,6 +410,27 @@ def _shots_of(
             told=told,
             time_s=time_s,
         )
+
+
+def _name(source: Source, number: int, folder: Path) -> str:
+    """Name of image `number` of the chosen ones: the file in `folder`, and its place there."""
+    inside = source.path.is_relative_to(folder)
+    named = replace(source, path=source.path.relative_to(folder)) if inside else source
+    return f"{named.text}[{source.first + number * source.step}]"
+
+
+def check_clock(told: Sequence[Told], source: Source) -> None:
+    """Raises EvaluationError if the clock of a file goes back from one of its images to the next:
+    some are those of another time, or in another order.
+    """
+    for number, (before, after) in enumerate(pairwise(told), start=1):
+        if before.time_s is not None and after.time_s is not None and after.time_s < before.time_s:
+            raise EvaluationError(
+                f"{source.text}: frame {source.first + number * source.step}: the clock goes back "
+                f"by {before.time_s - after.time_s:.3g} s; are frames in another order, or of "
+                "another film? Select those of one with [first:last], or give references_s and "
+                "injections_s"
+            )
 
 
 def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:

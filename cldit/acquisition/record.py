@@ -21,7 +21,8 @@ from cldit.acquisition.storage import (
     survey,
 )
 from cldit.camera.calibration import Calibration
-from cldit.errors import ClditError, RunFolderError
+from cldit.errors import ClditError, FileError, RunFolderError
+from cldit.io.digests import UNVERIFIED, sha256_of
 from cldit.io.plain_data import read_json
 from cldit.optics.response import Filter, from_plain
 from cldit.radiance.boundary import Surroundings
@@ -34,7 +35,8 @@ from cldit.scene.delays import delay_folder
 class Picture:
     """One kept shot. `background_K` is the mean of the readings before and after it; `background`
     and `delay` are indices into the plan's temperatures and delays. time_s, stable_s: when it was
-    taken and its background became stable, since 1970, if the journal knows.
+    taken and its background became stable, since 1970, and sha256 of the file, if the journal
+    knows.
     """
 
     id: str
@@ -47,6 +49,7 @@ class Picture:
     delay: int = 0
     time_s: float | None = None
     stable_s: float | None = None
+    sha256: str = ""
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,9 @@ class Acquisition:
         """All images of a shot (n, h, w), and their metadata. Raises RunFolderError as `load`, or
         if the shape is not the plan's.
         """
-        image, meta = load_shot(self.folder, shot.id, plan_hash=self.plan.hash())
+        image, meta = load_shot(
+            self.folder, shot.id, plan_hash=self.plan.hash(), file_sha256=shot.sha256
+        )
         frames = image.reshape(-1, *image.shape[-2:])
         if frames.shape != (self.plan.frames, *self.shape):
             expected = (self.plan.frames, *self.shape)
@@ -198,6 +203,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         raise RunFolderError(
             f"{folder / CONFIGURATION}: is damaged ({what}); restore it"
         ) from error
+    verified = _verified(folder, found)
     known = {**found.adoptable, **found.saved}
     times = shot_times(found.entries)
     unknown = (None, None)
@@ -213,6 +219,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             delay=shot.delay,
             time_s=times.get(shot.id, unknown)[0],
             stable_s=times.get(shot.id, unknown)[1],
+            sha256=entry.get("file_sha256", ""),
         )
         for shot in plan.steps()
         if (entry := known.get(shot.id)) is not None
@@ -230,8 +237,25 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         shots=shots,
         missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),
         frame=frame,
-        damage=tuple(_damage(folder, found)),
+        damage=(*_damage(folder, found), *(() if verified else (f"{folder}: {UNVERIFIED}",))),
     )
+
+
+def _verified(folder: Path, found: Found) -> bool:
+    """False if the journal has no digests; RunFolderError if plan, rig or configuration differ from
+    those in it.
+    """
+    starts = [entry.get("files") for entry in found.entries if entry["event"] == "start"]
+    digests = starts[-1] if starts else None
+    for name, digest in (digests or {}).items():
+        try:
+            if sha256_of(folder / name) != digest:
+                raise RunFolderError(
+                    f"{folder / name}: is damaged: it differs from what {JOURNAL} has; restore it"
+                )
+        except FileError as error:
+            raise RunFolderError(str(error)) from error
+    return digests is not None
 
 
 def _damage(folder: Path, found: Found) -> Iterator[str]:

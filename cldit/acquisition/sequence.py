@@ -51,6 +51,7 @@ from cldit.acquisition.storage import (
     survey,
 )
 from cldit.errors import ClditError
+from cldit.io.digests import sha256_of
 from cldit.io.files import make_folder, write_text, written
 from cldit.io.plain_data import dump_yaml
 from cldit.rig.checks import read_temperature
@@ -149,7 +150,8 @@ class Sequence:
             path = shot_path(self._folder, shot_id)
             path.replace(path.with_name(path.name + ".torn"))
         for meta in found.adoptable.values():
-            journal.append("saved", **_saved(meta), adopted=True)
+            digest = sha256_of(shot_path(self._folder, meta["shot"]))
+            journal.append("saved", **_saved(meta), file_sha256=digest, adopted=True)
         for fired in found.lost:
             self._note_lost(journal, fired, "the acquisition ended between trigger and image")
 
@@ -160,7 +162,12 @@ class Sequence:
 
     def _measure(self, journal: Journal, ready: Ready) -> Generator[SavedShot, None, None]:
         clock = self._rig.clock
-        journal.append("start", time=clock.wall_time(), configuration=ready.configuration)
+        journal.append(
+            "start",
+            time=clock.wall_time(),
+            configuration=ready.configuration,
+            files={name: sha256_of(self._folder / name) for name in (RIG, CONFIGURATION, PLAN)},
+        )
         references = References(self._plan, ready)
         shooter = Shooter(self._rig, self._plan, ready, journal, self._interrupts, references)
         left = [shot for shot in self._steps if shot.id not in self._done]
@@ -272,7 +279,7 @@ class Sequence:
 
     def _save(self, journal: Journal, shot: Shot, taken: Taken) -> None:
         with written(shot_path(self._folder, shot.id), needed_bytes=self._room_bytes()):
-            save_shot(
+            digest = save_shot(
                 self._folder,
                 shot,
                 taken.image,
@@ -281,7 +288,7 @@ class Sequence:
             )
         # The image is on the disk; were this line lost, the next run would find it and adopt it.
         # The next `fired` line, which is always synced, takes it along.
-        journal.append("saved", **_saved(taken.meta), sync=False)
+        journal.append("saved", **_saved(taken.meta), file_sha256=digest, sync=False)
         self._done.add(shot.id)
 
     def _reject(self, journal: Journal, shot: Shot, attempt: int, result: Rejected) -> None:

@@ -1,5 +1,6 @@
 """Folder of an acquisition: its lock, its images, and its content."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -9,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.disk import checked_stream, existing
-from cldit.acquisition.journal import Entry, check_entry, read_entries
+from cldit.acquisition.journal import Entry, read_entries
 from cldit.acquisition.plan import Plan, Shot, load_plan
 from cldit.errors import RunFolderError
+from cldit.io.digests import sha256_of
 from cldit.io.exclusive import LOCK, exclusive
 from cldit.io.files import make_folder, written
 from cldit.io.images import put_image, read_image
@@ -19,6 +21,7 @@ from cldit.io.images import put_image, read_image
 PLAN, RIG, CONFIGURATION = "plan.yaml", "rig.yaml", "configuration.json"
 JOURNAL, SHOTS, GUARD = "journal.jsonl", "shots", "guard.log"
 RUNNING = "acquisition"  # what locks the folder
+_RESTORE = "restore the file, or remove it and acquire again: the shot is retaken"
 
 
 class DamagedPicture(RunFolderError):
@@ -73,29 +76,30 @@ def save_shot(
     *,
     pixel_m: tuple[float, float],
     meta: dict[str, Any],
-) -> None:
+) -> str:
     """Writes the images of a shot, (h, w) or (n, h, w) counts, with their metadata; durable on
-    return. A failure leaves nothing behind.
+    return. A failure leaves nothing behind. Returns the SHA-256 of the file.
     """
     with checked_stream(shot_path(folder, shot.id)) as stream:
         put_image(stream, image, name=shot.id, unit="counts", pixel_m=pixel_m, meta=meta)
+        stream.seek(0)
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def load_shot(
-    folder: Path, shot_id: str, *, plan_hash: str
+    folder: Path, shot_id: str, *, plan_hash: str, file_sha256: str = ""
 ) -> tuple[NDArray[np.uint16], dict[str, Any]]:
     """Loads counts (h, w) or (n, h, w) and metadata of a shot, after every check.
 
-    Raises DamagedPicture if it cannot be read or its pixels differ from the recorded checksum, and
-    RunFolderError if it is not this shot of this plan.
+    `file_sha256` is the digest in the journal, if it has one. Raises DamagedPicture if it cannot be
+    read, or it or its pixels differ from the recorded checksums, and RunFolderError if it is not
+    this shot of this plan.
     """
     path = shot_path(folder, shot_id)
     try:
         image, meta = read_image(path)
     except RunFolderError as error:
-        raise DamagedPicture(
-            f"{error}; restore the file, or remove it and acquire again: the shot is retaken"
-        ) from error
+        raise DamagedPicture(f"{error}; {_RESTORE}") from error
     if image.dtype != np.uint16 or image.ndim not in (2, 3):
         raise RunFolderError(f"{path}: {image.dtype} of shape {image.shape} is no raw image")
     if not {"shot", "plan_hash", "sha256"} <= set(meta):
@@ -104,6 +108,8 @@ def load_shot(
         raise RunFolderError(
             f"{path}: is no shot {shot_id} of this plan; move it out of the folder"
         )
+    if file_sha256 and sha256_of(path) != file_sha256:
+        raise DamagedPicture(f"{path}: is damaged: it is not the file of the journal; {_RESTORE}")
     return image, meta
 
 
@@ -115,7 +121,7 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
     RunFolderError if the folder belongs to another plan or to something else, or is damaged.
     """
     journal = folder / JOURNAL
-    entries, damage = _journal(journal)
+    entries, _, damage = read_entries(journal)
     if damage is not None and not salvage:
         raise damage
     pictures = sorted((folder / SHOTS).glob("*.tif"))
@@ -151,14 +157,3 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
     lost = [entry for key, entry in fired.items() if key not in ended]
     gone = tuple(sorted(set(recorded) - present))
     return Found(entries, saved, adoptable, tuple(torn), lost, gone, damage)
-
-
-def _journal(path: Path) -> tuple[list[Entry], RunFolderError | None]:
-    """Entries up to the first damaged one, and the error of that one."""
-    entries, _, damage = read_entries(path)
-    for number, entry in enumerate(entries):
-        try:
-            check_entry(path, entry)
-        except RunFolderError as error:
-            return entries[:number], error
-    return entries, damage

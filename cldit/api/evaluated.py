@@ -24,7 +24,6 @@ def evaluate(
     folder: str | Path,
     *,
     calibration: CurveSource = "planck",
-    robust: bool = False,
     frame: int = 0,
     accept: Collection[str] = (),
     model: Run | None = None,
@@ -35,7 +34,7 @@ def evaluate(
 
     Args:
         folder: acquisition, run, folder with measured.yaml, or such a file itself.
-        calibration, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots` (`curve`).
+        calibration, accept, progress: as `cldit.dit.recorded.evaluate_shots` (`curve`).
         frame: which image of each shot, if the plan has several.
         model: run that models the spray: adds the temperature of the emitting medium.
         say: called with lines about the files before the fit.
@@ -56,7 +55,6 @@ def evaluate(
     found = evaluate_folder(
         place,
         curve=calibration,
-        robust=robust,
         frame=frame,
         accept=accept,
         progress=progress,

@@ -1,7 +1,7 @@
 """Evaluation of the shots in a folder, of an acquisition or measured; maps are stored beside."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,9 +12,11 @@ from cldit.acquisition.record import Acquisition, maps_folder, open_acquisition
 from cldit.camera.curve import Curve
 from cldit.camera.view import SensorView
 from cldit.dit.delay_table import DelayRow, table_csv
-from cldit.dit.recorded import CurveSource, Evaluation, evaluate_shots
+from cldit.dit.maps import Maps
+from cldit.dit.recorded import EVALUATION, CurveSource, Evaluation, evaluate_shots
 from cldit.dit.scattering import Medium, enclosure, medium_temperature, scattered_by
 from cldit.errors import EvaluationError, RunFolderError
+from cldit.io.digests import write_sealed
 from cldit.io.files import write_text
 from cldit.io.images import write_maps
 from cldit.io.origin import Origin, files_read
@@ -39,7 +41,6 @@ def evaluate_delays(
     folder: str | Path,
     *,
     curve: CurveSource = "planck",
-    robust: bool = False,
     frame: int = 0,
     accept: Collection[str] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -57,7 +58,6 @@ def evaluate_delays(
     evaluate = partial(
         evaluate_folder,
         curve=curve,
-        robust=robust,
         frame=frame,
         accept=accept,
         progress=progress,
@@ -106,7 +106,6 @@ def evaluate_folder(
     folder: str | Path,
     *,
     curve: CurveSource = "planck",
-    robust: bool = False,
     frame: int = 0,
     delay: int | None = None,
     accept: Collection[str] = (),
@@ -119,7 +118,7 @@ def evaluate_folder(
 
     Args:
         folder: acquisition, folder with measured.yaml, or such a file itself.
-        curve, robust, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
+        curve, accept, progress: as `cldit.dit.recorded.evaluate_shots`; findings that
             measured.yaml accepts are accepted too.
         frame: which image of each shot, if the plan has several.
         delay: which of the plan's delays, from 0; required if it has several.
@@ -149,7 +148,7 @@ def evaluate_folder(
         place = maps_folder(acquisition.folder, acquisition.plan.delays, number)
         acquisition = acquisition.at_delay(number)
         missing = acquisition.missing
-    evaluate = partial(evaluate_shots, curve=curve, robust=robust, accept=accept, progress=progress)
+    evaluate = partial(evaluate_shots, curve=curve, accept=accept, progress=progress)
     try:
         evaluation = evaluate(acquisition)
     except RunFolderError:
@@ -177,7 +176,8 @@ def evaluate_folder(
     evaluation.maps.save(place, pixel_m=acquisition.pixel_m)
     if evaluation.budget is not None:
         evaluation.budget.save(place, pixel_m=acquisition.pixel_m)
-    write_text(place / "evaluation.json", evaluation.to_json())
+    files = [place / f"{item.name}.tif" for item in fields(Maps)]
+    write_sealed(place / EVALUATION, evaluation.to_dict(), files)
     return evaluation
 
 

@@ -38,7 +38,6 @@ from cldit.show.report.folders import show_folder, write_pages
     default="planck",
     help="Curve from Planck, filter and detector, or fitted to the references.",
 )
-@click.option("--robust", is_flag=True, help="Give outlying shots less weight.")
 @click.option("--frame", type=click.IntRange(0), default=0, help="Which image of each shot.")
 @click.option(
     "--accept",
@@ -62,7 +61,6 @@ from cldit.show.report.folders import show_folder, write_pages
 def evaluate(
     folder: Path,
     calibration: CurveSource,
-    robust: bool,
     frame: int,
     accept: tuple[str, ...],
     model: Path | None,
@@ -84,7 +82,6 @@ def evaluate(
         found = evaluate_delays(
             target,
             curve=calibration,
-            robust=robust,
             frame=frame,
             accept=accept,
             say=lambda line: OUT.print(escaped(line)),

@@ -30,10 +30,10 @@ def defective(sums: AllSums, named: Mask | None) -> Mask:
     where others have noise.
     """
     groups = list(sums.values())
-    value = groups[0].total / sum(groups[0].weights)
+    value = groups[0].total / len(groups[0].ids)
     stuck, noise = ~np.any([group.full for group in groups], axis=0), False
     for group in groups:
-        count = sum(group.weights)
+        count = len(group.ids)
         steady = np.isclose(group.squares * count, group.total**2, rtol=1e-12, atol=0.0)
         stuck &= steady & np.isclose(group.total, count * value, rtol=1e-12, atol=0.0)
         noise = noise or not steady.all()

@@ -5,43 +5,51 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from cldit.arrays import Floats
-from cldit.dit.shots import AllSums, Sums
+from cldit.dit.shots import AllSums, Sums, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.errors import EvaluationError
 
-HUBER = 2.5  # deviations beyond which a shot counts less
-OUTLIER_DEVIATIONS = 6.0  # ... and beyond which it is reported and does not count
+OUTLIER_DEVIATIONS = 6.0  # from which a shot is reported and does not count
 _LEAST_SHOTS = 3  # per background, needed to identify an outlier
 _MIRRORED = 0.1  # residual of the swapped over that of the given kinds
 _FAINT = 0.3  # of the largest Delta I: below it the scatter does not shrink further
+_PART = 3.0  # usual largest deviations of a block, for an outlier in part of the image
+_LEAST_PART = 8.0  # standard deviations of a block, likewise
 
 
 @dataclass(frozen=True)
 class Outlier:
-    """A shot with its deviation, in units of the usual one, and its weight with `robust`."""
+    """A shot with its deviation, in units of the usual one, and the part of the image that
+    deviates; empty: all of it.
+    """
 
     id: str
     deviations: float
-    weight: float
+    where: str = ""
 
     @property
     def text(self) -> str:
         """Line for the report."""
-        return f"shot {self.id} is an outlier: {self.deviations:.1f} times the usual deviation"
+        return (
+            f"shot {self.id} is an outlier: {self.deviations:.1f} times the usual deviation"
+            f"{self.where}"
+        )
 
 
-def deviations(sums: AllSums) -> dict[str, float]:
-    """Distance of each shot from the median of its background, over the usual distance.
+def outliers(sums: AllSums) -> tuple[Outlier, ...]:
+    """Shots that differ from the median of their background, the farthest first.
 
-    Distances are RMS over the blocks of the thumbnails. Injections scatter in proportion to the
-    signal of the spray, references by the camera's noise; relative to these, 1.4826 times the
-    median over all backgrounds is the usual distance. A background with fewer than three shots is
-    ignored.
+    Distances are RMS over the blocks of the thumbnails, or the largest of one block. Injections
+    scatter in proportion to the signal of the spray, references by the camera's noise; relative to
+    these, 1.4826 times the median over all backgrounds is the usual distance. A background with
+    fewer than three shots, or with equal ones (saturated), is ignored.
     """
-    found: dict[str, float] = {}
-    medians = {key: np.median(group.thumbnails, axis=0) for key, group in sums.items()}
+    found: list[Outlier] = []
+    thumbnails = {key: np.array(group.thumbnails, float) for key, group in sums.items()}
+    medians = {key: np.median(small, axis=0) for key, small in thumbnails.items()}
     deltas = {
         setpoint: _rms(medians[setpoint, "injection"] - medians[setpoint, "reference"])
         for setpoint, kind in sums
@@ -49,48 +57,78 @@ def deviations(sums: AllSums) -> dict[str, float]:
     }
     for kind in KINDS:
         distance: dict[str, float] = {}
+        parts: dict[str, tuple[float, str]] = {}
         for (setpoint, of), group in sums.items():
-            if of != kind or len(group.ids) < _LEAST_SHOTS:
+            repeated = group.exposures < len(group.ids)
+            if of != kind or len(group.ids) < _LEAST_SHOTS or repeated:
                 continue
-            size = _noise(sums[setpoint, "reference"])
+            noise = _noise(sums[setpoint, "reference"])
+            size = noise
             if kind == "injection":
                 size = max(deltas[setpoint], _FAINT * max(deltas.values()), size)
-            for name, small in zip(group.ids, group.thumbnails, strict=True):
-                distance[name] = _rms(small - medians[setpoint, kind]) / size
+            pattern = medians[setpoint, kind]
+            if kind == "injection":
+                pattern = pattern - medians[setpoint, "reference"]
+            away = thumbnails[setpoint, kind] - medians[setpoint, kind]
+            for name, off in zip(group.ids, away, strict=True):
+                distance[name] = _rms(off) / size
+            block = noise / np.sqrt(group.total.size / pattern.size)
+            worst = _worst(away, pattern, noise=block, shape=group.total.shape)
+            parts |= dict(zip(group.ids, worst, strict=True))
         usual = 1.4826 * float(np.median(list(distance.values()))) if distance else 0.0
-        if usual > 0.0:
-            found |= {name: value / usual for name, value in distance.items()}
+        usual_part = max(
+            _LEAST_PART / _PART, float(np.median([one for one, _ in parts.values()] or [0.0]))
+        )
+        for name, off in distance.items():
+            far = off / usual if usual > 0.0 else 0.0
+            part, where = parts[name]
+            if far > OUTLIER_DEVIATIONS:
+                found.append(Outlier(name, far))
+            elif part > _PART * usual_part:
+                found.append(Outlier(name, part / usual_part, where))
+    return tuple(sorted(found, key=lambda shot: -shot.deviations))
+
+
+def _worst(
+    away: Floats, pattern: Floats, *, noise: float, shape: tuple[int, ...]
+) -> list[tuple[float, str]]:
+    """Largest deviation of a block of each image, in standard deviations, and where it is.
+
+    away: (n, ..) differences from the median. pattern: (..) of the signal. The change that all
+    blocks share, in proportion to the pattern, is no part. noise: of a block.
+    """
+    strong = np.abs(pattern) >= _FAINT * np.max(np.abs(pattern))
+    share = np.median(away[:, strong] / pattern[strong], axis=1) if pattern.any() else 0.0
+    rest = np.abs(away - np.multiply.outer(share, pattern))
+    near = maximum_filter(np.abs(pattern), 3)
+    spread = 1.4826 * float(np.median(rest[:, strong] / near[strong])) if pattern.any() else 0.0
+    relative = rest / np.hypot(noise, spread * near)
+    rows, columns = (np.append(thumbnail_edges(n), n) for n in shape)
+    found: list[tuple[float, str]] = []
+    for image in relative:
+        most = float(image.max())
+        y, x = np.nonzero(image > 0.5 * most)
+        where = (
+            f" in rows {rows[y.min()]} to {rows[y.max() + 1] - 1}, columns {columns[x.min()]} to "
+            f"{columns[x.max() + 1] - 1}"
+        )
+        found.append((most, where))
     return found
 
 
 def _noise(references: Sums) -> float:
-    """Noise of a pixel: by the variance of references, else that of counts."""
-    seen = float(np.median(references.variance()))
-    level = float(np.mean(np.abs(references.mean())))
-    return float(np.sqrt(seen if seen > 0.0 else max(level, 1e-30)))
+    """Noise of a pixel: by the variance of references, which one outlier may spoil, or the median
+    deviation of their blocks; else that of counts."""
+    small = np.array(references.thumbnails, float)
+    usual = 1.4826 * float(np.median(np.abs(small - np.median(small, axis=0))))
+    of_blocks = usual * np.sqrt(references.total.size / small[0].size)
+    seen = np.sqrt(float(np.median(references.variance())))
+    level = np.sqrt(max(float(np.mean(np.abs(references.mean()))), 1e-30))
+    return float(min((one for one in (seen, of_blocks) if one > 0.0), default=level))
 
 
 def _rms(values: NDArray[np.floating]) -> float:
     return float(np.sqrt(np.mean(np.asarray(values, float) ** 2)))
-
-
-def judge(
-    sums: AllSums,
-) -> tuple[tuple[Outlier, ...], dict[str, float]]:
-    """Outliers, the farthest first, and the weights below 1 by the id of the shot."""
-    judged = deviations(sums)
-    weights = {name: huber(off) for name, off in judged.items() if huber(off) < 1.0}
-    outliers = [
-        Outlier(name, judged[name], weight) for name, weight in weights.items() if weight == 0.0
-    ]
-    return tuple(sorted(outliers, key=lambda shot: -shot.deviations)), weights
-
-
-def huber(off: float) -> float:
-    """Weight (Huber 1964) of a shot `off` deviations away: 1, then HUBER / off, then 0."""
-    if off > OUTLIER_DEVIATIONS:
-        return 0.0
-    return 1.0 if off <= HUBER else HUBER / off
 
 
 def check_not_mirrored(sums: AllSums, sources: Mapping[str, Floats]) -> None:

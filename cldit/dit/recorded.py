@@ -16,9 +16,17 @@ from cldit.dit.budget import Budget, Part, budget, common_parts
 from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
 from cldit.dit.drift_axis import drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
+from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
 from cldit.dit.maps import Maps, Reason
-from cldit.dit.outliers import Outlier, check_not_mirrored, judge
-from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, ignore_saturated
+from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
+from cldit.dit.shots import (
+    Acquisition,
+    AllSums,
+    accumulate,
+    check_shots,
+    exclude,
+    ignore_saturated,
+)
 from cldit.dit.solve import KINDS, Signals, Solution, solve
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
@@ -35,6 +43,7 @@ Watch = Callable[[int, int], None]
 
 CurveSource = Literal["planck", "fitted"]
 
+EVALUATION = "evaluation.json"
 IMPROBABLE = 1e-3  # fit_probability of one pixel in a thousand by chance
 _MUCH = 0.01  # share of saturated pixels that is reported
 
@@ -133,21 +142,21 @@ def evaluate_shots(
     acquisition: Acquisition,
     *,
     curve: CurveSource = "planck",
-    robust: bool = False,
     accept: Collection[str] = (),
     progress: Watch | None = None,
 ) -> Evaluation:
     """DIT of recorded shots.
 
-    Shots of one set point are averaged. One image is in memory at a time, so memory grows with the
-    number of backgrounds only (48 bytes per pixel each). A background at which a pixel is saturated
-    is ignored for this pixel. Standard errors: see `cldit.dit.solve.solve`. Missing values of
-    counts_per_radiance and noise are estimated from the references.
+    Shots of one set point are averaged, without those that are damaged (`cldit.dit.film`) or
+    outliers (`cldit.dit.outliers`); their groups are read a second time. One image is in memory at
+    a time, so memory grows with the number of backgrounds only (48 bytes per pixel each). A
+    background at which a pixel is saturated is ignored for this pixel. Standard errors: see
+    `cldit.dit.solve.solve`. Missing values of counts_per_radiance and noise are estimated from the
+    references.
 
     Args:
         acquisition: recorded shots and properties of the rig.
         curve: from Planck's law over the filter, or fitted to the references (`fit_curve`).
-        robust: reduce the weight of outliers (`cldit.dit.outliers`), which are read a second time.
         accept: names of witnesses (`cldit.dit.witness.finding.ACCEPTABLE`) that do not end the
             evaluation.
         progress: called with (shots read, shots in all).
@@ -160,8 +169,16 @@ def evaluate_shots(
     stated_counts = stated_saturation(acquisition.calibration)
     axis = drift_axis(acquisition.shots)
     sums, ignored = accumulate(acquisition, stated_counts, progress, places=axis.places)
+    check_depths(sums)
+    check_turns(sums)
+    frozen = [one for one in (repeats(sums), lag(sums)) if one is not None]
+    refuse(frozen, accept)
+    ignored += exclude(acquisition, sums, damaged(sums), needed=True)
+    odd = outliers(sums)
+    ignored += exclude(acquisition, sums, {shot.id: shot.text for shot in odd})
     around = acquisition.surroundings
     witnesses, saturation = examine_images(sums, setpoints, around, saturation_counts=stated_counts)
+    witnesses += frozen
     for group in sums.values():
         group.saturation_counts = saturation
     bad = defective(sums, acquisition.bad_pixels)
@@ -172,16 +189,6 @@ def evaluate_shots(
     refuse([one for one in witnesses if one.name == "levels"], accept)
     ignored += ignore_saturated(sums, bad)
     setpoints = sorted({setpoint for setpoint, _ in sums})
-    outliers, weights = judge(sums)
-    if not robust:  # what spoils a reference is no property of the spray
-        odd = {one.id for one in outliers}
-        few = [
-            odd & set(one.ids)
-            for (_, kind), one in sums.items()
-            if kind == "reference" and len(odd & set(one.ids)) < len(one.ids) / 2
-        ]
-        weights = dict.fromkeys(set().union(*few), 0.0)
-    _reweigh(acquisition, sums, weights)
     sees = seeing(sums, setpoints, bad)
     fitted = None
     if curve == "fitted":
@@ -238,8 +245,8 @@ def evaluate_shots(
     refuse(witnesses, accept)
     return Evaluation(
         maps=maps,
-        remarks=tuple([*ignored, *_remarks(sums, outliers, fitted, weights)]),
-        outliers=outliers,
+        remarks=tuple([*ignored, *_remarks(sums, fitted)]),
+        outliers=odd,
         fitted=fitted,
         calibration=calibration,
         witnesses=tuple(witnesses),
@@ -255,14 +262,6 @@ def evaluate_shots(
             common=common,
         ),
     )
-
-
-def _reweigh(acquisition: Acquisition, sums: AllSums, weights: Mapping[str, float]) -> None:
-    shots = {shot.id: shot for shot in acquisition.shots if shot.id in weights}
-    for group in sums.values():
-        for number, name in enumerate(group.ids):
-            if name in shots:
-                group.reweigh(acquisition.load(shots[name]), number, weights[name])
 
 
 def _solved(
@@ -347,12 +346,7 @@ def _check_not_swapped(maps: Maps) -> None:
         )
 
 
-def _remarks(
-    sums: AllSums,
-    outliers: Sequence[Outlier],
-    fitted: CurveFit | None,
-    weights: Mapping[str, float],
-) -> list[str]:
+def _remarks(sums: AllSums, fitted: CurveFit | None) -> list[str]:
     lines: list[str] = []
     if fitted is not None:
         lines.append(f"calibration curve of the references: {fitted.text}")
@@ -363,8 +357,4 @@ def _remarks(
                 f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "
                 "are evaluated without it"
             )
-    return lines + [
-        f"{shot.text}; "
-        + ("ignored" if shot.id in weights else "counted in full; --robust ignores it")
-        for shot in outliers
-    ]
+    return lines

@@ -1,8 +1,8 @@
 """Protocols of recorded shots, and sums of their images by background and kind."""
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import blake2b
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.dit.drift_axis import Place
+from cldit.dit.frame import Frame, inner
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
@@ -70,11 +71,10 @@ class Acquisition(Protocol):
 class Sums:
     """Sums of the images (h, w) of one kind at one background.
 
-    total, squares, course, glow: weighted sums of counts, of their squares, and of counts times the
-    place of the shot on the drift's axis, or times the mean of its image (levels), relative to the
-    first. largest: maximum of all exposures. rounded: True if all counts are whole numbers. Lists
-    have an entry per shot; digests are those of the images' bytes, without the margin that may have
-    a counter (`_inner`).
+    total, squares, course, glow: sums of counts, of their squares, and of counts times the place of
+    the shot on the drift's axis, or times the mean of its image (levels), relative to the first.
+    largest: maximum of all exposures. rounded: True if all counts are whole numbers. Lists have an
+    entry per shot.
     """
 
     temperatures_K: list[float]
@@ -84,10 +84,9 @@ class Sums:
     glow: Floats
     largest: NDArray[np.float32]
     saturation_counts: float
-    weights: list[float]
     thumbnails: list[NDArray[np.float32]]
     ids: list[str]
-    digests: list[bytes]
+    frames: list[Frame]
     places: list[Place]
     levels: list[float]
     rounded: bool = True
@@ -97,7 +96,7 @@ class Sums:
         """Sums without any shot yet."""
         total, squares, course, glow = np.zeros((4, *shape))
         low = np.full(shape, -np.inf, np.float32)
-        return cls([], total, squares, course, glow, low, saturation_counts, [], [], [], [], [], [])
+        return cls([], total, squares, course, glow, low, saturation_counts, [], [], [], [], [])
 
     @property
     def full(self) -> Mask:
@@ -108,46 +107,31 @@ class Sums:
         """Adds the image (h, w) of a shot at its `place` on the drift's axis."""
         self.places.append(place)
         self.levels.append(float(np.mean(image)))
-        counts = self._weigh(image, 1.0, len(self.places) - 1)
+        counts = image.astype(np.float64)
+        if later := place.at - self.places[0].at:
+            self.course += later * counts
+        if brighter := self.levels[-1] - self.levels[0]:
+            self.glow += brighter * counts
+        self.total += counts
+        self.squares += counts**2
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
-        inner = np.ascontiguousarray(_inner(image))
-        flat = b"flat " if np.ptp(inner) == 0 else b""  # saturated: equal, but no repeat
-        self.digests.append(flat + blake2b(inner.data, digest_size=16).digest())
+        self.frames.append(Frame.of(image))
         if image.dtype.kind == "f" and self.rounded:
             self.rounded = bool(np.all(image == np.rint(image)))
         self.temperatures_K.append(shot.background_K)
-        self.weights.append(1.0)
         self.thumbnails.append(thumbnail(counts))
         self.ids.append(shot.id)
-
-    def reweigh(self, image: NDArray[Any], number: int, weight: float) -> None:
-        """Changes the weight of the image (h, w) that was added as number `number`."""
-        self._weigh(image, weight - self.weights[number], number)
-        self.weights[number] = weight
-
-    def _weigh(self, image: NDArray[Any], weight: float, number: int) -> Floats:
-        counts = image.astype(np.float64)
-        if way := weight * (self.places[number].at - self.places[0].at):
-            self.course += way * counts
-        if way := weight * (self.levels[number] - self.levels[0]):
-            self.glow += way * counts
-        self.total += counts if weight == 1.0 else weight * counts
-        self.squares += counts**2 if weight == 1.0 else weight * counts**2
-        return counts
 
     @property
     def exposures(self) -> float:
         """Effective number of exposures, (sum w)^2 / sum w^2; repeated images count once."""
-        weights: dict[bytes, float] = {}
-        for digest, weight in zip(self.digests, self.weights, strict=True):
-            weights[digest] = weights.get(digest, 0.0) + weight
-        each = np.array(list(weights.values()))
+        each = np.array(list(Counter(frame.digest for frame in self.frames).values()), float)
         return float(each.sum() ** 2 / np.sum(each**2))
 
     @property
     def temperature_K(self) -> float:
-        """Weighted mean of the background's temperature [K]."""
-        return float(np.average(self.temperatures_K, weights=self.weights))
+        """Mean of the background's temperature [K]."""
+        return float(np.mean(self.temperatures_K))
 
     @property
     def temperature_variance_K2(self) -> float:
@@ -157,8 +141,8 @@ class Sums:
         return float(np.var(self.temperatures_K, ddof=1) / len(self.temperatures_K))
 
     def mean(self, rows: slice = _WHOLE) -> Floats:
-        """Weighted mean (R, w) of the counts in `rows`."""
-        return np.asarray(self.total[rows] / np.sum(self.weights))
+        """Mean (R, w) of the counts in `rows`."""
+        return np.asarray(self.total[rows] / len(self.ids))
 
     def variance(
         self, rows: slice = _WHOLE, *, steady: bool = False, apart: bool = False
@@ -169,19 +153,18 @@ class Sums:
         that a steady drift does not count as scatter; with `apart` about a line over the means of
         the images, so that it is without what all pixels share.
         """
-        weights = np.array(self.weights)
         spare = self.spare(steady=steady, apart=apart)
         if not spare > 0.0:
             return np.zeros_like(self.total[rows])
-        spread = self.squares[rows] - self.total[rows] ** 2 / weights.sum()
+        spread = self.squares[rows] - self.total[rows] ** 2 / len(self.ids)
         lines: list[tuple[Floats, Floats]] = []
         for values, products in self._lines(steady=steady, apart=apart):
-            middle = float(np.average(values, weights=weights))
+            middle = float(np.mean(values))
             away, along = values - middle, products[rows] - middle * self.total[rows]
             for other, of_other in lines:
-                share = float(weights @ (away * other) / (weights @ other**2))
+                share = float(away @ other / (other @ other))
                 away, along = away - share * other, along - share * of_other
-            square = float(weights @ away**2)
+            square = float(away @ away)
             if square > 0.0:
                 spread = spread - along**2 / square
                 lines.append((away, along))
@@ -195,23 +178,12 @@ class Sums:
             yield np.array(self.levels) - self.levels[0], self.glow
 
     def spare(self, *, steady: bool = False, apart: bool = False) -> float:
-        """Degrees of freedom of `variance`, by the weights of the shots; 0 for a single one."""
-        weights = np.array(self.weights)
-        left = weights.sum() - np.sum(weights**2) / weights.sum()
-        return max(float(left) - steady - apart, 0.0) if len(weights) > 1 else 0.0
+        """Degrees of freedom of `variance`; 0 for a single shot."""
+        return max(len(self.ids) - 1.0 - steady - apart, 0.0)
 
 
 AllSums = Mapping[tuple[float, str], Sums]
 """Sums by set point [K] and kind."""
-
-
-def _inner(image: NDArray[Any]) -> NDArray[Any]:
-    """The image without an eighth of its rows and columns at each edge.
-
-    Cameras write counters and times into the first or last of them.
-    """
-    rows, columns = (slice(n // 8, n - n // 8) for n in image.shape)
-    return image[rows, columns]
 
 
 def thumbnail(counts: Floats) -> NDArray[np.float32]:
@@ -287,8 +259,8 @@ def accumulate(
                 f"shot {shot.id}: {broken} pixels are not finite; remove the shot, or list the "
                 "pixels as bad"
             )
-        if image.size >= _LEAST_PIXELS and np.ptp(_inner(image)) == 0:
-            flat.append((float(_inner(image)[0, 0]), shot, place))
+        if image.size >= _LEAST_PIXELS and np.ptp(inner(image)) == 0:
+            flat.append((float(inner(image)[0, 0]), shot, place))
         else:
             key = (shot.background_setpoint_K, shot.kind)
             if key not in sums:
@@ -300,6 +272,38 @@ def accumulate(
             progress(done, len(acquisition.shots))
     filled = [(np.broadcast_to(value, shape or (0, 0)), shot, place) for value, shot, place in flat]
     return sums, _with_flat(sums, filled, uneven, saturation_counts=saturation_counts)
+
+
+def exclude(
+    acquisition: Acquisition,
+    sums: dict[tuple[float, str], Sums],
+    reasons: Mapping[str, str],
+    *,
+    needed: bool = False,
+) -> list[str]:
+    """Reads the groups again without the shots of these ids, and returns a remark on each.
+
+    Those that are half of their group or more stay; if it is `needed`, that is an EvaluationError.
+    """
+    lines: dict[str, str] = {}
+    for key, group in sums.items():
+        names = [name for name in group.ids if name in reasons]
+        if 2 * len(names) >= len(group.ids):
+            if needed:
+                raise EvaluationError(
+                    f"{key[1]}s at {key[0]:g} K: {len(names)} of {len(group.ids)} images are "
+                    f"damaged ({reasons[names[0]]}); record them again, or remove the background"
+                )
+            lines |= {name: f"{reasons[name]}; counted, as half of its group is" for name in names}
+        elif names:
+            lines |= {name: f"{reasons[name]}; ignored" for name in names}
+            sums[key] = Sums.empty(group.total.shape, group.saturation_counts)
+            places = dict(zip(group.ids, group.places, strict=True))
+            for shot in acquisition.shots:
+                same = (shot.background_setpoint_K, shot.kind) == key and shot.id in places
+                if same and shot.id not in names:
+                    sums[key].add(acquisition.load(shot), shot, place=places[shot.id])
+    return [lines[name] for name in reasons if name in lines]
 
 
 def _with_flat(

@@ -15,6 +15,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from cldit.errors import DiskFull, FileError
 
@@ -158,21 +159,40 @@ def append_text(path: Path, text: str) -> None:
 
 
 def open_regular(path: Path) -> io.BufferedReader:
-    """Opens a regular file to read its bytes; FileError if it is missing, special or unreadable.
+    """Opens a regular file to read its bytes; FileError if it is missing, special or unreadable,
+    and from every read that fails.
 
     It is opened without blocking: a pipe without a writer would block for ever.
     """
     _check_name(path)
-    try:
-        stream = open(path, "rb", opener=_without_waiting)
+    with _readable(path):
+        stream = _Regular(path, "rb", opener=_without_waiting)
         mode = os.fstat(stream.fileno()).st_mode
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror or error})") from error
     kind = next((name for test, name in _KINDS if test(mode)), None)
     if kind is not None:
         stream.close()
         raise FileError(f"{path}: cannot be read (is {kind}; allowed: a regular file)")
-    return stream
+    return io.BufferedReader(stream)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror or error})") from error
+
+
+class _Regular(io.FileIO):
+    """File whose failed reads, of a disk or a network drive, name it."""
+
+    def readinto(self, buffer: Any) -> int | None:
+        with _readable(Path(os.fsdecode(self.name))):
+            return super().readinto(buffer)
+
+    def readall(self) -> bytes:
+        with _readable(Path(os.fsdecode(self.name))):
+            return super().readall()
 
 
 def _without_waiting(path: str, flags: int) -> int:
@@ -217,10 +237,7 @@ def read_text(path: Path, *, most_bytes: int = MOST_TEXT_BYTES, encoding: str = 
     Raises FileError as `open_regular`, and if the file is too large or not in this encoding.
     """
     with open_regular(path) as stream:
-        try:
-            data = stream.read(most_bytes + 1)
-        except OSError as error:
-            raise FileError(f"{path}: cannot be read ({error.strerror or error})") from error
+        data = stream.read(most_bytes + 1)
     if len(data) > most_bytes:
         raise FileError(f"{path}: cannot be read (more than {most_bytes / 1e6:.0f} MB, for a text)")
     try:

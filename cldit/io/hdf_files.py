@@ -44,13 +44,17 @@ def check_links(
     return found
 
 
-def check_sources(path: Path, data: Any, _depth: int = 0) -> set[Path]:
+def check_sources(path: Path, data: Any, *, complete: bool = True, _depth: int = 0) -> set[Path]:
     """Checks that all values of a data set of an open file are in files that exist, and returns
-    these. Raises FileError, which names the missing file, or the source that is too short.
+    these. Raises FileError, which names the missing file, the source that is too short, or, if it
+    must be `complete`, the number of chunks that were never written.
     """
     names = [os.fsdecode(name) for name, *_ in data.external or ()]
     found = {_found(path, name, "HDF5_EXTFILE_PREFIX", data.name) for name in names}
     if not data.is_virtual:
+        if complete and data.chunks is not None and data.size:
+            every = int(np.prod(-(-np.array(data.shape) // np.array(data.chunks))))
+            check_chunks(f"{path}: {data.name}", every, data.id.get_num_chunks())
         return found
     if _depth > _DEEPEST:
         raise FileError(f"{path}: {data.name}: is a virtual data set of itself")
@@ -67,8 +71,16 @@ def check_sources(path: Path, data: Any, _depth: int = 0) -> set[Path]:
                     f"{path}: {data.name}: {where} has no {source.dset_name}, its source"
                 )
             _check_extent(path, data.name, where, part, source)
-            found |= check_sources(where, part, _depth + 1)
+            found |= check_sources(where, part, complete=complete, _depth=_depth + 1)
     return found
+
+
+def check_chunks(where: str, every: int, written: int) -> None:
+    """Raises FileError if chunks of an array were never written; they would be read as zeros."""
+    if written < every:
+        raise FileError(
+            f"{where}: {every - written} of {every} chunks are missing, and would be read as zeros"
+        )
 
 
 def _check_extent(path: Path, name: str, where: Path, part: Any, source: Any) -> None:

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
+from cldit.dit.recorded import EVALUATION
 from cldit.errors import ClditError, FileError, RunFolderError, SceneError
+from cldit.io.digests import UNVERIFIED, read_sealed, write_sealed
 from cldit.io.exclusive import is_empty
 from cldit.io.files import make_folder, natural_order, write_text, written
 from cldit.io.images import read_image, write_image
@@ -37,7 +39,7 @@ _QUADRATURE = "quadrature.json"
 
 
 def save_run(run: Run, folder: Path) -> None:
-    """Writes the run; run.json comes last, so that a folder with it is whole."""
+    """Writes the run; run.json comes last, with digests of the files that `open_run` reads."""
     make_folder(folder)
     write_text(folder / SCENE_FILE, dump_scene(run.scene))
     run.weights.save(folder / "weights", pixel_m=run.pixel_m)
@@ -47,7 +49,10 @@ def save_run(run: Run, folder: Path) -> None:
     save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
     if run.ensemble is not None:
         run.ensemble.save(folder / STATISTICS, pixel_m=run.pixel_m)
-    write_text(folder / "run.json", run.info.to_json())
+    places = ("weights", "weights_reference", "maps", "errors", STATISTICS)
+    files = [file for place in places for file in (folder / place).rglob("*")
+             if file.suffix in (".tif", ".json")]  # fmt: skip
+    write_sealed(folder / "run.json", run.info.to_dict(), [folder / SCENE_FILE, *files])
 
 
 def store_run(run: Run, folder: Path) -> Path:
@@ -138,6 +143,8 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
         place /= delay_folder(time_s)
     if not place.is_dir():
         return None
+    if (place / EVALUATION).is_file():
+        read_sealed(place / EVALUATION)
     maps = Maps.load(place)
     _check_shapes(place, vars(maps), maps.reason.shape)
     return maps
@@ -195,10 +202,14 @@ def stored_scene(path: Path) -> Scene:
 
 
 def _stored_info(path: Path) -> RunInfo:
-    """Metadata of a run; raises RunFolderError if they are incomplete or of other types."""
-    data = read_json(path)
+    """Metadata of a run; raises RunFolderError if they are incomplete or of other types, or if a
+    file of the folder is not as it was written.
+    """
+    data, verified = read_sealed(path)
     try:
-        return RunInfo.from_dict(data)
+        info = RunInfo.from_dict(data)
+        more = () if verified or UNVERIFIED in info.remarks else (UNVERIFIED,)
+        return replace(info, remarks=(*info.remarks, *more))
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise RunFolderError(f"{path}: is damaged ({error})") from error
 

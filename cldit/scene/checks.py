@@ -67,8 +67,8 @@ def _number(value: float) -> str:
 
 
 def shortened(text: str) -> str:
-    """A value for a message, cut to 200 characters."""
-    return text if len(text) <= 200 else f"{text[:197]}..."
+    """A value for a message, cut to 80 characters."""
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 @dataclass(frozen=True)

@@ -87,10 +87,11 @@ def arm(point: str, number: int, rig: Rig) -> None:
         Path.replace = dying_replace  # type: ignore[method-assign]
     elif point == "renamed":  # the picture is in its place, the journal does not know
 
-        def dying_save(*args: Any, **kwargs: Any) -> None:
-            save_shot(*args, **kwargs)
+        def dying_save(*args: Any, **kwargs: Any) -> str:
+            digest = save_shot(*args, **kwargs)
             if reached():
                 die()
+            return digest
 
         sequence_module.save_shot = dying_save  # type: ignore[attr-defined]
     elif point == "folder":  # between the files that are written before the first shot

@@ -10,6 +10,7 @@ from cldit.acquisition.pictures.source import ArrayStack, Axis, Source, axes_nam
 from cldit.errors import EvaluationError
 from cldit.io.extras import needed
 from cldit.io.files import check_regular
+from cldit.io.hdf_files import check_chunks
 
 MATLAB: tuple[Axis, ...] = ("rows", "columns", "frames")
 
@@ -67,8 +68,8 @@ class Zarr(ArrayStack):
 
     def __init__(self, source: Source) -> None:
         found = _zarr(source, line=False)
-        if (lost := found.nchunks - found.nchunks_initialized) > 0:  # they would be read as zeros
-            raise ValueError(f"{lost} of {found.nchunks} chunks are missing")
+        if not source.incomplete:
+            check_chunks(source.text, found.nchunks, found.nchunks_initialized)
         known = dict(found.attrs)
         names = getattr(found.metadata, "dimension_names", None) or known.get("_ARRAY_DIMENSIONS")
         axes = source.axes or axes_named([str(name) for name in names or ()])

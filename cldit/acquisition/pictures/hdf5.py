@@ -121,7 +121,7 @@ def _open(source: Source, *, line: bool) -> tuple[Any, Any]:
     try:
         check_links(source.path, file, complete=False)
         data = pick(source, file, shapes, line=line)
-        check_sources(source.path, data)
+        check_sources(source.path, data, complete=not source.incomplete)
         return file, data
     except FileError as error:
         file.close()

@@ -56,7 +56,7 @@ def read_case_file(path: Path) -> CaseFile:
         return _parsed(path, text_of(path).splitlines())
     except SprayError:
         raise
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, OverflowError) as error:  # a number of 400 digits is infinite
         raise SprayError(f"{path}: is no EnSight case file ({error})") from error
 
 

@@ -24,6 +24,7 @@ from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.errors import SprayError
+from cldit.io.files import open_regular
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
 
@@ -191,7 +192,7 @@ def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]
 
 def open_cgns(path: Path) -> AbstractContextManager[Any]:
     """Opens a file, which must be in HDF5."""
-    with regular(path).open("rb") as stream:
+    with open_regular(regular(path)) as stream:
         if stream.read(8) != b"\x89HDF\r\n\x1a\n":
             raise SprayError(
                 f"{path}: CGNS in ADF, or damaged; allowed: CGNS in HDF5 (convert it with adf2hdf)"

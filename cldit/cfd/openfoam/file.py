@@ -15,7 +15,7 @@ from typing import BinaryIO, cast
 from cldit.cfd.case import only_claimant
 from cldit.cfd.inputs import content, regular
 from cldit.cfd.openfoam.collated import COLLATED, block_of
-from cldit.errors import SprayError
+from cldit.errors import SprayError, reason
 from cldit.io.files import open_regular
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
@@ -61,7 +61,7 @@ def open_foam(path: Path) -> Iterator[BinaryIO]:
         with gzip.open(path) if path.suffix == ".gz" else open_regular(path) as stream:
             yield cast(BinaryIO, stream)
     except (OSError, EOFError, zlib.error) as error:
-        raise SprayError(f"{path}: cannot be read ({error})") from error
+        raise SprayError(f"{path}: cannot be read ({reason(error)})") from error
 
 
 def read_foam(path: Path, block: int | None = None) -> FoamFile:

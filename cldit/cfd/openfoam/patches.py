@@ -8,12 +8,12 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd.case import Boundary
-from cldit.cfd.inputs import regular
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.collated import Root
 from cldit.cfd.openfoam.file import find_foam, read_foam
 from cldit.cfd.openfoam.injectors import dictionary, dictionary_blocks
 from cldit.errors import SprayError
+from cldit.io.files import open_regular
 
 CUTS = ("wedge", "symmetry", "symmetryPlane", "cyclic", "cyclicAMI", "empty")
 
@@ -106,7 +106,7 @@ def wall_temperature_K(root: Root, region: str, folder: str) -> float | None:
         return None
     _, patches = _patches(root, region)
     walls = [name for name, patch in patches.items() if patch.get("type") == "wall"]
-    with regular(field).open("rb") as stream:
+    with open_regular(field) as stream:
         stream.seek(max(0, field.stat().st_size - _END))
         held = _held(stream.read())
     found = [next((T for key, T in held.items() if _names(key, wall)), None) for wall in walls]

@@ -15,6 +15,7 @@ from typing import BinaryIO, Literal
 
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
+from cldit.io.files import open_regular
 
 _TAG = re.compile(
     rb"<(?:VTKFile|Piece|DataArray|Array|Points|Cells|Verts|Lines|Strips|Polys|\w+Grid|\w+Data)"
@@ -45,7 +46,7 @@ _WHILE_READING = 1.4  # bytes that vtk takes at its peak for one of the file's
 def piece_counts(file: Path) -> tuple[int, int]:
     """Points and cells of all pieces of a VTK file in XML."""
     points = cells = 0
-    with file.open("rb") as stream:
+    with open_regular(file) as stream:
         tags, _, _ = _xml(stream)
     for piece in (tag for tag in tags.values() if tag.startswith(b"<Piece")):
         found = {name: int(count) for name, count in _COUNT.findall(piece)}
@@ -96,7 +97,7 @@ def check_head(file: Path) -> None:
     vtk prints messages or ends the process, or that are not those of its arrays, whose rest vtk
     omits, and appended arrays that overlap or are cut off.
     """
-    with file.open("rb") as stream:
+    with open_regular(file) as stream:
         tags, found, begin = _xml(stream)
         end = stream.seek(0, 2)
         _check_counts(file, list(tags.values()), end)
@@ -220,7 +221,10 @@ def check_legacy(file: Path) -> None:
     """Refuses counts in a legacy file that it cannot contain."""
     if not (size := file.stat().st_size):
         raise _damaged(file, "empty")
-    with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as text:
+    with (
+        open_regular(file) as stream,
+        mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as text,
+    ):
         for found in _LEGACY.finditer(text):
             name, words = found.group(1).decode(), found.group(2).split()
             numbers = [word for word in words if not word[:1].isalpha()]

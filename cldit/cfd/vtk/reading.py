@@ -15,6 +15,7 @@ from cldit.cfd.vtk.composite import composite_reader, composite_size, leaves
 from cldit.cfd.vtk.datasets import GHOSTS, as_unstructured, check_cells, dimension, named_arrays
 from cldit.cfd.vtk.head import check_head, check_legacy, vtk_size
 from cldit.errors import SprayError
+from cldit.io.files import open_regular
 from cldit.io.progress import Watch, silent
 
 Choose = Callable[[Set[str], Set[str]], tuple[Set[str], Set[str]]]
@@ -152,7 +153,7 @@ def _reader(file: Path) -> Any:
         ".vtk": vtkIOLegacy.vtkGenericDataObjectReader,
     }
     if file.suffix == ".vtk":
-        with file.open("rb") as stream:
+        with open_regular(file) as stream:
             if re.search(rb"\n\s*ASCII\s*\n", stream.read(1000)):
                 why = "where vtk does not notice truncation; write it in binary or as .vtu"
                 raise SprayError(f"{file}: is legacy VTK in ascii, {why}")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.hdf.arrays import hdf_files
-from cldit.cfd.inputs import regular
 from cldit.cfd.times import CaseTime, choose_time
 from cldit.cfd.vtk.collections import Entry, without_step
 from cldit.cfd.vtk.composite import COMPOSITE
@@ -17,6 +16,7 @@ from cldit.cfd.vtk.layout import Layout
 from cldit.cfd.vtk.parcel_cells import parcels_of
 from cldit.cfd.vtk.reading import Choose, Loaded, load_composite, load_vtk, nothing
 from cldit.errors import NotAtThisTime, SprayError
+from cldit.io.files import open_regular
 from cldit.io.progress import Watch, silent
 
 _TIME = re.compile(rb"\btime='([^']+)'")
@@ -199,7 +199,7 @@ def _sorted(
 def _own_time(found: Sequence[Entry], loader: Loader, only: bool) -> float | None:
     """Time that a file of a step states in its comment, or as the field `TimeValue`."""
     for file in (entry.pieces[0] for entry in found if not entry.cloud):
-        with regular(file).open("rb") as stream:
+        with open_regular(file) as stream:
             comment = _TIME.search(stream.read(2000))
         if comment is not None:
             try:

@@ -6,19 +6,20 @@ injections in the pixels with the least spray.
 """
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
 from cldit.acquisition.witness_names import Acceptable
 from cldit.arrays import Floats, Mask
-from cldit.dit.witness.evidence import Evidence, per_kelvin
+from cldit.dit.hypotheses import UNITS, Hypothesis, fitted, line_chi2, said
+from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, refusal, sure
-from cldit.dit.witness.lines import OffLine, off_line, squares
+from cldit.dit.witness.lines import OffLine, off_line
 
 FLOOR_K = 0.005  # error of mean shares of windows
 CHOSEN = 1.16**2  # squared mean of the highest 30 % of a normal distribution
-_CLEAREST = 0.3  # share of the blocks, those with the least spray
-_ICE_K = 273.15
+CLEAREST = 0.3  # share of the blocks, those with the least spray
 _COLD_K = 223.0  # colder than any part of a rig, but a common temperature in Celsius
 
 
@@ -36,39 +37,23 @@ def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
     return _judge(evidence, "injection", clearest(evidence), stated_K=stated_K)[0]
 
 
-def fitted_over(
-    as_stated: Evidence, fitted: Evidence, lined: Witness, *, stated_K: Floats
-) -> Witness:
+def fitted_over(as_stated: Evidence, lined: Witness, *, stated_K: Floats) -> Witness:
     """Witness of references with a filter that was fitted to them.
 
-    It is `lined`, that of the fitted filter, unless the deviation of one background explains the
-    references and no filter does: then it is severe.
+    It is `lined`, that of the fitted filter, unless with the filter `as_stated` the deviation of
+    one background is the only cause that fits: then it is severe.
     """
     other, off = references(as_stated, stated_K=stated_K)
-    if off is None or off.lone is None or not other.stands_out:
+    if off is None or off.lone is None or len(other.causes) != 1:
         return lined
-    keep = np.arange(len(stated_K)) != off.lone
-    alone, curve = (
-        squares(
-            one.source["reference"][which],
-            one.mean("reference").mean(axis=1)[which],
-            one.rise[which],
-        )
-        for one, which in ((as_stated, keep), (fitted, np.ones_like(keep)))
-    )
-    if alone > 0.1 * curve:
-        return lined
-    return replace(
-        other,
-        says=f"{other.says}; no other filter explains that: use --calibration planck",
-        severe=True,
-    )
+    says = f"{other.says}; no other filter explains that: use --calibration planck"
+    return replace(other, says=says, severe=True)
 
 
-def clearest(evidence: Evidence) -> Mask:
-    """Blocks (B,) with the least spray, 30 % of all, by the slope of the injections."""
+def clearest(evidence: Evidence, *, share: float = CLEAREST) -> Mask:
+    """Blocks (B,) with the least spray, a share of all, by the slope of the injections."""
     slope = slopes(evidence)
-    return np.asarray(slope >= np.quantile(slope, 1.0 - _CLEAREST))
+    return np.asarray(slope >= np.quantile(slope, 1.0 - share))
 
 
 def slopes(evidence: Evidence) -> Floats:
@@ -99,16 +84,20 @@ def _judge(
     beyond = off.beyond(sure(evidence.degrees(kind)))
     worst_K = float(np.max(np.abs(off.kelvin)))
     stands_out = beyond and worst_K > WORTH_K
+    none = line_chi2(x, y, variance)
+    tried = _hypotheses(evidence, kind, off, y, variance) if stands_out else []
+    causes = fitted(tried, none=none, degrees=len(x) - 2)
     return (
         Witness(
             name=name,
             compared=of,
-            says=_cause(evidence, kind, off, y) if stands_out else "",
+            says=said(causes, none=none, tried=len(tried)) if stands_out else "",
+            causes=tuple(one.text for one in causes),
             setpoints=evidence.setpoints,
             kelvin=tuple(off.kelvin.tolist()),
             noise_K=tuple(off.noise_K.tolist()),
             stands_out=stands_out,
-            severe=beyond and (off.swapped is not None or _size(off) > LIMIT_K),
+            severe=beyond and (_size(off) > LIMIT_K or any(one.severe for one in causes[:1])),
         ),
         off,
     )
@@ -121,30 +110,42 @@ def _size(off: OffLine) -> float:
     return float(np.median(np.abs(off.kelvin)))
 
 
-def _cause(evidence: Evidence, kind: str, off: OffLine, y: Floats) -> str:
-    at = evidence.temperatures_K[kind]
-    given = squares(evidence.source[kind], y, evidence.rise)
-    for temperature_K, rise, text in (
-        (
-            evidence.own_radiance(at + _ICE_K),
-            per_kelvin(evidence.own_radiance, at + _ICE_K),
-            "the temperatures look like degrees Celsius: they fit with 273.15 added",
-        ),
-        (at, np.ones_like(at), "counts are linear in temperature: are the images temperatures?"),
-    ):
-        if _size(off) > LIMIT_K and squares(temperature_K, y, rise) < 0.01 * given:
-            return text
+def _hypotheses(
+    evidence: Evidence, kind: str, off: OffLine, y: Floats, variance: Floats
+) -> list[Hypothesis]:
+    """Causes of points `y` (K,) that are not on a line, each fitted to them."""
+    at, x = evidence.temperatures_K[kind], evidence.source[kind]
     names = [f"{setpoint:g} K" for setpoint in evidence.setpoints]
-    if off.swapped is not None:
-        i, j = off.swapped
-        return (
+    count = len(names)
+    found: list[Hypothesis] = []
+    for unit, to_kelvin in UNITS.items():
+        real_K = to_kelvin(at)
+        if real_K.min() > _COLD_K:
+            chi2 = line_chi2(evidence.own_radiance(real_K), y, variance)
+            found.append(Hypothesis(f"the temperatures look like {unit}", chi2, 0, severe=True))
+    text = "counts are linear in temperature: are the images temperatures?"
+    found.append(Hypothesis(text, line_chi2(at, y, variance), 0, severe=True))
+    for i, j in combinations(range(count), 2):
+        order = np.arange(count)
+        order[[i, j]] = j, i
+        text = (
             f"the {kind}s (or temperatures) of backgrounds {names[i]} and {names[j]} look swapped"
         )
-    if off.lone is not None:
-        return f"background {names[off.lone]} deviates by {off.kelvin[off.lone]:+.2f} K"
-    if len(names) == 3:
-        return "one of the three deviates, or filter or camera differ from those stated"
-    return "not on a line: filter, camera or temperatures differ from those stated"
+        found.append(Hypothesis(text, line_chi2(x, y[order], variance[order]), 0, severe=True))
+    if count == 3:
+        text = "one of the three deviates, or filter or camera differ from those stated"
+        return [*found, Hypothesis(text, 0.0, 1)]
+    for k, name in enumerate(names):
+        alone = line_chi2(x, y, variance, np.eye(count)[k])
+        found.append(Hypothesis(f"background {name} deviates by {off.kelvin[k]:+.2f} K", alone, 1))
+    bent = line_chi2(x, y, variance, (x / x.max()) ** 2)
+    text = "the filter, or the camera's curve, differs from that stated"
+    found.append(Hypothesis(text, bent, 1))
+    for k in range(2, count - 1):
+        change = np.where(np.arange(count) >= k, y, 0.0)
+        text = f"the camera's gain (exposure, range) changed from {names[k]} on"
+        found.append(Hypothesis(text, line_chi2(x, y, variance, change), 1))
+    return found
 
 
 def celsius(named_K: dict[str, float]) -> Witness | None:

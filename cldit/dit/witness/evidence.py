@@ -82,17 +82,10 @@ class Evidence:
             parts: list[Floats] = []
             for setpoint in setpoints:
                 group = sums[setpoint, kind]
-                kept = [
-                    small.ravel()[chosen]
-                    for small, weight in zip(group.thumbnails, group.weights, strict=True)
-                    if weight > 0.0
-                ]
-                parts.append((np.array(kept, float) - calibration.offset_counts) / scale)
+                seen = np.array([small.ravel()[chosen] for small in group.thumbnails], float)
+                parts.append((seen - calibration.offset_counts) / scale)
             shots[kind] = tuple(parts)
-            places[kind] = tuple(
-                Places.of(sums[k, kind].places)[np.array(sums[k, kind].weights) > 0.0]
-                for k in setpoints
-            )
+            places[kind] = tuple(Places.of(sums[k, kind].places) for k in setpoints)
             counts = np.array([part.mean(axis=0) for part in parts]) * scale
             noise = calibration.variance_counts2(counts + calibration.offset_counts)
             camera[kind] = noise / scale**2 / pixels
@@ -171,6 +164,11 @@ class Evidence:
         """Means (K, B) over the shots of a kind."""
         return np.array([part.mean(axis=0) for part in self.shots[kind]])
 
+    @property
+    def change(self) -> Floats:
+        """Means (K, B) of the injections minus those of the references."""
+        return self.mean("injection") - self.mean("reference")
+
     def gains(self, kind: str) -> Floats:
         """Slope (B,) of each block's signals over the radiance of the background."""
         away = self.source[kind] - self.source[kind].mean()
@@ -213,7 +211,7 @@ class Evidence:
         It is the independent variance (K, B) of each block's mean, and the variance of the relative
         change of Delta I that all blocks of a shot share.
         """
-        difference = self.mean("injection") - self.mean("reference")
+        difference = self.change
         found = self.amount(difference)
         alone, together = found.alone, found.variance
         n = self.number("injection")[:, None]

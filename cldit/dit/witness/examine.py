@@ -10,7 +10,7 @@ from cldit.camera.calibration import Calibration
 from cldit.dit.shots import AllSums, thumbnail
 from cldit.dit.solve import KINDS, Cause, Drift, Systematic, by_amount
 from cldit.dit.witness import backgrounds, drift, images
-from cldit.dit.witness.backgrounds import clearest, slopes
+from cldit.dit.witness.backgrounds import CLEAREST, clearest, slopes
 from cldit.dit.witness.evidence import Evidence, per_kelvin
 from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
@@ -47,7 +47,6 @@ def examine_images(
     ending, saturation = images.plateau(sums, saturation_counts)
     found = [
         backgrounds.celsius(named_K),
-        images.repeats(sums),
         ending,
         images.axes(sums, setpoints),
         orientation(sums, setpoints),
@@ -93,7 +92,7 @@ def examine(
     if common.cause and lined.stands_out and not lined.severe:
         lined = replace(lined, says=f"{lined.says}, {common.cause}")
     if unfitted is not None:
-        lined = backgrounds.fitted_over(seen_as(unfitted), evidence, lined, stated_K=stated_K)
+        lined = backgrounds.fitted_over(seen_as(unfitted), lined, stated_K=stated_K)
     between, systematic = kinds(evidence)
     uneven = levels(evidence)
     moved, widened = shift(
@@ -119,8 +118,9 @@ def examine(
     renewed = between_kinds(
         patterns,
         clear=evidence.pixels(clear),
+        half=evidence.pixels(clearest(evidence, share=0.5 * CLEAREST)),
         wide=evidence.pixels(clear | (slopes(evidence) > _THIN)),
-        thin=float(1.0 - np.mean(slopes(evidence)[clear])),
+        thin=max(float(1.0 - np.mean(slopes(evidence)[clear])), 0.0),
         warmest=max(1.0, evidence.warmest / float(x.max())),
         rise_counts=evidence.rise * scale,
     )

@@ -17,7 +17,8 @@ _CHANCE = 3e-7  # one side of five standard deviations
 class Witness:
     """Result of one comparison.
 
-    name: for `accept`. compared: the comparison. says: the finding; empty if there is none.
+    name: for `accept`. compared: the comparison. says: the finding; empty if there is none. causes:
+    those that fit it, the best first.
     setpoints, kelvin, noise_K: by background, in kelvin of the black body, if any. stands_out: far
     beyond its noise. severe: the evaluation ends unless the name is accepted.
     """
@@ -25,6 +26,7 @@ class Witness:
     name: Acceptable
     compared: str = ""
     says: str = ""
+    causes: tuple[str, ...] = ()
     setpoints: tuple[float, ...] = ()
     kelvin: tuple[float, ...] = ()
     noise_K: tuple[float, ...] = ()

@@ -1,4 +1,4 @@
-"""Checks of images: repeats, a level of saturation, frames read as rows or columns."""
+"""Checks of images: a level of saturation, frames read as rows or columns."""
 
 from collections.abc import Sequence
 
@@ -11,29 +11,7 @@ from cldit.dit.witness.finding import Witness, refusal
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
 _STUCK = 0.01  # share of pixels with the same count in every exposure at one background
 _BY_CHANCE = 1e-3  # probability of that in one pixel
-_NAMED = 3  # repeats that a message lists
 _STEADIER = 4.0  # variance between images over that along an axis that holds frames
-
-
-def repeats(sums: AllSums) -> Witness | None:
-    """Witness of identical images, impossible with noise; flat images are ignored."""
-    first: dict[bytes, str] = {}
-    same: list[str] = []
-    count = 0
-    for (setpoint, kind), group in sorted(sums.items()):
-        for name, digest in zip(group.ids, group.digests, strict=True):
-            count += 1
-            if digest in first and not digest.startswith(b"flat "):
-                same.append(f"{name} ({kind} at {setpoint:g} K) = {first[digest]}")
-            first.setdefault(digest, name)
-    if not same:
-        return None
-    listed = ", ".join(same[:_NAMED]) + (", .." if len(same) > _NAMED else "")
-    return refusal(
-        "repeats",
-        f"{len(same)} of {count} images repeat another one, pixel by pixel ({listed}): a frozen "
-        "camera, or copied files",
-    )
 
 
 def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, float]:

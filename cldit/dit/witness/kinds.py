@@ -11,14 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats
+from cldit.dit.hypotheses import Hypothesis, fitted, said
 from cldit.dit.solve import KINDS, Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
+_THIN = 0.3  # largest emissivity of the pixels with the least spray, as a cause
 _DENSE = 0.3  # share of the blocks, those with the most spray, that give its temperature
-_EXPLAINED = 0.1  # largest remaining share of the squares for a cause that explains them
+_FREE = 0.005  # emissivity of the clearest pixels, up to which they are free of spray
 _MORE = 0.05  # of the background's contrast
 _LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
@@ -37,7 +39,7 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     camera = evidence.camera["reference"] + evidence.camera["injection"]
     blocks = 0.0 if halves else CHOSEN * camera[:, chosen].mean(axis=1)
     pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
-    difference = np.mean([_difference(seen, clearest(by)) for by, seen in pairs], axis=0)
+    difference = np.mean([half.change[:, clearest(by)].mean(axis=1) for by, half in pairs], axis=0)
     # Different readings of the background with either kind are part of the difference.
     apart = evidence.source["injection"] - evidence.source["reference"]
     seen = difference / gain - apart
@@ -47,51 +49,46 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     unexplained = _beyond_spray(seen, x=x, noise=noise, warmest=evidence.warmest)
     degrees = evidence.degrees("reference") + evidence.degrees("injection")
     beyond = bool(np.any(np.abs(unexplained) > sure(degrees) * noise))
-    causes = _causes(seen, x, evidence, noise)
-    best = min(causes, key=lambda one: one.left)
+    signal = evidence.mean("reference")[:, chosen].mean(axis=1) / gain
+    causes = _causes(seen, x, evidence, noise, signal)
+    widening = [one for one in causes if one.column in ("offset", "black body")]
+    best = min(widening, key=lambda one: one.fit.score)
     shown_K = (best.beside if beyond else unexplained) / evidence.rise
-    noise_K = noise / evidence.rise
-    worst_K = float(np.max(np.abs(shown_K)))
-    stands_out = beyond and worst_K > WORTH_K
-    says = ""
+    stands_out = beyond and float(np.max(np.abs(shown_K))) > WORTH_K
+    says, likely = "", tuple[str, ...]()
+    slope = slopes(evidence)
+    if (thin := 1.0 - float(np.mean(slope[chosen]))) > _FREE:
+        unseen = "so a fouled window, or a lower gain, is not seen"
+        says = f"no pixel is free of spray (emissivity {thin:.3f}), {unseen}"
     if stands_out:
-        if best.left > _EXPLAINED * float(np.sum((best.beside / noise) ** 2)):
-            says = "explained neither by the camera's offset nor by the black body alone"
-        elif best.column == "offset":
-            says = "as if the camera's offset changed between the kinds"
-        else:
-            says = f"as if the black body differed by {best.size:+.2f} K between the kinds"
-        says += ", or there is spray in the whole image"
-        slope = slopes(evidence)
+        none = nnls(((_own(evidence, x) - x) / noise)[:, None], seen / noise)[1] ** 2
+        good = fitted([one.fit for one in causes], none=none, degrees=len(x))
+        likely = tuple(one.text for one in good)
+        says = f"{said(good, none=none, tried=len(causes))}, or there is spray in the whole image"
         if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
             says += "; injections show more of the background: are the two kinds swapped?"
     systematic = Systematic()
     if beyond:
-        slope, start = np.polyfit(x / x.max(), evidence.rise, 1)
+        steep, start = np.polyfit(x / x.max(), evidence.rise, 1)
         by_offset = best.column == "offset"
         systematic = Systematic(
             offset=best.size * gain if by_offset else 0.0,
             kelvin=0.0 if by_offset else best.size,
-            slope=float(slope / x.max()),
+            slope=float(steep / x.max()),
             start=float(start),
         )
     witness = Witness(
         name="kinds",
         compared="injections against references in the pixels with the least spray",
         says=says,
+        causes=likely,
         setpoints=evidence.setpoints,
         kelvin=tuple(shown_K.tolist()),
-        noise_K=tuple(noise_K.tolist()),
+        noise_K=tuple((noise / evidence.rise).tolist()),
         stands_out=stands_out,
         severe=beyond and float(np.median(np.abs(shown_K))) > LIMIT_K,
     )
     return witness, systematic
-
-
-def _difference(evidence: Evidence, chosen: Mask) -> Floats:
-    """Injections minus references (K,) in the `chosen` blocks (B,)."""
-    found = evidence.mean("injection") - evidence.mean("reference")
-    return np.asarray(found[:, chosen].mean(axis=1))
 
 
 def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> Floats:
@@ -102,31 +99,55 @@ def _beyond_spray(seen: Floats, *, x: Floats, noise: Floats, warmest: float) -> 
     return np.asarray(seen - design @ share)
 
 
+_SAYS = {
+    "offset": "the camera's offset changed",
+    "black body": "the black body differed by {:+.2f} K",
+    "gain": "the camera's gain (exposure, range) changed by {:+.2g} %",
+    "curve": "the camera's curve (gamma) changed",
+}
+
+
 @dataclass(frozen=True)
 class _Cause:
-    """A possible cause. size: radiance of an offset, or kelvin. beside: (K,) difference without
-    the spray. left: unexplained squares, in units of the noise."""
+    """A fitted cause. size: radiance of an offset, kelvin, or percent. beside: (K,) difference
+    without the spray."""
 
     column: str
     size: float
     beside: Floats
-    left: float
+    fit: Hypothesis
 
 
-def _causes(seen: Floats, x: Floats, evidence: Evidence, noise: Floats) -> list[_Cause]:
-    """Offset or kelvin that explain `seen`, together with a spray as warm as the dense one."""
+def _causes(
+    seen: Floats, x: Floats, evidence: Evidence, noise: Floats, signal: Floats
+) -> list[_Cause]:
+    """Causes that are fitted to `seen`, each alone and with a spray as warm as the dense one;
+    signal: (K,) of the references."""
+    bend = signal * np.log(np.maximum(signal / signal.max(), 1e-9))  # of a power of the signal
     spray = _own(evidence, x) - x
-    found: list[_Cause] = []
-    for name, column in (("offset", np.ones_like(x)), ("black body", evidence.rise)):
-        for sign in (1.0, -1.0):
-            design = np.stack([sign * column, spray], axis=1) / noise[:, None]
-            size = np.max(np.abs(design), axis=0)
-            share, left = nnls(design / size, seen / noise)
-            share = share / size
-            found.append(
-                _Cause(name, sign * float(share[0]), seen - spray * share[1], float(left**2))
-            )
-    return found
+    found: dict[str, _Cause] = {}
+    for name, columns in (
+        ("offset", [np.ones_like(x)]),
+        ("black body", [evidence.rise]),
+        ("gain", [signal]),
+        ("gain", [x]),
+        ("gain", [x, np.ones_like(x)]),  # of an unknown dark level
+        ("curve", [bend, signal]),
+    ):
+        for more in ([], [spray]):
+            design = np.array([*columns, *(-one for one in columns), *more]).T / noise[:, None]
+            scale = np.max(np.abs(design), axis=0)
+            share, left = nnls(design / scale, seen / noise)
+            share = share / scale
+            if more and share[-1] > _THIN:
+                continue
+            size = float(share[0] - share[len(columns)]) * (100.0 if name == "gain" else 1.0)
+            text = f"as if {_SAYS[name].format(size)} between the kinds"
+            fit = Hypothesis(text, float(left**2), len(columns) + len(more))
+            beside = np.asarray(seen - (share[-1] * spray if more else 0.0))
+            if name not in found or fit.score < found[name].fit.score:
+                found[name] = _Cause(name, size, beside, fit)
+    return list(found.values())
 
 
 def _own(evidence: Evidence, x: Floats) -> float:
@@ -135,6 +156,5 @@ def _own(evidence: Evidence, x: Floats) -> float:
     dense = (slope <= np.quantile(slope, _DENSE)) & (1.0 - slope > _LEAST)
     if not dense.any():
         return 0.5 * evidence.warmest
-    difference = evidence.mean("injection")[:, dense] - evidence.mean("reference")[:, dense]
-    fall, start = np.polyfit(x / x.max(), difference.mean(axis=1) / x.max(), 1)
+    fall, start = np.polyfit(x / x.max(), evidence.change[:, dense].mean(axis=1) / x.max(), 1)
     return float(np.clip(-start / fall * x.max(), 0.0, evidence.warmest)) if fall < 0.0 else 0.0

@@ -1,7 +1,6 @@
-"""Deviations of points from a straight line: of each from the others, a lone one, two swapped."""
+"""Deviations of points from a straight line: of each from the others, and a lone one."""
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -15,13 +14,12 @@ class OffLine:
     """Deviations of K points from the line through the others.
 
     kelvin, noise_K: (K,). lone: the one without which the others are on a line; None if there is
-    none, or with three points. swapped: two whose exchange puts all on a line.
+    none, or with three points.
     """
 
     kelvin: Floats
     noise_K: Floats
     lone: int | None
-    swapped: tuple[int, int] | None
 
     def beyond(self, deviations: float) -> bool:
         """True if a point deviates by more than so many standard deviations of its noise."""
@@ -49,14 +47,7 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
     whole = squares(x, y, rise)
     alone = [squares(np.delete(x, k), np.delete(y, k), np.delete(rise, k)) for k in range(count)]
     lone = int(np.argmin(alone)) if count >= 4 and min(alone) < _EXPLAINED * whole else None
-    swaps: dict[tuple[int, int], float] = {}
-    for i, j in combinations(range(count), 2):
-        order = np.arange(count)
-        order[[i, j]] = j, i
-        swaps[i, j] = squares(x, y[order], rise)
-    pair = min(swaps, key=lambda one: swaps[one])
-    swapped = pair if swaps[pair] < _EXPLAINED**2 * whole else None
-    return OffLine(kelvin=kelvin, noise_K=noise, lone=lone, swapped=swapped)
+    return OffLine(kelvin=kelvin, noise_K=noise, lone=lone)
 
 
 def squares(x: Floats, y: Floats, rise: Floats) -> float:

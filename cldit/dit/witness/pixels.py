@@ -1,7 +1,7 @@
 """Errors of single pixels: a pattern of offsets or gains that changed, an image that moved.
 
 A non-uniformity correction that is renewed gives every pixel another offset and gain. Images are
-therefore compared without their smooth part (each pixel minus its four neighbours):
+therefore compared without their smooth part (fourth differences):
 
 - between backgrounds, by the residuals about the lines of each pixel. Their second moments, in
   blocks, are explained by variances of references, injections, common offsets and common gains at
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
@@ -25,7 +26,7 @@ from cldit.dit.witness.finding import Witness
 
 _BLOCKS = 32  # along either axis, at most
 _EDGE = 6  # pixels along a block, at least
-_HIGH = np.sqrt(0.8)  # of a pixel minus its four neighbours, for the variance of white noise
+_HIGH = np.sqrt(64.0 / 169.0)  # of fourth differences, for the variance of white noise
 _SURE = 6.0  # standard deviations of moments that are no chance
 _MORE = 0.1  # excess of the variance that is worth widening
 _PART = 0.02  # share of the blocks that is worth a warning
@@ -41,8 +42,8 @@ _RADIANCES = np.linspace(0.0, 1.0, 9)
 class Patterns:
     """Means of each background without their smooth part, counts.
 
-    high, mean, noise: (K, h, w) by kind; noise: variance of `high`. sees: (h, w) pixels with four
-    neighbours that see the background. source: (K,) radiance over the largest.
+    high, mean, noise: (K, h, w) by kind; noise: variance of `high`. sees: (h, w) pixels whose
+    neighbours, up to two pixels away, see the background. source: (K,) radiance over the largest.
     """
 
     high: Mapping[str, Floats]
@@ -69,7 +70,7 @@ class Patterns:
         for kind in KINDS:
             groups = [sums[k, kind] for k in setpoints]
             mean[kind] = np.array([one.mean() for one in groups])
-            high[kind] = _HIGH * np.array([one - neighbours(one) for one in mean[kind]])
+            high[kind] = _HIGH * np.array([_without_smooth(one) for one in mean[kind]])
             each = []
             for group, own in zip(groups, mean[kind], strict=True):
                 steady = group.spare(steady=True) > 1.0
@@ -83,13 +84,20 @@ class Patterns:
                 spray = high[kind] - high["reference"]
                 noise[kind] = noise[kind] + _UNLUCKY * amount2 * spray**2
             noise[kind] = noise[kind] / np.array([g.exposures for g in groups])[:, None, None]
-        inside = np.asarray(sees & (neighbours(sees.astype(float)) == 1.0))
+        inside = binary_erosion(sees, iterations=2)
         return cls(high, mean, noise, inside, source / source.max())
 
     @property
     def design(self) -> Floats:
         """(K, 2) of a line over the radiance."""
         return np.stack([self.source, np.ones_like(self.source)], axis=1)
+
+
+def _without_smooth(image: Floats) -> Floats:
+    """Fourth differences (h, w): a pixel minus its four neighbours, twice. Second differences would
+    contain the curvature of a spray that is only some pixels wide."""
+    once = image - neighbours(image)
+    return once - neighbours(once)
 
 
 def neighbours(image: Floats) -> Floats:
@@ -243,6 +251,7 @@ def between_kinds(
     patterns: Patterns,
     *,
     clear: Mask,
+    half: Mask,
     wide: Mask,
     thin: float,
     warmest: float,
@@ -251,19 +260,20 @@ def between_kinds(
     """Compares the patterns of injections and references in the pixels with the least spray.
 
     Args:
-        clear: (h, w) pixels with the least spray. thin: their mean emissivity. wide: those, and
-            all with thin spray.
+        clear: (h, w) pixels with the least spray. thin: their mean emissivity. half: half of them,
+            with less spray than the others. wide: clear pixels, and all with thin spray.
         warmest: radiance of the warmest part of the surroundings, over the largest source.
         rise_counts: (K,) counts per kelvin of the black body.
     """
-    lines = [_Difference.of(patterns, patterns.sees & one) for one in (wide, clear)]
-    if lines[0] is None or lines[1] is None:
+    thin_around = patterns.sees & binary_erosion(wide, iterations=2, border_value=1)
+    lines = [_Difference.of(patterns, thin_around & one) for one in (wide, clear, half)]
+    if lines[0] is None or lines[1] is None or lines[2] is None:
         return Renewed()
     found_at = [(*lines[0].beyond(x, 1.0), x) for x in warmest * _RADIANCES]
     offset2, doubt, at = min(found_at)
-    # Offsets are the same in clear pixels; what is more in thin spray is of the spray.
-    offset2 = min(offset2, sum(lines[1].beyond(at, 1.0)))
-    slopes2, slopes_doubt = lines[1].beyond(1.0, 0.0)
+    # Patterns of a camera are the same in all pixels; what is more in thin spray is of the spray.
+    offset2 = min(offset2, *(sum(one.beyond(at, 1.0)) for one in lines[1:] if one))
+    slopes2, slopes_doubt = min(one.beyond(1.0, 0.0) for one in lines[1:] if one)
     spray2 = max(slopes2 + 2.0 * slopes_doubt, 0.0)
     gain = lines[1].gain
     found, says, sure = Renewed(), [], 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 from cldit.acquisition import Plan, acquire, open_acquisition
 from cldit.acquisition.journal import read_entries
 from cldit.api.folder_evaluation import evaluate_folder
-from cldit.errors import EvaluationError, RunFolderError
+from cldit.errors import ClditError, EvaluationError, RunFolderError
 from cldit.rig.load import open_rig
 from tests.wrapped import pulses
 
@@ -97,3 +98,35 @@ def test_entries_before_the_damage(folder: Path) -> None:
     entries, _, damage = read_entries(folder / "journal.jsonl")
     assert damage is not None and LINES < len(entries) < len(before)
     assert entries == before[: len(entries)]
+
+
+@pytest.mark.parametrize("mutations", [40, pytest.param(400, marks=pytest.mark.long)])
+def test_no_mutation_of_several_bits_is_silent(folder: Path, mutations: int) -> None:
+    """Up to five bits of up to two files: an error, a line, or the same maps."""
+
+    def read() -> tuple[Any, ...]:
+        found = open_acquisition(folder)
+        shots = tuple(replace(shot, time_s=None, stable_s=None) for shot in found.shots)
+        images = b"".join(found.load(shot).tobytes() for shot in found.shots)
+        return shots, images, found.surroundings, found.calibration, found.pixel_m, found.centre_m
+
+    before = read()
+    files = sorted(file for file in folder.rglob("*") if file.is_file() and file.name != "lock")
+    rng = np.random.default_rng(3)
+    silent = []
+    for number in range(mutations):
+        chosen = [files[n] for n in rng.integers(len(files), size=rng.integers(1, 3))]
+        kept = {file: file.read_bytes() for file in chosen}
+        for file, data in kept.items():
+            changed = bytearray(data)
+            for at in rng.integers(len(changed), size=rng.integers(1, 6)) if changed else ():
+                changed[at] ^= 1 << rng.integers(8)
+            file.write_bytes(changed)
+        try:
+            if open_acquisition(folder).damage == () and read() != before:
+                silent.append((number, [file.name for file in chosen]))
+        except ClditError:
+            pass
+        for file, data in kept.items():
+            file.write_bytes(data)
+    assert silent == [] and read() == before

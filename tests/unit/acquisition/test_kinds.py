@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -235,6 +237,49 @@ def test_files_that_lost_a_part_are_refused(
     with pytest.raises(EvaluationError, match=name):
         read_all(Source(path))
     assert not capfd.readouterr().err
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_chunks_of_hdf5_that_were_never_written_are_refused(tmp_path: Path, virtual: bool) -> None:
+    """HDF5 reads them as zeros; `incomplete` reads what is there."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset("film", IMAGES.shape, IMAGES.dtype, chunks=(1, 3, 7))
+        data[:2], data[2, :3], data[3:] = IMAGES[:2], IMAGES[2, :3], IMAGES[3:]
+    path = tmp_path / "a.h5"
+    if virtual:
+        layout = h5py.VirtualLayout(IMAGES.shape, IMAGES.dtype)
+        layout[:] = h5py.VirtualSource(path, "film", IMAGES.shape)
+        path = tmp_path / "b.h5"
+        with h5py.File(path, "w") as file:
+            file.create_virtual_dataset("film", layout)
+    with pytest.raises(EvaluationError, match=r"a\.h5: /film: 1 of 12 chunks are missing"):
+        open_stack(Source(path))
+    assert len(read_all(Source(path, incomplete=True))) == len(IMAGES)
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file with bad blocks")
+@pytest.mark.parametrize(("name", "write"), WRITERS, ids=[name for name, _ in WRITERS])
+def test_a_read_that_fails_after_opening_names_the_file(
+    tmp_path: Path, name: str, write: Callable[[Path], None]
+) -> None:
+    """Reads of /proc/self/mem near 0 fail as those of a broken disk: it takes the file's place."""
+    path = tmp_path / name
+    write(path)
+    reader = FrameReader()
+    reader.notes(Source(path))
+    with Path("/proc/self/mem").open("rb") as broken:
+        for number in (int(entry.name) for entry in Path("/proc/self/fd").iterdir()):
+            with suppress(OSError):
+                if Path(f"/proc/self/fd/{number}").readlink() == path:
+                    os.dup2(broken.fileno(), number)
+    try:
+        images = [reader.read(Source(path), number) for number in range(len(IMAGES))]
+    except EvaluationError as error:
+        assert str(path) in str(error)
+    else:  # they are in memory
+        np.testing.assert_array_equal(images, IMAGES)
+    reader.close()
 
 
 def test_tdms_by_groups_of_channels_and_its_size(tmp_path: Path) -> None:

@@ -347,7 +347,7 @@ def _all_saturated(data: dict[str, Any], folder: Path) -> str:
 def _other_mask(data: dict[str, Any], folder: Path) -> str:
     tifffile.imwrite(folder / "bad.tif", np.zeros((8, 8), np.uint8))
     data["bad_pixels"] = "bad.tif"
-    return r"bad_pixels: bad.tif has shape \(8, 8\); allowed: \(16, 20\), that of 000.tif\[0\]"
+    return r"bad_pixels: bad.tif has shape \(8, 8\); allowed: \(16, 20\), that of .*/000.tif\[0\]"
 
 
 def _other_ending(data: dict[str, Any], folder: Path) -> str:

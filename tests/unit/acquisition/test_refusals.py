@@ -87,12 +87,12 @@ def test_disk_full_while_writing(
     """The fifth image finds no room: the rig is safe, four are kept, the same call resumes."""
     count = 0
 
-    def full(*args: Any, **kwargs: Any) -> None:
+    def full(*args: Any, **kwargs: Any) -> str:
         nonlocal count
         count += 1
         if count == 5:
             raise OSError(28, "No space left on device")
-        save_shot(*args, **kwargs)
+        return save_shot(*args, **kwargs)
 
     monkeypatch.setattr("cldit.acquisition.sequence.save_shot", full)
     rig = wrapped(tiny_rig)

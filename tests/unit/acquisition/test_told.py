@@ -13,7 +13,7 @@ import tifffile
 import yaml
 from click.testing import CliRunner
 
-from cldit.acquisition.measured import open_measured
+from cldit.acquisition.measured import check_clock, open_measured
 from cldit.acquisition.pictures.hcc import Hcc
 from cldit.acquisition.pictures.hdf5 import Hdf5
 from cldit.acquisition.pictures.source import Source, Told, moment_s
@@ -97,6 +97,15 @@ def test_nexus(tmp_path: Path) -> None:
         assert opened.told[1].integration_time_s == pytest.approx(25e-6)
     with closing(Hdf5(Source(tmp_path / "run.nxs", "/entry/other/data"))) as opened:
         assert opened.told == ()
+
+
+def test_a_clock_that_goes_back_is_named(tmp_path: Path) -> None:
+    """The third of the selected frames is older than the one before it."""
+    times = [9.0, 0.0, 2.0, 1.0]
+    told = tuple(Told(time_s=time_s) for time_s in times)
+    with pytest.raises(EvaluationError, match=r"a\.tif: frame 3: the clock goes back by 1 s"):
+        check_clock(told[1:], Source(tmp_path / "a.tif", first=1))
+    check_clock((*told[1:3], Told(), told[1]), Source(tmp_path / "a.tif"))
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Barrier
@@ -9,12 +10,13 @@ from threading import Barrier
 import numpy as np
 import pytest
 
-from cldit.errors import DiskFull, FileError
+from cldit.errors import DiskFull, EvaluationError, FileError
 from cldit.io.data_streams import DataStream
 from cldit.io.files import (
     append_text,
     make_folder,
     read_text,
+    text_encoding,
     whole,
     write_bytes,
     write_text,
@@ -22,6 +24,7 @@ from cldit.io.files import (
 )
 from cldit.io.images import read_image, write_image
 from cldit.io.tables import cached
+from cldit.io.text_tables import read_table_text
 from tests.full_disk import full_disk
 
 
@@ -111,3 +114,24 @@ def test_what_the_system_refuses_is_named(tmp_path: Path) -> None:
     with pytest.raises(DiskFull), written(tmp_path):  # as HDF5 tells it
         raise OSError("file write failed: errno = 28, error message = 'No space left on device'")
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file with bad blocks")
+@pytest.mark.parametrize("read", [read_text, text_encoding, read_table_text])
+def test_a_read_that_fails_after_opening_names_the_file(
+    read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    """As of a broken disk or a network drive."""
+    path = Path("/proc/self/mem")
+    with pytest.raises(FileError, match=r"^/proc/self/mem: cannot be read \(Input/output error\)$"):
+        read(path)
+
+
+def test_long_values_are_cut_in_every_message() -> None:
+    """Quotes, lists and words; not paths, and not text between two apostrophes."""
+    long = "y" * 1000
+    for text in (f"'{long}'", f'"{long}"', f"{[1] * 1000}", long, f"'{long[:80]}'"):
+        assert len(str(EvaluationError(f"key: {text}; allowed: a, b"))) < 110
+    prose = "the camera's offset, of all images that were read from this folder, and the spray's"
+    path = "/".join(["folder"] * 50)
+    assert str(FileError(f"{path}: {prose}")) == f"{path}: {prose}"

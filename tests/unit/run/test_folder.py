@@ -6,6 +6,7 @@ import json
 import shutil
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ import pytest
 
 import cldit
 from cldit.accuracy.errors import Cause, Errors
+from cldit.acquisition import open_acquisition
 from cldit.errors import RunFolderError
+from cldit.io.digests import UNVERIFIED
 from cldit.io.exclusive import exclusive
 from cldit.io.images import write_image
 from cldit.run.folder import open_run, stored_run
@@ -120,3 +123,57 @@ def test_errors_are_read_with_their_sum(folder: Path) -> None:
     errors = Errors.of([Cause("cells", 0.5, "coarser")], [Cause("optical data", None, "another k")])
     info(folder, errors=errors.to_dict())
     assert open_run(folder).errors == errors
+
+
+def test_a_folder_of_0_1_0_is_not_verified(folder: Path) -> None:
+    """It is read, with a line; written again it has digests."""
+    assert open_run(folder).info.remarks[-1] == UNVERIFIED
+    assert any(UNVERIFIED in line for line in open_acquisition(folder / "acquisition").damage)
+
+
+def _written(folder: Path, target: Path) -> Path:
+    """The run with digests; what it is made of is that of the stored one."""
+    run = open_run(folder)
+    run.save(target)
+    data = json.loads((target / "run.json").read_text())
+    assert {"scene.yaml", "maps/emissivity.tif", "weights/wall.tif", ""} <= set(data["sha256"])
+    return target
+
+
+def _differs(one: cldit.Run, other: cldit.Run) -> bool:
+    """True if anything that was read is another, but the line on digests."""
+    images = [{**vars(run.maps), **run.weights.images, **run.error_maps} for run in (one, other)]
+    texts = [(run.scene, replace(run.info, remarks=())) for run in (one, other)]
+    return texts[0] != texts[1] or any(
+        not np.array_equal(image, images[1].get(name), equal_nan=image.dtype.kind == "f")
+        for name, image in images[0].items()
+    )
+
+
+@pytest.mark.parametrize("mutations", [150, pytest.param(2000, marks=pytest.mark.long)])
+def test_no_mutation_of_several_bits_is_silent(
+    folder: Path, tmp_path: Path, mutations: int
+) -> None:
+    """Up to five bits of up to two files: an error, or the run as it was."""
+    target = _written(folder, tmp_path / "new")
+    before = open_run(target)
+    files = sorted(file for file in target.rglob("*") if file.is_file()
+                   and "acquisition" not in file.parts)  # fmt: skip
+    rng = np.random.default_rng(7)
+    silent = []
+    for number in range(mutations):
+        chosen = [files[n] for n in rng.integers(len(files), size=rng.integers(1, 3))]
+        kept = {file: file.read_bytes() for file in chosen}
+        for file, data in kept.items():
+            changed = bytearray(data)
+            for at in rng.integers(len(changed), size=rng.integers(1, 6)):
+                changed[at] ^= 1 << rng.integers(8)
+            file.write_bytes(changed)
+        try:
+            if _differs(before, open_run(target)):
+                silent.append((number, [str(file) for file in chosen]))
+        except RunFolderError:
+            pass
+        for file, data in kept.items():
+            file.write_bytes(data)
+    assert silent == [] and not _differs(before, open_run(target))

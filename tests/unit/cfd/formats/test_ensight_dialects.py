@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.ensight.file import read_case_file
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -234,3 +235,12 @@ def test_two_cases_in_a_folder(tmp_path: Path, foam: Foam, writers: Writers, not
     (tmp_path / "more.encas").write_text(path.read_text())
     with pytest.raises(SprayError, match=r"2 claim to be the EnSight case: .*\.case, .*\.encas"):
         notes(tmp_path)
+
+
+@pytest.mark.parametrize("key", ["filename increment", "number of steps", "filename numbers"])
+def test_a_number_of_many_digits_is_refused(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "a.case"
+    text = f"FORMAT\ntype: ensight gold\nTIME\ntime set: 1\ntime values: 0\n{key}: {'9' * 4000}\n"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SprayError, match=r"a\.case: is no EnSight case file"):
+        read_case_file(path)
