@@ -11,7 +11,7 @@ from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
-from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_volume
+from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_times, check_volume
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.plausible import check_totals, freezing_K, gas_remarks, is_fuel
@@ -99,6 +99,7 @@ def _stored(spec: CfdSpray) -> Spray:
 def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     spec = with_molar_mass(spec)
     case = read_case(spec, watch)
+    check_times(case.times_s)
     _check_size(case)
     gas = _gas(spec, case)
     checked = None
@@ -270,7 +271,9 @@ def _vapour(
         lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
         count -= len(kept)
     own = slice(0, len(cell) // len(every))  # the case itself is the first of all copies
-    check_cells_once(case, cell[own], Boxes(lower[own], upper[own], np.empty(0)))
+    origin, rotation = every[0].into(frame)
+    centre = (lower[own] + upper[own]) / 2 @ rotation + origin
+    check_cells_once(case, cell[own], centre, np.prod(upper[own] - lower[own], axis=1))
     check_volume(case.mesh, filled)
     temperature = gas.temperature_K[cell].astype(np.float64)
     molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)

@@ -184,7 +184,8 @@ def mapped_cloud(
     rows = Source(source, columns | doubles, len(position_m.values))
     fields = cloud_columns(rows, parcels.model_copy(update=missing))
     parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
-    return complete_cloud(name, source, _double(position_m), fields, set(columns) - parts)
+    own = {key: column for key, column in columns.items() if key not in parts}
+    return complete_cloud(name, source, _double(position_m), fields, own, columns_of(parcels))
 
 
 def _double(column: Column) -> Column:

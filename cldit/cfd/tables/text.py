@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cldit.cfd.case import Column
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import Table
+from cldit.cfd.one_state import is_mark
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.text_tables import delimiter_of, split_line
@@ -62,6 +63,7 @@ def _decoded(line: bytes) -> str:
         return line.decode("cp1252", "replace")
 
 
+_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 _EXACT = 2.0**53  # whole numbers below are exact as floats
 _UNDEFINED = re.compile(  # also as Windows writes it
     r"[-+]?(?:\d\.#(?:IND|QNAN|SNAN|INF)\d*|nan\(\w*\))|n/?a|null|", re.IGNORECASE
@@ -86,10 +88,11 @@ def _readable(line: str, delimiter: str, used: list[int]) -> str:
 def text_columns(
     file: Path, names: list[str], used: list[int], wanted: Table, marks: list[int]
 ) -> dict[str, Column]:
-    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers or texts.
+    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers, or texts if named so.
 
     NumPy refuses rows of another length than the header; which line it is takes a second reading.
     """
+    named = [place for place in marks if is_mark(names[place])]
     _, delimiter = _header(file, wanted)
     if delimiter == wanted.decimal:
         what = f"{delimiter!r} is both the delimiter and the decimal mark"
@@ -121,7 +124,8 @@ def text_columns(
                 yield _readable(line, delimiter, used) if check else line
 
     def load(check: bool, mark_form: str) -> NDArray[Any]:
-        form = dict.fromkeys(marks, mark_form) | dict.fromkeys(used, "f8")
+        held = marks if mark_form == "f8" else named
+        form = dict.fromkeys(held, mark_form) | dict.fromkeys(used, "f8")
         # of the others one character is kept
         kinds = [(str(place), form.get(place, "U1")) for place in range(len(names))]
         mark = None if delimiter == " " else delimiter
@@ -137,11 +141,11 @@ def text_columns(
                     rows = load(False, mark_form)
                 except ValueError:
                     continue
-                known = [rows[str(place)] for place in marks if mark_form == "f8"]
+                known = [rows[str(place)] for place in named if mark_form == "f8"]
                 if all(np.all(np.abs(each) < _EXACT) for each in known):
                     break
             else:
-                rows = load(True, "U64")
+                rows = load(True, mark_form := "U64")
     except (ValueError, OSError) as error:
         if isinstance(error, SprayError):
             raise
@@ -154,5 +158,16 @@ def text_columns(
         raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
     return {
         names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
-        for place in (*used, *marks)
+        for place in (*used, *(marks if mark_form == "f8" else named))
     }
+
+
+def numbers_in(file: Path, names: list[str], wanted: Table) -> set[str]:
+    """Names of the columns that have a number in the first row below the header."""
+    delimiter = _header(file, wanted)[1]
+    with _opened_text(regular(file)) as stream:
+        rows = (line.strip() for n, line in enumerate(stream) if n >= wanted.header_line)
+        first = next((line for line in rows if line and line[0] not in "#%"), "")
+    cells = zip(names, split_line(first, delimiter), strict=False)
+    decimal = str.maketrans(wanted.decimal, ".")
+    return {name for name, cell in cells if name and _NUMBER.fullmatch(cell.translate(decimal))}

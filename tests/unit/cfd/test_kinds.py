@@ -1,0 +1,190 @@
+"""Kinds of wrong cases, each told by values and relations, under names that no list has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from cldit.cfd.case import Cloud, Column
+from cldit.cfd.one_state import check_parcels_once
+from cldit.cfd.to_spray import read_cfd
+from cldit.errors import SprayError
+from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.test_vtk import block_grid, cloud_data, save, vtk_array
+
+if TYPE_CHECKING:
+    from tests.unit.cfd.conftest import Foam
+
+SET: dict[str, Any] = {"nozzle_m": (0.0, 0.0, 0.0), "axis": "+z"}
+MANY = 200
+
+
+def jet(seed: int = 1) -> dict[str, Any]:
+    """Parcels on straight ways from the origin, each with its own age, size and droplets."""
+    random = np.random.default_rng(seed)
+    age = random.uniform(2e-5, 5e-4, MANY)
+    velocity = random.normal((0.0, 0.0, 60.0), (4.0, 4.0, 5.0), (MANY, 3))
+    return {
+        "position": velocity * age[:, None],
+        "U": velocity,
+        "age": age,
+        "d": random.uniform(5e-6, 3e-5, MANY),
+        "nParticle": random.uniform(500.0, 4000.0, MANY),
+        "T": random.uniform(340.0, 400.0, MANY),
+        "rho": random.uniform(600.0, 650.0, MANY),
+    }
+
+
+def at_times(parcels: dict[str, Any], shares: tuple[float, ...]) -> dict[str, Any]:
+    """The same parcels at several ages; droplets that have lost some of their size on the way."""
+    parts = []
+    for share in shares:
+        moved = {"position": share * parcels["position"], "age": share * parcels["age"]}
+        parts.append(parcels | moved | {"d": parcels["d"] * (1.0 - 0.05 * share)})
+    return {key: np.concatenate([part[key] for part in parts]) for key in parcels}
+
+
+def cloud(parcels: dict[str, Any], **others: Any) -> Cloud:
+    columns = {key: Column(f"file: {key}", values) for key, values in parcels.items()}
+    more = {key: Column(f"file: {key}", np.asarray(values)) for key, values in others.items()}
+    return Cloud("spray", columns.pop("position"), columns, more)
+
+
+def without(parcels: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {key: values for key, values in parcels.items() if key not in names}
+
+
+@pytest.mark.parametrize("lacking", [(), ("age",), ("U",), ("age", "U")])
+@pytest.mark.parametrize("name", ["origId", "Kennung", "p0"])
+def test_tracks_by_a_column_of_identities(name: str, lacking: tuple[str, ...]) -> None:
+    rows = without(at_times(jet(), (0.2, 0.4, 0.6, 0.8, 1.0)), *lacking)
+    mark = np.tile(np.arange(MANY), 5)
+    with pytest.raises(SprayError, match=rf"file: {name}: 200 values in 1000 rows, and rows of on"):
+        check_parcels_once(cloud(rows, **{name: mark}))
+
+
+def test_tracks_that_begin_at_different_times_recur_unequally_often() -> None:
+    rows = at_times(jet(), (0.2, 0.4, 0.6, 0.8, 1.0))
+    late = np.random.default_rng(3).random(len(rows["d"])) < 0.7
+    mark = np.tile(np.arange(MANY), 5)[late]
+    with pytest.raises(SprayError, match="rows of one value seem to be one parcel"):
+        check_parcels_once(cloud({k: v[late] for k, v in rows.items()}, number=mark))
+
+
+@pytest.mark.parametrize("lacking", [(), ("age",)])
+def test_two_times_without_any_mark_have_each_number_of_droplets_twice(
+    lacking: tuple[str, ...],
+) -> None:
+    rows = without(at_times(jet(), (0.5, 1.0)), *lacking)
+    with pytest.raises(SprayError, match="file: nParticle: 200 values in 400 rows"):
+        check_parcels_once(cloud(rows))
+
+
+def test_columns_that_recur_but_do_not_tell_parcels_apart() -> None:
+    """Cells, processors, holes and steps of the injection, some of them equally often."""
+    random = np.random.default_rng(5)
+    every = np.arange(MANY)
+    columns = {
+        "cell": np.floor(jet()["position"][:, 2] / 2e-4),
+        "processor": random.integers(0, 16, MANY),
+        "hole": every % 8,
+        "class": every % 25,
+        "typeId": np.ones(MANY),
+        "active": random.integers(0, 2, MANY),
+        "T0": np.where(every % 2, 330.0, 340.0),
+    }
+    for name, values in columns.items():
+        check_parcels_once(cloud(jet(), **{name: values}))
+        check_parcels_once(cloud(without(jet(), "age"), **{name: values}))
+
+
+def test_parcels_injected_together_are_no_tracks() -> None:
+    """Eight holes, or one; a batch has one age, or one within a step; equal droplets in each."""
+    random = np.random.default_rng(6)
+    for holes, within in ((8, 0.0), (1, 0.3)):
+        step = np.repeat(np.arange(50), 8)
+        age = (50 - step) * 1e-5 - within * 1e-5 * np.tile(np.arange(8), 50)
+        angle = 2 * np.pi * np.tile(np.arange(8), 50) / 8
+        wide = 20.0 if holes == 8 else 0.0
+        speed = random.normal(60.0, 2.0, 400)
+        way = np.stack([wide * np.cos(angle), wide * np.sin(angle), speed], axis=1)
+        size = 2e-5 - 1e-9 * (50 - step)
+        rows = {"position": way * age[:, None], "U": way, "age": age, "d": size}
+        rows |= {"nParticle": 1000.0 + 7.3 * step, "T": 350 + 0 * age, "rho": 620 + 0 * age}
+        check_parcels_once(cloud(rows))
+
+
+@pytest.mark.parametrize("total", ["sum", "mass"])
+def test_a_last_row_that_sums_up_the_others(total: str) -> None:
+    rows = {
+        key: np.concatenate([v, v.mean(axis=0)[None] if v.ndim == 2 else [v.mean()]])
+        for key, v in jet().items()
+    }
+    rows["nParticle"][-1] = rows["nParticle"][:-1].sum() * (1.0 if total == "sum" else 0.37)
+    with pytest.raises(SprayError, match=r"nParticle: row 200 \(.*it seems to be a summary"):
+        check_parcels_once(cloud(rows))
+
+
+def gas(foam: Foam, shape: tuple[int, int, int], low: Any, high: Any, **more: Any) -> Any:
+    """A uniform grid of vtk's, of cells with fuel everywhere."""
+    edges = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, shape, strict=True)]
+    block = foam.block((edges[0], edges[1], edges[2]))
+    fields = {"T": 700.0, "p": 5e6, "rho": 26.0, "C7H16": 0.1} | more
+    return block, {key: np.full(block.cells, float(value)) for key, value in fields.items()}
+
+
+def appended(tmp_path: Path, *parts: tuple[Any, dict[str, Any]], turn_deg: float = 0.0) -> Path:
+    """One file of several blocks, all turned about z."""
+    from vtkmodules.vtkCommonTransforms import vtkTransform
+    from vtkmodules.vtkFiltersCore import vtkAppendFilter
+    from vtkmodules.vtkFiltersGeneral import vtkTransformFilter
+
+    both = vtkAppendFilter()
+    for block, fields in parts:
+        both.AddInputData(block_grid(block, fields))
+    turn = vtkTransform()
+    turn.RotateZ(turn_deg)
+    turned = vtkTransformFilter()
+    turned.SetInputConnection(both.GetOutputPort())
+    turned.SetTransform(turn)
+    turned.Update()
+    return save(tmp_path / "gas.vtu", turned.GetOutput())
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0])
+def test_coarse_cells_beside_the_finer_ones_that_cover_them(
+    tmp_path: Path, foam: Foam, turn_deg: float
+) -> None:
+    """In a corner of a domain that does not fill its box, so that no total is too large."""
+    whole = gas(foam, (6, 6, 6), (-6e-3, -6e-3, 0.0), (6e-3, 6e-3, 12e-3))
+    apart = gas(foam, (4, 4, 4), (30e-3, 30e-3, 30e-3), (38e-3, 38e-3, 38e-3))
+    fine = gas(foam, (4, 4, 4), (-2e-3, -2e-3, 0.0), (2e-3, 2e-3, 4e-3))
+    read_cfd(CfdSpray(file=appended(tmp_path, whole, apart, turn_deg=turn_deg), **SET))
+    with pytest.raises(SprayError, match="8 cells with fuel are covered by others"):
+        read_cfd(CfdSpray(file=appended(tmp_path, whole, apart, fine, turn_deg=turn_deg), **SET))
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0])
+def test_a_run_in_two_dimensions(tmp_path: Path, foam: Foam, turn_deg: float) -> None:
+    flat = gas(foam, (10, 1, 12), (-6e-3, -1e-3, 0.0), (6e-3, 1e-3, 12e-3))
+    with pytest.raises(SprayError, match=r"its cells form one layer, 0\.00\d+ m thick along"):
+        read_cfd(CfdSpray(file=appended(tmp_path, flat, turn_deg=turn_deg), **SET))
+    thick = gas(foam, (10, 2, 12), (-6e-3, -1e-3, 0.0), (6e-3, 1e-3, 12e-3))
+    read_cfd(CfdSpray(file=appended(tmp_path, thick, turn_deg=turn_deg), **SET))
+
+
+def test_gas_and_parcels_that_state_different_times(tmp_path: Path, foam: Foam) -> None:
+    block, fields = gas(foam, (6, 6, 16), (-8e-3, -8e-3, 0.0), (8e-3, 8e-3, 50e-3))
+    for file, data, time in (
+        ("a.vtu", block_grid(block, fields), 1e-3), ("b.vtp", cloud_data(jet()), 5e-4)
+    ):  # fmt: skip
+        data.GetFieldData().AddArray(vtk_array("TimeValue", np.array([time])))
+        save(tmp_path / file, data)
+    with pytest.raises(
+        SprayError, match=r"b\.vtp: states the time 0\.0005.*a\.vtu the time 0\.001"
+    ):
+        read_cfd(CfdSpray(file=tmp_path, parcels_left_out=0.1, **SET))
+    read_cfd(CfdSpray(file=tmp_path, cloud="none", **SET))
