@@ -167,4 +167,5 @@ def joined(columns: list[Column]) -> Column:
     if len(columns) == 1:
         return columns[0]
     label = f"{columns[0].label} and the other processors'"
-    return Column(label, np.concatenate([column.values for column in columns]))
+    values = np.concatenate([column.values for column in columns])
+    return Column(label, values, unit=columns[0].unit)

@@ -50,7 +50,7 @@ class Source:
             value = wanted.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
         name, found = self._column(str(wanted.column), key)
-        factor, offset = self._unit(self._stated(name, wanted.unit, key), key)
+        factor, offset = self._unit(self._stated(name, found, wanted.unit, key), key, found.label)
         values = found.values
         if found.undefined is not None and found.undefined.any():
             if wanted.undefined is None:
@@ -67,7 +67,7 @@ class Source:
     def vector(self, wanted: Vector, key: str) -> Column:
         """Three columns in SI, (N, 3)."""
         named = [self._column(name, key) for name in wanted.columns]
-        units = {self._stated(name, wanted.unit, key) for name, _ in named}
+        units = {self._stated(name, found, wanted.unit, key) for name, found in named}
         if len(units) > 1:
             raise SprayError(f"{self.name}: {key}: columns of several units in their names")
         factor, _ = self._unit(units.pop(), key)
@@ -86,9 +86,9 @@ class Source:
             raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
         return found[0], self.columns[found[0]]
 
-    def _stated(self, name: str, unit: str | None, key: str) -> str | None:
-        """Unit that the mapping gives, else that in the column's name."""
-        stated = unit_in(name)
+    def _stated(self, name: str, found: Column, unit: str | None, key: str) -> str | None:
+        """Unit that the mapping gives, else that of the file or in the column's name."""
+        stated = unit_in(name) or found.unit
         if stated is None or (unit is not None and stated not in units_of(key.partition(".")[2])):
             return unit
         if unit is None or unit == stated:
@@ -98,13 +98,14 @@ class Source:
             f" ({key}); give the unit that is right, and the column its name without one"
         )
 
-    def _unit(self, unit: str | None, key: str) -> tuple[float, float]:
+    def _unit(self, unit: str | None, key: str, label: str = "") -> tuple[float, float]:
         known = units_of(key.partition(".")[2])
         if unit is None:
             return next(iter(known.values()))
         if unit not in known:
             allowed = ", ".join(known)
-            raise SprayError(f"{self.name}: {key}: unit {unit!r} is unknown; allowed: {allowed}")
+            where = label or self.name
+            raise SprayError(f"{where}: {key}: unit {unit!r} is unknown; allowed: {allowed}")
         return known[unit]
 
 

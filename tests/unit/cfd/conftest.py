@@ -13,6 +13,12 @@ import pytest
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+DIMENSIONS = {
+    "T": "0 0 0 1 0 0 0",
+    "Tgas": "0 0 0 1 0 0 0",
+    "p": "1 -1 -2 0 0 0 0",
+    "rho": "1 -3 0 0 0 0 0",
+}
 
 
 @dataclass
@@ -188,7 +194,9 @@ def write_case(
         inside = f"uniform {values!r}".encode()
         if isinstance(values, np.ndarray):
             inside = b"nonuniform List<scalar>\n" + form.numbers(values)
-        body = b"dimensions [0 0 0 0 0 0 0];\n\ninternalField " + inside + b";\n\n"
+        named = (DIMENSIONS[part] for part in key.split("_") if part in DIMENSIONS)
+        powers = next(named, "0 0 0 0 0 0 0").encode()
+        body = b"dimensions [" + powers + b"];\n\ninternalField " + inside + b";\n\n"
         body += b"boundaryField { walls { type zeroGradient; } }"
         form.write(root / time / key, "volScalarField", body)
     if cloud is not None:

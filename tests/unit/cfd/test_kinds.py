@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
 
 SET: dict[str, Any] = {"nozzle_m": (0.0, 0.0, 0.0), "axis": "+z"}
+HERE: dict[str, Any] = {"nozzle_m": (0.5e-3, 9e-3, 0.1e-3), "axis": "-y"}  # of the sample
 MANY = 200
 
 
@@ -188,3 +189,110 @@ def test_gas_and_parcels_that_state_different_times(tmp_path: Path, foam: Foam) 
     ):
         read_cfd(CfdSpray(file=tmp_path, parcels_left_out=0.1, **SET))
     read_cfd(CfdSpray(file=tmp_path, cloud="none", **SET))
+
+
+def commented(text: str, random: np.random.Generator) -> str:
+    """A comment after some of the lines, at each place where OpenFOAM's grammar allows one."""
+    notes = ("// internalField uniform 0.01;", "/* 7 ( 1 2 ) \n 3 */", "// 5", '/* "a;b{ */ // (')
+    lines = []
+    for line in text.splitlines():
+        some = random.random() < 0.2 and "//" not in line
+        comment = notes[random.integers(0, 4)] if some else ""
+        lines.append(f"{line} {comment}" if random.random() < 0.5 else f"{comment}\n{line}")
+    return "\n".join([*lines, ""])
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_a_hundred_commented_variants_of_a_case_give_one_spray(
+    tmp_path: Path, foam: Foam, binary: bool
+) -> None:
+    block, fields, parcels = foam.sample()
+    case = foam.write(tmp_path, block, gas=fields, cloud=parcels, form=foam.form(binary=binary))
+    whole = read_cfd(CfdSpray(file=case, **HERE)).notes
+    files = [each for each in case.rglob("*") if each.is_file() and each.name != "controlDict"]
+    bodies = {file: file.read_bytes() for file in files}
+    random = np.random.default_rng(4)
+    for _ in range(10 if binary else 100):
+        for file, body in bodies.items():
+            mark = b"internalField" if b"internalField" in body else b"// * *"
+            head, mark, rest = body.partition(mark if binary else b"no mark")
+            text = commented(head.decode("latin-1"), random).encode("latin-1")
+            file.write_bytes(text + mark + rest)
+        assert read_cfd(CfdSpray(file=case, **HERE)).notes == whole
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "T0 690; dimensions [0 0 0 1 0 0 0]; internalField uniform $T0;",
+        "hot { T 1; internalField uniform 5; } a $b; b 690; internalField uniform ${:b};",
+        '#include "start"\ninternalField uniform $T1;',
+        'walls { internalField uniform 4; }\n#include "start"\ninternalField $whole;',
+    ],
+)
+def test_macros_and_includes_of_a_field(tmp_path: Path, foam: Foam, text: str) -> None:
+    block, fields, _ = foam.sample()
+    case = foam.write(tmp_path, block, gas=fields | {"rho": np.full(block.cells, 25.0)})
+    (case / "0.001/start").write_text("/* T1 1; */ T1 690; // T1 2;\nwhole uniform $T1;\n")
+    foam.form().write(case / "0.001/T", "volScalarField", text.encode())
+    notes = read_cfd(CfdSpray(file=case, **HERE)).notes
+    assert notes["gas_temperature_min_K"] == notes["gas_temperature_max_K"] == 690.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("internalField uniform $T0;", r"0\.001/T: the macro \$T0 has no entry above it"),
+        ("T0 $T0; internalField uniform $T0;", r"the macro \$T0 names itself"),
+        ('#include "none"\ninternalField uniform 1;', r'#include "none": .*none is missing'),
+        ("inside { internalField uniform 690; }", r"0\.001/T: has no internalField"),
+    ],
+)
+def test_macros_that_cannot_be_expanded(
+    tmp_path: Path, foam: Foam, text: str, message: str
+) -> None:
+    block, fields, _ = foam.sample()
+    case = foam.write(tmp_path, block, gas=fields)
+    foam.form().write(case / "0.001/T", "volScalarField", text.encode())
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=case, **HERE))
+
+
+@pytest.mark.parametrize(
+    ("name", "powers", "message"),
+    [
+        (
+            "p",
+            "0 2 -2 0 0 0 0",
+            r"/p: cells\.pressure: unit '\[0 2 -2 0 0 0 0\]' is unknown; allow",
+        ),
+        ("C7H16", "1 -3 0 0 0 0 0", r"/C7H16: cells\.fuel: unit 'kg/m3' is unknown; allowed: 1"),
+        ("rho", "0 0 0 0 0 0 0", r"/rho: cells\.density: unit '1' is unknown; allowed: kg/m3"),
+        ("T", "0 0 0 0 0", r"/T: cells\.temperature: unit '1' is unknown; allowed: K"),
+    ],
+)
+@pytest.mark.parametrize("last", [False, True])
+def test_dimensions_of_another_quantity(
+    tmp_path: Path, foam: Foam, name: str, powers: str, message: str, last: bool
+) -> None:
+    block, fields, _ = foam.sample()
+    case = foam.write(tmp_path, block, gas=fields)
+    file = case / "0.001" / name
+    before, entry, after = file.read_text().partition("dimensions [")
+    after = after.partition("];")[2]
+    own = f"{entry}{powers}];"
+    file.write_text(f"{before}{after}{own}" if last else f"{before}{own}{after}")
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=case, **HERE))
+
+
+def test_parcels_of_another_time_in_the_folder_of_a_time(tmp_path: Path, foam: Foam) -> None:
+    block, fields, parcels = foam.sample()
+    case = foam.write(tmp_path, block, gas=fields, cloud=parcels)
+    for name, time in (("T", "0.001"), ("lagrangian/sprayCloud/positions", "0.0005")):
+        file = case / "0.001" / name
+        file.write_text(file.read_text().replace("version", f'location "{time}/x"; version', 1))
+    with pytest.raises(
+        SprayError, match=r"positions: states the time 0\.0005, .*T the time 0\.001"
+    ):
+        read_cfd(CfdSpray(file=case, **HERE))
