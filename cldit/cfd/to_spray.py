@@ -14,7 +14,14 @@ from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
 from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_times, check_volume
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
-from cldit.cfd.plausible import check_totals, freezing_K, gas_remarks, is_fuel
+from cldit.cfd.plausible import (
+    check_one_liquid,
+    check_totals,
+    formula,
+    freezing_K,
+    gas_remarks,
+    is_fuel,
+)
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
@@ -33,6 +40,7 @@ _OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; cli
 _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
+_PRESSURE_Pa = (1e4, 5e7)  # of engines and chambers; a gauge pressure is often below
 _MOLAR = 0.01  # relative difference of molar masses: another fuel
 _SECOND = 0.01  # of the fuel's largest mass fraction: a second fuel
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
@@ -131,6 +139,8 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     if some is None and not notes.get("liquid_mass_kg"):
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
+    if case.cloud is not None:
+        check_one_liquid(case.cloud, spec.fuel_field)
     _check_one_fuel(spec, case, gas, others)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
@@ -153,8 +163,9 @@ _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORE
 
 def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
     """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
-    others = [name for name in available if name != fuel_field and _FUEL.match(name)]
-    return sorted(name for name in others if not name.endswith(f"_{fuel_field}"))
+    return sorted(
+        name for name in available if _FUEL.match(name) and formula(name) != formula(fuel_field)
+    )
 
 
 def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, others: Sequence[str]) -> None:
@@ -215,8 +226,17 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
     remarks: tuple[str, ...] = ()
+    if case.gas[spec.fuel_field].unit == "mol/mol":
+        mass = fraction * spec.fuel_molar_mass_kg_mol
+        fraction = mass / (mass + (1.0 - fraction) * AIR_KG_MOL)
+        label = case.gas[spec.fuel_field].label
+        remarks = (f"{label}: mole fractions of fuel in air, converted to mass fractions.",)
     if "p" in case.gas:
-        pressure = _within(case, "p", low=1.0, high=1e9, hint="p is a pressure in Pa")
+        alone, stated = "rho" not in case.gas, case.gas["p"].unit == "Pa absolute"
+        low, high = _PRESSURE_Pa if alone and not stated else (1.0, 1e9)
+        way = "absolute, as there is no density (gauge? else a mapping: unit: Pa absolute)"
+        hint = f"p is a pressure in Pa{', ' + way if alone else ''}"
+        pressure = _within(case, "p", low=low, high=high, hint=hint)
         moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
         ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
     if "rho" in case.gas:
@@ -228,7 +248,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
                     f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at T "
                     f"and p ({case.gas['p'].label}); one of them is not in kg/m3, K, Pa"
                 )
-            remarks = gas_remarks(case, density, ideal, temperature, pressure)
+            remarks += gas_remarks(case, density, ideal, temperature, pressure)
     elif pressure is not None:
         density = ideal
     else:

@@ -17,6 +17,7 @@ from cldit.cfd.mapping.file import (
     columns_of,
     columns_of_value,
     merged,
+    quantity_in,
     unit_in,
     units_of,
     without_unit,
@@ -50,7 +51,8 @@ class Source:
             value = wanted.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
         name, found = self._column(str(wanted.column), key)
-        factor, offset = self._unit(self._stated(name, found, wanted.unit, key), key, found.label)
+        unit = self._stated(name, found, wanted.unit, key)
+        factor, offset = self._unit(unit, key, found.label)
         values = found.values
         if found.undefined is not None and found.undefined.any():
             if wanted.undefined is None:
@@ -62,7 +64,7 @@ class Source:
             values = np.where(found.undefined, wanted.undefined, values)
         if (factor, offset) != (1.0, 0.0):  # else as it is stored: large columns are not copied
             values = np.asarray(values, np.float64) * factor + offset
-        return Column(found.label, values)
+        return Column(found.label, values, unit=unit)
 
     def vector(self, wanted: Vector, key: str) -> Column:
         """Three columns in SI, (N, 3)."""
@@ -88,7 +90,9 @@ class Source:
 
     def _stated(self, name: str, found: Column, unit: str | None, key: str) -> str | None:
         """Unit that the mapping gives, else that of the file or in the column's name."""
+        meant = quantity_in(name, key.partition(".")[2])
         stated = unit_in(name) or found.unit
+        stated = meant if stated in (None, "1") and meant is not None else stated
         if stated is None or (unit is not None and stated not in units_of(key.partition(".")[2])):
             return unit
         if unit is None or unit == stated:

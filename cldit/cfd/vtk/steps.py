@@ -190,7 +190,7 @@ def _sorted(
             f"{found[0].pieces[0].parent}: no gas: no data set of cells with a volume ({held}); "
             "name the gas, or the folder of gas and parcels"
         )
-    remarks = marked.remarks
+    remarks = (*layout.remarks, *marked.remarks)
     if surfaces:
         remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
     return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)

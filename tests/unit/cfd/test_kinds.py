@@ -10,10 +10,13 @@ import pytest
 
 from cldit.cfd.case import Cloud, Column
 from cldit.cfd.one_state import check_parcels_once
-from cldit.cfd.to_spray import read_cfd
+from cldit.cfd.plausible import check_one_liquid
+from cldit.cfd.to_spray import other_fuels, read_cfd
+from cldit.cfd.vtk.datasets import lists_of
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, save, vtk_array
+from tests.unit.cfd.vtkfiles import pvd
 
 if TYPE_CHECKING:
     from tests.unit.cfd.conftest import Foam
@@ -296,3 +299,125 @@ def test_parcels_of_another_time_in_the_folder_of_a_time(tmp_path: Path, foam: F
         SprayError, match=r"positions: states the time 0\.0005, .*T the time 0\.001"
     ):
         read_cfd(CfdSpray(file=case, **HERE))
+
+
+BOX = ((6, 6, 16), (-8e-3, -8e-3, 0.0), (8e-3, 8e-3, 50e-3))
+
+
+def vtu(tmp_path: Path, foam: Foam, lacking: str = "", **fields: float) -> Path:
+    block, known = gas(foam, *BOX)
+    known |= {name: np.full(block.cells, value) for name, value in fields.items()}
+    return appended(tmp_path, (block, {k: v for k, v in known.items() if k != lacking}))
+
+
+@pytest.mark.parametrize("name", ["X_C7H16", "Mole Fraction of C7H16", "molef-c7h16", "MOLF_FUEL"])
+def test_mole_fractions_become_mass_fractions(tmp_path: Path, foam: Foam, name: str) -> None:
+    """Exact: x W / (x W + (1 - x) W_air); the fields of a VTK file are float32."""
+    mole = 0.05
+    mass = mole * 0.100204 / (mole * 0.100204 + (1.0 - mole) * 0.02885)
+    whole = read_cfd(CfdSpray(file=vtu(tmp_path, foam, C7H16=mass), **SET)).notes
+    path = vtu(tmp_path, foam, "C7H16", **{name: mole})
+    found = read_cfd(CfdSpray(file=path, fuel_field=name, **SET))
+    assert found.notes["vapour_mass_kg"] == pytest.approx(whole["vapour_mass_kg"], rel=1e-6)
+    assert any("mole fractions of fuel in air" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("name", ["Molar Concentration of C7H16", "partial_pressure_C7H16"])
+def test_fuel_as_another_quantity(tmp_path: Path, foam: Foam, name: str) -> None:
+    path = vtu(tmp_path, foam, "C7H16", **{name: 0.1})
+    with pytest.raises(
+        SprayError, match=r"cells\.fuel: unit 'concentration or partial pressure' is"
+    ):
+        read_cfd(CfdSpray(file=path, fuel_field=name, **SET))
+
+
+def test_gauge_pressure_without_a_density(tmp_path: Path, foam: Foam) -> None:
+    path = vtu(tmp_path, foam, "rho", p=900.0)
+    with pytest.raises(SprayError, match=r"field p: 900 \(entry 0\) is outside 10000\.\..*gauge"):
+        read_cfd(CfdSpray(file=path, **SET))
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("cells: {pressure: {column: p, unit: Pa absolute}}")
+    read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
+    found = read_cfd(CfdSpray(file=vtu(tmp_path, foam, "rho"), **SET))
+    assert any("at T and p (5e+06 to 5e+06 Pa) was used" in remark for remark in found.remarks)
+    path = vtu(tmp_path, foam, "rho", **{"Gauge Pressure": 5e6})
+    mapping.write_text("cells: {pressure: Gauge Pressure}")
+    with pytest.raises(SprayError, match="unit 'Pa gauge' is unknown; allowed: Pa, kPa"):
+        read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("C7H16(l)", "H2O(l)"),
+        ("massfrac_heptane", "massfrac_water"),
+        ("LIQ_MFRAC_NC7H16", "LIQ_MFRAC_IC8H18"),
+        ("other", "IC8H18(l)"),
+    ],
+)
+def test_parcels_of_two_liquids(names: tuple[str, str]) -> None:
+    shares = {name: np.full(MANY, share) for name, share in zip(names, (0.7, 0.3), strict=True)}
+    with pytest.raises(
+        SprayError, match=r"file: .*: parcels of .*; allowed: parcels of C7H16 alone"
+    ):
+        check_one_liquid(cloud(jet(), **shares), "C7H16")
+
+
+def test_shares_that_are_no_second_liquid() -> None:
+    whole, half = np.ones(MANY), np.full(MANY, 0.5)
+    for shares in (
+        {"C7H16(l)": whole, "Yliquid": whole, "Ygas": 0 * whole},
+        {"MASSFRAC_C7H16": 0.1 * whole, "MASSFRAC_O2": 0.2 * whole, "MASSFRAC_N2": 0.7 * whole},
+        {"C7H16(l)": whole, "H2O(l)": 1e-4 * whole},
+        {"C7H16": half, "evaporated": half},
+    ):
+        check_one_liquid(cloud(jet(), **shares), "C7H16")
+
+
+def test_another_fuel_is_another_formula() -> None:
+    assert other_fuels(["c7h16", "Y_C7H16", "MASSFRAC_C7H16", "IC8H18", "T"], "C7H16") == ["IC8H18"]
+
+
+def test_times_of_a_collection_that_go_back_are_reported(tmp_path: Path, foam: Foam) -> None:
+    for name in ("new", "old"):
+        save(tmp_path / f"{name}.vtu", block_grid(*gas(foam, *BOX)))
+    path = pvd(tmp_path / "case.pvd", {"1e-3": ["new.vtu"], "1.2e-3": ["old.vtu"]})
+    assert "go back" not in " ".join(read_cfd(CfdSpray(file=path, **SET)).remarks)
+    path = pvd(tmp_path / "case.pvd", {"1.2e-3": ["old.vtu"], "1e-3": ["new.vtu"]})
+    remarks = " ".join(read_cfd(CfdSpray(file=path, **SET)).remarks)
+    assert "its times go back from 0.0012 to 0.001" in remarks
+
+
+@pytest.mark.parametrize("frozen", [False, True])
+def test_rows_that_belong_to_no_step(tmp_path: Path, foam: Foam, frozen: bool) -> None:
+    """A temporal file of a mesh that stays, with a field of two times."""
+    h5py = pytest.importorskip("h5py")
+    block, fields = gas(foam, *BOX)
+    grid = block_grid(block, {})
+    corners, offsets = lists_of(grid.GetCells())
+    with h5py.File(tmp_path / "gas.vtkhdf", "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = (2, 0)
+        root.attrs.create("Type", np.bytes_("UnstructuredGrid"))
+        counts = {"NumberOfPoints": grid.GetNumberOfPoints(), "NumberOfCells": block.cells}
+        for name, count in (counts | {"NumberOfConnectivityIds": len(corners)}).items():
+            root[name] = np.array([count])
+        root["Points"], root["Connectivity"], root["Offsets"] = block.points, corners, offsets
+        root["Types"] = np.full(block.cells, 12, np.uint8)
+        steps = root.create_group("Steps")
+        steps.attrs["NSteps"] = 2
+        steps["Values"] = np.array([0.5e-3, 1e-3])
+        for name in ("PartOffsets", "PointOffsets"):
+            steps[name] = np.zeros(2, np.int64)
+        for name in ("CellOffsets", "ConnectivityIdOffsets"):
+            steps[name] = np.zeros((2, 1), np.int64)
+        steps["NumberOfParts"] = np.ones(2, np.int64)
+        for name, values in fields.items():
+            root[f"CellData/{name}"] = np.concatenate([0.9 * values, values])
+            steps[f"CellDataOffsets/{name}"] = np.array([0, 0 if frozen else block.cells])
+    spec = CfdSpray(file=tmp_path / "gas.vtkhdf", **SET)
+    if not frozen:
+        assert read_cfd(spec).notes["vapour_mass_fraction_max"] == pytest.approx(0.1, rel=1e-6)
+        return
+    with pytest.raises(SprayError, match=r"C7H16: 576 of 1152 rows belong to no step"):
+        read_cfd(spec)
