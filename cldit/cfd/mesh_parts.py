@@ -13,7 +13,7 @@ from cldit.cfd.mapping.columns import Source, gas_columns
 from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.cfd.mesh.elements import ElementMesh
-from cldit.cfd.mesh.faces import join
+from cldit.cfd.mesh.faces import Mesh, join
 from cldit.errors import SprayError
 
 
@@ -25,7 +25,7 @@ class MeshPart:
     """
 
     name: str
-    make_mesh: Callable[[], ElementMesh]
+    make_mesh: Callable[[], ElementMesh | Mesh]
     cells: Mapping[str, Column]
     points: Mapping[str, Column]
 

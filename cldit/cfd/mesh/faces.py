@@ -58,6 +58,16 @@ class Mesh(PointMesh):
         geometry.sides_of_cells(self.owner, self.neighbour, first, sides)
         return first, sides
 
+    def corner_mean(self, values: AnyFloats) -> Floats:
+        """Means (N,) of values (P,) at points over the distinct corners of each cell."""
+        points, sizes = len(self.points_m), np.diff(self.start)
+        pairs = np.repeat(self.owner, sizes).astype(np.int64) * points + self.corners
+        beyond = np.repeat(self.neighbour, sizes).astype(np.int64)
+        others = (beyond * points + self.corners)[beyond >= 0]
+        cell, point = np.divmod(np.unique(np.concatenate([pairs, others])), points)
+        total = np.bincount(cell, weights=values[point], minlength=self.cells)
+        return np.asarray(total / np.bincount(cell, minlength=self.cells))
+
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """Faces of `cells` (N,), all in one part."""
         first, sides = self._sides
