@@ -62,6 +62,9 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
+            if "openPMD" in post.attrs:
+                way = "convert fields and particles to .vtu and .vtp, or to tables"
+                raise SprayError(f"{chosen}: is openPMD, which is not read; {way}")
             others = "Fluent's are named .cas.h5 and .dat.h5, VTK's HDF .vtkhdf"
             raise SprayError(f"{chosen}: no STREAM_00, so no post file of CONVERGE ({others})")
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)

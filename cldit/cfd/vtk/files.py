@@ -22,7 +22,7 @@ from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, time_value, vtk_mesh
 from cldit.cfd.vtk.layout import find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing
-from cldit.cfd.vtk.steps import Loader, Step, find_step, step_times
+from cldit.cfd.vtk.steps import Loader, Step, comment_time, find_step, step_times
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
@@ -63,8 +63,8 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
 def _times(step: Step, cloud: str | None) -> dict[Path, float]:
     """Times that the files of the gas and of the cloud state in themselves."""
     read = [*step.meshes, *([] if cloud is None else step.clouds[cloud])]
-    found = {each.file: time_value(each.data) for each in read}
-    return {file: time for file, time in found.items() if time is not None}
+    found = ((each.file, (comment_time(each.file), time_value(each.data))) for each in read)
+    return {file: time for file, both in found for time in both if time is not None}
 
 
 def _part(loaded: Loaded) -> MeshPart:
