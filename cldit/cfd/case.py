@@ -78,7 +78,8 @@ class CfdCase:
 
     gas: the fields that were read; available: the names of all fields; boundaries: patches at which
     the case is cut; wall_K: wall temperature, if the case states it; files: all that were read;
-    remarks: choices and omissions; times_s: the time that each of the files states in itself.
+    remarks: choices and omissions; times_s: the time that each of the files states in itself;
+    accept: checks that the mapping file turns into remarks.
     """
 
     source: str
@@ -93,6 +94,7 @@ class CfdCase:
     files: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
     times_s: Mapping[Path, float] = field(default_factory=dict)
+    accept: tuple[str, ...] = ()
 
 
 def triple(vector: Floats) -> str:

@@ -4,8 +4,9 @@ Judged by values and by relations between rows and files; names of columns only 
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,12 +75,31 @@ def check_times(times_s: Mapping[Path, float]) -> None:
             )
 
 
-def check_parcels_once(cloud: Cloud) -> None:
+def judged(accept: Sequence[str], checks: Mapping[str, Callable[[], None]]) -> tuple[str, ...]:
+    """Makes the `checks`, by name; an error of an accepted one becomes a remark."""
+    remarks: tuple[str, ...] = ()
+    for name, check in checks.items():
+        try:
+            check()
+        except SprayError as error:
+            if name not in accept:
+                way = (
+                    f"if that is right, `accept: [{name}]` in a mapping file reads it all the same"
+                )
+                raise SprayError(f"{error}; {way}") from error
+            remarks += (f"Accepted ({name}): {error}.",)
+    return remarks
+
+
+def check_parcels(cloud: Cloud, accept: Sequence[str] = ()) -> tuple[str, ...]:
     """Refuses a cloud with parcels that occur repeatedly, or a row that sums up the others."""
-    _check_copies(cloud)
-    check_marks(cloud.others)
-    _check_summary(cloud)
-    _check_tracks(cloud)
+
+    def tracks() -> None:
+        check_marks(cloud.others)
+        _check_tracks(cloud)
+
+    checks = {"copies": partial(_check_copies, cloud), "summary": partial(_check_summary, cloud)}
+    return judged(accept, checks | {"tracks": tracks})
 
 
 def _check_copies(cloud: Cloud) -> None:

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,15 @@ from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
-from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_times, check_volume
+from cldit.cfd.one_state import (
+    check_cells_once,
+    check_times,
+    check_volume,
+    judged,
+)
+from cldit.cfd.one_state import (
+    check_parcels as check_rows,
+)
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.plausible import (
@@ -107,7 +116,7 @@ def _stored(spec: CfdSpray) -> Spray:
 def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     spec = with_molar_mass(spec)
     case = read_case(spec, watch)
-    check_times(case.times_s)
+    accepted = judged(case.accept, {"times": lambda: check_times(case.times_s)})
     _check_size(case)
     gas = _gas(spec, case)
     checked = None
@@ -115,11 +124,12 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         share, coldest_K = spec.parcels_left_out, freezing_K(spec)
         checked = check_parcels(case.cloud, *case.mesh.extent_m, share=share, coldest_K=coldest_K)
         cloud = only(case.cloud, checked.kept)
-        check_parcels_once(cloud)
+        accepted += check_rows(cloud, case.accept)
         case = replace(case, cloud=cloud)
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
-    vapour, jet_m = _vapour(spec, case, gas, frame, every, watch)
+    vapour, jet_m, said = _vapour(spec, case, gas, frame, every, watch)
+    accepted += said
     parcels = None
     if checked is not None:
         parcels = completed_parcels(checked.parcels, frame, every)
@@ -140,11 +150,13 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
     if case.cloud is not None:
-        check_one_liquid(case.cloud, spec.fuel_field)
+        liquids = partial(check_one_liquid, case.cloud, spec.fuel_field)
+        accepted += judged(case.accept, {"liquids": liquids})
     _check_one_fuel(spec, case, gas, others)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
+        *accepted,
         *assumptions(spec, case),
         *gas.remarks,
         *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
@@ -259,8 +271,8 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
 
 def _vapour(
     spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, every: Sequence[Copy], watch: Watch
-) -> tuple[Vapour, float]:
-    """Vapour in cldit's frame, and its penetration along the axis in metres (NaN if none).
+) -> tuple[Vapour, float, tuple[str, ...]]:
+    """Vapour in cldit's frame, its penetration along the axis [m] (NaN if none), and remarks.
 
     Cells with a negligible share are omitted, some thousands at a time; the cells of all copies
     refer to the same gas.
@@ -293,12 +305,17 @@ def _vapour(
     own = slice(0, len(cell) // len(every))  # the case itself is the first of all copies
     origin, rotation = every[0].into(frame)
     centre = (lower[own] + upper[own]) / 2 @ rotation + origin
-    check_cells_once(case, cell[own], centre, np.prod(upper[own] - lower[own], axis=1))
-    check_volume(case.mesh, filled)
+    volume = np.prod(upper[own] - lower[own], axis=1)
+
+    def once() -> None:
+        check_cells_once(case, cell[own], centre, volume)
+        check_volume(case.mesh, filled)
+
+    accepted = judged(case.accept, {"cells": once})
     temperature = gas.temperature_K[cell].astype(np.float64)
     molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
     vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)
-    return vapour, depth if np.isfinite(depth) else np.nan
+    return vapour, depth if np.isfinite(depth) else np.nan, accepted
 
 
 def _notes(

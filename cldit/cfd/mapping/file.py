@@ -180,10 +180,14 @@ class ParcelColumns(Table):
         return self
 
 
+Check = Literal["times", "copies", "tracks", "summary", "cells", "liquids"]
+
+
 class ColumnMap(Section):
-    """Whole mapping file."""
+    """Whole mapping file. accept: checks of the state that only remark on what they find."""
 
     time_s: float | None = None
+    accept: tuple[Check, ...] = ()
     cells: CellColumns = CellColumns()
     parcels: ParcelColumns | None = None
 

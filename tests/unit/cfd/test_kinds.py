@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.cfd.case import Cloud, Column
-from cldit.cfd.one_state import check_parcels_once
+from cldit.cfd.one_state import check_parcels
 from cldit.cfd.plausible import check_one_liquid
 from cldit.cfd.to_spray import other_fuels, read_cfd
 from cldit.cfd.vtk.datasets import lists_of
@@ -67,7 +67,7 @@ def test_tracks_by_a_column_of_identities(name: str, lacking: tuple[str, ...]) -
     rows = without(at_times(jet(), (0.2, 0.4, 0.6, 0.8, 1.0)), *lacking)
     mark = np.tile(np.arange(MANY), 5)
     with pytest.raises(SprayError, match=rf"file: {name}: 200 values in 1000 rows, and rows of on"):
-        check_parcels_once(cloud(rows, **{name: mark}))
+        check_parcels(cloud(rows, **{name: mark}))
 
 
 def test_tracks_that_begin_at_different_times_recur_unequally_often() -> None:
@@ -75,7 +75,7 @@ def test_tracks_that_begin_at_different_times_recur_unequally_often() -> None:
     late = np.random.default_rng(3).random(len(rows["d"])) < 0.7
     mark = np.tile(np.arange(MANY), 5)[late]
     with pytest.raises(SprayError, match="rows of one value seem to be one parcel"):
-        check_parcels_once(cloud({k: v[late] for k, v in rows.items()}, number=mark))
+        check_parcels(cloud({k: v[late] for k, v in rows.items()}, number=mark))
 
 
 @pytest.mark.parametrize("lacking", [(), ("age",)])
@@ -84,7 +84,7 @@ def test_two_times_without_any_mark_have_each_number_of_droplets_twice(
 ) -> None:
     rows = without(at_times(jet(), (0.5, 1.0)), *lacking)
     with pytest.raises(SprayError, match="file: nParticle: 200 values in 400 rows"):
-        check_parcels_once(cloud(rows))
+        check_parcels(cloud(rows))
 
 
 def test_columns_that_recur_but_do_not_tell_parcels_apart() -> None:
@@ -101,8 +101,8 @@ def test_columns_that_recur_but_do_not_tell_parcels_apart() -> None:
         "T0": np.where(every % 2, 330.0, 340.0),
     }
     for name, values in columns.items():
-        check_parcels_once(cloud(jet(), **{name: values}))
-        check_parcels_once(cloud(without(jet(), "age"), **{name: values}))
+        check_parcels(cloud(jet(), **{name: values}))
+        check_parcels(cloud(without(jet(), "age"), **{name: values}))
 
 
 def test_parcels_injected_together_are_no_tracks() -> None:
@@ -118,7 +118,7 @@ def test_parcels_injected_together_are_no_tracks() -> None:
         size = 2e-5 - 1e-9 * (50 - step)
         rows = {"position": way * age[:, None], "U": way, "age": age, "d": size}
         rows |= {"nParticle": 1000.0 + 7.3 * step, "T": 350 + 0 * age, "rho": 620 + 0 * age}
-        check_parcels_once(cloud(rows))
+        check_parcels(cloud(rows))
 
 
 @pytest.mark.parametrize("total", ["sum", "mass"])
@@ -129,7 +129,7 @@ def test_a_last_row_that_sums_up_the_others(total: str) -> None:
     }
     rows["nParticle"][-1] = rows["nParticle"][:-1].sum() * (1.0 if total == "sum" else 0.37)
     with pytest.raises(SprayError, match=r"nParticle: row 200 \(.*it seems to be a summary"):
-        check_parcels_once(cloud(rows))
+        check_parcels(cloud(rows))
 
 
 def gas(foam: Foam, shape: tuple[int, int, int], low: Any, high: Any, **more: Any) -> Any:
@@ -421,3 +421,22 @@ def test_rows_that_belong_to_no_step(tmp_path: Path, foam: Foam, frozen: bool) -
         return
     with pytest.raises(SprayError, match=r"C7H16: 576 of 1152 rows belong to no step"):
         read_cfd(spec)
+
+
+def test_a_check_that_is_accepted_is_a_remark_and_the_others_hold(
+    tmp_path: Path, foam: Foam
+) -> None:
+    whole = gas(foam, *BOX)
+    fine = gas(foam, (4, 4, 4), (-4e-3, -4e-3, 0.0), (0.0, 0.0, 6.25e-3))
+    path = appended(tmp_path, whole, fine)
+    mapping = tmp_path / "m.yaml"
+    mapping.write_text("accept: [tracks]")
+    message = r"covered by others.*`accept: \[cells\]` in a mapping file reads it all the same"
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
+    mapping.write_text("accept: [cells]")
+    remarks = read_cfd(CfdSpray(file=path, mapping=mapping, **SET)).remarks
+    assert any(each.startswith("Accepted (cells): ") for each in remarks)
+    mapping.write_text("accept: [all]")
+    with pytest.raises(SprayError, match=r"m\.yaml: accept"):
+        read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
