@@ -107,7 +107,8 @@ def with_point_fields(
             values = mean(weight * values) / mean(weight)
         else:
             values = mean(values)
-        found[wanted[key]] = Column(f"{column.label} (mean over the corners of a cell)", values)
+        label = f"{column.label} (mean over the corners of a cell)"
+        found[wanted[key]] = Column(label, values, unit=column.unit)
     instead = " (weighted by p/T, as there is no density at points)"
     weighted = set() if wanted.get("density", "") in points else {"temperature", "fuel"}
     return found, tuple(wanted[key] + (instead if key in weighted else "") for key in moved)

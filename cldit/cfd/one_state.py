@@ -155,8 +155,8 @@ _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injecte
 def _check_tracks(cloud: Cloud) -> None:
     """Refuses rows that are the same parcels at several places of their way.
 
-    Told by a column of whole numbers that each occur equally often; or by a column whose values
-    recur in rows that lie behind each other on one way and have the droplets of one parcel.
+    Recognised by a column of whole numbers that occur equally often, or by one whose values recur
+    in rows that lie behind each other on one way and have the droplets of one parcel.
     """
     fields = {name: cloud.fields[name] for name in ("nParticle", "d")}
     for name, column in {**cloud.others, **fields}.items():

@@ -1,6 +1,7 @@
 """Conversion of a CFD case to a spray: plausibility of fields, rotation into cldit's frame."""
 
 import re
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -114,8 +115,11 @@ def _stored(spec: CfdSpray) -> Spray:
 
 
 def _imported(spec: CfdSpray, watch: Watch) -> Spray:
-    spec = with_molar_mass(spec)
+    spec, begun = with_molar_mass(spec), time.time()
     case = read_case(spec, watch)
+    for file in case.files:
+        if begun < file.stat().st_mtime <= time.time():
+            raise SprayError(f"{file}: changed while it was read; import it when it is complete")
     accepted = judged(case.accept, {"times": lambda: check_times(case.times_s)})
     _check_size(case)
     gas = _gas(spec, case)

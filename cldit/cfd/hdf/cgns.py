@@ -18,7 +18,7 @@ from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, open_hdf
 from cldit.cfd.inputs import regular
-from cldit.cfd.mapping.file import ColumnMap
+from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.elements import ElementMesh, block_corners
 from cldit.cfd.mesh.faces import Mesh, turned_faces
@@ -146,8 +146,16 @@ def _zone(path: Path, zone: Any) -> MeshPart:
         for key, values in _arrays(path, solution, (cells, vertices)[place]):
             if key in fields[place]:
                 raise SprayError(f"{path}: {name}: {key} twice, of several times; {_WAY}")
-            fields[place][key] = Column(f"{path}: {name}: field {key}", values)
+            unit = _unit(path, dict(children(solution, "DataArray_t"))[key])
+            fields[place][key] = Column(f"{path}: {name}: field {key}", values, unit=unit)
     return MeshPart(f"{path}: {name}", lambda: mesh, *fields)
+
+
+def _unit(path: Path, array: Any) -> str | None:
+    """Unit by the exponents of kilogram, metre, second, kelvin and degree, if they are given."""
+    for _, exponents in children(array, "DimensionalExponents_t"):
+        return SI_UNITS.get(tuple(powers := data_of(path, exponents).tolist()), str(powers))
+    return None
 
 
 def _arrays(path: Path, group: Any, count: int) -> Iterator[tuple[str, NDArray[Any]]]:

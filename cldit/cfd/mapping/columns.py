@@ -18,6 +18,7 @@ from cldit.cfd.mapping.file import (
     columns_of_value,
     merged,
     quantity_in,
+    spelled,
     unit_in,
     units_of,
     without_unit,
@@ -28,7 +29,7 @@ from cldit.errors import SprayError
 def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
     """Adds each component of a vector `U` (N, 3) as `U_X`, `U_Y`, `U_Z` (N,)."""
     parts = {
-        f"{name}_{letter}": Column(column.label, part)
+        f"{name}_{letter}": Column(column.label, part, unit=column.unit)
         for name, column in columns.items()
         if column.values.ndim == 2 and column.values.shape[1] == 3
         for letter, part in zip("XYZ", column.values.T, strict=True)
@@ -91,7 +92,7 @@ class Source:
     def _stated(self, name: str, found: Column, unit: str | None, key: str) -> str | None:
         """Unit that the mapping gives, else that of the file or in the column's name."""
         meant = quantity_in(name, key.partition(".")[2])
-        stated = unit_in(name) or found.unit
+        stated = unit_in(name) or (found.unit and spelled(found.unit))
         stated = meant if stated in (None, "1") and meant is not None else stated
         if stated is None or (unit is not None and stated not in units_of(key.partition(".")[2])):
             return unit

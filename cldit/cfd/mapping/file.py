@@ -35,6 +35,13 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
 } | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
 
 
+# by the powers of kg, m, s, K, and one that is 0 (OpenFOAM: kmol, CGNS: degree)
+SI_UNITS: dict[tuple[float, ...], str] = {
+    (0, 0, 0, 0, 0): "1",
+    (0, 0, 0, 1, 0): "K",
+    (1, -1, -2, 0, 0): "Pa",
+    (1, -3, 0, 0, 0): "kg/m3",
+}
 # kind of the unit of each key; that of another key is the key itself
 _KINDS = {"fuel": "fraction", "number": "count", "age": "time"} | dict.fromkeys(
     ("position", "size", "diameter", "radius", "origin"), "length"
@@ -64,7 +71,12 @@ def without_unit(name: str) -> str:
 def unit_in(name: str) -> str | None:
     """Unit at the end of a column's name, as `UNITS` spells it; None if there is none."""
     match = None if _COMPONENT.search(name) else _UNIT.search(name)
-    return None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
+    return None if match is None else spelled(match[1])
+
+
+def spelled(unit: str) -> str:
+    """Unit as `UNITS` spells it."""
+    return _SPELLED.get(unit.strip(), unit.strip())
 
 
 # name of a column: unit of what it is, if no other is stated; the last is none that is read

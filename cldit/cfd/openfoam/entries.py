@@ -7,6 +7,7 @@ too, but expands neither macros nor `#include`.
 import re
 
 from cldit.cfd.inputs import content
+from cldit.cfd.mapping.file import SI_UNITS
 from cldit.cfd.openfoam.collated import GAP
 from cldit.cfd.openfoam.file import FoamFile, find_foam, open_foam, without_comments
 
@@ -15,12 +16,6 @@ _PART = re.compile(rb'"[^"]*"|//[^\n]*|/\*.*?\*/|[{}();]|List<(\w+)>\s*(\d{1,15}
 _NUMBERS = {b"scalar": 1, b"vector": 3, b"symmTensor": 6, b"tensor": 9}
 _MACRO = re.compile(rb"\$\{?[:.]*(\w+)\}?")
 _DEEPEST = 10  # of macros in macros and files in files
-_UNITS: dict[tuple[float, ...], str] = {
-    (0, 0, 0, 0, 0): "1",
-    (0, 0, 0, 1, 0): "K",
-    (1, -1, -2, 0, 0): "Pa",
-    (1, -3, 0, 0, 0): "kg/m3",
-}
 
 
 def top_level(file: FoamFile, at: int, known: dict[bytes, bytes], depth: int = 0) -> int:
@@ -101,4 +96,4 @@ def unit_of(file: FoamFile, known: dict[bytes, bytes]) -> str | None:
         powers = [float(word) for word in text.split()]
     except ValueError:  # symbols, such as [kg m^-3]
         return text
-    return _UNITS.get(tuple(powers[:5]) if not any(powers[5:]) else (), f"[{text}]")
+    return SI_UNITS.get(tuple(powers[:5]) if not any(powers[5:]) else (), f"[{text}]")

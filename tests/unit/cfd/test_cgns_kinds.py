@@ -128,3 +128,18 @@ def test_damaged_polyhedra(
         data[" data"] = values
     with pytest.raises(SprayError, match=message):
         read_cfd(CfdSpray(file=path, **HERE))
+
+
+def test_dimensions_of_another_quantity(tmp_path: Path, foam: Foam) -> None:
+    path = write_cgns(tmp_path / "a.cgns", foam.sample())
+    for powers in ([1, -1, -2, 0, 0], [0, 2, -2, 0, 0]):
+        with h5py.File(path, "a") as file:
+            field = file[f"{ZONE}/Solution/Pressure"]
+            field.pop("DimensionalExponents", None)
+            node(field, "DimensionalExponents", "DimensionalExponents_t", powers)
+        if powers[0]:
+            read_cfd(CfdSpray(file=path, **HERE))
+    with pytest.raises(
+        SprayError, match=r"Pressure: cells\.pressure: unit '\[0, 2, -2, 0, 0\]' is"
+    ):
+        read_cfd(CfdSpray(file=path, **HERE))

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from cldit.cfd.case import Cloud, Column
+from cldit.cfd.formats import read_case
 from cldit.cfd.one_state import check_parcels
 from cldit.cfd.plausible import check_one_liquid
 from cldit.cfd.to_spray import other_fuels, read_cfd
 from cldit.cfd.vtk.datasets import lists_of
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
+from tests.unit.cfd.formats.conftest import write_converge
 from tests.unit.cfd.test_vtk import block_grid, cloud_data, save, vtk_array
 from tests.unit.cfd.vtkfiles import pvd
 
@@ -440,3 +442,52 @@ def test_a_check_that_is_accepted_is_a_remark_and_the_others_hold(
     mapping.write_text("accept: [all]")
     with pytest.raises(SprayError, match=r"m\.yaml: accept"):
         read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
+
+
+def test_units_in_a_vtk_file(tmp_path: Path, foam: Foam) -> None:
+    from vtkmodules.vtkCommonCore import vtkDataArray
+
+    for unit, factor in (("kPa", 1e-3), ("bar", 1e-5)):
+        block, fields = gas(foam, *BOX)
+        data = block_grid(block, fields | {"p": fields["p"] * factor})
+        data.GetCellData().GetArray("p").GetInformation().Set(vtkDataArray.UNITS_LABEL(), unit)
+        del fields["rho"]
+        data.GetCellData().RemoveArray("rho")
+        found = read_cfd(CfdSpray(file=save(tmp_path / "gas.vtu", data), **SET))
+        assert any("T and p (5e+06 to 5e+06 Pa)" in remark for remark in found.remarks)
+    data.GetCellData().GetArray("p").GetInformation().Set(vtkDataArray.UNITS_LABEL(), "m2/s2")
+    with pytest.raises(SprayError, match="unit 'm2/s2' is unknown; allowed: Pa"):
+        read_cfd(CfdSpray(file=save(tmp_path / "gas.vtu", data), **SET))
+
+
+def test_units_of_hdf_arrays_and_bytes_after_the_end(tmp_path: Path, foam: Foam) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = write_converge(tmp_path, foam.sample(), new=True)
+    file = next(each for each in [path, *path.rglob("*.h5")] if each.is_file())
+    whole = read_cfd(CfdSpray(file=file, **HERE)).notes
+    with h5py.File(file, "a") as post:
+        pressure = post["STREAM_00/CELL_CENTER_DATA/PRESSURE"]
+        pressure[...] = pressure[()] / 1e5
+        pressure.attrs["Units"] = "bar"
+    assert read_cfd(CfdSpray(file=file, **HERE)).notes == pytest.approx(whole, rel=1e-6)
+    with h5py.File(file, "a") as post:
+        post["STREAM_00/CELL_CENTER_DATA/PRESSURE"].attrs["Units"] = "m"
+    with pytest.raises(SprayError, match=r"cell field PRESSURE: .*unit 'm' is unknown"):
+        read_cfd(CfdSpray(file=file, **HERE))
+    file.write_bytes(file.read_bytes() + b"12345678")
+    with pytest.raises(SprayError, match=r"is damaged: .* bytes, its head states"):
+        read_cfd(CfdSpray(file=file, **HERE))
+
+
+def test_a_file_that_changes_while_it_is_read(
+    tmp_path: Path, foam: Foam, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = vtu(tmp_path, foam)
+
+    def touched(spec: CfdSpray, *more: Any) -> Any:
+        path.touch()
+        return read_case(spec, *more)
+
+    monkeypatch.setattr("cldit.cfd.to_spray.read_case", touched)
+    with pytest.raises(SprayError, match=r"gas\.vtu: changed while it was read"):
+        read_cfd(CfdSpray(file=path, **SET))
