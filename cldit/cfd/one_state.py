@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.cfd.case import CfdCase, Cloud, Column, triple
-from cldit.cfd.mesh.cells import CellMesh, Labels
+from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
 from cldit.cfd.times import TIME_TOLERANCE
@@ -149,6 +149,7 @@ def _check_summary(cloud: Cloud) -> None:
 _FEW, _MANY = 20, 50  # values of a column of identities; of another column whose values recur
 _TIMES_IN = 10  # times of which other columns than identities tell
 _MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
+_DIGITS = 1e-5  # relative to the leading digit
 _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
 
 
@@ -163,11 +164,12 @@ def _check_tracks(cloud: Cloud) -> None:
         values = column.values
         if values.ndim != 1 or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
             continue
-        _, group, counts = np.unique(values, return_inverse=True, return_counts=True)
+        whole = name not in fields and bool(np.all(values == np.rint(values)))
+        keys = values if whole else _rounded(values)
+        _, group, counts = np.unique(keys, return_inverse=True, return_counts=True)
         many, often = len(counts), float(np.median(counts))
         if many == len(values) or many < _FEW:
             continue
-        whole = name not in fields and bool(np.all(values == np.rint(values)))
         pairs = _pairs_in(cloud, group)
         if whole and often == counts.min() == counts.max() and often <= many:
             tracks = pairs.alike and not pairs.together
@@ -204,15 +206,14 @@ class _Pairs:
 
 
 def _pairs_in(cloud: Cloud, group: Labels) -> _Pairs:
-    place, velocity = cloud.position_m.values, cloud.fields.get("U")
-    age = cloud.fields.get("age")
+    def known(name: str) -> AnyFloats | None:
+        column = cloud.fields.get(name)
+        return None if column is None or not np.isfinite(column.values).all() else column.values
+
+    place, velocity, age = cloud.position_m.values, known("U"), known("age")
     count, size = cloud.fields["nParticle"].values, cloud.fields["d"].values
-    if age is not None:
-        order = age.values
-    elif velocity is not None:
-        order = place @ np.nanmean(velocity.values, axis=0)
-    else:
-        order = place[:, 0]
+    along = place[:, 0] if velocity is None else place @ velocity.mean(axis=0)
+    order = along if age is None else age
     rows = np.lexsort((order, group))
     same = np.flatnonzero(group[rows][1:] == group[rows][:-1])
     first, second = rows[same], rows[same + 1]
@@ -222,17 +223,24 @@ def _pairs_in(cloud: Cloud, group: Labels) -> _Pairs:
     span = np.maximum.reduceat(order[rows], begin) - np.minimum.reduceat(order[rows], begin)
     mixed = float(np.median(span)) * len(begin) > _SPREAD * float(np.ptp(order))
     told = any(len(np.unique(each)) > len(each) // 20 for each in (count, size))
-    equal, falls = count[first] == count[second], size[second] <= 1.1 * size[first]
+    equal = np.isclose(count[first], count[second], rtol=_DIGITS, atol=0.0)
+    falls = size[second] <= 1.1 * size[first]
     ordered = age is not None or velocity is not None
     alike = not told or _most(equal) or (ordered and _most(falls))
-    if velocity is None:
+    if velocity is None or not told:
         return _Pairs(first, second, together, alike, False, mixed)
-    step, along = place[second] - place[first], velocity.values[first] + velocity.values[second]
-    length = np.linalg.norm(step, axis=1) * np.linalg.norm(along, axis=1)
-    with np.errstate(invalid="ignore"):
-        cosine = np.einsum("ij,ij->i", step, along) / length
-    one_way = told and float(np.nanmedian(cosine)) > 0.9 and _most(equal & falls)
+    step, way = place[second] - place[first], velocity[first] + velocity[second]
+    length = np.linalg.norm(step, axis=1) * np.linalg.norm(way, axis=1)
+    straight = np.einsum("ij,ij->i", step, way) > 0.9 * length
+    one_way = float(np.mean(straight)) > 0.5 and _most(equal & falls)
     return _Pairs(first, second, together, alike, one_way, mixed)
+
+
+def _rounded(values: AnyFloats) -> Floats:
+    """Values (N,) of six digits: a number of droplets from a mass has rounding errors."""
+    size = np.abs(np.where(values == 0.0, 1.0, values))
+    step = _DIGITS * 10.0 ** np.floor(np.log10(size))
+    return np.asarray(np.rint(values / step) * step)
 
 
 def _most(pairs: Mask) -> bool:

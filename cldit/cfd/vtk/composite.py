@@ -52,11 +52,15 @@ def _check_steps(file: Path, group: Any) -> None:
     steps = group["Steps"]
     for data, number in (("CellData", "NumberOfCells"), ("PointData", "NumberOfPoints")):
         offsets = steps.get(f"{data}Offsets", {})
-        if number not in group or not {"PartOffsets", "NumberOfParts"} <= set(steps):
+        if "WholeExtent" in group.attrs:  # an image has a step in a row
+            first, last, ends = np.array([0]), np.array([1]), np.array([0, 1])
+        elif number in group and {"PartOffsets", "NumberOfParts"} <= set(steps):
+            ends = np.concatenate([[0], np.cumsum(group[number][()])])
+            first = np.asarray(steps["PartOffsets"][()]).reshape(-1)
+            parts = np.asarray(steps["NumberOfParts"][()]).reshape(-1)
+            last = np.minimum(first + parts, len(ends) - 1)
+        else:
             continue
-        ends = np.concatenate([[0], np.cumsum(group[number][()])])
-        first = np.asarray(steps["PartOffsets"][()]).reshape(-1)
-        last = np.minimum(first + np.asarray(steps["NumberOfParts"][()]).reshape(-1), len(ends) - 1)
         for name in offsets:
             begin = np.asarray(offsets[name][()]).reshape(-1)
             rows = np.zeros(len(group[data][name]) + 1, np.int64)
