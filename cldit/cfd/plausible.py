@@ -68,8 +68,10 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     total = np.sum([part.values for part in parts.values()], axis=0)
     if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < _LEAST)):
         return  # of the gas around the parcels, or something else
-    others = {name: part for name, part in parts.items() if formula(fuel_field) not in name}
-    if others and (len(parts) > 1 or not set(others) <= set(_SUBSTANCES)):
+    fuel = formula(fuel_field)
+    others = {name: part for name, part in parts.items() if fuel not in name and name not in fuel}
+    formulas = molar_mass_kg_mol(fuel) is not None and all(map(molar_mass_kg_mol, others))
+    if others and (len(parts) > 1 or formulas):
         label = next(iter(others.values())).label
         shown = ", ".join(f"{name} (up to {part.values.max():.3g})" for name, part in parts.items())
         raise SprayError(

@@ -137,6 +137,12 @@ def test_a_last_row_that_sums_up_the_others(total: str) -> None:
         check_parcels(cloud(rows))
 
 
+def test_a_blob_that_has_most_of_the_liquid_is_no_summary() -> None:
+    rows = jet()
+    rows["d"][0], rows["nParticle"][0] = 9e-5, 3000.0
+    check_parcels(cloud(rows))
+
+
 def gas(foam: Foam, shape: tuple[int, int, int], low: Any, high: Any, **more: Any) -> Any:
     """A uniform grid of vtk's, of cells with fuel everywhere."""
     edges = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, shape, strict=True)]
@@ -375,8 +381,14 @@ def test_shares_that_are_no_second_liquid() -> None:
         {"MASSFRAC_C7H16": 0.1 * whole, "MASSFRAC_O2": 0.2 * whole, "MASSFRAC_N2": 0.7 * whole},
         {"C7H16(l)": whole, "H2O(l)": 1e-4 * whole},
         {"C7H16": half, "evaporated": half},
+        {"nHeptane(l)": whole},
+        {"NC7H16(l)": whole},
     ):
         check_one_liquid(cloud(jet(), **shares), "C7H16")
+    for fuel in ("Y_FUEL", "NC7H16"):
+        check_one_liquid(cloud(jet(), **{"C7H16(l)": whole}), fuel)
+    with pytest.raises(SprayError, match=r"parcels of C12H26 \(up to 1\); allowed: parcels of C7"):
+        check_one_liquid(cloud(jet(), **{"C12H26(l)": whole}), "C7H16")
 
 
 def test_another_fuel_is_another_formula() -> None:
@@ -432,7 +444,7 @@ def test_a_check_that_is_accepted_is_a_remark_and_the_others_hold(
     tmp_path: Path, foam: Foam
 ) -> None:
     whole = gas(foam, *BOX)
-    fine = gas(foam, (4, 4, 4), (-4e-3, -4e-3, 0.0), (0.0, 0.0, 6.25e-3))
+    fine = gas(foam, (4, 4, 4), (-16e-3 / 3, -16e-3 / 3, 0.0), (0.0, 0.0, 6.25e-3))
     path = appended(tmp_path, whole, fine)
     mapping = tmp_path / "m.yaml"
     mapping.write_text("accept: [tracks]")
