@@ -29,7 +29,7 @@ def top_level(file: FoamFile, at: int, known: dict[bytes, bytes], depth: int = 0
             line = file.body.find(b"\n", at)
             line = len(file.body) if line < 0 else line
             if name in (b"#include", b"#sinclude", b"#includeIfPresent"):
-                _include(file, file.body[at:line], known, depth, needed=name == b"#include")
+                _include(file, file.body[at:line], known, depth)
             at = line
             continue
         end = entry_end(file, at)
@@ -56,15 +56,12 @@ def entry_end(file: FoamFile, at: int) -> int:
     return len(file.body)
 
 
-def _include(
-    file: FoamFile, line: bytes, known: dict[bytes, bytes], depth: int, *, needed: bool
-) -> None:
-    name = line.strip().strip(b'"').decode("latin-1")
-    path = find_foam(file.path.parent / name)
+def _include(file: FoamFile, line: bytes, known: dict[bytes, bytes], depth: int) -> None:
+    """Adds the entries of an included file; a missing one is named once a macro is not found."""
+    name = line.strip().strip(b'"')
+    path = find_foam(file.path.parent / name.decode("latin-1"))
     if path is None or depth > _DEEPEST:
-        if needed:
-            why = "is missing (paths are relative to the file)" if path is None else "names itself"
-            raise file.fail(f'#include "{name}": {file.path.parent / name} {why}')
+        known[b"#include"] = name
         return
     with open_foam(path) as stream:
         text = without_comments(content(stream, path))
@@ -80,7 +77,9 @@ def expanded(file: FoamFile, text: bytes, known: dict[bytes, bytes]) -> bytes:
             return text
         name = macro.group().decode("latin-1")
         if macro.group(1) not in known:
-            raise file.fail(f"the macro {name} has no entry above it, nor in a file it includes")
+            lost = known.get(b"#include", b"").decode("latin-1")
+            where = f'; "{lost}", which it includes, is missing beside it' if lost else ""
+            raise file.fail(f"the macro {name} has no entry above it or in its includes{where}")
         value = known[macro.group(1)].partition(b";")[0]
         text = text[: macro.start()] + value + text[macro.end() :]
     raise file.fail(f"the macro {name} names itself")
