@@ -47,7 +47,7 @@ _GASES = {"N2", "O2", "CO2", "CO"}
 _LEAST = 0.01  # share of the liquid: a second component
 
 
-def _species(name: str) -> str | None:
+def species_in(name: str) -> str | None:
     """Species of which a column of parcels gives the share, by its name; else None."""
     if (phase := _PHASE.search(name)) is not None:
         return formula(phase[1])
@@ -61,7 +61,7 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
     parts: dict[str, Column] = {}
     liquid = False
     for name, column in cloud.others.items():
-        species, values = _species(name), np.asarray(column.values, np.float64)
+        species, values = species_in(name), np.asarray(column.values, np.float64)
         if species is not None and values.min() >= -1e-3 and _LEAST < values.max() <= 1.0 + 1e-3:
             parts[species] = column
             liquid = liquid or _PHASE.search(name) is not None

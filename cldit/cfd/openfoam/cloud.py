@@ -13,6 +13,7 @@ from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import labels, particles, scalars, vectors, whole
+from cldit.cfd.plausible import species_in
 from cldit.errors import SprayError
 
 
@@ -32,8 +33,8 @@ def read_cloud(
 ) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
-    Both may hold either form. `wanted`: names of fields, `U_X` means U; the other scalar fields are
-    read, too, if they can be. The paths of the files read and their times are added to `files` and
+    Both may hold either form. `wanted`: names of fields, `U_X` means U; labels and shares of
+    species are read, too, if they can be. Adds the files read, and their times, to `files` and
     `times_s`.
     """
     names = ("positions", "coordinates")
@@ -56,7 +57,8 @@ def read_cloud(
     for name in sorted((needed & others) | (others - set(names))):
         try:
             field = read_foam(folder / name, block)
-            if name not in needed and field.kind not in ("scalarField", "labelField"):
+            share = field.kind == "scalarField" and species_in(name) is not None
+            if name not in needed and field.kind != "labelField" and not share:
                 continue
             read: Callable[..., Any] = labels if "label" in field.kind else scalars
             read = vectors if field.kind.startswith("vector") else read
