@@ -8,7 +8,7 @@ from cldit.cfd.case import CfdCase
 from cldit.scene.spray import CfdSpray
 
 _ATOMIC_KG_MOL = {"C": 12.011e-3, "H": 1.008e-3, "O": 15.999e-3, "N": 14.007e-3}
-_FORMULA = re.compile(r"(?:MASSFRAC_|Y_)?(?:[NI](?=C\d))?((?:[CHON]\d*)+)$", re.IGNORECASE)
+_FORMULA = re.compile(r"(?:MASSFRAC_|[XY]_)?(?:[NI](?=C\d))?((?:[CHON]\d*)+)$", re.IGNORECASE)
 _SLACK = 0.01  # of the molar mass: an isotope, or rounded
 
 
@@ -18,7 +18,9 @@ def assumptions(spec: CfdSpray, case: CfdCase) -> tuple[str, ...]:
     if "rho" not in case.gas and "p" in case.gas:
         close = ", ".join(map(repr, similar("rho", set(case.available) - set(case.gas))))
         hint = f" (if it is {close}, name it in a mapping file)" if close else ""
-        used = "that of an ideal gas of air and fuel at p and T was used"
+        p = case.gas["p"].values
+        span = f"{p.min():.4g} to {p.max():.4g} Pa"
+        used = f"that of an ideal gas of air and fuel at T and p ({span}) was used"
         found.append(f"{case.source}: no density 'rho' among the cell fields{hint}: {used}.")
     if "rho" in case.gas and "p" not in case.gas:
         what = "the density was not compared with that of an ideal gas"

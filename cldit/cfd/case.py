@@ -1,7 +1,7 @@
 """CFD case as a reader returns it: in its own coordinates, not yet a spray."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -22,20 +22,26 @@ class Column:
     """Values (N,) or (N, 3), and the label (file and field) that errors name.
 
     undefined: (N,), true where the file marks a value as undefined; None: all are defined.
+    unit: what the file states, as mapping files spell it; None: nothing.
     """
 
     label: str
     values: AnyFloats
     undefined: Mask | None = None
+    unit: str | None = None
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Parcels: positions (N, 3), fields by name: d, nParticle, T, rho; U, age, origin if given."""
+    """Parcels: positions (N, 3), fields by name: d, nParticle, T, rho; U, age, origin if given.
+
+    others: columns (N,) of the file that are none of these, as evidence of what the rows are.
+    """
 
     name: str
     position_m: Column
     fields: Mapping[str, Column]
+    others: Mapping[str, Column] = field(default_factory=dict)
 
     @property
     def masses(self) -> AnyFloats:
@@ -72,7 +78,8 @@ class CfdCase:
 
     gas: the fields that were read; available: the names of all fields; boundaries: patches at which
     the case is cut; wall_K: wall temperature, if the case states it; files: all that were read;
-    remarks: choices and omissions.
+    remarks: choices and omissions; times_s: the time that each of the files states in itself;
+    accept: checks that the mapping file turns into remarks.
     """
 
     source: str
@@ -86,6 +93,8 @@ class CfdCase:
     wall_K: float | None = None
     files: tuple[Path, ...] = ()
     remarks: tuple[str, ...] = ()
+    times_s: Mapping[Path, float] = field(default_factory=dict)
+    accept: tuple[str, ...] = ()
 
 
 def triple(vector: Floats) -> str:
@@ -131,25 +140,28 @@ def complete_cloud(
     source: str,
     position_m: Column,
     fields: Mapping[str, Column],
-    available: Iterable[str],
+    columns: Mapping[str, Column],
+    used: Container[str],
 ) -> Cloud:
     """Makes a cloud once it has parcels and every field that a droplet needs.
 
-    `source` and `available`, all names in the file, are for errors.
+    `source` and `columns`, all of the file, are for errors; those that are not `used` and were
+    read are kept.
     """
     count = len(position_m.values)
     if count == 0:
         way = f"choose another time (spray.time_s), or spray.cloud: {NO_CLOUD} for gas alone"
         raise EmptyCloud(f"{position_m.label}: cloud {name!r} has no parcel; {way}")
-    for field in CLOUD_FIELDS:
-        if field not in fields:
-            known = ", ".join(sorted(available)) or "none"
-            lack = f"cloud {name!r} has no field {field!r}"
+    for needed in CLOUD_FIELDS:
+        if needed not in fields:
+            known = ", ".join(sorted(columns)) or "none"
+            lack = f"cloud {name!r} has no field {needed!r}"
             raise SprayError(f"{source}: {lack}; it has: {known} (a mapping file renames fields)")
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")
-    return Cloud(name, position_m, fields)
+    others = {k: v for k, v in columns.items() if k not in used and v.values.shape == (count,)}
+    return Cloud(name, position_m, fields, others)
 
 
 def joined(columns: list[Column]) -> Column:
@@ -157,4 +169,5 @@ def joined(columns: list[Column]) -> Column:
     if len(columns) == 1:
         return columns[0]
     label = f"{columns[0].label} and the other processors'"
-    return Column(label, np.concatenate([column.values for column in columns]))
+    values = np.concatenate([column.values for column in columns])
+    return Column(label, values, unit=columns[0].unit)

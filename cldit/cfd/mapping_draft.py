@@ -162,7 +162,7 @@ def _section(
             shape = f"column: {yaml_value(close[0]) if close else 'NAME'}"
             if key in ("position", "size", "velocity", "origin"):
                 shape = "columns: [X, Y, Z]"
-            line = f"  # {key}: {{{shape}, unit: {si}}}  # not found"
+            line = f"  # {key}: {{{shape}, unit: {yaml_value(si)}}}  # not found"
             body.append(line + (f"; {note}" if note else ""))
     active = any(not line.lstrip().startswith("#") for line in body)
     yield f"{name}:" if active else f"# {name}:"
@@ -237,7 +237,8 @@ def _of_table(spec: CfdSpray) -> Draft:
     file = spec.file.resolve()
     names = table_names(file, CellColumns())
     own = _normalised(spec.fuel_field)
-    fuel = f"{own} y{own} massfractionof{own} massfrac{own} {_GAS['fuel']}"
+    fuel = f"{own} y{own} massfractionof{own} massfrac{own} {own}massfraction {_GAS['fuel']} "
+    fuel += f"molefractionof{own} {own}molefraction molef{own} x{own}"
 
     def scalars(known: Mapping[str, str]) -> dict[str, Any]:
         found = {key: _guessed(several.split(), names) for key, several in known.items()}

@@ -13,7 +13,7 @@ from cldit.cfd.mapping.columns import Source, gas_columns
 from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.cfd.mesh.elements import ElementMesh
-from cldit.cfd.mesh.faces import join
+from cldit.cfd.mesh.faces import Mesh, join
 from cldit.errors import SprayError
 
 
@@ -25,7 +25,7 @@ class MeshPart:
     """
 
     name: str
-    make_mesh: Callable[[], ElementMesh]
+    make_mesh: Callable[[], ElementMesh | Mesh]
     cells: Mapping[str, Column]
     points: Mapping[str, Column]
 
@@ -107,7 +107,8 @@ def with_point_fields(
             values = mean(weight * values) / mean(weight)
         else:
             values = mean(values)
-        found[wanted[key]] = Column(f"{column.label} (mean over the corners of a cell)", values)
+        label = f"{column.label} (mean over the corners of a cell)"
+        found[wanted[key]] = Column(label, values, unit=column.unit)
     instead = " (weighted by p/T, as there is no density at points)"
     weighted = set() if wanted.get("density", "") in points else {"temperature", "fuel"}
     return found, tuple(wanted[key] + (instead if key in weighted else "") for key in moved)

@@ -1,22 +1,31 @@
-"""One state of a case: every cell and every parcel once, and a single time."""
+"""One state of a case: every cell and every parcel once, and a single time.
+
+Judged by values and by relations between rows and files; names of columns only add to that.
+"""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cldit.arrays import Floats
+from cldit.arrays import Floats, Mask
 from cldit.cfd.case import CfdCase, Cloud, Column, triple
-from cldit.cfd.mesh.cells import Boxes, CellMesh, Labels
+from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
+from cldit.cfd.parcels import only
+from cldit.cfd.times import TIME_TOLERANCE
 from cldit.errors import SprayError
 
-_TIMES = set(
-    "time times timevalue timestep timeindex step iteration cycle flowtime physicaltime "
-    "solutiontime simulationtime integrationtime".split()
+_TIME = re.compile(
+    r"(flow|physical|solution|simulation|integration)?time(s|value|step|index)?"
+    r"|step|iteration|cycle|crankangle"
 )
-_IDENTITIES = set("particleid parcelid dropletid trackid particleidentifier".split())
+_IDENTITY = re.compile(r"(particle|parcel|droplet|track)(id|identifier|index)")
 _NEAR = 1e-3  # of the smallest edge; centroids of distinct cells are farther apart
 _SLACK = 1e-3  # of the volume of the box around a mesh
 
@@ -32,25 +41,23 @@ def _shown(value: object) -> str:
 
 def is_mark(name: str) -> bool:
     """True for the name of a column that gives the time, or the identity of a particle."""
-    return _plain(name) in _TIMES | _IDENTITIES
+    plain = _plain(name)
+    return bool(_TIME.fullmatch(plain) or _IDENTITY.fullmatch(plain))
 
 
-def check_marks(marks: Iterable[Column], names: Iterable[str]) -> None:
-    """Refuses rows of several times, and rows that give a particle more than once.
-
-    `marks` are columns (N,) of numbers or texts whose `names` satisfy `is_mark`.
-    """
-    for column, name in zip(marks, names, strict=True):
-        if column.values.ndim != 1 or not len(column.values):
+def check_marks(columns: Mapping[str, Column]) -> None:
+    """Refuses columns (N,), by name, of several times, or of a particle that occurs repeatedly."""
+    for name, column in columns.items():
+        plain = _plain(name)
+        if column.values.ndim != 1 or not is_mark(name) or not len(column.values):
             continue
         found, counts = np.unique(column.values, return_counts=True)
-        if _plain(name) in _TIMES and len(found) > 1:
+        if _TIME.fullmatch(plain) and len(found) > 1:
             raise SprayError(
                 f"{column.label}: has {len(found)} values, from {_shown(found[0])} to "
-                f"{_shown(found[-1])}; "
-                "allowed: one time; keep the rows of one time"
+                f"{_shown(found[-1])}; allowed: one time; keep the rows of one time"
             )
-        if _plain(name) in _IDENTITIES and counts.max() > 1:
+        if _IDENTITY.fullmatch(plain) and counts.max() > 1:
             often = int(np.argmax(counts))
             raise SprayError(
                 f"{column.label}: {_shown(found[often])} occurs {counts[often]} times, so the rows "
@@ -58,7 +65,45 @@ def check_marks(marks: Iterable[Column], names: Iterable[str]) -> None:
             )
 
 
-def check_parcels_once(cloud: Cloud) -> None:
+def check_times(times_s: Mapping[Path, float]) -> None:
+    """Refuses files of one state that state different times."""
+    (first, begin), *others = sorted(times_s.items(), key=lambda pair: pair[1]) or [(Path(), 0.0)]
+    for file, time in others:
+        if abs(time - begin) > TIME_TOLERANCE * max(abs(time), abs(begin)):
+            raise SprayError(
+                f"{first}: states the time {begin:.9g}, {file} the time {time:.9g}; allowed: gas "
+                "and parcels of one time; keep the files of one time"
+            )
+
+
+def judged(accept: Sequence[str], checks: Mapping[str, Callable[[], None]]) -> tuple[str, ...]:
+    """Makes the `checks`, by name; an error of an accepted one becomes a remark."""
+    remarks: tuple[str, ...] = ()
+    for name, check in checks.items():
+        try:
+            check()
+        except SprayError as error:
+            if name not in accept:
+                way = (
+                    f"if that is right, `accept: [{name}]` in a mapping file reads it all the same"
+                )
+                raise SprayError(f"{error}; {way}") from error
+            remarks += (f"Accepted ({name}): {error}.",)
+    return remarks
+
+
+def check_parcels(cloud: Cloud, accept: Sequence[str] = ()) -> tuple[str, ...]:
+    """Refuses a cloud with parcels that occur repeatedly, or a row that sums up the others."""
+
+    def tracks() -> None:
+        check_marks(cloud.others)
+        _check_tracks(cloud)
+
+    checks = {"copies": partial(_check_copies, cloud), "summary": partial(_check_summary, cloud)}
+    return judged(accept, checks | {"tracks": tracks})
+
+
+def _check_copies(cloud: Cloud) -> None:
     """Refuses a cloud in which two parcels have equal place, size, and velocity and age if given.
 
     Parcels of age zero are ignored: several may leave one place.
@@ -78,6 +123,144 @@ def check_parcels_once(cloud: Cloud) -> None:
         )
 
 
+_MASS_SHARE, _LARGER = 0.2, 5.0  # of one parcel: share of the liquid, and times the second largest
+_FEW_PARCELS = 20  # fewer parcels may differ as much by chance
+
+
+def _check_summary(cloud: Cloud) -> None:
+    """Refuses a row with as many droplets as all others, or with far more liquid than each."""
+    count, mass = cloud.fields["nParticle"].values, cloud.masses
+    if len(mass) < _FEW_PARCELS:
+        return
+    row = int(np.argmax(count))
+    total = bool(np.isclose(2.0 * count[row], count.sum(), rtol=1e-5))
+    if not total:
+        row = int(np.argmax(mass))
+        second = float(np.partition(mass, -2)[-2])
+        size = cloud.fields["d"].values
+        blob = 1.0 <= size[row] / np.delete(size, row).max() < _LARGER  # before its breakup
+        if blob or mass[row] < max(_MASS_SHARE * mass.sum(), _LARGER * second):
+            return
+    what = "as many droplets as all others together" if total else "far more liquid than any other"
+    raise SprayError(
+        f"{cloud.fields['nParticle'].label}: row {row} ({count[row]:g} droplets, "
+        f"{100 * mass[row] / mass.sum():.3g} % of the liquid) has {what}, so it seems to be a "
+        "summary of the others; allowed: one parcel a row; remove the row"
+    )
+
+
+_FEW, _MANY = 20, 50  # values of a column of identities; of another column whose values recur
+_MOST_ROWS = 100_000
+_TIMES_IN = 10  # times of which other columns than identities tell
+_MOST_PAIRS = 0.95  # of pairs of rows that must have a property of one parcel at two times
+_DIGITS = 1e-5  # relative to the leading digit
+_SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
+
+
+def _check_tracks(cloud: Cloud) -> None:
+    """Refuses rows that are the same parcels at several places of their way.
+
+    Recognised by a column of whole numbers that occur equally often, or by one whose values recur
+    in rows that lie behind each other on one way and have the droplets of one parcel.
+    """
+    for column, keys, whole in _keys(cloud):
+        values = column.values
+        share = np.uint64(1 + len(values) // _MOST_ROWS)  # all rows of some values are enough
+        rows = np.flatnonzero((keys.view(np.uint64) * _HASH[0] >> np.uint64(33)) % share == 0)
+        _, group, counts = np.unique(keys[rows], return_inverse=True, return_counts=True)
+        many, often = len(counts), float(np.median(counts)) if len(counts) else 0.0
+        equal = whole and often == counts.min(initial=len(rows)) == counts.max(initial=0)
+        recurring = int(counts[counts > 1].sum()) > len(rows) // (10 if whole else 2)
+        few = many >= _MANY and 2 <= often <= _TIMES_IN
+        if many < _FEW or not recurring or not (whole or few):
+            continue
+        pairs = _pairs_in(only(cloud, np.isin(np.arange(len(keys)), rows)), group)
+        if equal and often <= many:
+            tracks = pairs.alike and not pairs.together
+        else:
+            tracks = (whole or pairs.mixed) and pairs.one_way and not pairs.together
+        if tracks:
+            a, b = rows[pairs.first[0]], rows[pairs.second[0]]
+            places = cloud.position_m.values
+            raise SprayError(
+                f"{column.label}: {many} values in {len(rows)} rows, and rows of one value seem "
+                f"to be one parcel at several times (tracks), such as rows {a} and {b}, of "
+                f"{values[a]:.9g}, at {triple(places[a])} and {triple(places[b])} m; allowed: each "
+                "parcel once; keep the rows of one time"
+            )
+
+
+def _keys(cloud: Cloud) -> Iterator[tuple[Column, Floats, bool]]:
+    """Columns of numbers, their values (N,), and whether these are whole; others also rounded.
+
+    A number of droplets that comes from a mass has rounding errors.
+    """
+    fields = {name: cloud.fields[name] for name in ("nParticle", "d")}
+    for name, column in {**cloud.others, **fields}.items():
+        if column.values.ndim != 1 or column.values.dtype.kind not in "fiu":
+            continue
+        values = np.asarray(column.values, np.float64)
+        if np.isfinite(values).all():
+            whole = name not in fields and bool(np.all(values == np.rint(values)))
+            yield column, values, whole
+            if not whole:
+                size = np.abs(np.where(values == 0.0, 1.0, values))
+                step = _DIGITS * 10.0 ** np.floor(np.log10(size))
+                yield column, np.rint(values / step) * step, whole
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Neighbouring rows of one group in the order of their age, or of their way.
+
+    together: they have the same age; alike: they have as many droplets, or the second has smaller
+    ones, or all parcels have the same; one_way: the second is farther along their velocity, and has
+    the droplets of the first; mixed: ages in a group differ as much as those of all parcels.
+    """
+
+    first: Labels
+    second: Labels
+    together: bool
+    alike: bool
+    one_way: bool
+    mixed: bool
+
+
+def _pairs_in(cloud: Cloud, group: Labels) -> _Pairs:
+    def known(name: str) -> AnyFloats | None:
+        column = cloud.fields.get(name)
+        return None if column is None or not np.isfinite(column.values).all() else column.values
+
+    place, velocity, age = cloud.position_m.values, known("U"), known("age")
+    count, size = cloud.fields["nParticle"].values, cloud.fields["d"].values
+    along = place[:, 0] if velocity is None else place @ velocity.mean(axis=0)
+    order = along if age is None else age
+    rows = np.lexsort((order, group))
+    same = np.flatnonzero(group[rows][1:] == group[rows][:-1])
+    first, second = rows[same], rows[same + 1]
+    gap = order[second] - order[first]
+    together = age is not None and not _most(gap > 0.0)
+    begin = np.flatnonzero(np.diff(group[rows], prepend=-1))
+    span = np.maximum.reduceat(order[rows], begin) - np.minimum.reduceat(order[rows], begin)
+    mixed = float(np.median(span)) * len(begin) > _SPREAD * float(np.ptp(order))
+    told = any(len(np.unique(each)) > len(each) // 20 for each in (count, size))
+    equal = np.isclose(count[first], count[second], rtol=_DIGITS, atol=0.0)
+    falls = size[second] <= 1.1 * size[first]
+    ordered = age is not None or velocity is not None
+    alike = not told or _most(equal) or (ordered and _most(falls))
+    if velocity is None or not told:
+        return _Pairs(first, second, together, alike, False, mixed)
+    step, way = place[second] - place[first], velocity[first] + velocity[second]
+    length = np.linalg.norm(step, axis=1) * np.linalg.norm(way, axis=1)
+    straight = np.einsum("ij,ij->i", step, way) > 0.9 * length
+    one_way = float(np.mean(straight)) > 0.5 and _most(equal & falls)
+    return _Pairs(first, second, together, alike, one_way, mixed)
+
+
+def _most(pairs: Mask) -> bool:
+    return float(np.mean(pairs)) > _MOST_PAIRS
+
+
 def _equal_rows(rows: Floats) -> tuple[Labels, Labels]:
     """Pairs of equal rows (N, M): indices of the first, and of each further one.
 
@@ -95,25 +278,111 @@ def _equal_rows(rows: Floats) -> tuple[Labels, Labels]:
     return first[equal], second[equal]
 
 
-def check_cells_once(case: CfdCase, cells: Labels, box: Boxes) -> None:
-    """Refuses boxes (N,) of the cells `cells` (N,) of which two have one centroid."""
+def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: Floats) -> None:
+    """Refuses cells `cells` (N,) of centroids centre_m (N, 3) of which two fill one place."""
     if len(cells) < 2:
         return
-    edges = box.upper_m - box.lower_m
-    step = _NEAR * max(float(edges.min()), 1e-12)
+    step = _NEAR * max(float(np.cbrt(volume_m3.min())), 1e-12)
     # an irrational shift: centroids of regular grids do not lie between two places
-    places = np.floor((box.lower_m + box.upper_m) / (2.0 * step) + np.sqrt(0.5))
-    first, same = _equal_rows(places)
-    if not len(same):
-        return
-    one, other = int(cells[first[0]]), int(cells[same[0]])
-    here, there = _part_of(case.mesh, one), _part_of(case.mesh, other)
+    first, same = _equal_rows(np.floor(centre_m / step + np.sqrt(0.5)))
+    if len(same):
+        one, other = int(first[0]), int(same[0])
+        what, way = f"{len(same)} cells with fuel lie where", "export without ghost cells, or mark"
+        way = f"{way} them by vtkGhostType"
+    else:
+        found = _covered(case, cells, centre_m, volume_m3)
+        if found is None:
+            return
+        other, one, many = found
+        what, way = f"{many} cells with fuel are covered by others, where", "export only the finest"
+        way = f"{way} cells of each place"
+    here, there = (_part_of(case.mesh, int(cells[each])) for each in (one, other))
     where = f"those of {here}" if here != there else "others of the same file"
     raise SprayError(
-        f"{there}: {len(same)} cells with fuel lie where {where} do, such as cells {one} and "
-        f"{other} of the case at {triple(box.lower_m[same[0]] / 2 + box.upper_m[same[0]] / 2)} m; "
-        "allowed: each cell once (export without ghost cells, or mark them by vtkGhostType)"
+        f"{there}: {what} {where} do, such as cells {cells[one]} and {cells[other]} of the case at "
+        f"{triple(centre_m[other])} m; allowed: each place in one cell ({way})"
     )
+
+
+_FEWEST = 4  # covered cells; the centroid of a single dented cell may lie in its neighbour
+_MOST = 20_000  # cells that are looked at, the largest and some of all
+_HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+_BITS = 22  # of a hash, to find the few centroids that may lie in a cell
+
+
+def _covered(
+    case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: Floats
+) -> tuple[int, int, int] | None:
+    """Index of a cell that others cover, and of one of these, and the number of such cells.
+
+    A box along the axes is covered if centroids of others, no larger, lie in it; another cell if
+    smaller ones in the box of its volume have its volume and centroid, as refined ones do.
+    """
+    count = len(cells)
+    some = np.arange(count)
+    if count > _MOST:
+        largest = np.argpartition(volume_m3, -_MOST // 2)[-_MOST // 2 :]
+        some = np.union1d(largest, some[:: 2 * count // _MOST])
+    cell = case.mesh.measure(cells[some])
+    edges = cell.upper_m - cell.lower_m
+    filled = cell.volume_m3 / edges.prod(axis=1)
+    exact = filled > 1.0 - _SLACK
+    if isinstance(case.mesh, BoxMesh):  # cubes of a volume may have had another shape
+        exact &= np.ptp(edges, axis=1) > _SLACK * edges.max(axis=1)
+    middle = np.where(exact[:, None], (cell.lower_m + cell.upper_m) / 2, cell.centroid_m)
+    half = edges * (np.cbrt(filled) * (1.0 - _NEAR) / 2)[:, None]
+    inside, moment, which = np.zeros(len(some)), np.zeros((len(some), 3)), np.full(len(some), -1)
+    for own, other in _contained(middle, half, centre_m):
+        smaller = volume_m3[other] <= np.where(exact[own], 1.01, 0.6) * cell.volume_m3[own]
+        kept = smaller & (some[own] != other)
+        own, other = own[kept], other[kept]
+        inside += np.bincount(own, volume_m3[other], len(some))
+        for axis in range(3):
+            moment[:, axis] += np.bincount(own, volume_m3[other] * centre_m[other, axis], len(some))
+        which[own] = other
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = np.abs(moment / inside[:, None] - middle).max(axis=1) / (2.0 * half.max(axis=1))
+    share = inside / cell.volume_m3
+    bad = np.flatnonzero((exact & (share > 0.5)) | ((np.abs(share - 1.0) < 0.01) & (off < 0.02)))
+    if len(bad) < min(_FEWEST, len(some) // 10 + 1):
+        return None
+    return int(some[bad[0]]), int(which[bad[0]]), len(bad)
+
+
+def _contained(middle: Floats, half: Floats, points: Floats) -> Iterator[tuple[Labels, Labels]]:
+    """Indices of boxes, middle +- half (N, 3), and of points (P, 3) in them, some at a time.
+
+    Boxes of one size are found by the places of a lattice that they touch.
+    """
+    level = np.ceil(np.log2(2.0 * half.max(axis=1))).astype(np.int64)
+    corner = np.array([(n & 1, n >> 1 & 1, n >> 2 & 1) for n in range(8)])
+    for size in np.unique(level):
+        box = np.flatnonzero(level == size)
+        spacing = 2.0 ** float(size)
+        # a box is no larger than a place: it touches one or two along each axis
+        touched = np.floor((middle[box, None] + (2 * corner - 1) * half[box, None]) / spacing)
+        pairs = np.unique(np.stack([np.repeat(box, 8).astype(np.uint64), _hash(touched)]), axis=1)
+        order = np.argsort(pairs[1], kind="stable")
+        own, key = pairs[0][order].astype(np.int64), pairs[1][order]
+        known = np.zeros(1 << _BITS, dtype=bool)
+        known[key >> np.uint64(64 - _BITS)] = True
+        for begin in range(0, len(points), 1 << 18):
+            place = _hash(np.floor(points[begin : begin + (1 << 18)] / spacing))
+            near = np.flatnonzero(known[place >> np.uint64(64 - _BITS)])
+            low, high = (np.searchsorted(key, place[near], side) for side in ("left", "right"))
+            many = high - low
+            first = np.repeat(low - np.cumsum(many) + many, many)
+            boxes = own[first + np.arange(len(first))]
+            there = begin + np.repeat(near, many)
+            within = np.all(np.abs(points[there] - middle[boxes]) < half[boxes], axis=1)
+            yield boxes[within], there[within]
+
+
+def _hash(places: Floats) -> NDArray[np.uint64]:
+    """Hashes (N,) of whole numbers (..., 3)."""
+    whole = places.reshape(-1, 3).astype(np.int64).view(np.uint64) * _HASH
+    found = whole[:, 0] ^ (whole[:, 1] + whole[:, 2])
+    return np.asarray((found ^ found >> np.uint64(29)) * _HASH[0])
 
 
 def check_volume(mesh: CellMesh, volume_m3: float) -> None:
@@ -125,6 +394,26 @@ def check_volume(mesh: CellMesh, volume_m3: float) -> None:
             f"{mesh.source}: the cells have {volume_m3:.4g} m3 together, the box around them "
             f"{around:.4g} m3, so some overlap; allowed: each place in one cell (export without "
             "ghost cells and without coarse cells below finer ones)"
+        )
+
+
+_LAYER = 1e-5  # of the width: centroids of one layer of cells lie in a plane
+_SAMPLE = 2_000
+
+
+def check_layers(mesh: CellMesh) -> None:
+    """Refuses a mesh of one layer of cells, a run in two dimensions."""
+    cells = np.unique(np.random.default_rng(1).integers(0, mesh.cells, _SAMPLE))
+    if len(cells) < 8:
+        return
+    cell = mesh.measure(cells)
+    middle = cell.centroid_m - cell.centroid_m.mean(axis=0)
+    _, widths, axes = np.linalg.svd(middle, full_matrices=False)
+    if widths[2] < _LAYER * widths[0]:
+        edge = float(np.min((cell.upper_m - cell.lower_m) @ np.abs(axes[2])))
+        raise SprayError(
+            f"{mesh.source}: its cells form one layer, {edge:.3g} m thick along {triple(axes[2])}: "
+            "the case is flat, not a spray in space; run it in three dimensions, or as a wedge"
         )
 
 

@@ -119,9 +119,12 @@ def only(cloud: Cloud, kept: Mask) -> Cloud:
     """Restricts `cloud` to the parcels that are `kept` (N,)."""
     if kept.all():
         return cloud
-    fields = {name: Column(each.label, each.values[kept]) for name, each in cloud.fields.items()}
+    fields, others = (
+        {name: Column(each.label, each.values[kept]) for name, each in columns.items()}
+        for columns in (cloud.fields, cloud.others)
+    )
     place = Column(cloud.position_m.label, cloud.position_m.values[kept])
-    return Cloud(cloud.name, place, fields)
+    return Cloud(cloud.name, place, fields, others)
 
 
 def spread_parcels(parcels: Parcels, *, radius_m: float, points: int, seed: int) -> Parcels:

@@ -1,11 +1,13 @@
 """Limits on totals and between fields: values that are possible one by one, in another unit."""
 
+import re
 from collections.abc import Mapping
 
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.cfd.case import CfdCase
+from cldit.cfd.assumed import molar_mass_kg_mol
+from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -25,17 +27,57 @@ _COLDEST_K = 60.0  # of a fuel that is not in the table
 
 def freezing_K(spec: CfdSpray) -> float:
     """Freezing point of the fuel, or that of the lowest."""
-    name = "C7H16" if spec.fuel == "n-heptane" else _formula(spec.fuel_field)
+    name = "C7H16" if spec.fuel == "n-heptane" else formula(spec.fuel_field)
     return _FREEZING_K.get(name, _COLDEST_K)
 
 
 def is_fuel(field: str) -> bool:
     """True for a field of a substance that is injected as a fuel, and no product of reactions."""
-    return _formula(field) in _FREEZING_K
+    return formula(field) in _FREEZING_K
 
 
-def _formula(field: str) -> str:
-    return field.upper().removeprefix("MASSFRAC_").removeprefix("Y_").replace("-", "")
+def formula(field: str) -> str:
+    """Name of the species of a field without what programs put before it."""
+    return re.sub(r"^(MASSFRAC_|[XY]_)", "", field.upper()).replace("-", "")
+
+
+_PHASE = re.compile(r"(\w+)\((?:l|s|liq|liquid)\)$", re.IGNORECASE)  # OpenFOAM's C7H16(l)
+_SUBSTANCES = "WATER ETHANOL METHANOL HEPTANE OCTANE ISOOCTANE DODECANE TOLUENE UREA".split()
+_GASES = {"N2", "O2", "CO2", "CO"}
+_LEAST = 0.01  # share of the liquid: a second component
+
+
+def species_in(name: str) -> str | None:
+    """Species of which a column of parcels gives the share, by its name; else None."""
+    if (phase := _PHASE.search(name)) is not None:
+        return formula(phase[1])
+    words = [word.upper() for word in re.split(r"[^A-Za-z0-9]+", name)]
+    known = (w for w in words if w in _SUBSTANCES or molar_mass_kg_mol(w) is not None)
+    return next(known, None)
+
+
+def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
+    """Refuses parcels of several liquids, or of another one than the fuel."""
+    parts: dict[str, Column] = {}
+    liquid = False
+    for name, column in cloud.others.items():
+        species, values = species_in(name), np.asarray(column.values, np.float64)
+        if species is not None and values.min() >= -1e-3 and _LEAST < values.max() <= 1.0 + 1e-3:
+            parts[species] = column
+            liquid = liquid or _PHASE.search(name) is not None
+    total = np.sum([part.values for part in parts.values()], axis=0)
+    if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < _LEAST)):
+        return  # of the gas around the parcels, or something else
+    fuel = formula(fuel_field)
+    others = {name: part for name, part in parts.items() if fuel not in name and name not in fuel}
+    formulas = molar_mass_kg_mol(fuel) is not None and all(map(molar_mass_kg_mol, others))
+    if others and (len(parts) > 1 or formulas):
+        label = next(iter(others.values())).label
+        shown = ", ".join(f"{name} (up to {part.values.max():.3g})" for name, part in parts.items())
+        raise SprayError(
+            f"{label}: parcels of {shown}; allowed: parcels of {fuel_field} alone "
+            "(spray.fuel_field), as evaporation and optics of mixtures are not known"
+        )
 
 
 def check_totals(case: CfdCase, notes: Mapping[str, float]) -> None:

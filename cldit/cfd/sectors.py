@@ -9,6 +9,7 @@ import numpy as np
 from cldit.arrays import Floats
 from cldit.cfd.case import Boundary, CfdCase, triple
 from cldit.cfd.mesh.cells import CellMesh
+from cldit.cfd.one_state import check_layers
 from cldit.cfd.orientation import Frame, cross_matrix
 from cldit.cfd.parcels import copied
 from cldit.errors import SprayError
@@ -150,6 +151,7 @@ def _refuse_part(case: CfdCase, frame: Frame) -> None:
             f"so it seems to be a part of the spray; {_way(span)}, spray.symmetry: [x] (the "
             "normals of the planes) mirrors it"
         )
+    check_layers(case.mesh)
 
 
 def _between(pair: Sequence[Boundary]) -> tuple[float, Floats]:

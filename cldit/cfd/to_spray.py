@@ -1,8 +1,10 @@
 """Conversion of a CFD case to a spray: plausibility of fields, rotation into cldit's frame."""
 
 import re
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,10 +13,25 @@ from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
-from cldit.cfd.one_state import check_cells_once, check_parcels_once, check_volume
+from cldit.cfd.one_state import (
+    check_cells_once,
+    check_times,
+    check_volume,
+    judged,
+)
+from cldit.cfd.one_state import (
+    check_parcels as check_rows,
+)
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
-from cldit.cfd.plausible import check_totals, freezing_K, gas_remarks, is_fuel
+from cldit.cfd.plausible import (
+    check_one_liquid,
+    check_totals,
+    formula,
+    freezing_K,
+    gas_remarks,
+    is_fuel,
+)
 from cldit.cfd.sectors import Copy, completed_parcels, copies
 from cldit.cfd.times import choose_time, time_remarks
 from cldit.errors import NoFuel, NotAtThisTime, SprayError
@@ -33,6 +50,7 @@ _OVERSHOOT = 1e-3  # of mass fractions outside 0..1, from unbounded schemes; cli
 _NEGLIGIBLE = 1e-12  # share of the vapour in all omitted cells together
 _LARGEST_M = 10.0  # the coordinates of a larger case are in mm
 _IDEAL = 4.0  # factor by which rho may differ from that of an ideal gas; other units differ by more
+_PRESSURE_Pa = (1e4, 5e7)  # of engines and chambers; a gauge pressure is often below
 _MOLAR = 0.01  # relative difference of molar masses: another fuel
 _SECOND = 0.01  # of the fuel's largest mass fraction: a second fuel
 _EDGE_OF_JET = 1e-3  # vapour mass fraction at which a jet's penetration is measured (ECN)
@@ -97,8 +115,12 @@ def _stored(spec: CfdSpray) -> Spray:
 
 
 def _imported(spec: CfdSpray, watch: Watch) -> Spray:
-    spec = with_molar_mass(spec)
+    spec, begun = with_molar_mass(spec), time.time()
     case = read_case(spec, watch)
+    for file in case.files:
+        if begun < file.stat().st_mtime <= time.time():
+            raise SprayError(f"{file}: changed while it was read; import it when it is complete")
+    accepted = judged(case.accept, {"times": lambda: check_times(case.times_s)})
     _check_size(case)
     gas = _gas(spec, case)
     checked = None
@@ -106,11 +128,12 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         share, coldest_K = spec.parcels_left_out, freezing_K(spec)
         checked = check_parcels(case.cloud, *case.mesh.extent_m, share=share, coldest_K=coldest_K)
         cloud = only(case.cloud, checked.kept)
-        check_parcels_once(cloud)
+        accepted += check_rows(cloud, case.accept)
         case = replace(case, cloud=cloud)
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
-    vapour, jet_m = _vapour(spec, case, gas, frame, every, watch)
+    vapour, jet_m, said = _vapour(spec, case, gas, frame, every, watch)
+    accepted += said
     parcels = None
     if checked is not None:
         parcels = completed_parcels(checked.parcels, frame, every)
@@ -130,10 +153,14 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     if some is None and not notes.get("liquid_mass_kg"):
         raise NoFuel(f"{case.source}: no fuel: no liquid, and no {spec.fuel_field} as vapour")
     others = other_fuels(case.available, spec.fuel_field)
+    if case.cloud is not None:
+        liquids = partial(check_one_liquid, case.cloud, spec.fuel_field)
+        accepted += judged(case.accept, {"liquids": liquids})
     _check_one_fuel(spec, case, gas, others)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
         *case.remarks,
+        *accepted,
         *assumptions(spec, case),
         *gas.remarks,
         *((f"{case.source}: no parcels in it: gas alone.",) if alone else ()),
@@ -152,8 +179,9 @@ _FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORE
 
 def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
     """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
-    others = [name for name in available if name != fuel_field and _FUEL.match(name)]
-    return sorted(name for name in others if not name.endswith(f"_{fuel_field}"))
+    return sorted(
+        name for name in available if _FUEL.match(name) and formula(name) != formula(fuel_field)
+    )
 
 
 def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, others: Sequence[str]) -> None:
@@ -214,8 +242,17 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
     fraction.clip(0.0, 1.0, out=fraction)
     pressure = None
     remarks: tuple[str, ...] = ()
+    if case.gas[spec.fuel_field].unit == "mol/mol":
+        mass = fraction * spec.fuel_molar_mass_kg_mol
+        fraction = mass / (mass + (1.0 - fraction) * AIR_KG_MOL)
+        label = case.gas[spec.fuel_field].label
+        remarks = (f"{label}: mole fractions of fuel in air, converted to mass fractions.",)
     if "p" in case.gas:
-        pressure = _within(case, "p", low=1.0, high=1e9, hint="p is a pressure in Pa")
+        alone, stated = "rho" not in case.gas, case.gas["p"].unit == "Pa absolute"
+        low, high = _PRESSURE_Pa if alone and not stated else (1.0, 1e9)
+        way = "absolute, as there is no density (gauge? else a mapping: unit: Pa absolute)"
+        hint = f"p is a pressure in Pa{', ' + way if alone else ''}"
+        pressure = _within(case, "p", low=low, high=high, hint=hint)
         moles_kg = fraction / spec.fuel_molar_mass_kg_mol + (1.0 - fraction) / AIR_KG_MOL
         ideal = pressure / (moles_kg * GAS_CONSTANT_J_MOL_K * temperature)
     if "rho" in case.gas:
@@ -227,7 +264,7 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
                     f"{case.gas['rho'].label}: {ratio:.3g} times the density of an ideal gas at T "
                     f"and p ({case.gas['p'].label}); one of them is not in kg/m3, K, Pa"
                 )
-            remarks = gas_remarks(case, density, ideal, temperature, pressure)
+            remarks += gas_remarks(case, density, ideal, temperature, pressure)
     elif pressure is not None:
         density = ideal
     else:
@@ -238,8 +275,8 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
 
 def _vapour(
     spec: CfdSpray, case: CfdCase, gas: _Gas, frame: Frame, every: Sequence[Copy], watch: Watch
-) -> tuple[Vapour, float]:
-    """Vapour in cldit's frame, and its penetration along the axis in metres (NaN if none).
+) -> tuple[Vapour, float, tuple[str, ...]]:
+    """Vapour in cldit's frame, its penetration along the axis [m] (NaN if none), and remarks.
 
     Cells with a negligible share are omitted, some thousands at a time; the cells of all copies
     refer to the same gas.
@@ -270,12 +307,19 @@ def _vapour(
         lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
         count -= len(kept)
     own = slice(0, len(cell) // len(every))  # the case itself is the first of all copies
-    check_cells_once(case, cell[own], Boxes(lower[own], upper[own], np.empty(0)))
-    check_volume(case.mesh, filled)
+    origin, rotation = every[0].into(frame)
+    centre = (lower[own] + upper[own]) / 2 @ rotation + origin
+    volume = np.prod(upper[own] - lower[own], axis=1)
+
+    def once() -> None:
+        check_cells_once(case, cell[own], centre, volume)
+        check_volume(case.mesh, filled)
+
+    accepted = judged(case.accept, {"cells": once})
     temperature = gas.temperature_K[cell].astype(np.float64)
     molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
     vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)
-    return vapour, depth if np.isfinite(depth) else np.nan
+    return vapour, depth if np.isfinite(depth) else np.nan, accepted
 
 
 def _notes(

@@ -1,5 +1,6 @@
 """Kinds of files that cldit does not read, and the export of each that it reads."""
 
+import re
 from pathlib import Path
 
 from cldit.errors import SprayError
@@ -27,7 +28,10 @@ _KINDS: dict[str, tuple[str, str]] = {
     ".pvsm": ("a state of ParaView without data", "save the data themselves as .vtu and .vtp"),
     ".xmf .xdmf": ("XDMF", _PARAVIEW),
     ".e .exo": ("Exodus II", _PARAVIEW),
-    ".plt": ("Tecplot", _PARAVIEW),
+    ".plt .silo .visit .nek5000 .gmv .bp .phs": (
+        "a file of Tecplot, Silo, VisIt, Nek5000, GMV (KIVA), ADIOS or PHASTA",
+        _PARAVIEW,
+    ),
     ".szplt": ("Tecplot", f"in Tecplot, export .plt, then {_PARAVIEW}"),
     ".stl": ("a surface without gas", "give the results, as .vtu or an OpenFOAM case"),
     ".fla .flm .fl3": ("a file of AVL FIRE", _TABLES),
@@ -46,6 +50,10 @@ _READ = (
 
 
 def _kind(path: Path) -> tuple[str, str] | None:
+    if re.search(r"0\.f\d{5}$", path.name):
+        return "a field file of Nek5000", f"with its .nek5000 file {_PARAVIEW}"
+    if re.match(r"(otape|itape|tape)\d*", path.name.lower()):
+        return "a file of KIVA", f"convert it to GMV, then {_PARAVIEW}; or {_TABLES}"
     kinds = {ending: kind for endings, kind in _KINDS.items() for ending in endings.split()}
     known = [ending for ending in kinds if path.name.lower().endswith(ending)]
     return kinds[max(known, key=len)] if known else None
@@ -62,6 +70,13 @@ def refuse_unknown(path: Path) -> None:
 
 def refuse_folder(path: Path) -> None:
     """Raises an error that names the first file of a known kind in a folder, or its content."""
+    header = path / "Header"
+    if header.is_file() and (path / "Level_0").is_dir():
+        what = f"a plotfile of AMReX (PeleLMeX), which is not read; {_PARAVIEW}"
+        raise SprayError(
+            f"{path}: is {what}: of the gas the finest cells of each place (no cell that finer "
+            "ones cover), and the particles as points"
+        )
     files = sorted(each for each in path.iterdir() if each.is_file())
     for each in files:
         if (found := _kind(each)) is not None:

@@ -23,6 +23,7 @@ MEASUREMENTS = (
     "flow_seeds",
     "gallery",
     "gas_grid",
+    "import_fuzz",
     "imported_errors",
     "imports",
     "live_timing",

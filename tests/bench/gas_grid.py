@@ -19,8 +19,6 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from cldit.accuracy.sources.gas_grid import Rest, head_error_m
 from cldit.bench.case import changed
 from cldit.gpu.device import Device, open_device

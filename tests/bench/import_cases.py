@@ -85,11 +85,15 @@ def write_foam(folder: Path, *, cells_a_side: int, parcels: int) -> None:
     control = b"startTime 0; endTime 1; deltaT 1e-3; writeControl timeStep; writeInterval 1;"
     _foam(folder / "system" / "controlDict", "dictionary", control, form="ascii")
     for name, values in _gas(n).items():
-        body = b"dimensions [0 0 0 0 0 0 0];\ninternalField nonuniform List<scalar> "
+        powers = _POWERS.get(name, b"0 0 0 0 0")
+        body = b"dimensions [" + powers + b" 0 0];\ninternalField nonuniform List<scalar> "
         body += _list(values.astype(np.float64)) + b";\nboundaryField { walls { type calculated; "
         body += b"value uniform 0; } }"
         _foam(folder / "0.001" / name, "volScalarField", body)
     (folder / "case.foam").touch()
+
+
+_POWERS = {"T": b"0 0 0 1 0", "p": b"1 -1 -2 0 0", "rho": b"1 -3 0 0 0"}
 
 
 def _points(n: int) -> NDArray[np.float32]:

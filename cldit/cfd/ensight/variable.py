@@ -143,8 +143,4 @@ def _mean(mesh: ElementMesh | Mesh, values: AnyFloats) -> Floats:
         new = np.ones(nodes.shape, dtype=bool)
         new[:, 1:] = nodes[:, 1:] != nodes[:, :-1]
         return np.asarray((values[nodes] * new).sum(axis=1) / new.sum(axis=1))
-    points = len(mesh.points_m)
-    pairs = np.repeat(mesh.owner, np.diff(mesh.start)) * points + mesh.corners
-    cell, point = np.divmod(np.unique(pairs), points)
-    total = np.bincount(cell, weights=values[point], minlength=mesh.cells)
-    return np.asarray(total / np.bincount(cell, minlength=mesh.cells))
+    return mesh.corner_mean(values)

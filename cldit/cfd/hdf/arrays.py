@@ -19,6 +19,7 @@ from cldit.io.hdf_files import check_links, check_sources
 def open_hdf(path: Path) -> Iterator[Any]:
     """Opens an HDF5 file; errors while it is read become `SprayError`."""
     h5py = module("h5py", path)
+    _check_end(regular(path))
     try:
         with h5py.File(regular(path), "r") as file:
             _others(path, file)
@@ -29,6 +30,29 @@ def open_hdf(path: Path) -> Iterator[Any]:
         raise SprayError(str(error)) from error
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise SprayError(f"{path}: cannot be read as HDF5: damaged or cut off ({error})") from error
+
+
+def _check_end(path: Path) -> None:
+    """Refuses a file with another length than its superblock states: HDF5 finds missing bytes only.
+
+    Layout after the HDF5 file format specification, "Disk Format: Level 0A".
+    """
+    with path.open("rb") as stream:
+        head = stream.read(64)
+    places = {0: (8, 40), 1: (8, 44)}.get(head[8] if len(head) == 64 else -1)
+    if len(head) == 64 and head[8] in (2, 3) and head[9] == 8:
+        places = 8, 28
+    if places is None or not head.startswith(b"\x89HDF\r\n\x1a\n"):
+        return
+    stated = int.from_bytes(head[places[1] : sum(places)], "little")
+    if stated < (size := path.stat().st_size):
+        raise SprayError(f"{path}: is damaged: {size} bytes, its head states {stated}")
+
+
+def unit_of(dataset: Any) -> str | None:
+    """Unit in an attribute of an array."""
+    found = next((v for k, v in dataset.attrs.items() if k.lower() in ("unit", "units")), None)
+    return found.decode("latin-1") if isinstance(found, bytes) else found
 
 
 def _others(path: Path, file: Any) -> set[Path]:

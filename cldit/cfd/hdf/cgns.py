@@ -7,19 +7,21 @@ parcels: a mapping file names their table (`parcels.file`).
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, open_hdf
 from cldit.cfd.inputs import regular
-from cldit.cfd.mapping.file import ColumnMap
+from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.elements import ElementMesh, block_corners
+from cldit.cfd.mesh.faces import Mesh, turned_faces
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
@@ -38,7 +40,8 @@ CGNS_NAMES = {
 # ElementType_t: vtk's type, and the order of its corners; surfaces and lines are omitted
 _WEDGE = (0, 2, 1, 3, 5, 4)  # its first triangle points inwards in CGNS, outwards in vtk
 _CELLS = {10: (10, range(4)), 12: (14, range(5)), 14: (13, _WEDGE), 17: (12, range(8))}
-_SURFACES = range(2, 10)
+_SURFACES = {2: 1, 3: 2, 4: 3, 5: 3, 6: 6, 7: 4, 8: 8, 9: 9}  # corners of points, lines, faces
+_MIXED, _NGON, _NFACE = 20, 22, 23
 _SI = {"Kilogram", "Meter", "Second", "Kelvin", "Radian", "Degree", "Null", "UserDefined", ""}
 _WAY = "open it in ParaView and save the gas as .vtu"
 
@@ -53,9 +56,13 @@ def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         check_room(path, _size(path, root))
         watch("reading the zones", 0, 1)
         zones = [_zone(path, zone) for _, zone in _zones(path, root)]
+    files = hdf_files(path)
+    for other in files[1:]:
+        with open_cgns(other) as root:
+            check_units(other, root)
     several = len(zones) > 1
     found = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES, several=several)
-    return replace(found, time_s=at, files=hdf_files(path))
+    return replace(found, time_s=at, files=files)
 
 
 def list_cgns(spec: CfdSpray) -> Listing:
@@ -120,13 +127,17 @@ def _zone(path: Path, zone: Any) -> MeshPart:
     if missing := {"CoordinateX", "CoordinateY", "CoordinateZ"} - set(arrays):
         raise SprayError(f"{path}: {name}: {min(missing)} is missing; expected: X, Y, Z")
     points = np.stack([arrays[f"Coordinate{letter}"] for letter in "XYZ"], axis=1)
-    if kinds == ["Structured"]:
-        kind, nodes, ends = _blocks(path, name, sizes)
+    source, places = f"{path}: {name}", points.astype(np.float64)
+    mesh: ElementMesh | Mesh
+    sections = _sections(path, zone)
+    if any(each.kind == _NFACE for each in sections):
+        mesh = _polyhedra(places, sections, source)
     else:
-        kind, nodes, ends = _elements(path, zone)
-    if len(kind) != cells:
-        raise SprayError(f"{path}: {name}: {len(kind)} cells of a volume, expected {cells}")
-    mesh = ElementMesh(points.astype(np.float64), kind, ends, nodes, f"{path}: {name}")
+        structured = kinds == ["Structured"]
+        kind, nodes, ends = _blocks(path, name, sizes) if structured else _elements(sections)
+        mesh = ElementMesh(places, kind, ends, nodes, source)
+    if mesh.cells != cells:
+        raise SprayError(f"{path}: {name}: {mesh.cells} cells of a volume, expected {cells}")
     fields: tuple[dict[str, Column], dict[str, Column]] = ({}, {})
     for _, solution in children(zone, "FlowSolution_t"):
         where = [text_of_node(path, each) for _, each in children(solution, "GridLocation_t")]
@@ -136,8 +147,16 @@ def _zone(path: Path, zone: Any) -> MeshPart:
         for key, values in _arrays(path, solution, (cells, vertices)[place]):
             if key in fields[place]:
                 raise SprayError(f"{path}: {name}: {key} twice, of several times; {_WAY}")
-            fields[place][key] = Column(f"{path}: {name}: field {key}", values)
+            unit = _unit(path, dict(children(solution, "DataArray_t"))[key])
+            fields[place][key] = Column(f"{path}: {name}: field {key}", values, unit=unit)
     return MeshPart(f"{path}: {name}", lambda: mesh, *fields)
+
+
+def _unit(path: Path, array: Any) -> str | None:
+    """Unit by the exponents of kilogram, metre, second, kelvin and degree, if they are given."""
+    for _, exponents in children(array, "DimensionalExponents_t"):
+        return SI_UNITS.get(tuple(powers := data_of(path, exponents).tolist()), str(powers))
+    return None
 
 
 def _arrays(path: Path, group: Any, count: int) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -160,34 +179,115 @@ def _blocks(path: Path, name: str, sizes: NDArray[Any]) -> tuple[NDArray[np.uint
     return np.full(len(nodes), 12, np.uint8), nodes.reshape(-1), np.arange(0, nodes.size + 1, 8)
 
 
-def _elements(path: Path, zone: Any) -> tuple[NDArray[np.uint8], Labels, Labels]:
-    """Type, corners and offsets of the cells of an unstructured zone, in order."""
-    found: list[tuple[int, NDArray[np.uint8], Labels, Labels]] = []
+@dataclass(frozen=True)
+class _Section:
+    """Section of elements from number `first` on; offsets of each in `nodes`, if it states them."""
+
+    label: str
+    kind: int
+    first: int
+    count: int
+    nodes: Labels
+    offsets: Labels | None
+
+    def fail(self, what: str) -> SprayError:
+        return SprayError(f"{self.label}: {what}; {_WAY}")
+
+    def lists(self) -> tuple[Labels, Labels]:
+        """Numbers of all elements of several, and where each begins, (N + 1,)."""
+        begin = self.offsets
+        if begin is None or len(begin) != self.count + 1 or np.any(np.diff(begin) < 1):
+            raise self.fail("no ElementStartOffset that fits (CGNS 3.4 and later have it)")
+        if begin[0] != 0 or begin[-1] != len(self.nodes):
+            raise self.fail(f"offsets {begin[0]} to {begin[-1]} of {len(self.nodes)} numbers")
+        return self.nodes, begin
+
+
+def _sections(path: Path, zone: Any) -> list[_Section]:
+    """Sections of an unstructured zone in the order of their elements, without surfaces."""
+    found = []
     for name, part in children(zone, "Elements_t"):
         kind = int(data_of(path, part).reshape(-1)[0])
         if kind in _SURFACES:
             continue
+        label = f"{path}: {name}"
         nodes_of = [*children(part, "DataArray_t"), *children(part, "IndexRange_t")]
         known = {key: data_of(path, each).reshape(-1) for key, each in nodes_of}
-        if kind not in _CELLS or not {"ElementConnectivity", "ElementRange"} <= set(known):
-            raise SprayError(
-                f"{path}: {name}: elements of type {kind}; allowed: tetrahedra, pyramids, "
-                f"wedges and hexahedra, each kind in a section of its own; {_WAY}"
-            )
+        if kind not in (*_CELLS, _MIXED, _NGON, _NFACE):
+            allowed = "tetrahedra, pyramids, wedges, hexahedra, MIXED, NGON_n with NFACE_n"
+            raise SprayError(f"{label}: elements of type {kind}; allowed: {allowed}; {_WAY}")
+        if lacking := {"ElementConnectivity", "ElementRange"} - set(known):
+            raise SprayError(f"{label}: no {min(lacking)}")
         first, last = known["ElementRange"].tolist()
-        vtk, order = _CELLS[kind]
         nodes = known["ElementConnectivity"]
-        if nodes.dtype.kind not in "iu" or len(nodes) != (last - first + 1) * len(order):
-            what = f"{len(nodes)} corners for elements {first} to {last} of {len(order)}"
-            raise SprayError(f"{path}: {name}: {what}")
-        turned = nodes.reshape(-1, len(order))[:, list(order)].astype(np.int64) - 1
-        kinds, counts = np.full(len(turned), vtk, np.uint8), np.full(len(turned), len(order))
-        found.append((first, kinds, turned.reshape(-1), counts))
-    found.sort(key=lambda each: each[0])
-    if not found:
-        raise SprayError(f"{path}: {zone.name}: has no cells")
-    kinds, nodes, counts = (np.concatenate([each[k] for each in found]) for k in (1, 2, 3))
-    return kinds.astype(np.uint8), nodes, np.concatenate([[0], np.cumsum(counts)])
+        if nodes.dtype.kind not in "iu":
+            raise SprayError(f"{label}: corners that are no whole numbers")
+        own = label, kind, first, last - first + 1, nodes.astype(np.int64)
+        found.append(_Section(*own, known.get("ElementStartOffset")))
+    return sorted(found, key=lambda each: each.first)
+
+
+def _elements(sections: list[_Section]) -> tuple[NDArray[np.uint8], Labels, Labels]:
+    """Type, corners and offsets of the cells of an unstructured zone, in order."""
+    parts = [(np.empty(0, np.uint8), np.empty(0, np.int64), np.empty(0, np.int64))]
+    corners = _SURFACES | {kind: len(order) for kind, (_, order) in _CELLS.items()}
+    for part in sections:
+        if part.kind == _MIXED:
+            numbers, begin = part.lists()
+            kinds, begin, sizes = numbers[begin[:-1]], begin[:-1] + 1, np.diff(begin) - 1
+        else:
+            size = corners.get(part.kind, 0)
+            if len(part.nodes) != part.count * size:
+                what = f"{len(part.nodes)} corners for {part.count} elements of {size}"
+                raise part.fail(what)
+            kinds, sizes = np.full(part.count, part.kind), np.full(part.count, size)
+            begin = np.arange(part.count) * size
+        if odd := {int(k) for k in np.unique(kinds) if np.any(sizes[kinds == k] != corners.get(k))}:
+            raise part.fail(f"elements of type {min(odd)} with another number of corners")
+        solid = np.isin(kinds, list(_CELLS))
+        kinds, begin, sizes = kinds[solid], begin[solid], sizes[solid]
+        place = np.cumsum(sizes) - sizes
+        nodes, types = np.empty(int(sizes.sum()), np.int64), np.empty(len(kinds), np.uint8)
+        for kind, (vtk, order) in _CELLS.items():
+            own = np.flatnonzero(kinds == kind)
+            types[own] = vtk
+            turned = part.nodes[begin[own, None] + np.array(order)] - 1
+            nodes[place[own, None] + np.arange(len(order))] = turned
+        parts.append((types, nodes, sizes))
+    types, nodes, sizes = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return types, nodes, np.concatenate([[0], np.cumsum(sizes)])
+
+
+def _polyhedra(points: Floats, sections: list[_Section], source: str) -> Mesh:
+    """Mesh of NFACE_n, of signed numbers of the faces in NGON_n: negative if they point inwards."""
+    ngons = [each for each in sections if each.kind == _NGON]
+    cells = [each for each in sections if each.kind == _NFACE]
+    if len(ngons) + len(cells) != len(sections) or not ngons:
+        raise sections[0].fail("polyhedra beside other cells, or without their faces (NGON_n)")
+    faces = [each.lists() for each in ngons]
+    numbers = np.concatenate([each.first + np.arange(each.count) for each in ngons])
+    sizes = np.concatenate([np.diff(begin) for _, begin in faces])
+    corners = np.concatenate([nodes for nodes, _ in faces]) - 1
+    start = np.concatenate([[0], np.cumsum(sizes)])
+    solids = [each.lists() for each in cells]
+    signed = np.concatenate([own for own, _ in solids])
+    cell = np.repeat(
+        np.arange(sum(each.count for each in cells)),
+        np.concatenate([np.diff(begin) for _, begin in solids]),
+    )
+    face = np.minimum(np.searchsorted(numbers, np.abs(signed)), len(numbers) - 1)
+    outwards = signed > 0
+    sides = np.bincount(face, minlength=len(numbers)), np.bincount(face[outwards])
+    if np.any(numbers[face] != np.abs(signed)) or sides[0].max() > 2 or sides[1].max() > 1:
+        raise cells[0].fail("a face that does not exist, or belongs to cells in the same sense")
+    owner, neighbour = np.full((2, len(numbers)), -1)
+    owner[face[outwards]], neighbour[face[~outwards]] = cell[outwards], cell[~outwards]
+    turned = owner < 0
+    owner, neighbour = np.where(turned, neighbour, owner), np.where(turned, -1, neighbour)
+    used = owner >= 0
+    kept = turned_faces(corners, start, turned)[np.repeat(used, sizes)]
+    start = np.concatenate([[0], np.cumsum(sizes[used])])
+    return Mesh(points, kept, start, owner[used], neighbour[used], int(cell.max()) + 1, source)
 
 
 def open_cgns(path: Path) -> AbstractContextManager[Any]:
@@ -201,8 +301,16 @@ def open_cgns(path: Path) -> AbstractContextManager[Any]:
 
 
 def children(group: Any, label: str) -> list[tuple[str, Any]]:
-    """Names and groups of the nodes with a `label` such as `Zone_t`, ordered by name."""
-    return [(name, each) for name, each in sorted(group.items()) if _label(each) == label]
+    """Names and groups of the nodes with a `label` such as `Zone_t`, ordered by name.
+
+    A node that links to one of another file is that one.
+    """
+    nodes = ((name, _linked(each)) for name, each in sorted(group.items()))
+    return [(name, each) for name, each in nodes if _label(each) == label]
+
+
+def _linked(node: Any) -> Any:
+    return node[" link"] if hasattr(node, "keys") and " link" in node else node
 
 
 def _label(node: Any) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, joined, only_claimant
-from cldit.cfd.hdf.arrays import array, field, hdf_files, labels, open_hdf
+from cldit.cfd.hdf.arrays import array, field, hdf_files, labels, open_hdf, unit_of
 from cldit.cfd.mapping.columns import mapped_cloud, read_gas
 from cldit.cfd.mapping.file import (
     CellColumns,
@@ -62,6 +62,9 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     with open_hdf(chosen) as post:
         streams = [post[name] for name in sorted(post) if _STREAM.match(name)]
         if not streams:
+            if "openPMD" in post.attrs:
+                way = "convert fields and particles to .vtu and .vtp, or to tables"
+                raise SprayError(f"{chosen}: is openPMD, which is not read; {way}")
             others = "Fluent's are named .cas.h5 and .dat.h5, VTK's HDF .vtkhdf"
             raise SprayError(f"{chosen}: no STREAM_00, so no post file of CONVERGE ({others})")
         streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
@@ -76,7 +79,8 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             label, place = f"{chosen}: cell field {name}", f"CELL_CENTER_DATA/{name}"
             pairs = zip(streams, meshes, strict=True)
             values = [field(chosen, stream, place, mesh.cells) for stream, mesh in pairs]
-            return joined([Column(label, each) for each in values])
+            unit = unit_of(streams[0][place])
+            return joined([Column(label, each, unit=unit) for each in values])
 
         mesh = join(meshes)
         gas = read_gas(str(chosen), available, cells, mesh.cells, fuel_field, read)
@@ -178,7 +182,7 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     def column(name: str) -> Column:
         counts = [len(array(path, part, "PARCEL_X")) for part in parts]
         values = [array(path, part, name, n) for part, n in zip(parts, counts, strict=True)]
-        return Column(f"{label}/{name}", np.concatenate(values))
+        return Column(f"{label}/{name}", np.concatenate(values), unit=unit_of(parts[0][name]))
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
     columns = {name: column(name) for name in fields if not re.match("PARCEL_[XYZ]$", name)}

@@ -17,6 +17,8 @@ from cldit.cfd.mapping.file import (
     columns_of,
     columns_of_value,
     merged,
+    quantity_in,
+    spelled,
     unit_in,
     units_of,
     without_unit,
@@ -27,7 +29,7 @@ from cldit.errors import SprayError
 def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
     """Adds each component of a vector `U` (N, 3) as `U_X`, `U_Y`, `U_Z` (N,)."""
     parts = {
-        f"{name}_{letter}": Column(column.label, part)
+        f"{name}_{letter}": Column(column.label, part, unit=column.unit)
         for name, column in columns.items()
         if column.values.ndim == 2 and column.values.shape[1] == 3
         for letter, part in zip("XYZ", column.values.T, strict=True)
@@ -50,7 +52,8 @@ class Source:
             value = wanted.value * factor + offset
             return Column(f"{self.name}: {key} (constant)", np.full(self.rows, value))
         name, found = self._column(str(wanted.column), key)
-        factor, offset = self._unit(self._stated(name, wanted.unit, key), key)
+        unit = self._stated(name, found, wanted.unit, key)
+        factor, offset = self._unit(unit, key, found.label)
         values = found.values
         if found.undefined is not None and found.undefined.any():
             if wanted.undefined is None:
@@ -62,12 +65,12 @@ class Source:
             values = np.where(found.undefined, wanted.undefined, values)
         if (factor, offset) != (1.0, 0.0):  # else as it is stored: large columns are not copied
             values = np.asarray(values, np.float64) * factor + offset
-        return Column(found.label, values)
+        return Column(found.label, values, unit=unit)
 
     def vector(self, wanted: Vector, key: str) -> Column:
         """Three columns in SI, (N, 3)."""
         named = [self._column(name, key) for name in wanted.columns]
-        units = {self._stated(name, wanted.unit, key) for name, _ in named}
+        units = {self._stated(name, found, wanted.unit, key) for name, found in named}
         if len(units) > 1:
             raise SprayError(f"{self.name}: {key}: columns of several units in their names")
         factor, _ = self._unit(units.pop(), key)
@@ -86,9 +89,11 @@ class Source:
             raise SprayError(f"{self.name}: no column {name!r} ({key}); it has: {known}")
         return found[0], self.columns[found[0]]
 
-    def _stated(self, name: str, unit: str | None, key: str) -> str | None:
-        """Unit that the mapping gives, else that in the column's name."""
-        stated = unit_in(name)
+    def _stated(self, name: str, found: Column, unit: str | None, key: str) -> str | None:
+        """Unit that the mapping gives, else that of the file or in the column's name."""
+        meant = quantity_in(name, key.partition(".")[2])
+        stated = unit_in(name) or (found.unit and spelled(found.unit))
+        stated = meant if stated in (None, "1") and meant is not None else stated
         if stated is None or (unit is not None and stated not in units_of(key.partition(".")[2])):
             return unit
         if unit is None or unit == stated:
@@ -98,13 +103,14 @@ class Source:
             f" ({key}); give the unit that is right, and the column its name without one"
         )
 
-    def _unit(self, unit: str | None, key: str) -> tuple[float, float]:
+    def _unit(self, unit: str | None, key: str, label: str = "") -> tuple[float, float]:
         known = units_of(key.partition(".")[2])
         if unit is None:
             return next(iter(known.values()))
         if unit not in known:
             allowed = ", ".join(known)
-            raise SprayError(f"{self.name}: {key}: unit {unit!r} is unknown; allowed: {allowed}")
+            where = label or self.name
+            raise SprayError(f"{where}: {key}: unit {unit!r} is unknown; allowed: {allowed}")
         return known[unit]
 
 
@@ -184,7 +190,8 @@ def mapped_cloud(
     rows = Source(source, columns | doubles, len(position_m.values))
     fields = cloud_columns(rows, parcels.model_copy(update=missing))
     parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
-    return complete_cloud(name, source, _double(position_m), fields, set(columns) - parts)
+    own = {key: column for key, column in columns.items() if key not in parts}
+    return complete_cloud(name, source, _double(position_m), fields, own, columns_of(parcels))
 
 
 def _double(column: Column) -> Column:

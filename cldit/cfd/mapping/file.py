@@ -15,9 +15,16 @@ from cldit.scene.checks import Section, describe
 _PLAIN = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
-    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325.0},
+    "pressure": {
+        "Pa": 1.0,
+        "kPa": 1e3,
+        "MPa": 1e6,
+        "bar": 1e5,
+        "atm": 101325.0,
+        "Pa absolute": 1.0,
+    },
     "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
-    "fraction": {"1": 1.0, "%": 1e-2},
+    "fraction": {"1": 1.0, "%": 1e-2, "mol/mol": 1.0},
     "count": {"1": 1.0},
     "mass": {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "ug": 1e-9},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
@@ -28,6 +35,13 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
 } | {"temperature": {"K": (1.0, 0.0), "degC": (1.0, 273.15), "degF": (5 / 9, 459.67 * 5 / 9)}}
 
 
+# by the powers of kg, m, s, K, and one that is 0 (OpenFOAM: kmol, CGNS: degree)
+SI_UNITS: dict[tuple[float, ...], str] = {
+    (0, 0, 0, 0, 0): "1",
+    (0, 0, 0, 1, 0): "K",
+    (1, -1, -2, 0, 0): "Pa",
+    (1, -3, 0, 0, 0): "kg/m3",
+}
 # kind of the unit of each key; that of another key is the key itself
 _KINDS = {"fuel": "fraction", "number": "count", "age": "time"} | dict.fromkeys(
     ("position", "size", "diameter", "radius", "origin"), "length"
@@ -57,7 +71,30 @@ def without_unit(name: str) -> str:
 def unit_in(name: str) -> str | None:
     """Unit at the end of a column's name, as `UNITS` spells it; None if there is none."""
     match = None if _COMPONENT.search(name) else _UNIT.search(name)
-    return None if match is None else _SPELLED.get(match[1].strip(), match[1].strip())
+    return None if match is None else spelled(match[1])
+
+
+def spelled(unit: str) -> str:
+    """Unit as `UNITS` spells it."""
+    return _SPELLED.get(unit.strip(), unit.strip())
+
+
+# name of a column: unit of what it is, if no other is stated; the last is none that is read
+_QUANTITIES = {
+    "fuel": (
+        (re.compile(r"mol(ar|e|es)?[ _.-]?f|volume[ _.-]?f|^x[ _.-]", re.IGNORECASE), "mol/mol"),
+        (re.compile(r"concentration|partial", re.IGNORECASE), "concentration or partial pressure"),
+    ),
+    "pressure": (
+        (re.compile(r"abs", re.IGNORECASE), "Pa absolute"),
+        (re.compile(r"gau?ge|relative", re.IGNORECASE), "Pa gauge"),
+    ),
+}
+
+
+def quantity_in(name: str, key: str) -> str | None:
+    """Unit of the quantity that a column's name states: mol/mol of `Mole Fraction of C7H16`."""
+    return next((unit for form, unit in _QUANTITIES.get(key, ()) if form.search(name)), None)
 
 
 class Scalar(Section):
@@ -155,10 +192,14 @@ class ParcelColumns(Table):
         return self
 
 
+Check = Literal["times", "copies", "tracks", "summary", "cells", "liquids"]
+
+
 class ColumnMap(Section):
-    """Whole mapping file."""
+    """Whole mapping file. accept: checks of the state that only remark on what they find."""
 
     time_s: float | None = None
+    accept: tuple[Check, ...] = ()
     cells: CellColumns = CellColumns()
     parcels: ParcelColumns | None = None
 

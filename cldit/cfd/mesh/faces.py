@@ -54,6 +54,16 @@ class Mesh(PointMesh):
         """First side of each cell, and the sides of all cells, as in `Polyhedra`."""
         return geometry.sides_of_cells(self.owner, self.neighbour, self.cells)
 
+    def corner_mean(self, values: AnyFloats) -> Floats:
+        """Means (N,) of values (P,) at points over the distinct corners of each cell."""
+        points, sizes = len(self.points_m), np.diff(self.start)
+        pairs = np.repeat(self.owner, sizes).astype(np.int64) * points + self.corners
+        beyond = np.repeat(self.neighbour, sizes).astype(np.int64)
+        others = (beyond * points + self.corners)[beyond >= 0]
+        cell, point = np.divmod(np.unique(np.concatenate([pairs, others])), points)
+        total = np.bincount(cell, weights=values[point], minlength=self.cells)
+        return np.asarray(total / np.bincount(cell, minlength=self.cells))
+
     def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
         """Faces of `cells` (N,), all in one part."""
         first, sides = self._sides

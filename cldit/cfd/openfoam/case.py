@@ -52,6 +52,7 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     places = [root.path / "constant" / step.region / "polyMesh" for root in step.roots]
     check_room(step.case, foam_size(places, fields=fields))
     files: list[Path] = []
+    times_s: dict[Path, float] = {}
     meshes: list[tuple[Root, Mesh]] = []
     for number, root in enumerate(step.roots):
         watch("reading the mesh", number, len(step.roots))
@@ -66,8 +67,11 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         found = []
         for root, mesh in meshes:
             file = root.path / folder / name
-            values = internal_field(read_foam(file, root.block), mesh.cells)
-            found.append(Column(root.label(file), values))
+            own = read_foam(file, root.block)
+            values, unit = internal_field(own, mesh.cells)
+            found.append(Column(root.label(file), values, unit=unit))
+            if own.time_s is not None:
+                times_s[own.path] = own.time_s
             files.append(find_foam(file) or file)
         return joined(found)
 
@@ -76,7 +80,7 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     gas = read_gas(source, available, wanted, whole.cells, spec.fuel_field, read)
     injectors, dictionaries = case_injectors(step.case, chosen, step.region)
     boundaries, lists = cut_boundaries(meshes, step.region)
-    parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, files)
+    parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, files, times_s)
     return CfdCase(
         source=source,
         time_s=step.time,
@@ -89,6 +93,7 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         wall_K=wall_temperature_K(meshes[0][0], step.region, folder),
         files=(*files, *lists, *dictionaries),
         remarks=step.remarks,
+        times_s=times_s,
     )
 
 
@@ -149,23 +154,29 @@ def _mesh(part: Root, time_s: float, region: str, files: list[Path]) -> Mesh | N
 
 
 def _cloud(
-    name: str, meshes: Sequence[tuple[Root, Mesh]], folder: str, names: ColumnMap, files: list[Path]
+    name: str,
+    meshes: Sequence[tuple[Root, Mesh]],
+    folder: str,
+    names: ColumnMap,
+    files: list[Path],
+    times_s: dict[Path, float],
 ) -> Cloud:
     """Cloud of all processors; those that the spray has not reached have no folder for it."""
     wanted = columns_of(merged(names.parcels, PARCEL_NAMES))
     parts = [
-        read_cloud(place, mesh, root.block, wanted=wanted, files=files)
+        read_cloud(place, mesh, root.block, wanted=wanted, files=files, times_s=times_s)
         for root, mesh in meshes
         if (place := root.path / folder / "lagrangian" / name).is_dir()
     ]
     filled = [part for part in parts if len(part[0].values)] or parts[:1]
+    shared = set.intersection(*(set(columns) for _, columns in filled))
     for _, columns in filled:
-        if missing := set(filled[0][1]) ^ set(columns):
+        if missing := (set(columns) - shared) & wanted:
             lacking = f"the field {min(missing)!r} of cloud {name!r}"
             raise SprayError(f"{meshes[0][0].path.parent}: only some processors have {lacking}")
     source = str(Path(filled[0][0].label).parent)
     position = joined([position for position, _ in filled])
-    columns = {key: joined([columns[key] for _, columns in filled]) for key in filled[0][1]}
+    columns = {key: joined([columns[key] for _, columns in filled]) for key in sorted(shared)}
     return mapped_cloud(name, source, position, with_components(columns), names)
 
 

@@ -1,7 +1,9 @@
 """Clouds of an OpenFOAM case, with positions or with barycentric coordinates."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,8 @@ from cldit.cfd.case import Column
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.faces import Mesh
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
-from cldit.cfd.openfoam.lists import particles, scalars, vectors, whole
+from cldit.cfd.openfoam.lists import labels, particles, scalars, vectors, whole
+from cldit.cfd.plausible import species_in
 from cldit.errors import SprayError
 
 
@@ -20,12 +23,19 @@ def cloud_names(time_folder: Path) -> list[str]:
 
 
 def read_cloud(
-    folder: Path, mesh: Mesh, block: int | None, *, wanted: set[str], files: list[Path]
+    folder: Path,
+    mesh: Mesh,
+    block: int | None,
+    *,
+    wanted: set[str],
+    files: list[Path],
+    times_s: dict[Path, float],
 ) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3) and fields of one cloud, read from `positions`, else from `coordinates`.
 
-    Both may hold either form. `wanted`: names of fields, `U_X` means U; `files`: the paths of the
-    files read are added to it.
+    Both may hold either form. `wanted`: names of fields, `U_X` means U; labels and shares of
+    species are read, too, if they can be. Adds the files read, and their times, to `files` and
+    `times_s`.
     """
     names = ("positions", "coordinates")
     found = next((folder / name for name in names if find_foam(folder / name)), None)
@@ -38,15 +48,26 @@ def read_cloud(
     file = read_foam(found, block)
     rows = particles(file)
     position = rows[:, :3] if rows.shape[1] == 4 else decode(file, rows, mesh)
-    files.append(find_foam(found) or found)
+    files.append(file.path)
+    if file.time_s is not None:
+        times_s[file.path] = file.time_s
     fields: dict[str, Column] = {}
-    for name in sorted({*wanted, *(re.sub("_[XYZ]$", "", each) for each in wanted)}):
-        path = find_foam(folder / name)
-        if path is not None:
+    needed = {*wanted, *(re.sub("_[XYZ]$", "", each) for each in wanted)}
+    others = {each.name.removesuffix(".gz") for each in folder.iterdir() if each.is_file()}
+    for name in sorted((needed & others) | (others - set(names))):
+        try:
             field = read_foam(folder / name, block)
-            read = vectors if field.kind.startswith("vector") else scalars
+            share = field.kind == "scalarField" and species_in(name) is not None
+            if name not in needed and field.kind != "labelField" and not share:
+                continue
+            read: Callable[..., Any] = labels if "label" in field.kind else scalars
+            read = vectors if field.kind.startswith("vector") else read
             fields[name] = Column(str(folder / name), read(field, len(position)))
-            files.append(path)
+        except SprayError:
+            if name in needed:
+                raise
+            continue
+        files.append(field.path)
     return Column(str(found), position), fields
 
 

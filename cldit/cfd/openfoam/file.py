@@ -20,6 +20,7 @@ from cldit.io.files import open_regular
 
 _HEADER = re.compile(rb"FoamFile\s*\{(.*?)\}", re.DOTALL)
 _HEAD = 10_000  # bytes in which the header ends
+TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")  # name of the folder of a time
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class FoamFile:
     body: bytes
     block: int | None = None  # of a collated file
     kind: str = ""  # class in the header, such as scalarField
+    time_s: float | None = None  # by the header's location
 
     @property
     def nothing(self) -> bool:
@@ -72,17 +74,20 @@ def read_foam(path: Path, block: int | None = None) -> FoamFile:
     with open_foam(found) as stream:
         entries, body = _content(stream, found, block)
     arch_text = entries.get(b"arch", b"").decode("latin-1")
+    binary = entries.get(b"format", b"ascii").strip() == b"binary"
+    location = entries.get(b"location", b"").decode("latin-1").strip('" ').partition("/")[0]
     label = re.search(r"label=(\d+)", arch_text)
     scalar = re.search(r"scalar=(\d+)", arch_text)
     return FoamFile(
         path=found,
-        binary=entries.get(b"format", b"ascii").strip() == b"binary",
+        binary=binary,
         order=">" if "MSB" in arch_text else "<",
         label_sizes=(int(label.group(1)) // 8,) if label else (4, 8),
         scalar_sizes=(int(scalar.group(1)) // 8,) if scalar else (8, 4),
-        body=body,
+        body=body if binary else without_comments(body),
         block=block,
         kind=entries.get(b"class", b"").decode("latin-1").strip(),
+        time_s=float(location) if TIME.match(location) else None,
     )
 
 
@@ -111,7 +116,24 @@ def _content(stream: BinaryIO, path: Path, block: int | None) -> tuple[dict[byte
 
 def _head(text: bytes, path: Path) -> tuple[dict[bytes, bytes], int]:
     """Entries of the header, and the offset of its end."""
-    head = _HEADER.search(text)
+    head = _HEADER.search(without_comments(text))
     if head is None:
         raise SprayError(f"{path}: is not an OpenFOAM file (no FoamFile header)")
     return dict(re.findall(rb'(\w++)\s++("[^"]*+"|[^;]++);', head.group(1))), head.end()
+
+
+def without_comments(text: bytes) -> bytes:
+    """Blanks the comments outside quotes, without a change of length."""
+    parts: list[bytes] = []
+    begin = at = 0
+    while (at := text.find(b"/", at)) >= 0:
+        line = text[at : at + 2] == b"//"
+        quoted = text.count(b'"', max(begin, text.rfind(b"\n", begin, at)), at) % 2
+        if quoted or not (line or text[at : at + 2] == b"/*"):
+            at += 1
+            continue
+        stop = text.find(b"\n" if line else b"*/", at + 2)
+        end = len(text) if stop < 0 else stop + (0 if line else 2)
+        parts += [text[begin:at], b" " * (end - at)]
+        begin = at = end
+    return b"".join([*parts, text[begin:]]) if parts else text

@@ -16,11 +16,11 @@ from cldit.arrays import Floats
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam.collated import GAP
+from cldit.cfd.openfoam.entries import entry_end, expanded, top_level, unit_of
 from cldit.cfd.openfoam.file import FoamFile
 
 _LIST = re.compile(GAP + rb"(?:List<\w++>\s*+)?+(?:(\d++)(?:\s*+([({]))?+|(\())", re.DOTALL)
-_UNIFORM = re.compile(rb"\buniform\s+([^;]+);")
-_NONUNIFORM = re.compile(rb"\bnonuniform\s*(?=List|\d|\(|/)")
+_NONUNIFORM = re.compile(GAP + rb"nonuniform" + GAP + rb"(?=List|\d|\()", re.DOTALL)
 _DIGITS = 18  # of a count: more do not fit into an integer of eight bytes
 _MOST_UNIFORM = 1_000_000  # entries of a uniform list whose length nothing else gives
 _AT_ONCE = 1 << 23  # bytes of text that are turned into numbers at a time
@@ -154,9 +154,9 @@ def vectors(file: FoamFile, parcels: int | None = None) -> Floats:
     return _list(file, "f", 3, 0, parcels)[0].astype(np.float64)
 
 
-def labels(file: FoamFile) -> Labels:
-    """Reads a labelList, (N,)."""
-    return whole(file, _list(file, "i", 1, 0)[0].reshape(-1))
+def labels(file: FoamFile, parcels: int | None = None) -> Labels:
+    """Reads a labelList, (N,); parcels: N, if it is known."""
+    return whole(file, _list(file, "i", 1, 0, parcels)[0].reshape(-1))
 
 
 def faces(file: FoamFile) -> tuple[Labels, Labels]:
@@ -182,26 +182,32 @@ def faces(file: FoamFile) -> tuple[Labels, Labels]:
     return numbers[keep], whole(file, place - np.arange(count + 1))
 
 
-def internal_field(file: FoamFile, cells: int) -> AnyFloats:
-    """Reads the internalField (N,) of a volScalarField, of a mesh of `cells`."""
-    begin = file.body.find(b"internalField")
-    if begin < 0:
-        raise file.fail("has no internalField")
-    entry = begin + len(b"internalField")
-    stop = file.body.find(b";", entry, entry + 200)  # the boundary's values follow
-    nonuniform = _NONUNIFORM.search(file.body, entry, entry + 200 if stop < 0 else stop)
+def internal_field(file: FoamFile, cells: int) -> tuple[AnyFloats, str | None]:
+    """Reads the internalField (N,) of a volScalarField, of a mesh of `cells`, and its unit."""
+    known: dict[bytes, bytes] = {}
+    at = top_level(file, 0, known)
+    nonuniform = None if at < 0 else _NONUNIFORM.match(file.body, at)
     if nonuniform is None:
-        uniform = _UNIFORM.search(file.body, entry, entry + 200)
-        value = _parsed(file, *uniform.span(1)) if uniform else np.empty(0)
-        if value.size != 1:
-            raise file.fail("internalField is neither `uniform <number>` nor a list of numbers")
-        return np.full(cells, value[0])
+        if b"internalField" not in known:
+            raise file.fail("has no internalField")
+        text = expanded(file, known[b"internalField"], known)
+        try:
+            number = float(text.removeprefix(b"uniform"))
+        except ValueError as error:
+            shown = text[:40].decode("latin-1")
+            what = f"internalField is {shown!a}; allowed: `uniform <number>`, or a list of numbers"
+            raise file.fail(what) from error
+        if at >= 0:
+            top_level(file, entry_end(file, at) + 1, known)
+        return np.full(cells, number), unit_of(file, known)
     wording = "{} values, but the mesh has {} cells"
-    stored = _list(file, "f", 1, nonuniform.end(), cells, wording)[0].reshape(-1)
-    values = stored.astype(stored.dtype.newbyteorder("="))  # as exact as it is written
+    stored, end = _list(file, "f", 1, nonuniform.end(), cells, wording)
+    values = stored.reshape(-1).astype(stored.dtype.newbyteorder("="))  # as exact as it is written
     if len(values) != cells:
         raise file.fail(wording.format(len(values), cells))
-    return values
+    if b"dimensions" not in known:
+        top_level(file, entry_end(file, end) + 1, known)
+    return values, unit_of(file, known)
 
 
 def particles(file: FoamFile) -> Floats:

@@ -1,18 +1,16 @@
 """Regions and times of a case, and the choice among them."""
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from cldit.cfd.case import NO_CLOUD, only_claimant
 from cldit.cfd.openfoam.collated import Root, split_roots
-from cldit.cfd.openfoam.file import find_foam
+from cldit.cfd.openfoam.file import TIME, find_foam
 from cldit.cfd.times import choose_time
 from cldit.errors import NotAtThisTime, SprayError
 from cldit.scene.spray import CfdSpray
 
-_TIME = re.compile(r"-?\d+(\.\d*)?([eE][+-]?\d+)?$")
 _DEFAULT = "region0"  # OpenFOAM's own name of the mesh in constant/polyMesh
 
 
@@ -65,7 +63,7 @@ def time_folders(root: Path) -> dict[float, list[Path]]:
     """Folders named by a number, by that number."""
     found: dict[float, list[Path]] = {}
     for each in sorted(root.iterdir()):
-        if _TIME.match(each.name) and each.is_dir():
+        if TIME.match(each.name) and each.is_dir():
             found.setdefault(float(each.name), []).append(each)
     return found
 
@@ -165,7 +163,7 @@ def refuse_missing_parcels(step: Step) -> None:
     homes = {each.parent.parent for each in clouds_of(step.case)}
     if step.region:
         homes = {home.parent for home in homes if home.name == step.region}
-    if times := {home.name for home in homes if _TIME.match(home.name)}:
+    if times := {home.name for home in homes if TIME.match(home.name)}:
         shown = ", ".join(sorted(times, key=float)[:5]) + (", ..." if len(times) > 5 else "")
         others = f"but at others: {shown} (spray.cloud: {NO_CLOUD} for gas alone)"
         raise NotAtThisTime(f"{step.place}: no parcels at this time, {others}")

@@ -20,7 +20,7 @@ from cldit.cfd.one_state import check_marks, is_mark
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.tables.dpm import dpm_columns, dpm_names
 from cldit.cfd.tables.parquet import is_number, parquet_columns, parquet_names, parquet_rows
-from cldit.cfd.tables.text import text_columns, text_names
+from cldit.cfd.tables.text import numbers_in, text_columns, text_names
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
@@ -116,7 +116,7 @@ def table_cloud(path: Path, mapping: ColumnMap) -> Cloud | None:
     table = load_table(file, wanted)
     position = table.vector(wanted.position, "parcels.position")
     fields = cloud_columns(table, wanted)
-    return complete_cloud("parcels", str(file), position, fields, table.columns)
+    return complete_cloud("parcels", str(file), position, fields, table.columns, columns_of(wanted))
 
 
 def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
@@ -131,30 +131,41 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """Reads the columns of a table that the mapping `wanted` uses; the others are only named."""
+    """Reads the columns of a table that the mapping `wanted` uses, and all numbers of parcels.
+
+    The others are only named.
+    """
     names = table_names(file, wanted)
     mapped = columns_of(wanted)
     used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
     if not used:
         raise SprayError(f"{file}: none of the mapped columns; it has: {', '.join(names)}")
-    marks = [name for n, name in enumerate(names) if n not in used and _is_mark(file, name)]
+    others = _evidence(file, names, wanted) - {names[place] for place in used}
     if file.suffix == ".parquet":
-        read = parquet_columns(file, [*(names[place] for place in used), *marks])
+        read = parquet_columns(file, [*(names[place] for place in used), *sorted(others)])
     elif file.suffix == ".dpm":
         read = dpm_columns(file)
     else:
-        read = text_columns(file, names, used, wanted, [names.index(name) for name in marks])
-    check_marks([read[name] for name in marks], marks)
+        read = text_columns(file, names, used, wanted, [names.index(name) for name in others])
+    check_marks({name: read[name] for name in others if name in read})
     columns = {name: Column(f"{file}: column {name}", np.empty(0)) for name in names if name}
-    columns |= {names[place]: read[names[place]] for place in used}
+    columns |= read
     count = len(columns[names[used[0]]].values)
     if not count:
         raise SprayError(f"{file}: no row below its header")
     return Source(str(file), columns, count)
 
 
-def _is_mark(file: Path, name: str) -> bool:
-    """True for a column of time or identity; `time` of a .dpm file is the age of a particle."""
-    if not is_mark(name) or (file.suffix == ".dpm" and name == "time"):
-        return False
-    return file.suffix != ".parquet" or is_number(file, name)
+def _evidence(file: Path, names: list[str], wanted: CellColumns | ParcelColumns) -> set[str]:
+    """Columns of time or identity, and, of parcels, all that have numbers in them."""
+    numbers: set[str] = set()
+    if file.suffix == ".parquet":
+        numbers = {name for name in names if is_number(file, name)}
+    elif file.suffix == ".dpm":  # its `time` is the age of a particle
+        return set(names) - {"time"}
+    elif isinstance(wanted, ParcelColumns):
+        numbers = numbers_in(file, names, wanted)
+    marks = {name for name in names if is_mark(name)}
+    if file.suffix == ".parquet":
+        return numbers if isinstance(wanted, ParcelColumns) else marks & numbers
+    return numbers | marks

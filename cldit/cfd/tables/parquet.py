@@ -60,7 +60,9 @@ def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:
         column = table.column(name)
         empty = column.is_null().to_numpy() if column.null_count else None
         values = np.asarray(column.cast("float64").to_numpy(), np.float64)
-        found[name] = Column(f"{file}: column {name}", values, empty)
+        about = opened.schema_arrow.field(name).metadata or {}
+        unit = (about.get(b"unit") or about.get(b"units") or b"").decode() or None
+        found[name] = Column(f"{file}: column {name}", values, empty, unit)
     return found
 
 

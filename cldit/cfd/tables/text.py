@@ -4,6 +4,7 @@ import codecs
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from cldit.cfd.case import Column
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import Table
+from cldit.cfd.one_state import is_mark
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.text_tables import delimiter_of, split_line
@@ -20,15 +22,31 @@ from cldit.io.text_tables import delimiter_of, split_line
 
 def text_names(file: Path, wanted: Table) -> list[str]:
     """Names in the header of a table; `wanted` gives the header's line and delimiter."""
-    return _header(file, wanted)[0]
+    return _header(file, wanted).names
 
 
-def _header(file: Path, wanted: Table) -> tuple[list[str], str]:
-    """Names and delimiter; a name in quotes may contain the delimiter."""
+@dataclass(frozen=True)
+class _Header:
+    """Names, delimiter, number of the line, and the line itself."""
+
+    names: list[str]
+    delimiter: str
+    number: int
+    line: str
+
+
+def _header(file: Path, wanted: Table) -> _Header:
+    """Header of a table; a name in quotes may contain the delimiter. CFD-Post's follows [Data]."""
+    given = "header_line" in wanted.model_fields_set
     try:
         with _opened_text(regular(file)) as stream:
             lines = [stream.readline() for _ in range(wanted.header_line)]
-            while lines[-1].startswith("%") and "header_line" not in wanted.model_fields_set:
+            if not given and lines[-1].strip() in ("", "[Name]", "[Data]"):
+                lines += [stream.readline() for _ in range(_HEAD_LINES)]
+                marks = [n for n, line in enumerate(lines) if line.strip() == "[Data]"]
+                del lines[marks[0] + 2 if marks else wanted.header_line :]
+            number = len(lines)
+            while lines[-1].startswith("%") and not given:
                 following = stream.readline()
                 if not following.startswith("%"):  # the last remark names the columns
                     break
@@ -39,8 +57,9 @@ def _header(file: Path, wanted: Table) -> tuple[list[str], str]:
         raise SprayError(f"{file}: cannot be read ({error})") from error
     line = lines[-1].encode("utf-8", "surrogateescape")
     header = _decoded(line).strip("\r\n ").lstrip("#%").lstrip()
-    delimiter = wanted.delimiter or delimiter_of(header)
-    return [part.strip().strip('"').strip() for part in split_line(header, delimiter)], delimiter
+    mark = wanted.delimiter or delimiter_of(header)
+    names = [part.strip().strip('"').strip() for part in split_line(header, mark)]
+    return _Header(names, mark, number, lines[-1].strip())
 
 
 def _encoding(file: Path) -> str:
@@ -62,6 +81,9 @@ def _decoded(line: bytes) -> str:
         return line.decode("cp1252", "replace")
 
 
+_HEAD_LINES = 20
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
+_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 _EXACT = 2.0**53  # whole numbers below are exact as floats
 _UNDEFINED = re.compile(  # also as Windows writes it
     r"[-+]?(?:\d\.#(?:IND|QNAN|SNAN|INF)\d*|nan\(\w*\))|n/?a|null|", re.IGNORECASE
@@ -86,11 +108,13 @@ def _readable(line: str, delimiter: str, used: list[int]) -> str:
 def text_columns(
     file: Path, names: list[str], used: list[int], wanted: Table, marks: list[int]
 ) -> dict[str, Column]:
-    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers or texts.
+    """Columns (N,) by name: those `used` as numbers, and `marks` as numbers, or texts if named so.
 
     NumPy refuses rows of another length than the header; which line it is takes a second reading.
     """
-    _, delimiter = _header(file, wanted)
+    named = [place for place in marks if is_mark(names[place])]
+    header = _header(file, wanted)
+    delimiter = header.delimiter
     if delimiter == wanted.decimal:
         what = f"{delimiter!r} is both the delimiter and the decimal mark"
         raise SprayError(f"{file}: {what}; allowed delimiters: ; tab space")
@@ -107,7 +131,9 @@ def text_columns(
         with _opened_text(file) as stream:
             for number, raw in enumerate(stream, start=1):
                 line = raw.strip(blanks)
-                if number <= wanted.header_line or not line or line[0] in "#%":
+                if number <= header.number or not line or line[0] in "#%":
+                    continue
+                if line.strip() == header.line:  # again, where tables were put together
                     continue
                 if check and (cells := len(split_line(line, delimiter))) != len(names):
                     raise SprayError(
@@ -121,7 +147,8 @@ def text_columns(
                 yield _readable(line, delimiter, used) if check else line
 
     def load(check: bool, mark_form: str) -> NDArray[Any]:
-        form = dict.fromkeys(marks, mark_form) | dict.fromkeys(used, "f8")
+        held = marks if mark_form == "f8" else named
+        form = dict.fromkeys(held, mark_form) | dict.fromkeys(used, "f8")
         # of the others one character is kept
         kinds = [(str(place), form.get(place, "U1")) for place in range(len(names))]
         mark = None if delimiter == " " else delimiter
@@ -137,22 +164,46 @@ def text_columns(
                     rows = load(False, mark_form)
                 except ValueError:
                     continue
-                known = [rows[str(place)] for place in marks if mark_form == "f8"]
+                known = [rows[str(place)] for place in named if mark_form == "f8"]
                 if all(np.all(np.abs(each) < _EXACT) for each in known):
                     break
             else:
-                rows = load(True, "U64")
+                rows = load(True, mark_form := "U64")
     except (ValueError, OSError) as error:
         if isinstance(error, SprayError):
             raise
-        shown = ", ".join(names[place] for place in used)
-        raise SprayError(
-            f"{file}: its columns {shown} are not all numbers ({error}); for a decimal comma give "
-            "`decimal: ','` in the mapping file"
-        ) from error
+        cells = ((split_line(line, delimiter), place) for line in lines(True) for place in used)
+        bad = ((names[at], row[at].strip()) for row, at in cells if not _is_number(row[at]))
+        name, text = next(bad, ("", ""))
+        way = "write numbers, or leave a cell empty that has none"
+        if _THOUSANDS.fullmatch(text):
+            way = "remove the thousands separators"
+        elif "," in text:
+            way = "for a decimal comma give `decimal: ','` in the mapping file"
+        shown = f"{text!a} in the column {name}"
+        raise SprayError(f"{file}: not all numbers: row {count} has {shown}; {way}") from error
     if len(rows) != count:
         raise SprayError(f"{file}: {count} lines make {len(rows)} rows: a quote is not closed")
     return {
         names[place]: Column(f"{file}: column {names[place]}", rows[str(place)])
-        for place in (*used, *marks)
+        for place in (*used, *(marks if mark_form == "f8" else named))
     }
+
+
+def numbers_in(file: Path, names: list[str], wanted: Table) -> set[str]:
+    """Names of the columns that have a number in the first row below the header."""
+    header = _header(file, wanted)
+    with _opened_text(regular(file)) as stream:
+        rows = (line.strip() for n, line in enumerate(stream) if n >= header.number)
+        first = next((line for line in rows if line and line[0] not in "#%"), "")
+    cells = zip(names, split_line(first, header.delimiter), strict=False)
+    decimal = str.maketrans(wanted.decimal, ".")
+    return {name for name, cell in cells if name and _NUMBER.fullmatch(cell.translate(decimal))}
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -75,9 +75,11 @@ def entries(file: Path, seen: tuple[Path, ...] = ()) -> list[Entry]:
     raise SprayError(f"{where} that is not read; allowed: {allowed}")
 
 
-def pvd_steps(file: Path) -> dict[float, list[Entry]]:
-    """Data sets of each time that a .pvd file names."""
+def pvd_steps(file: Path) -> tuple[dict[float, list[Entry]], tuple[str, ...]]:
+    """Data sets of each time that a .pvd file names, and a remark if its times go back."""
     found: dict[float, list[Entry]] = {}
+    latest: dict[tuple[object, ...], float] = {}
+    back: tuple[str, ...] = ()
     places: dict[tuple[object, ...], list[Path]] = {}
     for element in _elements(file, "DataSet"):
         text = element.get("timestep", "0")
@@ -88,10 +90,15 @@ def pvd_steps(file: Path) -> dict[float, list[Entry]]:
         inside = file.parent / element.get("file", "")
         place = (time, element.get("group", ""), element.get("part", "0"), inside.suffix)
         places.setdefault(place, []).append(inside)
+        before = latest.get(place[1:], time)
+        latest[place[1:]] = time
+        if time < before:
+            old = f"times after {time:g} that stand before it in the file may be of an older run"
+            back = (f"{file}: its times go back from {before:g} to {time:g}: {old}.",)
         found.setdefault(time, []).extend(entries(inside, (file,)))
     for (when, _, part, _), files in places.items():
         only_claimant(f"part {part} of time {when:g} in {file}", files)
-    return found
+    return found, back
 
 
 @dataclass(frozen=True)

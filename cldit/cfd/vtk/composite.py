@@ -40,6 +40,39 @@ def _check(file: Path) -> None:
                 continue
             for start in range(0, len(array), _AT_ONCE):
                 array[start : start + _AT_ONCE]
+        groups: list[Any] = [root["VTKHDF"]]
+        root.visititems(lambda _, each: groups.append(each) if hasattr(each, "keys") else None)
+        for group in groups:
+            if "Steps" in group:
+                _check_steps(file, group)
+
+
+def _check_steps(file: Path, group: Any) -> None:
+    """Refuses arrays with rows that no step refers to, as where offsets are wrong."""
+    steps = group["Steps"]
+    for data, number in (("CellData", "NumberOfCells"), ("PointData", "NumberOfPoints")):
+        offsets = steps.get(f"{data}Offsets", {})
+        if "WholeExtent" in group.attrs:  # an image has a step in a row
+            first, last, ends = np.array([0]), np.array([1]), np.array([0, 1])
+        elif number in group and {"PartOffsets", "NumberOfParts"} <= set(steps):
+            ends = np.concatenate([[0], np.cumsum(group[number][()])])
+            first = np.asarray(steps["PartOffsets"][()]).reshape(-1)
+            parts = np.asarray(steps["NumberOfParts"][()]).reshape(-1)
+            last = np.minimum(first + parts, len(ends) - 1)
+        else:
+            continue
+        for name in offsets:
+            begin = np.asarray(offsets[name][()]).reshape(-1)
+            rows = np.zeros(len(group[data][name]) + 1, np.int64)
+            np.add.at(rows, np.clip(begin, 0, len(rows) - 1), 1)
+            np.add.at(rows, np.clip(begin + ends[last] - ends[first], 0, len(rows) - 1), -1)
+            if unused := int(np.count_nonzero(np.cumsum(rows)[:-1] == 0)):
+                raise SprayError(
+                    f"{file}: {group[data][name].name}: {unused} of {len(rows) - 1} rows belong to "
+                    f"no step ({data}Offsets/{name}: {begin[:5].tolist()} for the steps "
+                    f"{np.asarray(steps['Values'][()]).reshape(-1)[:5].tolist()}): its offsets are "
+                    "damaged; export it again"
+                )
 
 
 def composite_size(file: Path) -> Size:

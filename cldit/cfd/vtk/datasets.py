@@ -1,5 +1,6 @@
 """vtk data sets as NumPy arrays. vtk is imported only when a function is called."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ def point_columns(file: Path, data: Any) -> tuple[Column, dict[str, Column]]:
     """Positions (N, 3), and numeric point arrays of `data` by name, as doubles."""
     fields = _columns(file, data.GetPointData(), "point field")
     place = Column(f"{file}: points", points_of(data).astype(np.float64))
-    return place, {k: Column(v.label, v.values.astype(np.float64)) for k, v in fields.items()}
+    return place, {k: replace(v, values=v.values.astype(np.float64)) for k, v in fields.items()}
 
 
 def as_numpy(array: Any) -> Any:
@@ -95,8 +96,15 @@ def points_of(data: Any) -> Any:
 
 
 def _columns(file: Path, data: Any, kind: str) -> dict[str, Column]:
+    from vtkmodules.vtkCommonCore import vtkDataArray
+
+    key: Any = vtkDataArray.UNITS_LABEL()
     return {
-        name: Column(f"{file}: {kind} {name}", as_numpy(each))
+        name: Column(
+            f"{file}: {kind} {name}",
+            as_numpy(each),
+            unit=each.GetInformation().Get(key) if each.HasInformation() else None,
+        )
         for name, each in named_arrays(data).items()
     }
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence, Set
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -18,11 +19,10 @@ from cldit.cfd.mapping.file import (
     without_unit,
 )
 from cldit.cfd.mesh_parts import MeshPart, join_gas
-from cldit.cfd.one_state import check_marks, is_mark
-from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, vtk_mesh
+from cldit.cfd.vtk.datasets import GHOSTS, cell_columns, point_columns, time_value, vtk_mesh
 from cldit.cfd.vtk.layout import find_layout
 from cldit.cfd.vtk.reading import Choose, Loaded, nothing
-from cldit.cfd.vtk.steps import Loader, find_step, step_times
+from cldit.cfd.vtk.steps import Loader, Step, comment_time, find_step, step_times
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
 from cldit.scene.spray import CfdSpray
@@ -56,7 +56,15 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         cloud=None if chosen is None else _cloud(chosen, step.clouds[chosen], names),
         files=step.files,
         remarks=(*step.remarks, *case.remarks),
+        times_s=_times(step, chosen),
     )
+
+
+def _times(step: Step, cloud: str | None) -> dict[Path, float]:
+    """Times that the files of the gas and of the cloud state in themselves."""
+    read = [*step.meshes, *([] if cloud is None else step.clouds[cloud])]
+    found = ((each.file, (comment_time(each.file), time_value(each.data))) for each in read)
+    return {file: time for file, both in found for time in both if time is not None}
 
 
 def _part(loaded: Loaded) -> MeshPart:
@@ -117,8 +125,5 @@ def _cloud(name: str, parts: Sequence[Loaded], names: ColumnMap) -> Cloud:
         key: joined([part[1][key] for part in filled]) for key in sorted(fields)
     }
     position = joined([part[0] for part in filled])
-    used = columns_of(merged(names.parcels, PARCEL_NAMES))
-    marks = [key for key in columns if is_mark(key) and key not in used]
-    check_marks([columns[key] for key in marks], marks)
     file = str(parts[0].file)
     return mapped_cloud(name, file, position, with_components(columns), names)

@@ -40,6 +40,7 @@ class Layout:
     left_out: tuple[Path, ...] = ()
     beside: tuple[Path, ...] = ()
     own: str | None = None
+    remarks: tuple[str, ...] = ()
 
 
 def is_vtk(folder: Path) -> bool:
@@ -142,12 +143,15 @@ def _folder(folder: Path) -> Layout:
 def _pvd(lists: list[Path]) -> Layout:
     steps: dict[str, list[Entry]] = {}
     times: dict[str, float] = {}
+    remarks: tuple[str, ...] = ()
     for file in lists:
-        for time, found in pvd_steps(file).items():
+        named, back = pvd_steps(file)
+        remarks += back
+        for time, found in named.items():
             near = (k for k, t in times.items() if abs(t - time) <= TIME_TOLERANCE * abs(t))
             key = next(near, repr(time))
             times.setdefault(key, time)
             steps.setdefault(key, []).extend(found)
     if not steps:
         raise SprayError(f"{lists[0]}: names no file")
-    return Layout(steps, times, read=tuple(lists))
+    return Layout(steps, times, read=tuple(lists), remarks=remarks)

@@ -121,8 +121,10 @@ def find_step(
     elif len(times) == 1 and time_s in (None, "latest"):
         at, key = None, next(iter(times))
     else:
-        what = "some mesh files do not state their time"
-        raise SprayError(f"{path}: {what}; give the path of one, without spray.time_s")
+        what = "several mesh files, and not all state their time"
+        steps = "if they are steps, give the path of one, without spray.time_s"
+        pieces = "if they are pieces of one state, name all of them in a .pvtu and give its path"
+        raise SprayError(f"{path}: {what}; {steps}; {pieces}")
     found = layout.steps[key]
     for each in layout.listed if cloud != NO_CLOUD else ():
         if each.step == key and each.of_cloud and not each.file.exists():
@@ -190,7 +192,7 @@ def _sorted(
             f"{found[0].pieces[0].parent}: no gas: no data set of cells with a volume ({held}); "
             "name the gas, or the folder of gas and parcels"
         )
-    remarks = marked.remarks
+    remarks = (*layout.remarks, *marked.remarks)
     if surfaces:
         remarks = (*remarks, f"Omitted, neither gas nor parcels: {shown}.")
     return Step(at, every, clouds, tuple(dict.fromkeys(files)), remarks)
@@ -199,13 +201,19 @@ def _sorted(
 def _own_time(found: Sequence[Entry], loader: Loader, only: bool) -> float | None:
     """Time that a file of a step states in its comment, or as the field `TimeValue`."""
     for file in (entry.pieces[0] for entry in found if not entry.cloud):
-        with open_regular(file) as stream:
-            comment = _TIME.search(stream.read(2000))
-        if comment is not None:
-            try:
-                return float(comment.group(1))
-            except ValueError as error:
-                raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error
-        if (time := loader.time_in(file, only=only)) is not None:
+        time = comment_time(file)
+        time = loader.time_in(file, only=only) if time is None else time
+        if time is not None:
             return time
     return None
+
+
+def comment_time(file: Path) -> float | None:
+    """Time that a file states in its comment."""
+    with open_regular(file) as stream:
+        comment = _TIME.search(stream.read(2000))
+    try:
+        return None if comment is None else float(comment.group(1))
+    except ValueError as error:
+        assert comment is not None
+        raise SprayError(f"{file}: states the time {comment.group(1)!r}") from error

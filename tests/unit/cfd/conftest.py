@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import itertools
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+DIMENSIONS = {"rho": "1 -3 0 0 0 0 0", "T": "0 0 0 1 0 0 0", "p": "1 -1 -2 0 0 0 0"}
 
 
 @dataclass
@@ -188,7 +190,9 @@ def write_case(
         inside = f"uniform {values!r}".encode()
         if isinstance(values, np.ndarray):
             inside = b"nonuniform List<scalar>\n" + form.numbers(values)
-        body = b"dimensions [0 0 0 0 0 0 0];\n\ninternalField " + inside + b";\n\n"
+        named = (d for n, d in DIMENSIONS.items() if re.search(f"(?i)(^|_){n}", key))
+        powers = next(named, "0 0 0 0 0 0 0").encode()
+        body = b"dimensions [" + powers + b"];\n\ninternalField " + inside + b";\n\n"
         body += b"boundaryField { walls { type zeroGradient; } }"
         form.write(root / time / key, "volScalarField", body)
     if cloud is not None:

@@ -189,7 +189,7 @@ def test_structured_zone_of_cgns(tmp_path: Path, foam: Foam) -> None:
         ("Units", "DimensionalUnits_t", b"Kilogram".ljust(32) + b"Foot".ljust(32), "is in Foot"),
         ("DataClass", "DataClass_t", b"NondimensionalParameter", "expected: dimensional data"),
         ("Solution/Rind", "Rind_t", b"\0\1", "has ghost cells"),
-        ("More", "Elements_t", b"\x16\0", "elements of type 22; allowed:"),
+        ("More", "Elements_t", b"\x12\0", "elements of type 18; allowed:"),
         ("Times", "BaseIterativeData_t", b"", "2 times in it"),
         ("Solution/GridLocation", "GridLocation_t", b"FaceCenter", "fields at FaceCenter"),
     ],

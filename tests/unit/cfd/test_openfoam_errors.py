@@ -92,7 +92,7 @@ CHANGES: list[tuple[str, bytes, bytes, str]] = [
     ("0.001/T", FIRST, b"\n(\nabc\n", "0.001/T: (truncated or|contains text)"),
     ("0.001/T", rb"\n24\n\(\n[^\n]+", b"\n23\n(", "0.001/T: 23 values, but the mesh has 24 cells"),
     ("0.001/T", b"internalField", b"external", "0.001/T: has no internalField"),
-    ("0.001/T", b"nonuniform", b"uniform", "0.001/T: internalField is neither"),
+    ("0.001/T", b"nonuniform", b"uniform", "0.001/T: internalField is .uniform List"),
     ("0.001/T", b"FoamFile", b"Foam", "0.001/T: is not an OpenFOAM file"),
     ("0.001/C7H16", FIRST, b"\n(\n1.2\n", "C7H16: 1.2 .* it must be the mass fraction"),
     ("0.001/C7H16", FIRST, b"\n(\n-0.1\n", "C7H16: -0.1 "),

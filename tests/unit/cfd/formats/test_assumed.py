@@ -34,7 +34,10 @@ def test_misspelt_density(tmp_path: Path, foam: Foam, name: str) -> None:
     said = told(case)
     assert "no density 'rho' among the cell fields" in said
     assert f"if it is '{name}', name it in a mapping file" in said
-    assert "that of an ideal gas of air and fuel at p and T was used" in said
+    assert (
+        "that of an ideal gas of air and fuel at T and p (4.004e+06 to 4.88e+06 Pa) was used"
+        in said
+    )
     options = ["--nozzle", "0.0005", "0.009", "0.0001", "--axis", "-y"]
     done = CliRunner().invoke(main, ["import", str(case), *options])
     assert "ideal gas" in done.output

@@ -162,7 +162,9 @@ def test_cells_by_volume(tmp_path: Path, foam: Foam, writers: Writers) -> None:
     with pytest.raises(SprayError, match=r"cells\.csv: no row below its header"):
         read_cfd(CfdSpray(file=path, **writers.place))
     (tmp_path / "cells.csv").write_text("\n".join(["x", *joined, "1,2,3,4,5,6,oops,1,1,1,1", ""]))
-    with pytest.raises(SprayError, match=r"cells\.csv: its columns .* are not all numbers"):
+    with pytest.raises(
+        SprayError, match=r"cells\.csv: not all numbers: row 25 has 'oops' in the column Temp"
+    ):
         read_cfd(CfdSpray(file=path, **writers.place))
 
 

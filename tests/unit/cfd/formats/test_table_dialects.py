@@ -229,3 +229,46 @@ def test_an_undefined_number_is_one_parcel_omitted(
     spray = read_cfd(CfdSpray(file=path, parcels_left_out=0.1, **writers.place))
     assert spray.notes["parcels"] == 16
     assert any("Omitted 1 of 17 parcels" in remark for remark in spray.remarks)
+
+
+def repeated_header(text: str) -> str:
+    head, *rows = text.splitlines()
+    return "\n".join([head, *rows[:5], head, *rows[5:], ""])
+
+
+def cfd_post(text: str) -> str:
+    head, rows = text.split("\n", 1)
+    named = head.replace("X,Y,Z", "X [ mm ], Y [ mm ], Z [ mm ]")
+    return f"\n[Name]\nparcels, all of them\n\n[Data]\n{named}\n{rows}"
+
+
+@pytest.mark.parametrize("change", [repeated_header, cfd_post], ids=lambda each: each.__name__)
+def test_tables_with_more_than_one_head(
+    tmp_path: Path, foam: Foam, writers: Writers, change: Any
+) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    expected = read_cfd(CfdSpray(file=path, **writers.place)).notes
+    path.write_text(yaml.safe_dump(parcels(path, change)))
+    assert read_cfd(CfdSpray(file=path, **writers.place)).notes == expected
+
+
+@pytest.mark.parametrize(
+    ("cell", "message"),
+    [
+        ('"1,384.5"', "row 1 has '1,384.5' in the column T; remove the thousands separators"),
+        ('"384,5"', "row 1 has '384,5' in the column T; for a decimal comma give `decimal: ','`"),
+        ("warm", "row 1 has 'warm' in the column T; write numbers"),
+    ],
+)
+def test_cells_that_are_no_number(
+    tmp_path: Path, foam: Foam, writers: Writers, cell: str, message: str
+) -> None:
+    path = writers.tables(tmp_path, foam.sample())
+    path.write_text(yaml.safe_dump(parcels(path, lambda text: text)))
+    file = tmp_path / "drops.txt"
+    head, row, *rows = file.read_text().splitlines()
+    cells = row.split(",")
+    cells[head.split(",").index("T")] = cell
+    file.write_text("\n".join([head, ",".join(cells), *rows, ""]))
+    with pytest.raises(SprayError, match=re.escape(message)):
+        read_cfd(CfdSpray(file=path, **writers.place))

@@ -37,3 +37,28 @@ def test_an_empty_folder_and_an_openfoam_case_without_a_mesh(tmp_path: Path) -> 
     (tmp_path / "case.foam").touch()
     with pytest.raises(SprayError, match="no mesh: neither constant/polyMesh nor constant/REGION"):
         read_cfd(CfdSpray(file=tmp_path / "case.foam"))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["plt00100/Header", "plt00100/Level_0/Cell_H"], r"plotfile of AMReX .*ParaView .*\.vtu"),
+        (["spray0.f00012"], "is a field file of Nek5000: with its .nek5000 file open it in ParaV"),
+        (["otape17"], "is a file of KIVA: convert it to GMV"),
+        (["run.silo"], "is a file of Tecplot, Silo, VisIt"),
+    ],
+)
+def test_other_programs_by_name(tmp_path: Path, names: list[str], message: str) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
+        (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(SprayError, match=message):
+        read_cfd(CfdSpray(file=(tmp_path / names[0]).parent))
+
+
+def test_openpmd_by_name(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "data.h5", "w") as file:
+        file.attrs["openPMD"] = "1.1.0"
+    with pytest.raises(SprayError, match="is openPMD, which is not read; convert fields"):
+        read_cfd(CfdSpray(file=tmp_path / "data.h5"))

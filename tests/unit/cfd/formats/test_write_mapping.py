@@ -135,3 +135,22 @@ def test_own_file_needs_none(tmp_path: Path) -> None:
     (tmp_path / "a.npz").write_bytes(b"PK")
     with pytest.raises(SprayError, match="needs no mapping"):
         write_mapping(CfdSpray(file=tmp_path / "a.npz"), tmp_path / "m.yaml")
+
+
+@pytest.mark.parametrize("name", ["C7H16.Mass Fraction", "Mole Fraction of C7H16", "molef-c7h16"])
+def test_the_fuel_of_a_table_by_the_names_of_programs(tmp_path: Path, name: str) -> None:
+    (tmp_path / "cells.csv").write_text(f"x,y,z,V,T,p,{name}\n0,0,0,1e-9,700,5e6,0.1\n")
+    write_mapping(CfdSpray(file=tmp_path / "cells.csv"), tmp_path / "m.yaml")
+    cells = read_column_map(tmp_path / "m.yaml").cells
+    assert cells.fuel is not None
+    assert cells.fuel.column == name
+
+
+def test_a_unit_of_the_draft_is_allowed_once_its_line_is_used(tmp_path: Path) -> None:
+    (tmp_path / "cells.csv").write_text("x,y,z,V,T,p,other\n0,0,0,1e-9,700,5e6,0.1\n")
+    write_mapping(CfdSpray(file=tmp_path / "cells.csv"), tmp_path / "m.yaml")
+    text = (tmp_path / "m.yaml").read_text()
+    (tmp_path / "m.yaml").write_text(text.replace("# fuel: {column: NAME", "fuel: {column: other"))
+    cells = read_column_map(tmp_path / "m.yaml").cells
+    assert cells.fuel is not None
+    assert cells.fuel.unit == "1"

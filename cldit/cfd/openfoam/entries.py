@@ -1,0 +1,98 @@
+"""Entries at the top level of a field's file, by OpenFOAM's grammar: dimensions, macros, includes.
+
+After the OpenFOAM user guide ("Basic input/output file format"). foamlib 1.7 reads these entries,
+too, but expands neither macros nor `#include`.
+"""
+
+import re
+
+from cldit.cfd.inputs import content
+from cldit.cfd.mapping.file import SI_UNITS
+from cldit.cfd.openfoam.collated import GAP
+from cldit.cfd.openfoam.file import FoamFile, find_foam, open_foam, without_comments
+
+_KEY = re.compile(GAP + rb'("[^"\n]*"|[^\s"{}();]++)', re.DOTALL)
+_PART = re.compile(rb'"[^"]*"|//[^\n]*|/\*.*?\*/|[{}();]|List<(\w+)>\s*(\d{1,15})\s*\(', re.DOTALL)
+_NUMBERS = {b"scalar": 1, b"vector": 3, b"symmTensor": 6, b"tensor": 9}
+_MACRO = re.compile(rb"\$\{?[:.]*(\w+)\}?")
+_DEEPEST = 10  # of macros in macros and files in files
+
+
+def top_level(file: FoamFile, at: int, known: dict[bytes, bytes], depth: int = 0) -> int:
+    """Adds the entries from `at` on to `known`, up to internalField, with those of included files.
+
+    Returns the place of the value of internalField; -1 without it.
+    """
+    while (key := _KEY.match(file.body, at)) is not None:
+        name, at = key.group(1), key.end()
+        if name.startswith(b"#"):
+            line = file.body.find(b"\n", at)
+            line = len(file.body) if line < 0 else line
+            if name in (b"#include", b"#sinclude", b"#includeIfPresent"):
+                _include(file, file.body[at:line], known, depth)
+            at = line
+            continue
+        end = entry_end(file, at)
+        known[name] = file.body[at : min(end, at + 1000)].strip()
+        if name == b"internalField":
+            return at
+        at = end + 1
+    return -1
+
+
+def entry_end(file: FoamFile, at: int) -> int:
+    """Place of the semicolon or brace that ends an entry; skips the content of binary lists."""
+    depth = 0
+    while (part := _PART.search(file.body, at)) is not None:
+        mark, at = part.group(), part.end()
+        if mark.endswith(b"(") and part.group(1) and file.binary:
+            at += int(part.group(2)) * _NUMBERS.get(part.group(1), 1) * file.scalar_sizes[0]
+        elif mark.endswith((b"(", b"{")):
+            depth += 1
+        elif mark in (b")", b"}"):
+            depth -= 1
+        if (mark == b";" or mark == b"}") and depth <= 0:
+            return part.start()
+    return len(file.body)
+
+
+def _include(file: FoamFile, line: bytes, known: dict[bytes, bytes], depth: int) -> None:
+    """Adds the entries of an included file; a missing one is named once a macro is not found."""
+    name = line.strip().strip(b'"')
+    path = find_foam(file.path.parent / name.decode("latin-1"))
+    if path is None or depth > _DEEPEST:
+        known[b"#include"] = name
+        return
+    with open_foam(path) as stream:
+        text = without_comments(content(stream, path))
+    own = FoamFile(path, False, file.order, file.label_sizes, file.scalar_sizes, text)
+    top_level(own, 0, known, depth + 1)
+
+
+def expanded(file: FoamFile, text: bytes, known: dict[bytes, bytes]) -> bytes:
+    """Replaces macros such as `$T0` by the entries that they name."""
+    text = text.partition(b";")[0]
+    for _ in range(_DEEPEST):
+        if (macro := _MACRO.search(text)) is None:
+            return text
+        name = macro.group().decode("latin-1")
+        if macro.group(1) not in known:
+            lost = known.get(b"#include", b"").decode("latin-1")
+            where = f'; "{lost}", which it includes, is missing beside it' if lost else ""
+            raise file.fail(f"the macro {name} has no entry above it or in its includes{where}")
+        value = known[macro.group(1)].partition(b";")[0]
+        text = text[: macro.start()] + value + text[macro.end() :]
+    raise file.fail(f"the macro {name} names itself")
+
+
+def unit_of(file: FoamFile, known: dict[bytes, bytes]) -> str | None:
+    """Unit by the `dimensions`, as mapping files spell it, or these themselves; None without."""
+    inside = re.search(rb"\[([^\]]*)\]", expanded(file, known.get(b"dimensions", b""), known))
+    if inside is None:
+        return None
+    text = inside.group(1).decode("latin-1").strip()
+    try:
+        powers = [float(word) for word in text.split()]
+    except ValueError:  # symbols, such as [kg m^-3]
+        return text
+    return SI_UNITS.get(tuple(powers[:5]) if not any(powers[5:]) else (), f"[{text}]")
