@@ -22,7 +22,7 @@
    (far density / density)^(3/2). exchange: viscosity times density.
 
    around, downward, outward: vector areas of unit radius of the lower faces. open_below, open_above: 1
-   where a row goes on, 0 at its ends. square: of the radius of the lower face. */
+   where a row continues, 0 at its ends. square: of the radius of the lower face. */
 __kernel void eddies(
     __global const real *restrict velocity, __global const real *restrict density,
     __global real *restrict eddy, __global real *restrict exchange,

@@ -79,7 +79,7 @@ INLINE lane_t passing(
 
 /* Fluxes of fields through the lower faces of each cell: three planes a field.
 
-   open_below, open_second, open_above: 1 where a row goes on by so many cells, 0 at its ends. */
+   open_below, open_second, open_above: 1 where a row continues by so many cells, 0 at its ends. */
 __kernel void face_fluxes(
     __global const real *restrict values, __global const real *restrict explicit_flux,
     __global const real *restrict diffusion, __global const real *restrict mass,

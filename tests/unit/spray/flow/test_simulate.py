@@ -254,20 +254,32 @@ def test_before_the_injection_there_is_nothing(device: Device, tables: Path) -> 
     assert not flow.read("velocity").any()
 
 
-def test_single_precision_and_other_widths(hot: Result, device: Device, tables: Path) -> None:
-    """Results as on a GPU, and without double precision, against those on a CPU.
+def test_single_precision(hot: Result, device: Device, tables: Path) -> None:
+    """A device without double precision, with one parcel a work-item, against a CPU: two roundings
+    a step add up, at worst in one direction; 3e-7 of the notes and 0.05 um were measured."""
+    other = replace(device, info=replace(device.info, kind="gpu", float64=False))
+    spray, _, flow = simulate_spray(COARSE, other, cache=tables)
+    assert flow.fields.real is np.float32
+    wanted, found = hot[0].notes, spray.notes
+    most = 2 * wanted["steps"] * ULP
+    total = found["liquid_mass_kg"] + found["vapour_mass_kg"] + found["wall_mass_kg"]
+    assert total == pytest.approx(wanted["injected_mass_kg"], rel=most, abs=0)
+    for name in ("liquid_mass_kg", "vapour_mass_kg", "vapour_penetration_m", "pressure_Pa"):
+        assert found[name] == pytest.approx(wanted[name], rel=most, abs=0), name
+    assert spray.parcels is not None and hot[0].parcels is not None
+    apart = np.abs(spray.parcels.position_m - hot[0].parcels.position_m)
+    assert apart.max() < most * wanted["vapour_penetration_m"]
 
-    The flow is chaotic: parcels differ after some steps, and sums over all by the chance of a
-    thousand parcels.
-    """
-    wanted = hot[0].notes
-    for changes in ({"float64": False}, {"kind": "gpu"}, {"kind": "gpu", "float64": False}):
-        other = replace(device, info=replace(device.info, **changes))
-        spray, _, flow = simulate_spray(COARSE, other, cache=tables)
-        assert flow.fields.real is (np.float64 if other.info.float64 else np.float32)
-        found = spray.notes
-        total = found["liquid_mass_kg"] + found["vapour_mass_kg"] + found["wall_mass_kg"]
-        # Gas in single precision: a step rounds by some ULP of a cell's vapour, at random.
-        assert total == pytest.approx(wanted["injected_mass_kg"], rel=2e-5, abs=0)
-        for name in ("liquid_mass_kg", "vapour_mass_kg", "vapour_penetration_m", "pressure_Pa"):
-            assert found[name] == pytest.approx(wanted[name], rel=0.03), (changes, name)
+
+@pytest.mark.parametrize("plumes", [COARSE.plumes, COARSE.plumes[:1], COARSE.plumes[:3]])
+def test_thin_hot_gas_is_stable(device: Device, tables: Path, plumes: tuple[Plume, ...]) -> None:
+    """Fuel that boils away in 1 kg/m3: in a step, cells near the tip expand by more than they are.
+    The gas is checked at the end; it was lost within 0.05 ms."""
+    changes = {
+        "plumes": plumes,
+        "injected_mass_kg": 0.6e-6 * len(plumes),
+        "time_s": 0.1e-3,
+        "ambient": Ambient(pressure_Pa=0.15e6, temperature_K=620.0),
+    }
+    notes = simulate_spray(COARSE.model_copy(update=changes), device, cache=tables)[0].notes
+    assert notes["vapour_mass_kg"] > 0.05 * notes["injected_mass_kg"]
