@@ -79,7 +79,8 @@ class Result:
     def errors(self) -> Errors:
         """Errors by source, and their sum."""
         causes = tuple(one.cause for one in self.estimates)
-        return Errors(causes, self.model, why=self.unstated)
+        figures = {name: error for one in self.estimates for name, error in one.figures.items()}
+        return Errors(causes, self.model, why=self.unstated, figures=figures)
 
     @property
     def quadrature(self) -> Quadrature:

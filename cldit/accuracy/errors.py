@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 from pydantic import ConfigDict
@@ -49,12 +49,14 @@ class Estimate:
 
     cause: as it is stated. map_K: (H, W) size of the difference in each pixel; None: unknown. The
     error is proportional to `size` to the power `order`: a cell's edge, or one over a number.
+    figures: errors of the spray's figures by the same source, by their name.
     """
 
     cause: Cause
     map_K: Floats | None = None
     order: float = 1.0
     size: float = 1.0
+    figures: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -104,6 +106,7 @@ class Errors:
 
     model: changes by a lens and by the model itself (n and k), which are never in the sum. why:
     reason why there is no error to state, although there are sources of it; empty otherwise.
+    figures: errors of figures of the spray, such as `vapour_penetration_m`, by their name.
     """
 
     __pydantic_config__: ClassVar = ConfigDict(extra="ignore")  # run.json has their sum, too
@@ -111,6 +114,7 @@ class Errors:
     causes: tuple[Cause, ...]
     model: tuple[Cause, ...] = ()
     why: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def total_K(self) -> float | None:
@@ -151,6 +155,7 @@ class Errors:
             "causes": [asdict(cause) for cause in self.causes],
             "model": [asdict(cause) for cause in self.model],
             "why": self.why,
+            "figures": dict(self.figures),
         }
 
     @classmethod

@@ -46,10 +46,12 @@ def print_error(errors: "Errors") -> None:
     OUT.print(f"error of T_app {errors.text}{' RMS' if by else ''}{by}", style="bold")
 
 
-def print_reach(figures: Mapping[str, float]) -> None:
+def print_reach(figures: Mapping[str, float], errors: "Errors | None" = None) -> None:
     """Prints how far liquid and vapour of a spray with these figures reach."""
+    known = {} if errors is None else errors.figures
     reach = [
-        f"{phase} {1e3 * figures[key]:.1f} mm{share}"
+        f"{phase} {1e3 * figures[key]:.1f}"
+        f"{f' +- {1e3 * known[key]:.1f}' if key in known else ''} mm{share}"
         for key, phase, share in _REACH
         if figures.get(key, 0.0) > 0.0
     ]

@@ -320,7 +320,7 @@ def _print_run(result: Run, suffix: str | None) -> None:
         print_error(result.errors)
     elif result.info.accuracy_K is not None:
         OUT.print(f"error of T_app by the trace, RMS: {result.info.accuracy_K:.2g} K", style="bold")
-    print_reach(result.info.spray)
+    print_reach(result.info.spray, result.errors)
     print_cut(result.maps)
     if result.folder is not None:
         drawn = suffix or result.measured is not None

@@ -38,9 +38,7 @@ from cldit.spray.flow.simulate import simulate_spray
 @figures_option
 @plain_errors
 @device_option
-def spray_command(
-    scene: str, out: Path | None, suffix: str | None, device: str | None
-) -> None:
+def spray_command(scene: str, out: Path | None, suffix: str | None, device: str | None) -> None:
     """Compute only the spray of SCENE: figures, history, files for ParaView."""
     chosen = load_scene(scene)
     folder = out or Path("sprays") / chosen.name

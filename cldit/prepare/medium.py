@@ -179,9 +179,13 @@ class Prepared:
         points, cells = emitters(spray, self.properties.chosen.bands[self.number])
         return in_classes(points, spray, phase), cells
 
+    def other_spray(self, spec: AnySpray) -> Spray:
+        """The spray of another specification, deposited as that of the scene."""
+        return deposited(self.scene, make_spray(spec, self.device, cache=self.cache))
+
     def resprayed(self, spec: AnySpray) -> Sources:
         """The spray of another specification at that wavelength."""
-        return self.sources_of(deposited(self.scene, make_spray(spec, self.device, cache=self.cache)))
+        return self.sources_of(self.other_spray(spec))
 
     def rescattered(self, *, mie: bool) -> "Prepared":
         """The medium whose droplets scatter isotropically, or by Mie's phase function, at that

@@ -1,109 +1,132 @@
-"""Stated error of a computed gas's grid against the gas of half the cells.
+"""Stated errors of a computed spray's gas grid and parcels, against finer gas and another seed.
 
-    python -m tests.bench gas_grid
-    python -m tests.bench gas_grid --accuracy-K 3 --seeds 1 --injector gdi-flow
+    python -m tests.bench gas_grid --injector one --seeds 2
+    python -m tests.bench gas_grid --injector eight --seeds 2 --gas-cells-m 1e-3 --quarter
+    python -m tests.bench gas_grid --injector one --droplets-per-parcel 190
 
-Two injectors, during and after the injection, three seeds: half an hour. The step is the RMS
-difference of T_app between the gas that the run chose and one of half its cells, on the run's cells
-of the octree, and on cells of 0.5 mm.
-Random numbers belong to parcel and time, so both have the same eddies.
+A row for each injector, seed, time and size of pixels: some 2 core-minutes for `one` at 1 mm, all
+rows of a seed together. The stated error is that of a run: from gas of twice and four times the
+cells. True is the RMS difference of T_app from gas of half the cells (`--quarter`: of a quarter).
+Random numbers belong to parcel and time, so all gas grids have the same eddies, and the difference
+is the grid's. The true error of parcels is the difference from the next seed over sqrt(2). All
+images are of the same octree, with cells of 0.5 mm.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
+from cldit.accuracy.sources.gas_grid import Rest, head_error_m
 from cldit.bench.case import changed
 from cldit.gpu.device import Device, open_device
 from cldit.io.caches import default_cache
 from cldit.prepare.spray_factory import make_spray
-from cldit.run import simulate
 from cldit.scene import Scene, load_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.cache import times_together
-from tests.bench.flow_seeds import apart_K, picture
-from tests.unit.spray.flow.references import SPRAY_G
+from tests.bench.flow_seeds import apart_K, by_halves, picture
 
-TIMES_S = (0.4e-3, 0.95e-3)  # during the injection, and after it
-_CELL_m = 0.5e-3  # voxels of the gas
+TIMES_S = (0.4e-3, 0.6e-3, 0.95e-3)  # two during the injection, and one after it
+PIXELS_m = (2e-3, 0.5e-3)
+_CELL_m = 0.5e-3  # of the octree
 _HEAD = (
-    "| injector | ms | seed | gas, mm | stated, K | gas grid, K | step to half, K "
-    "| in cells of 0.5 mm | core-s |"
+    "| injector | ms | seed | gas, mm | pixel, mm | steps, K | | correlation | gas grid stated, K "
+    "| true, K | stated / true | vapour to, mm | on finer gas | parcels stated, K | true, K |"
 )
-# Assumed to be about those of n-heptane: preset `paper` refuses its own for another fuel.
-_OPTICS = {"n": 1.339, "k": 0.0342, "vapour_m2_mol": 50.1}
+_ONE: dict[str, Any] = {
+    "plumes": [{"inclination_deg": 0.0, "azimuth_deg": 0.0}],
+    "injected_mass_kg": 1.25e-6,
+}
+_FIELD_m = {"one": (0.04, 0.08), "eight": (0.1, 0.08), "unequal": (0.1, 0.08)}
 
 
-def scene_of(injector: str, *, seed: int, time_s: float, accuracy_K: float) -> Scene:
-    """gdi-flow, or Spray G in its place, in 100 x 100 pixels."""
+def scene_of(given: argparse.Namespace, *, seed: int, time_s: float, pixel_m: float) -> Scene:
+    """gdi-flow, one of its plumes straight down, or with one of its holes off by 0.5 degrees."""
     spray: dict[str, Any] = {"seed": seed, "time_s": time_s}
-    optics: dict[str, Any] = {"compare_paper": False}
-    if injector == "Spray G":
-        names = ("fuel", "fuel_temperature_K", "ambient", "plumes")
-        spray |= {name: SPRAY_G.model_dump(mode="json")[name] for name in names}
-        optics |= _OPTICS
-    return changed(
-        load_scene("gdi-flow"),
-        spray=spray,
-        camera={"pixels": [100, 100]},
-        transport={"accuracy_K": accuracy_K},
-        optics=optics,
-    )
-
-
-def in_cells(scene: Scene, cell_m: float) -> Scene:
-    """The scene in cells of the octree that are in line with the gas's, and not audited."""
+    scene = load_scene("gdi-flow")
+    if given.injector == "one":
+        spray |= _ONE
+    if given.injector == "unequal":
+        plumes = scene.spray.model_dump(mode="json")["plumes"]
+        plumes[0]["inclination_deg"] += 0.5
+        spray["plumes"] = plumes
+    if given.droplets_per_parcel is not None:
+        spray["droplets_per_parcel"] = given.droplets_per_parcel
+    field_m = _FIELD_m[given.injector]
     return changed(
         scene,
-        domain={"edge_m": 256 * _CELL_m, "leaf_edge_m": cell_m * (1 + 1e-6)},
-        transport={"audit": False, "accuracy_K": 0.3},
-        camera={"rays_per_pixel": 1},
+        spray=spray,
+        domain={"edge_m": 256 * _CELL_m, "leaf_edge_m": _CELL_m * (1 + 1e-6)},
+        camera={
+            "pixels": [round(size / pixel_m) for size in field_m],
+            "field_m": field_m,
+            "rays_per_pixel": 4 if pixel_m > _CELL_m else 1,
+        },
+        transport={"audit": False, "accuracy_K": 0.3, "directions": 48},
+        optics={"compare_paper": False},
     )
 
 
-def rows(injector: str, seed: int, accuracy_K: float, device: Device) -> Iterator[str]:
-    """Lines of the table for one spray at `TIMES_S`."""
+def rows(given: argparse.Namespace, seed: int, device: Device) -> Iterator[str]:
+    """Lines of the table for one seed, at `TIMES_S`."""
+    h_m, finest = given.gas_cells_m, 4 if given.quarter else 2
     for time_s in TIMES_S:
-        scene = scene_of(injector, seed=seed, time_s=time_s, accuracy_K=accuracy_K)
-        start = time.process_time()
-        run = simulate(scene, device=device)
-        cost_s = time.process_time() - start
-        assert run.errors is not None and isinstance(scene.spray, LagrangianSpray)
-        (gas,) = (one for one in run.errors.causes if one.name == "gas grid")
-        gas_m = run.info.spray["gas_spacing_m"]
-        sprays = [
-            make_spray(scene.spray.on_gas(gas_m / parts), cache=default_cache()) for parts in (1, 2)
-        ]
-        octree = [one.note for one in run.info.stages if one.name == "octree"][-1]
-        own_m = 1e-3 * float(octree.split()[-2])  # "... leaves, finest 1 mm"
-        steps = [
-            apart_K(*(picture(in_cells(scene, cell_m), spray, device) for spray in sprays))
-            for cell_m in (own_m, _CELL_m)
-        ]
-        yield (
-            f"| {injector} | {1e3 * time_s:g} | {seed} | {1e3 * gas_m:.2g} | {run.errors.text} "
-            f"| {gas.text} | {steps[0]:.2f} ({1e3 * own_m:g} mm) | {steps[1]:.2f} | {cost_s:.0f} |"
+        scene = scene_of(given, seed=seed, time_s=time_s, pixel_m=PIXELS_m[0])
+        other = changed(scene, spray={"seed": seed + 1})
+        assert isinstance(scene.spray, LagrangianSpray)
+        assert isinstance(other.spray, LagrangianSpray)
+        four, twice, here, finer = (
+            make_spray(scene.spray.on_gas(part * h_m), device, cache=default_cache())
+            for part in (4, 2, 1, 1 / finest)
         )
+        chance = make_spray(other.spray.on_gas(h_m), device, cache=default_cache())
+        heads_m = [one.notes["vapour_penetration_m"] for one in (four, twice, here, finer)]
+        head_m = head_error_m(heads_m[2::-1])
+        for pixel_m in PIXELS_m:
+            seen = scene_of(given, seed=seed, time_s=time_s, pixel_m=pixel_m)
+            largest, larger, image, truth = (
+                picture(seen, spray, device) for spray in (four, twice, here, finer)
+            )
+            before_K, last_K, true_K = (
+                apart_K(*pair) for pair in pairwise((largest, larger, image, truth))
+            )
+            rest = Rest.of(last_K, before_K, apart_K(largest, image))
+            parcels = ""
+            if pixel_m == PIXELS_m[0]:
+                halves_K = by_halves(seen, {seed: here}, device)[0]
+                parcels = (
+                    f"{halves_K:.2f} | {apart_K(image, picture(seen, chance, device)) / 2**0.5:.2f}"
+                )
+            correlation = "" if isinstance(rest, str) else f"{rest.correlation:.2f}"
+            stated_K = last_K * (1.0 if isinstance(rest, str) else rest.factor)
+            yield (
+                f"| {given.injector} | {1e3 * time_s:g} | {seed} | {1e3 * h_m:.2g} "
+                f"| {1e3 * pixel_m:g} | {before_K:.2f} | {last_K:.2f} | {correlation} "
+                f"| {'at least ' * isinstance(rest, str)}{stated_K:.2f} "
+                f"| {true_K:.2f} | {stated_K / true_K:.2f} "
+                f"| {1e3 * heads_m[2]:.1f} +- {1e3 * head_m:.1f} | {1e3 * heads_m[3]:.1f} "
+                f"| {parcels or ' | '} |"
+            )
 
 
 def main() -> None:
     """Prints the table, line by line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--accuracy-K", type=float, default=6.0)
-    parser.add_argument("--seeds", type=int, default=3)
-    injectors = ("gdi-flow", "Spray G")
-    parser.add_argument("--injector", action="append", default=[], choices=injectors)
+    parser.add_argument("--injector", choices=tuple(_FIELD_m), default="one")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 9])
+    parser.add_argument("--gas-cells-m", type=float, default=1e-3)
+    parser.add_argument("--droplets-per-parcel", type=float, help="in place of the scene's")
+    parser.add_argument("--quarter", action="store_true", help="truth by a quarter of the cells")
     given = parser.parse_args()
     device = open_device()
     print(_HEAD, "|" + " --- |" * (_HEAD.count("|") - 1), sep="\n", flush=True)
-    for injector in given.injector or injectors:
-        for seed in range(1, given.seeds + 1):
-            with times_together(TIMES_S):
-                for row in rows(injector, seed, given.accuracy_K, device):
-                    print(row, flush=True)
+    with times_together(TIMES_S):
+        for seed in given.seeds:
+            for row in rows(given, seed, device):
+                print(row, flush=True)
 
 
 if __name__ == "__main__":

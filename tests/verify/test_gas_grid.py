@@ -10,6 +10,7 @@ import pytest
 
 import cldit
 from cldit.accuracy.sources.gas_grid import ORDER
+from cldit.gpu.device import open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import Scene
 
@@ -88,7 +89,7 @@ def test_the_further_sprays_are_kept(tmp_path: Path) -> None:
     cldit.simulate(plume(1, H, audit=True), cache=tmp_path)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "sprays").glob("*.npz")}
     assert len(kept) == 3
-    make_spray(plume(1, 2 * H, audit=False).spray, cache=tmp_path)
+    make_spray(plume(1, 2 * H, audit=False).spray, open_device(), cache=tmp_path)
     cldit.simulate(plume(1, H, audit=True), cache=tmp_path)
     again = {path: path.stat().st_mtime_ns for path in (tmp_path / "sprays").glob("*.npz")}
     assert again == kept

@@ -3,17 +3,17 @@
 The lattice of a cone is varied by factors of two and four, and the error extrapolated. A computed
 gas is computed again on cells twice and four times as large. Its droplets start alike on all three,
 and the eddies that a droplet meets are drawn by its number and time, so the random part of all
-three sprays is the same and the differences are the grid's. Each step to half of the cells is
-smaller than the one before by a ratio, and correlates with it. Both are measured, and the steps
-that are left are summed with them: with full correlation that is Richardson's extrapolation,
-without any a sum of squares. A gas that is read comes on one grid alone: what is stated is the
-error of its linear reconstruction (`cldit.medium.gas_reconstruction`), by the same gas in cells
-twice and four times as large.
+three sprays is the same and the differences are the grid's. The ratio of the two steps to half of
+the cells and their correlation give the error (`Rest`). The vapour's penetration, which the heads
+of the plumes set, gets an error by the same three sprays. A gas that is read comes on one grid
+alone: what is stated is the error of its linear reconstruction (`cldit.medium.gas_reconstruction`),
+by the same gas in cells twice and four times as large.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -38,11 +38,14 @@ _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
-_SMALLEST_RATIO = 0.5  # as for first order: 0.38 between coarse grids was 0.65 at the next
-_LARGEST_RATIO = 0.75  # steps that fall by less need not converge
+_FIRST_ORDER = 0.5  # ratio of displacements; faster steps of coarse grids were slower at the next
+_SLOWEST = 0.75  # displacements that fall by less need not converge
+_HEAD = "vapour_penetration_m"  # of the figures of a spray
 _FINEST_LATTICE_m = 0.1e-3
 _CONE_KEY, _FLOW_KEY, _FILE_KEY = "spray.spacing_m", "spray.box.spacing_m", "spray.file"
 ORDER = "order of the gas grid"
+
+Coarser = tuple[Sources, float]  # sources of a spray, and its vapour's penetration in m
 
 
 class _GasGrid(ErrorSource):
@@ -139,27 +142,33 @@ class _GasGrid(ErrorSource):
         if not isinstance(spec, LagrangianSpray):
             why = "the gas comes on one grid alone; compare with a run from a finer one"
             return [Estimate.unknown(ORDER, why, fixed)]
-        first = self._traced(at, spec, 2)
-        if isinstance(first, str):
-            return [Estimate.unknown(self.name, first, fixed)]
+        found = self._traced(at, spec, 2)
+        if isinstance(found, str):
+            return [Estimate.unknown(self.name, found, fixed)]
+        first, head_m = found
+        heads_m = [at.prepared.spray.notes[_HEAD], head_m]
         tracer = at.tracer
         image = tracer.level(at.depth)
         last = tracer.difference(image, first)
         h_mm = 1e3 * spec.box.cell_m
         how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
-        second = self._traced(at, spec, 4)
+        again = self._traced(at, spec, 4)
         left: Rest | str
-        if isinstance(second, str):
-            left = second
+        if isinstance(again, str):
+            left = again
         else:
+            second, head_m = again
+            heads_m.append(head_m)
             both = tracer.difference(image, second)
             left = Rest.of(last.error_K, tracer.difference(first, second).error_K, both.error_K)
+        figures = {_HEAD: head_error_m(heads_m)}
         if isinstance(left, str):
             stated = Estimate.of(self.name, last, how, fixed)
-            return [stated, Estimate.unknown(ORDER, left, fixed)]
+            return [replace(stated, figures=figures), Estimate.unknown(ORDER, left, fixed)]
         how += f", times {left.factor:.2g}: {left.text}"
-        found = last.times(left.factor)
-        return [Estimate.of(self.name, found, how, fixed, order=left.order, size=spec.box.cell_m)]
+        error, h_m = last.times(left.factor), spec.box.cell_m
+        stated = Estimate.of(self.name, error, how, fixed, order=left.order, size=h_m)
+        return [replace(stated, figures=figures)]
 
     def _imported(self, at: Measurement) -> list[Estimate]:
         """The error of linear cells, by the same gas in cells twice and four times as large."""
@@ -184,26 +193,30 @@ class _GasGrid(ErrorSource):
         how += f"order {found.order:.2g}"
         return [Estimate.of(self.name, found.difference, how, "", order=found.order)]
 
-    def _traced(self, at: Measurement, spec: LagrangianSpray, up: int) -> ImagePair | str:
-        """Image of the spray on cells of gas `up` times as large, or why there is none."""
+    def _traced(
+        self, at: Measurement, spec: LagrangianSpray, up: int
+    ) -> tuple[ImagePair, float] | str:
+        """Image of the spray on cells of gas `up` times as large, and the vapour's penetration; or
+        why there is none."""
         name = f"gas on cells {_TIMES[up]} as large"
-        gas: Sources | str = at.prepared.variant(name, lambda: _coarser_gas(at, spec, up))
+        gas: Coarser | str = at.prepared.variant(name, lambda: _coarser_gas(at, spec, up))
         if isinstance(gas, str):
             return gas
         at.stages.tell(f"errors: {name}")
+        sources, head_m = gas
         try:
             # On the image's own cells: larger ones would blur those of the gas.
-            return at.tracer.variant(name, lambda: gas, at.depth)
+            return at.tracer.variant(name, lambda: sources, at.depth), head_m
         except (MediumError, TransportError) as error:  # it fills more cells, or reaches further
             return f"the spray on larger cells of gas: {error}"
 
 
-def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Sources | str:
+def _coarser_gas(at: Measurement, spec: LagrangianSpray, up: int) -> Coarser | str:
     with at.stages.stage(f"spray on cells of gas {_TIMES[up]} as large"):
         return coarser_gas(at.prepared, spec, up)
 
 
-def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources | str:
+def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Coarser | str:
     """The spray on cells of gas `up` times as large, or the reason why there is none."""
     vapour, h_m = prepared.spray.vapour, spec.box.cell_m
     assert vapour is not None
@@ -219,7 +232,8 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources |
     if larger_m > _LARGEST_M:
         return f"{name} are above {_LARGEST_M:g} m"
     try:
-        sources = prepared.resprayed(spec.on_gas(larger_m))
+        spray = prepared.other_spray(spec.on_gas(larger_m))
+        sources = prepared.sources_of(spray)
     except (SprayError, OpticsError) as error:
         return f"the spray on {name}: {error}"
     sources, lost = within(prepared.cube, sources)
@@ -228,12 +242,25 @@ def coarser_gas(prepared: Prepared, spec: LagrangianSpray, up: int) -> Sources |
             f"{100 * lost:.2g} % of the spray on {name} lies outside the domain; allowed: a "
             "larger domain.edge_m"
         )
-    return sources
+    return sources, spray.notes[_HEAD]
+
+
+def head_error_m(heads_m: Sequence[float]) -> float:
+    """Error of the vapour's penetration on the first of grids, each of twice the cells of the one
+    before: the larger one by first order from any step, since steps change sign."""
+    steps_m = np.abs(np.diff(heads_m))
+    return float(np.max(steps_m * _FIRST_ORDER ** np.arange(len(steps_m))))
 
 
 @dataclass(frozen=True)
 class Rest:
-    """Sum of the steps to ever smaller cells that are left, over the last step.
+    """Error of the image on the finest of three grids, over the last step between them.
+
+    A grid displaces the plumes. Where T_app is smooth it changes in proportion, and the changes by
+    two steps correlate. At a front the RMS grows as the root of the displacement, and two steps
+    change different pixels. So with a correlation c the RMS is taken to grow as the power
+    (1 + c) / 2 of the displacement: exact for c of 0 and 1. By first order as much is left as the
+    last step displaced.
 
     ratio: of a step to the one before; correlation: of both.
     """
@@ -247,24 +274,34 @@ class Rest:
         if not last_K or not before_K or both_K is None:
             return "a step is unknown"
         ratio = last_K / before_K
-        if ratio > _LARGEST_RATIO:
+        alike = (both_K**2 - last_K**2 - before_K**2) / (2.0 * last_K * before_K)
+        rest = cls(ratio, min(max(alike, 0.0), 1.0))
+        if rest.displacements > _SLOWEST:
             return (
                 f"the steps are {before_K:.2g} and {last_K:.2g} K: no convergence is seen; "
                 f"allowed: a smaller {_FLOW_KEY}"
             )
-        alike = (both_K**2 - last_K**2 - before_K**2) / (2.0 * last_K * before_K)
-        return cls(max(ratio, _SMALLEST_RATIO), min(max(alike, 0.0), 1.0))
+        return rest
+
+    @property
+    def power(self) -> float:
+        """Power of the displacement with which the RMS grows."""
+        return (1.0 + self.correlation) / 2.0
+
+    @property
+    def displacements(self) -> float:
+        """Ratio of the displacements of both steps; faster than first order is not relied on."""
+        return max(float(self.ratio ** (1.0 / self.power)), _FIRST_ORDER)
 
     @property
     def factor(self) -> float:
-        """Root of the sum of r^(j + k) c^|j - k| over all j, k >= 1."""
-        r, c = self.ratio, self.correlation
-        return float((r**2 / (1 - r**2) * (1 + c * r) / (1 - c * r)) ** 0.5)
+        """Richardson's sum of displacements."""
+        return float((self.displacements / (1.0 - self.displacements)) ** self.power)
 
     @property
     def order(self) -> float:
-        """Power of the cell with which the steps fall."""
-        return -math.log2(self.ratio)
+        """Power of the cell with which the error falls."""
+        return -self.power * math.log2(self.displacements)
 
     @property
     def text(self) -> str:
