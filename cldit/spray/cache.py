@@ -72,5 +72,5 @@ def cached_spray(
 
 def _file(spec: LagrangianSpray, time_s: float, folder: Path) -> Path:
     chosen = spec.model_copy(update={"time_s": time_s}).model_dump(mode="json", exclude={"scatter"})
-    key = digest(chosen, code_digest("spray"), version("CoolProp"))
+    key = digest(chosen, code_digest("spray", "kernels"), version("CoolProp"))
     return folder / "sprays" / f"{key}.npz"

@@ -63,11 +63,13 @@ def scene_of(given: argparse.Namespace) -> Scene:
     )
 
 
-def sprays_of(scene: Scene, count: int, **spray: float) -> dict[int, Spray]:
+def sprays_of(scene: Scene, count: int, device: Device, **spray: float) -> dict[int, Spray]:
     """Sprays of seeds 1 to `count`, with these keys."""
     seeds = range(1, count + 1)
     scenes = {seed: changed(scene, spray={"seed": seed, **spray}) for seed in seeds}
-    return {seed: make_spray(one.spray, cache=default_cache()) for seed, one in scenes.items()}
+    return {
+        seed: make_spray(one.spray, device, cache=default_cache()) for seed, one in scenes.items()
+    }
 
 
 def picture(scene: Scene, spray: Spray, device: Device) -> Floats:
@@ -111,7 +113,7 @@ def stated(scene: Scene, seeds: int, device: Device) -> None:
     """
     reference = Reference.load("gdi-flow", pixels=scene.camera.pixels[0])
     assert reference is not None
-    for seed, spray in sprays_of(scene, seeds).items():
+    for seed, spray in sprays_of(scene, seeds, device).items():
         run = simulate(scene, device=device, spray=spray)
         shared = 1 if seed in _OF_REFERENCE else -1
         found_K = apart_K(temperature_K(run), reference.temperature_K)
@@ -143,13 +145,13 @@ def main() -> None:
         stated(asked, given.seeds, device)
         return
     droplets = given.droplets_per_parcel
-    sprays = sprays_of(scene, given.seeds, droplets_per_parcel=droplets)
+    sprays = sprays_of(scene, given.seeds, device, droplets_per_parcel=droplets)
     pictures = {seed: picture(scene, spray, device) for seed, spray in sprays.items()}
     pairs = list(combinations(sprays, 2))
     tell("seeds", (apart_K(pictures[a], pictures[b]) / 2**0.5 for a, b in pairs))
     if given.gas_cells_m is not None:
         other = changed(scene, spray={"box": {"spacing_m": given.gas_cells_m}})
-        again = sprays_of(other, given.seeds, droplets_per_parcel=droplets)
+        again = sprays_of(other, given.seeds, device, droplets_per_parcel=droplets)
         coarse = {seed: picture(scene, spray, device) for seed, spray in again.items()}
         alike = (apart_K(pictures[a], coarse[a]) for a in sprays)
         tell("same seed, other cells of gas", alike)
@@ -168,7 +170,7 @@ def main() -> None:
     tell("same droplets in the gas of another seed", gas)
     own = (apart_K(pictures[b], one) / 2**0.5 for (_, b), one in swapped.items())
     tell("other droplets in the same gas", own)
-    halved = sprays_of(scene, given.seeds, droplets_per_parcel=2 * droplets)
+    halved = sprays_of(scene, given.seeds, device, droplets_per_parcel=2 * droplets)
     half = {seed: picture(scene, spray, device) for seed, spray in halved.items()}
     said = (_OTHER_SAMPLE * apart_K(pictures[a], half[b]) for a in sprays for b in half if a != b)
     tell("said by another seed of half as many parcels", said)

@@ -104,7 +104,8 @@ def rows(given: argparse.Namespace, seed: int, device: Device) -> Iterator[str]:
             stated_K = last_K * (1.0 if isinstance(rest, str) else rest.factor)
             yield (
                 f"| {given.injector} | {1e3 * time_s:g} | {seed} | {1e3 * h_m:.2g} "
-                f"| {1e3 * pixel_m:g} | {before_K:.2f} | {last_K:.2f} | {correlation} | {'at least ' * isinstance(rest, str)}{stated_K:.2f} "
+                f"| {1e3 * pixel_m:g} | {before_K:.2f} | {last_K:.2f} | {correlation} "
+                f"| {'at least ' * isinstance(rest, str)}{stated_K:.2f} "
                 f"| {true_K:.2f} | {stated_K / true_K:.2f} "
                 f"| {1e3 * heads_m[2]:.1f} +- {1e3 * head_m:.1f} | {1e3 * heads_m[3]:.1f} "
                 f"| {parcels or ' | '} |"

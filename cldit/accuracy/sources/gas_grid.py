@@ -290,22 +290,18 @@ class Rest:
 
     @property
     def displacements(self) -> float:
-        """Ratio of the displacements of both steps."""
-        return self.ratio ** (1.0 / self.power)
+        """Ratio of the displacements of both steps; faster than first order is not relied on."""
+        return max(float(self.ratio ** (1.0 / self.power)), _FIRST_ORDER)
 
     @property
     def factor(self) -> float:
-        """Richardson's sum of displacements. Faster than first order is taken for chance: the mean
-        square of the errors by first order from either step."""
-        slow = max(self.displacements, _FIRST_ORDER)
-        by_first = _FIRST_ORDER**self.power / self.ratio
-        chance = ((1.0 + by_first**2) / 2.0) ** 0.5
-        return max((slow / (1.0 - slow)) ** self.power, chance)
+        """Richardson's sum of displacements."""
+        return float((self.displacements / (1.0 - self.displacements)) ** self.power)
 
     @property
     def order(self) -> float:
         """Power of the cell with which the error falls."""
-        return -self.power * math.log2(max(self.displacements, _FIRST_ORDER))
+        return -self.power * math.log2(self.displacements)
 
     @property
     def text(self) -> str:

@@ -18,9 +18,9 @@ from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 
-GAS: Any = ("coarse gas",)
+GAS: Any = ("coarse gas", 0.052)  # and the vapour's penetration
 VARIANTS: Any = ParcelVariants(("one", "other"), "narrower", 0.5)  # type: ignore[arg-type]
-KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, GAS: 9.0}
+KNOWN_K = {"one": 1.0, "other": -1.0, "narrower": 0.75, GAS[0]: 9.0}
 
 
 class Tracer:
@@ -52,7 +52,7 @@ class Tracer:
             cone=None,
             spec=gdi_flow().spray,
             made=SimpleNamespace(parcels=None if parcels is None else sampled),
-            spray=SimpleNamespace(vapour=gas),
+            spray=SimpleNamespace(vapour=gas, notes={"vapour_penetration_m": 0.05}),
             variant=lambda name, _: kept[name],
         )
         self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.1, 0.1)))
