@@ -22,8 +22,9 @@ def make_spray(
 ) -> Spray:
     """Runs the model or reads the file; the notes include figures of `cldit.spray.penetration`.
 
-    `device` computes a `lagrangian` spray, and is not used for others. `cache` is the folder of tables of fuel properties and computed sprays, None keeps nothing;
-    `watch` takes the progress of reading a CFD case.
+    `device` computes a `lagrangian` spray, and is not used for others. `cache` is the folder of
+    tables of fuel properties and computed sprays, None keeps nothing; `watch` takes the progress of
+    reading a CFD case.
     """
     return with_figures(_made(spec, device, cache, watch))
 

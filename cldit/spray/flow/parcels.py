@@ -1,8 +1,8 @@
 """Parcels of droplets on a device, and their exchange with the gas.
 
-What a parcel gives goes to its cell in fixed point (kernels/parcels.cl), and is spread before the gas
-receives it: across the rays over the extent of its droplets (`SPOT`), along them over its flight in
-the step. So finer cells do not resolve single parcels.
+What a parcel gives goes to its cell in fixed point (kernels/parcels.cl), and is spread before the
+gas receives it: across the rays over the extent of its droplets (`SPOT`), along them over its
+flight in the step. So finer cells do not resolve single parcels.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class RayFields:
         """Launch of a kernel of the file `name`, whose arguments are taken by name.
 
         `known` and `others` have more names than the kernel takes; `others` come first. One
-        work-item is a packet of cells of one field; the number of fields is `others["kinds"]`, or 1.
+        work-item is a packet of cells of one field; the number of fields is `kinds`, or 1.
         """
         program = self.program(name)
         whole = {**known, **others}

@@ -25,9 +25,7 @@ def grid(name: str, spacing_m: float = 4e-3) -> RayGrid:
     spec = LagrangianSpray(
         injected_mass_kg=1e-6, plumes=KINDS[name], box=FlowBox(spacing_m=spacing_m)
     )
-    return ray_grid(
-        spec, inject(spec, fuel_table("n-heptane", cache=None)), gas_kg_mol=0.0280134
-    )
+    return ray_grid(spec, inject(spec, fuel_table("n-heptane", cache=None)), gas_kg_mol=0.0280134)
 
 
 def test_the_kind_of_an_injector() -> None:
