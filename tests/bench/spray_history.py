@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cldit.gpu.device import open_device
 from cldit.scene.spray import FlowBox, LagrangianSpray
 from tests.unit.spray.flow.references import Found, find
 
@@ -24,7 +25,7 @@ class Bench:
 
     def run(self, label: str, spec: LagrangianSpray) -> Found:
         """Computes the spray `spec` and reports its penetration under `label`."""
-        found = find(spec, cache=self.cache)
+        found = find(spec, open_device(), cache=self.cache)
         notes = found.spray.notes
         liquid, vapour = (1e3 * notes[f"{name}_penetration_m"] for name in ("liquid", "vapour"))
         seconds = f"{found.seconds:.0f} s of processor time"

@@ -179,7 +179,7 @@ def _eddies(bench: Bench) -> list[str]:
         ("nitrogen", spacing_m, 0.0),
         ("nitrogen and 1.6 g/s of cold vapour", spacing_m, 1.6e-3),
     ):
-        jet = free_jet(mixture, spacing_m=spacing, fuel_kg_s=rate)
+        jet = free_jet(mixture, open_device(), spacing_m=spacing, fuel_kg_s=rate)
         columns = (jet.density, jet.half_width, jet.entrainment, jet.decay)
         texts = [", ".join(f"{value:.3g}" for value in column) for column in columns]
         rows.append([f"{label}, {1e3 * spacing:g} mm", *texts])

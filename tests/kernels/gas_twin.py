@@ -44,7 +44,8 @@ def grid_of(kind: str) -> RayGrid:
     if kind in ("round", "sector"):
         polar = np.linspace(0.0, 1.9, 8)  # from the axis on
     turn = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [0.1, 1.0, -0.4], [0.3, 0.2, 1.0]]))[0]
-    return RayGrid(turn * np.sign(np.linalg.det(turn)), radius, polar, azimuth, symmetry)
+    frame = np.asarray(turn * np.sign(np.linalg.det(turn)), dtype=np.float64)
+    return RayGrid(frame, radius, polar, azimuth, symmetry)
 
 
 @cache
@@ -133,7 +134,7 @@ class Twin:
 
     def outflow(self, flux: Floats) -> Floats:
         """Sum of the fluxes (3, A, P, R) that leave each cell."""
-        return np.sum([self.above(flux[a], a) - flux[a] for a in range(3)], axis=0)
+        return np.asarray(np.sum([self.above(flux[a], a) - flux[a] for a in range(3)], axis=0))
 
     def face(self, axis: int, side: int) -> Floats:
         """Vector area (3, A, P, R) of the lower (0) or upper (1) faces, along the axis."""
@@ -205,7 +206,7 @@ class Twin:
         """The larger of all that leaves a cell along an axis, and all that enters."""
         low, high = flux[axis], self.above(flux[axis], axis)
         leaves = np.maximum(high, 0) - np.minimum(low, 0)
-        return np.maximum(leaves, np.maximum(low, 0) - np.minimum(high, 0))
+        return np.asarray(np.maximum(leaves, np.maximum(low, 0) - np.minimum(high, 0)))
 
     def carried(
         self, value: Floats, flux: Floats, mass: Floats, along: Floats, step: float, bounded: bool

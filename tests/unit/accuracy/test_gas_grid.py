@@ -195,7 +195,7 @@ def test_the_error_of_a_displaced_front(order: float, width: int) -> None:
 
     def image(cells: float) -> NDArray[np.float64]:
         place = np.arange(8192.0) - 3000.0 - round(512 * cells**order)
-        return 30.0 * (np.clip(place / width, 0.0, 1.0) if width else place > 0.0)
+        return np.asarray(30.0 * (np.clip(place / width, 0.0, 1.0) if width else place > 0.0))
 
     def step_K(one: float, other: float) -> float:
         return float(np.sqrt(np.mean((image(one) - image(other)) ** 2)))

@@ -145,7 +145,8 @@ def _differs(one: cldit.Run, other: cldit.Run) -> bool:
     images = [{**vars(run.maps), **run.weights.images, **run.error_maps} for run in (one, other)]
     texts = [(run.scene, replace(run.info, remarks=())) for run in (one, other)]
     return texts[0] != texts[1] or any(
-        not np.array_equal(image, images[1].get(name), equal_nan=image.dtype.kind == "f")
+        name not in images[1]
+        or not np.array_equal(image, images[1][name], equal_nan=image.dtype.kind == "f")
         for name, image in images[0].items()
     )
 
