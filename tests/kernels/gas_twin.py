@@ -31,7 +31,7 @@ def as_device(device: Device, real: type[np.floating], width: int) -> Device:
 
 def grid_of(kind: str) -> RayGrid:
     """Uneven cells: walls all around, a ring of azimuth, one azimuth, or half a sector."""
-    radius = 8e-3 * 1.06 ** np.arange(14)  # 13 cells in rows of 16
+    radius = np.asarray(8e-3 * 1.06 ** np.arange(14.0), dtype=np.float64)  # 13 cells in rows of 16
     polar = np.pi / 2 + 0.9 * np.sin(np.linspace(-1.2, 1.2, 8))
     swing = 0.3 * np.sin(np.arange(7.0)) / 7
     around = {

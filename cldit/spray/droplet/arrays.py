@@ -91,7 +91,7 @@ class DropletKernels:
         self.program.launch(
             kernel,
             (groups,),
-            None,
+            (1,),  # one size, since a compiler may compile a kernel anew for another
             {"fuel": self.table, "count": count, **buffers, **numbers},
         )
 
