@@ -28,7 +28,7 @@ def step(request: pytest.FixtureRequest, apply: Any, device: Device) -> Any:
 
     def call(expression: str, *columns: Any) -> tuple[Any, list[Any]]:
         rounded = [np.ravel(column).astype(kind) for column in np.broadcast_arrays(*columns)]
-        got = apply("droplet_step.h", expression, rounded, defines=defines)
+        got = apply("spray/droplet_step.h", expression, rounded, defines=defines)
         return got.astype(np.longdouble), [column.astype(np.longdouble) for column in rounded]
 
     # Half of FIRM (1e-6; 3e-4), and some roundings of 1 over the other half.

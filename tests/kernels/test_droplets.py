@@ -66,7 +66,7 @@ def test_liquid_properties_are_those_of_the_table(apply: Any, tables: Path, name
     members = ("saturation_pressure", "density", "cp", "latent", "conductivity", "enthalpy")
     for member, values in zip(members, wanted, strict=True):
         got = apply(
-            "droplet_properties.h",
+            "spray/droplet_properties.h",
             f"liquid_at(b_, a).{member}",
             [kelvin, padded],
             defines="#define SIMD_WIDTH 1",
@@ -91,7 +91,7 @@ def test_gas_properties_are_those_of_the_table(apply: Any, tables: Path, name: s
     function = "carrier_at" if name in GASES else "vapour_at"
     for member in ("cp", "conductivity", "viscosity"):
         got = apply(
-            "droplet_properties.h",
+            "spray/droplet_properties.h",
             f"{function}(b_, a).{member}",
             [kelvin, padded],
             defines="#define SIMD_WIDTH 1",
@@ -223,7 +223,7 @@ def test_exchange_coefficients(apply: Any, heptane: Fuel, nitrogen: Gas) -> None
     gas = (drop.gas_temperature_K, drop.pressure_Pa, drop.vapour)
     for name, values in expected.items():
         got = apply(
-            "droplet_film.h",
+            "spray/droplet_film.h",
             f"all.{name}",
             [*gas, mass, drop.temperature_K, drop.slip_m_s, padded],
             defines="#define SIMD_WIDTH 1",
@@ -298,7 +298,7 @@ def test_a_work_item_of_one_droplet_is_one_of_eight(
     """The GPU's form on any device; compilers contract other sums to fused ones."""
     model = MODELS["abramzon-sirignano"]
     eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
-    program = build(device, "droplets.cl", {**model.defines, "SIMD_WIDTH": 1})
+    program = build(device, "spray/droplets.cl", {**model.defines, "SIMD_WIDTH": 1})
     one = replace(eight, program=program, width=1)
     columns = crowd(heptane, drops(heptane, 200))
     (out, after), (other, state) = (

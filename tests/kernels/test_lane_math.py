@@ -27,7 +27,7 @@ def lanes(request: pytest.FixtureRequest, apply: Any, device: Device) -> Any:
         setup = f"const lane_t v = (lane_t)a; lane_t w = {expression};"
         out = f"LANE(w, i % {width})"
         # The series are in precision; the reference is rounded at most half as much as the result.
-        got = apply("lane_math.h", out, [numbers], defines=defines, setup=setup)
+        got = apply("spray/lane_math.h", out, [numbers], defines=defines, setup=setup)
         wide = np.longdouble if double else np.float64
         expected = exact(numbers.astype(wide))
         error = np.abs(got - expected) / np.abs(expected).clip(min=info.tiny)

@@ -20,31 +20,31 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3714,
+    "accuracy": 3747,
     "acquisition": 5401,
     "api": 1093,
     "bench": 589,
     "camera": 534,
-    "cfd": 8391,
+    "cfd": 9283,
     "cldit": 179,
-    "cli": 2651,
+    "cli": 2657,
     "comparison": 2295,
     "dit": 6478,
-    "drivers": 3646,
-    "gpu": 1045,
-    "io": 1879,
-    "kernels": 2960,
-    "medium": 1825,
+    "drivers": 3735,
+    "gpu": 1132,
+    "io": 1869,
+    "kernels": 5223,
+    "medium": 1843,
     "optics": 3294,
-    "prepare": 985,
+    "prepare": 1002,
     "radiance": 780,
-    "rig": 1683,
+    "rig": 1855,
     "run": 2185,
-    "scene": 2101,
+    "scene": 2103,
     "show": 6598,
-    "spray": 7295,
-    "study": 3185,
-    "testing": 1302,
+    "spray": 7229,
+    "study": 3180,
+    "testing": 1328,
     "transport": 7145,
 }
 ARROWS: dict[str, str] = {
@@ -65,7 +65,7 @@ ARROWS: dict[str, str] = {
     "gpu": "cldit io",
     "io": "cldit",
     "kernels": "",
-    "medium": "cldit spray",
+    "medium": "cldit gpu spray",
     "optics": "cldit io medium scene spray",
     "prepare": "camera cfd cldit gpu io medium optics scene spray transport",
     "radiance": "cldit io optics scene",
@@ -75,7 +75,7 @@ ARROWS: dict[str, str] = {
     ),
     "scene": "cldit io",
     "show": ("accuracy acquisition camera cldit comparison dit io optics radiance run scene spray"),
-    "spray": "cldit io scene",
+    "spray": "cldit gpu io scene",
     "study": (
         "accuracy camera cldit comparison dit gpu io optics prepare radiance run scene show spray"
     ),
@@ -159,7 +159,7 @@ def test_no_folder_is_crowded() -> None:
     assert not crowded
 
 
-CROWDED: dict[str, int] = {}  # folders that still hold more files, as many as they hold
+CROWDED: dict[str, int] = {"kernels": 28}  # folders that still hold more files, as many as they hold
 
 
 def report() -> None:

@@ -37,11 +37,11 @@ def test_every_data_file_matches_a_pattern() -> None:
     data = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"][
         "package-data"
     ]
-    for path in [*(ROOT / "cldit").rglob("*"), *(ROOT / "kernels").iterdir()]:
+    for path in [*(ROOT / "cldit").rglob("*"), *(ROOT / "kernels").rglob("*")]:
         if path.is_dir() or path.suffix == ".py" or path.parent.name == "__pycache__":
             continue
         package = ".".join(path.parent.relative_to(ROOT).parts)
-        package = "cldit.kernels" if package == "kernels" else package
+        package = f"cldit.{package}" if package.startswith("kernels") else package
         patterns = data.get(package, [])
         assert any(path.match(pattern) for pattern in patterns), f"{path} is not package data"
 

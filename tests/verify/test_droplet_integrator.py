@@ -98,7 +98,7 @@ def follow(kernels: Makes) -> Follow:
 
 def written(mass_kg_s: str, heat_W: str) -> Model:
     """Model of two expressions in OpenCL C."""
-    source = """#include "evaporation.h"
+    source = """#include "spray/evaporation.h"
     INLINE Rates written(__global const real *fuel, FarGas gas, Drop drop, Film film)
     {
         const Rates rates = {%s, %s};

@@ -76,7 +76,7 @@ def test_equal_lewis_and_heat_capacity_make_the_transfer_numbers_equal(
 ) -> None:
     """With Le = 1 and cp of the vapour everywhere BT = BM, so that
     Q + m L = m cp (Tgas - T)/BM, with and without flow. Latent heat by the polynomial: 1e-5."""
-    source = f"""#include "evaporation.h"
+    source = f"""#include "spray/evaporation.h"
     INLINE Rates unit_lewis(__global const real *fuel, FarGas gas, Drop drop, Film film)
     {{
         film.cp = film.cp_vapour;

@@ -1,6 +1,6 @@
 """Integration of many droplets in a gas that is constant during a step, on an OpenCL device.
 
-kernels/droplet_step.h integrates eight droplets, or one.
+kernels/spray/droplet_step.h integrates eight droplets, or one.
 """
 
 from __future__ import annotations

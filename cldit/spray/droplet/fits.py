@@ -1,4 +1,4 @@
-"""Properties as polynomials of given length, for kernels/droplet_properties.h."""
+"""Properties as polynomials of given length, for kernels/spray/droplet_properties.h."""
 
 from __future__ import annotations
 

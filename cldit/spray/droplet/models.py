@@ -1,4 +1,4 @@
-"""Evaporation models: functions of kernels/evaporation.h; a new one is one function there."""
+"""Evaporation models: functions of kernels/spray/evaporation.h; a new one is one function there."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from cldit.gpu.program import Define
 class Model:
     """Evaporation model.
 
-    function: its name in kernels/evaporation.h, or in `source`. source: OpenCL C of a function that
-    the header does not have; it begins with `#include "evaporation.h"`.
+    function: its name in kernels/spray/evaporation.h, or in `source`. source: OpenCL C of a function that
+    the header does not have; it begins with `#include "spray/evaporation.h"`.
     """
 
     function: str

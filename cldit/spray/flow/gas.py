@@ -7,7 +7,7 @@ separable, and is solved directly. Kinetic energy and molecular diffusion are ne
 below 0.3; eddies mix much faster).
 
 A step is a fixed list of kernels without a read by the host. Transport is explicit and of third
-order up to a CFL number, and implicit beyond (kernels/gas_transport.cl, gas_mixing.cl), so that the
+order up to a CFL number, and implicit beyond (kernels/spray/gas_transport.cl, gas_mixing.cl), so that the
 step does not depend on the small cells near the tip.
 
 Eddies have Prandtl's mixing length, a property of the jets and not of the grid, so that a finer
@@ -150,7 +150,7 @@ class GasFlow:
         )
 
     def _bind(self, name: str, kernel: str, **others: Any) -> Launch:
-        return self.fields.bind(f"gas_{name}.cl", kernel, self.known, **others)
+        return self.fields.bind(f"spray/gas_{name}.cl", kernel, self.known, **others)
 
     def _launches(self) -> list[Launch]:
         """Kernels of a step in order."""
@@ -207,7 +207,7 @@ class GasFlow:
         azimuths, polars, radii = self.grid.shape
         size = {"rays": azimuths * polars, "radii": radii, "stride": self.fields.stride}
         arguments = {"plane": plane, "sums": self.sums, "place": place, "scale": scale, **size}
-        return self.fields.program("gas_state.cl").bind("add_up", (64,), (64,), arguments)
+        return self.fields.program("spray/gas_state.cl").bind("add_up", (64,), (64,), arguments)
 
     @property
     def pressure_Pa(self) -> float:

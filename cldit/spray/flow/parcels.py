@@ -1,6 +1,6 @@
 """Parcels of droplets on a device, and their exchange with the gas.
 
-What a parcel gives goes to its cell in fixed point (kernels/parcels.cl), and is spread before the
+What a parcel gives goes to its cell in fixed point (kernels/spray/parcels.cl), and is spread before the
 gas receives it: across the rays over the extent of its droplets (`SPOT`), along them over its
 flight in the step. So finer cells do not resolve single parcels.
 """
@@ -137,7 +137,7 @@ class Cloud:
             "GAS_REAL": "double" if fields.real is np.float64 else "float",
             **fixed_point_defines(self.device),
         }
-        self._program = build(self.device, "parcels.cl", defines)
+        self._program = build(self.device, "spray/parcels.cl", defines)
 
         def bind(kernel: str, **others: Any) -> Any:
             whole = {**known, **others}
@@ -159,7 +159,7 @@ class Cloud:
 
         def receive(target: Any, planes: int, unit: Any) -> list[Any]:
             as_fields = fields.bind(
-                "gas_receipt.cl", "as_fields", known, kinds=planes, fields=target, units=unit
+                "spray/gas_receipt.cl", "as_fields", known, kinds=planes, fields=target, units=unit
             )
             mixed = flow.mixing.launches(
                 target,

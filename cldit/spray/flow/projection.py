@@ -16,14 +16,14 @@ from cldit.gpu.program import Launch
 from cldit.spray.flow.ray_fields import RayFields
 from cldit.spray.flow.rays import RayGrid
 
-_ROWS = 4  # of a product that a work-item makes, kernels/gas_projection.cl
+_ROWS = 4  # of a product that a work-item makes, kernels/spray/gas_projection.cl
 
 
 class Projection:
     """Solver of div(grad(potential)) = amiss, in flux form, for a grid."""
 
     def __init__(self, fields: RayFields) -> None:
-        self._fields, self._program = fields, fields.program("gas_projection.cl")
+        self._fields, self._program = fields, fields.program("spray/gas_projection.cl")
         factors = factored(fields.grid)
         matrices = {
             "into azimuth": factors.around.T,

@@ -14,7 +14,7 @@ from cldit.gpu.device import Device
 from cldit.gpu.program import Launch, Program, build
 from cldit.spray.flow.rays import RayGrid
 
-_GUARD = 16  # kernels/gas_cell.h
+_GUARD = 16  # kernels/spray/gas_cell.h
 _PACKET = 16  # rows are padded to multiples of it
 _GROUP = 32  # work-items; one size, since a compiler may compile a kernel anew for another
 
@@ -99,7 +99,7 @@ class Mixing:
 
     def __init__(self, fields: RayFields) -> None:
         grid = fields.grid
-        self.fields, self.program = fields, fields.program("gas_mixing.cl")
+        self.fields, self.program = fields, fields.program("spray/gas_mixing.cl")
         around, down, _ = grid.conductance
         self._around, self._down = fields.table("around", around), fields.table("down", down)
         self._length = fields.row("length", grid.strip_m2 / grid.middle[2])

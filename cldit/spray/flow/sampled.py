@@ -115,7 +115,7 @@ class Filling:
             "GAS_REAL": "double" if fields.real is np.float64 else "float",
             **fixed_point_defines(self.device),
         }
-        self.program = build(self.device, "vapour_lattice.cl", defines)
+        self.program = build(self.device, "spray/vapour_lattice.cl", defines)
 
     def _single(self, name: str, values: Floats) -> Any:
         return upload(self.device, name, np.ascontiguousarray(values, np.float32))

@@ -1,6 +1,6 @@
 /* Turbulent viscosity by Prandtl's mixing length, a property of the jets (cldit/spray/flow/gas.py). */
 
-#include "gas_cell.h"
+#include "spray/gas_cell.h"
 
 /* Adds the part of one face to the gradient, by the theorem of Gauss. At a wall the velocity has no
    part across it. */

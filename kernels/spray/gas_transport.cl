@@ -2,7 +2,7 @@
    (QUICKEST: B. P. Leonard, Comput. Methods Appl. Mech. Eng. 19, 59 (1979)), limited to the range of the
    neighbours where `bounded` (total variation diminishing, in Sweby's region). */
 
-#include "gas_cell.h"
+#include "spray/gas_cell.h"
 
 /* Fluxes that an explicit step may carry, and along the ray also the diffusion; the rest is implicit
    (A. F. Shchepetkin, Ocean Modelling 91, 38 (2015)). A cell passes on at most `limit_along` of its mass

@@ -2,7 +2,7 @@
 #ifndef DROPLET_FILM_H
 #define DROPLET_FILM_H
 
-#include "droplet_properties.h"
+#include "spray/droplet_properties.h"
 
 /* Largest mole fraction of fuel at the surface, which limits the evaporation of a superheated droplet: ln(1 + B) = 7
    to 8, so that it cools to boiling immediately. Far away it is smaller, so that a boiling droplet evaporates. */

@@ -1,7 +1,7 @@
 /* State of the gas after a step, and its common pressure. */
 
-#include "gas_cell.h"
-#include "gas_mixture.h"
+#include "spray/gas_cell.h"
+#include "spray/gas_mixture.h"
 
 /* Density, vapour and enthalpy per volume, temperature, velocity; `own` becomes the pressure of each cell.
 

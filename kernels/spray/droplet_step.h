@@ -7,7 +7,7 @@
 #ifndef DROPLET_STEP_H
 #define DROPLET_STEP_H
 
-#include "evaporation.h"
+#include "spray/evaporation.h"
 
 #define TEMPERATURE_SCALE 100.0 /* K: an error of 1 % of this counts as much as one of 1 % in s */
 #define NOTHING 1e-6            /* s of a vanished droplet: 1e-9 of the mass */

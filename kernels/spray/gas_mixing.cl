@@ -5,7 +5,7 @@
    S. V. Patankar, Numerical Heat Transfer and Fluid Flow, 1980), so no new extrema. Each line of cells is
    a tridiagonal system; ratio is memory for its elimination. The mass of the cells follows the fluxes. */
 
-#include "gas_cell.h"
+#include "spray/gas_cell.h"
 
 /* Lines across the rays. A work-item has SIMD_WIDTH neighbouring radii of one line.
 

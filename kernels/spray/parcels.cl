@@ -6,10 +6,10 @@
    (gas + K mean) / (1 + K), with the mean of the parcels by k. A work-item has SIMD_WIDTH parcels. State of
    the parcels: planes of `capacity` numbers. Sums are in fixed point, so that their order cannot matter. */
 
-#include "droplet_step.h"
+#include "spray/droplet_step.h"
 #include "fixed_point.h"
 #include "random.h"
-#include "ray_place.h"
+#include "spray/ray_place.h"
 
 /* Planes of the state. */
 #define MASS 0 /* of one droplet; 0: vanished, or at a wall */

@@ -5,7 +5,7 @@
 #ifndef EVAPORATION_H
 #define EVAPORATION_H
 
-#include "droplet_film.h"
+#include "spray/droplet_film.h"
 
 #ifndef EVAPORATION
 #error "EVAPORATION: name of an evaporation model in evaporation.h"

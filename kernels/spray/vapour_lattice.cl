@@ -5,7 +5,7 @@
    radius in the same way: a factor with steps would be seen as rings. */
 
 #include "fixed_point.h"
-#include "ray_place.h"
+#include "spray/ray_place.h"
 
 #define NEAR R(8) /* voxels from the tip, within which plumes may be narrower than a voxel */
 #define MIDDLE R(30)

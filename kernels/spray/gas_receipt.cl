@@ -1,6 +1,6 @@
 /* Sums over the parcels of each cell, in fixed point, as fields per volume. */
 
-#include "gas_cell.h"
+#include "spray/gas_cell.h"
 
 /* units: numbers per unit of the sums. copies: of the cells. */
 __kernel void as_fields(

@@ -1,7 +1,7 @@
 /* Sources of the gas in a step of the droplets: mass, enthalpy and momentum per volume (5 planes). */
 
-#include "gas_cell.h"
-#include "gas_mixture.h"
+#include "spray/gas_cell.h"
+#include "spray/gas_mixture.h"
 
 /* Rise of each cell's pressure by the sources of the whole step, over the common pressure. */
 __kernel void source_pressure(

@@ -3,7 +3,7 @@
 #ifndef RAY_PLACE_H
 #define RAY_PLACE_H
 
-#include "gas_cell.h"
+#include "spray/gas_cell.h"
 
 /* symmetry: number of equal sectors about the axis; 1: none; 0: the mean flow is round.
    faces: azimuths + 1, polars + 1, radii + 1 numbers; frame: rows are the local axes. */

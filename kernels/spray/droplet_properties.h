@@ -2,7 +2,7 @@
 #ifndef DROPLET_PROPERTIES_H
 #define DROPLET_PROPERTIES_H
 
-#include "lane_math.h"
+#include "spray/lane_math.h"
 
 /* Terms of a polynomial, highest power first, of the liquid and of a gas; and the places of the table. */
 #define LIQUID_TERMS 12

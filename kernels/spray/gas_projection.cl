@@ -2,7 +2,7 @@
    eigenvectors of azimuth and polar angle and one tridiagonal system along the radius for each pair of
    them (cldit/spray/flow/projection.py). */
 
-#include "gas_cell.h"
+#include "spray/gas_cell.h"
 
 #define DOT(area, n, x, y, z) \
     ((area)[3 * (n)] * (x) + (area)[3 * (n) + 1] * (y) + (area)[3 * (n) + 2] * (z))

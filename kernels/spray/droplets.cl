@@ -1,6 +1,6 @@
 /* Films, rates and steps of many droplets. A work-item has SIMD_WIDTH of them; arrays have whole work-items. Arrays of
    several quantities have `count` numbers of each. */
-#include "droplet_step.h"
+#include "spray/droplet_step.h"
 
 /* diameter, temperature, slip; temperature, pressure and vapour of the gas far away */
 INLINE Drop drop_at(__global const real *fuel, __global const real *drops, int i, int count)

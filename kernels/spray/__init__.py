@@ -1,0 +1,1 @@
+"""Kernels of the computed spray: gas, droplets, and their exchange."""
