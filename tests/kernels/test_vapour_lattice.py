@@ -22,7 +22,7 @@ KINDS = {
     "round": (Plume(inclination_deg=33.0, azimuth_deg=20.0),),
     "equal": EIGHT_PLUMES,
     "any": (
-        Plume(inclination_deg=16.0, azimuth_deg=20.0),
+        Plume(inclination_deg=5.0, azimuth_deg=20.0),
         Plume(inclination_deg=40.0, azimuth_deg=150.0, mass_fraction=2.0),
     ),
 }

@@ -219,8 +219,8 @@ class GasFlow:
         if name == "share":
             return np.asarray(self.read("fuel") / self.read("density"))
         if name in ("velocity", "force"):
-            return self.fields.read(self.known[name], 3)
-        return np.asarray(self.fields.read(self.known[name])[0])
+            return self.fields.read_planes(self.known[name], 3)
+        return self.fields.read(self.known[name])
 
     def write(self, name: str, values: Floats, plane: int = 0) -> None:
         """Sets a field, or one of its planes, to values (A, P, R)."""

@@ -60,7 +60,11 @@ class RayFields:
             return zeros(self.device, name, planes * self.cells, self.real)
         return self.table(name, np.full(planes * self.cells, value))
 
-    def read(self, buffer: Any, planes: int = 1) -> Floats:
+    def read(self, buffer: Any, plane: int = 0) -> Floats:
+        """A plane of a buffer as an array (A, P, R)."""
+        return np.asarray(self.read_planes(buffer, plane + 1)[plane])
+
+    def read_planes(self, buffer: Any, planes: int) -> Floats:
         """The first planes of a buffer as an array (planes, A, P, R)."""
         out = download(self.device, buffer, np.empty((planes, self.cells), self.real))
         rows = out[:, _GUARD:-_GUARD].reshape(planes, *self.grid.shape[:2], self.stride)
