@@ -23,10 +23,11 @@ COLD_CONE = ConeSpray(
 
 def coarse_gdi(**values: Any) -> Scene:
     """Scene `gdi` with few cells of gas and few parcels, and more `values` (dotted keys)."""
-    return load_scene("gdi").with_(**{**COARSE_GAS, **values})
+    return load_scene("gdi").with_(**{**COARSE_GAS, "transport.accuracy_K": 1.0, **values})
 
 
 def cone_scene(**values: Any) -> Scene:
     """Scene `gdi` with a cone of the same injection, and more `values` (dotted keys)."""
     spray = {"model": "cone", "injection_duration_s": CONE.injection_duration_s}
-    return load_scene("gdi").with_(spray=spray).with_(**values)
+    scene = load_scene("gdi").with_(spray=spray)
+    return scene.with_(**{"transport.accuracy_K": 1.0, **values})
