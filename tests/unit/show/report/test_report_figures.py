@@ -48,7 +48,7 @@ def test_figures_of_shipped_scenes_have_names_of_their_own(
 ) -> None:
     scene = load_scene(name)
     if scene.spray.model == "lagrangian":
-        scene = scene.with_(**{**COARSE_GAS, "spray.box.spacing_m": 4e-3})
+        scene = scene.with_(**COARSE_GAS)
     notes = make_spray(scene.spray, device, cache=tmp_path).notes
     assert len(human_figures(notes)) == len(notes)
 
