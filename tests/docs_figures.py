@@ -54,7 +54,7 @@ def _plan(work: Path) -> None:
 
 
 def _flow(work: Path) -> None:
-    _cldit("spray", "gdi", "--out", work)
+    _cldit("spray", "gdi-flow", "--out", work)
     copyfile(work / "views.png", DOCS / "gdi-flow.png")
 
 

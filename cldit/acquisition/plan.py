@@ -240,7 +240,7 @@ def plan_from_scene(scene: Scene, *, integration_time_s: float = USUAL_INTEGRATI
     # 20 time constants bring a first-order black body from anywhere to within a millikelvin.
     timeout_s = max(3600.0, 20.0 * scene.rig.background_time_constant_s)
     trigger = TriggerSection()
-    if scene.spray.model == "cone" or scene.spray.model == "lagrangian":
+    if scene.spray.model == "cone":
         trigger = TriggerSection(
             camera_delay_s=scene.spray.time_s, injector_width_s=scene.spray.injection_duration_s
         )

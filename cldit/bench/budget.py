@@ -199,10 +199,10 @@ def budget_part(
         + ", ".join(f"{error_K:.2g} K ({name})" for name, error_K in references_K.items())
         + f". All runs take {number(sum(row.core_s for row in rows) / 60)} core-min."
     ]
-    if {"gdi", "gdi-flow", "imported"} & set(references_K):
+    if {"gdi-flow", "imported"} & set(references_K):
         text.append(
-            "References of computed sprays and of the imported case have the gas grid of the run: "
-            "its error is in neither."
+            "References of gdi-flow and of the imported case have the gas grid of the run: its "
+            "error is in neither."
         )
     commits = sorted({row.commit for row in rows} - {""})
     if len(commits) > 1:

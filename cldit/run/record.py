@@ -74,7 +74,7 @@ def model_spread(scene: Scene, from_paper: Difference | None) -> tuple[Cause, ..
     """
     if isinstance(scene.spray, ConeSpray | LagrangianSpray):
         if isinstance(scene.spray, ConeSpray):
-            how = "a computed spray (spray.model: lagrangian): 12 to 18 K apart in gdi"
+            how = "a computed spray (spray.model: lagrangian) differs by 12 to 18 K in gdi"
         else:
             how = "which spray model: compare with the same scene and spray.model: cone"
         spray = Cause("spray model", None, how)

@@ -14,7 +14,7 @@ from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M
 from cldit.spray.result import Spray
 
-# Spray of `gdi`, in the conditions of the paper's Figs. 9 to 13, open for
+# Injector of `gdi` with a computed spray, in the conditions of the paper's Figs. 9 to 13, open for
 # 1.5 ms: the paper's spray still hangs on it at 0.95 ms. The field is the part of the paper's 16 cm
 # with spray, at its 0.16 mm per pixel.
 _OPEN_s = 1.5e-3
@@ -51,7 +51,7 @@ _QUICK_SPRAY: dict[str, Any] = {
 def open_for(duration_s: float) -> dict[str, float]:
     """Values of `gdi` with an injection of another duration at the same rate."""
     spray = load_scene("gdi").spray
-    assert isinstance(spray, LagrangianSpray)
+    assert isinstance(spray, ConeSpray)
     return {
         "spray.injection_duration_s": duration_s,
         "spray.injected_mass_kg": spray.injected_mass_kg / spray.injection_duration_s * duration_s,
@@ -78,18 +78,23 @@ class Lab:
 
     def gdi(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Gasoline spray of the paper, called `name`, with some `values` changed (dotted keys)."""
+        base = load_scene("gdi")
+        assert isinstance(base.spray, ConeSpray)
+        spray = {
+            "model": "lagrangian",
+            "plumes": base.spray.model_dump(include={"plumes"})["plumes"],
+        }
         fixed = {
             "name": name,
             "description": "",
-            "spray.droplets_per_parcel": _PARCELS,
-            "spray.seed": self.seed,
+            "spray": {**spray, "droplets_per_parcel": _PARCELS, "seed": self.seed},
             "walls.temperature_K": _WALLS_K,
             **open_for(_OPEN_s),
             **_COMPARED,
         }
         quick = {**QUICK, **_QUICK_SPRAY} if self.quick else {}
-        changes = {**fixed, **_CAMERA, **quick, **(values or {})}
-        return self._coarsened(load_scene("gdi").with_(**changes).with_(**self.always))
+        scene = base.with_(**{**fixed, **_CAMERA, **quick, **(values or {})}).with_(**self.always)
+        return self._coarsened(scene)
 
     def shipped(self, name: str, values: Mapping[str, Any] | None = None) -> Scene:
         """Shipped scene `name` with some `values` changed, reduced if the study is quick."""

@@ -24,7 +24,6 @@ from cldit.io.caches import default_cache
 from cldit.run import simulate
 from cldit.scene import Scene, load_scene, parse_scene
 from tests.bench.page import Given, write_measured
-from tests.coarse import coarse_gdi
 
 _EDGE_m = 0.1
 Fields = dict[str, Any]
@@ -165,7 +164,7 @@ def run_case(name: str) -> None:
     device = open_device()
     with tempfile.TemporaryDirectory() as folder:
         scene = CASES[name].make(Path(folder))
-        small = changed(coarse_gdi(), camera={"pixels": [8, 8]})
+        small = changed(load_scene("gdi"), camera={"pixels": [8, 8]})
         simulate(small, device=device, cache=default_cache())  # loads modules and kernels
         run, cost = clocked(device, lambda: simulate(scene, device=device, cache=default_cache()))
     assert run.errors is not None

@@ -17,7 +17,6 @@ from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.result import Cells, Spray, Vapour
 from tests.bench.spray_history import Bench, table
-from tests.coarse import cone_scene
 
 _TIMES_MS = (0.4, 0.95)
 _SEEN: dict[str, Any] = {
@@ -41,8 +40,8 @@ def spray_cone(bench: Bench) -> list[str]:
         found: dict[str, Run] = {}
         sprays: dict[str, Spray] = {}
         for name, scene in (
-            ("cone", cone_scene(**{"spray.spacing_m": 0.4e-3})),
-            *((f"seed {n}", load_scene("gdi").with_(**{"spray.seed": n})) for n in (1, 2)),
+            ("cone", load_scene("gdi").with_(**{"spray.spacing_m": 0.4e-3})),
+            *((f"seed {n}", load_scene("gdi-flow").with_(**{"spray.seed": n})) for n in (1, 2)),
         ):
             box = {} if name == "cone" else {"spray.box.spacing_m": 0.7 * bench.spacing_m}
             one = scene.with_(**{**_SEEN, **box, "spray.time_s": time_ms * 1e-3})

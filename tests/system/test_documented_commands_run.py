@@ -25,7 +25,6 @@ import yaml
 from cldit.optics.liquid import liquid
 from cldit.optics.planck import band_radiance
 from cldit.scene import dump_scene, load_scene, parse_scene
-from tests.coarse import coarse_gdi
 
 _ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.long
@@ -105,8 +104,7 @@ def _measurement(folder: Path) -> None:
 
 
 def _small(name: str) -> str:
-    scene = coarse_gdi() if name == "gdi" else load_scene(name)
-    data = scene.model_dump(mode="json")
+    data = load_scene(name).model_dump(mode="json")
     data["camera"]["pixels"] = [160, 160]
     data["domain"]["leaf_edge_m"] = 4e-3
     return dump_scene(parse_scene(data))

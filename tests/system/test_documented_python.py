@@ -17,8 +17,7 @@ from cldit.acquisition.frames import open_stack
 from cldit.acquisition.pictures.source import Source
 from cldit.errors import EvaluationError
 from cldit.prepare.spray_factory import make_spray
-from cldit.scene import dump_scene, parse_scene
-from tests.coarse import coarse_gdi
+from cldit.scene import dump_scene, load_scene, parse_scene
 from tests.laboratory import laboratory
 from tests.measured_files import write_measured
 
@@ -112,7 +111,7 @@ SMALL = {"camera": {"pixels": [48, 48]}, "domain": {"leaf_edge_m": 4e-3}}
 @pytest.fixture
 def gdi(here: Path) -> None:
     """A file of that name with fewer pixels and coarser cells: scenes are files as well."""
-    data = coarse_gdi().model_dump(mode="json")
+    data = load_scene("gdi").model_dump(mode="json")
     for section, changes in SMALL.items():
         data[section] |= changes
     (here / "gdi").write_text(dump_scene(parse_scene(data)), encoding="utf-8")

@@ -15,7 +15,6 @@ from click.testing import CliRunner, Result
 import cldit
 from cldit.cli import main
 from cldit.errors import EvaluationError, RunFolderError
-from tests.coarse import coarse_gdi
 
 SMALL: dict[str, Any] = {
     "camera": {"pixels": [80, 80], "sensor": {"pixels": [64, 48], "bad_pixels": 3}},
@@ -32,7 +31,7 @@ def cldit_command(*arguments: object) -> Result:
 @pytest.fixture(scope="module")
 def small_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`gdi` at low resolution, as a YAML file in a folder whose name has a space."""
-    data = coarse_gdi().model_dump(mode="json")
+    data = cldit.load_scene("gdi").model_dump(mode="json")
     for section, values in SMALL.items():
         data[section].update(values)
     data["camera"]["sensor"] = SMALL["camera"]["sensor"]

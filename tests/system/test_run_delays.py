@@ -13,11 +13,10 @@ from click.testing import CliRunner
 import cldit
 from cldit.cli import main
 from cldit.dit.maps import Maps
-from tests.coarse import coarse_gdi
 
 SMALL: dict[str, Any] = {
     "camera": {"pixels": [32, 32]},
-    "spray": {},
+    "spray": {"spacing_m": 2e-3},
     "background": {"temperatures_K": [440.0, 480.0]},
     "domain": {"leaf_edge_m": 4e-3},
     "transport": {"audit": False},
@@ -34,7 +33,7 @@ def _run(*arguments: object) -> str:
 @pytest.mark.slow
 def test_a_run_of_two_delays(tmp_path: Path) -> None:
     """The later spray covers more of the picture; the run itself shows the scene's own time."""
-    data = coarse_gdi().model_dump(mode="json")
+    data = cldit.load_scene("gdi").model_dump(mode="json")
     for section, values in SMALL.items():
         data[section].update(values)
     data["camera"]["sensor"] = {"pixels": [24, 18]}

@@ -19,7 +19,6 @@ from cldit.run import open_run, reevaluated, simulate
 from cldit.scene import Scene, load_scene
 from cldit.show.view import Item, page_html
 from cldit.show.view.traced import traced_item
-from tests.coarse import COARSE_GAS, coarse_gdi
 from tests.viewed import Viewer, chromium, made_run, scene_for
 
 pytestmark = pytest.mark.slow
@@ -82,7 +81,7 @@ def with_cfd(folder: Path) -> Scene:
 def test_traced_runs(
     viewer: Viewer, device: Device, tables: Path, tmp_path: Path, kind: str
 ) -> None:
-    scene = coarse_gdi(**SMALL) if kind == "gdi" else with_cfd(tmp_path)
+    scene = load_scene("gdi").with_(**SMALL) if kind == "gdi" else with_cfd(tmp_path)
     folder = tmp_path / "run"
     simulate(scene, folder, device=device, cache=tables)
     page = tmp_path / "page.html"
@@ -113,10 +112,7 @@ def test_a_measurement(viewer: Viewer, tmp_path: Path) -> None:
     """What the simulated rig recorded of gdi, beside the run itself: they agree within errors."""
     folder, page = tmp_path / "run", tmp_path / "page.html"
     words = ["run", "gdi", "--pixels", "80", "--accuracy", "8", "--out", str(folder)]
-    coarse = {"plan.shots": 2, **COARSE_GAS}
-    for key, value in coarse.items():
-        words += ["--set", f"{key}={value}"]
-    done = CliRunner().invoke(main, words)
+    done = CliRunner().invoke(main, [*words, "--set", "plan.shots=2"])
     assert done.exit_code == 0, done.output
     words = ["view", str(folder), str(folder / "acquisition"), "--save", str(page)]
     assert CliRunner().invoke(main, words).exit_code == 0

@@ -15,7 +15,6 @@ from cldit.bench.budget_scenes import budget_scene
 from cldit.bench.case import changed
 from cldit.gpu.device import Device
 from cldit.run import Run
-from tests.coarse import cone_scene
 
 EVEN = {
     "droplet_absorption_per_m": 20.0,
@@ -110,14 +109,14 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
 
 
 def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
-    """Pixels of 2 mm err by 6.1 K in a cone: cells for the 0.5 K that are asked for are in vain.
+    """Pixels of 2 mm err by 6.1 K in gdi: cells for the 0.5 K that are asked for are in vain.
 
     The rest may have a tenth of the square of that: 0.32 of it. Pilots on coarse cells told 0.8 to
     1.2 of what pixels err by, and cells come out at 0.5 to 1.3 of what they may: 0.12 to 0.5 of
     the pixels' error (0.23 was found). By the 0.5 K alone cells may err by half of their share,
     0.2 K, which is 0.03 of it.
     """
-    data: dict[str, Any] = cone_scene().model_dump(mode="json")
+    data: dict[str, Any] = cldit.load_scene("gdi").model_dump(mode="json")
     data["camera"].update(pixels=[50, 50], rays_per_pixel=1)
     data["optics"]["compare_paper"] = False
     data["transport"]["accuracy_K"] = 0.5

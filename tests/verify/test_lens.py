@@ -19,7 +19,6 @@ from cldit.gpu.device import Device
 from cldit.run import Run
 from cldit.scene.camera import Camera
 from cldit.transport.view import View
-from tests.coarse import cone_scene
 
 DISTANCE, FIELD, PIXELS = 1.0, 0.016, 64
 PITCH = FIELD / PIXELS
@@ -218,7 +217,7 @@ def test_stated_effect_of_a_lens(device: Device, tables: Path) -> None:
     The estimate blurs the pinhole's image by the discs of all depths alike, which moves a square by
     up to a third where one side of the spray is nearer.
     """
-    scene = cone_scene().with_(
+    scene = cldit.load_scene("gdi").with_(
         **{
             "camera.pixels": [100, 100],
             "camera.field_m": [0.12, 0.12],

@@ -21,14 +21,13 @@ from cldit.medium.frame import Frame
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.spray import ConeSpray
-from tests.coarse import cone_scene
 
 NOTHING: Any = None
 
 
-def scene_of(name: str = "", **sections: dict[str, Any]) -> Scene:
-    """A shipped scene, or a cone, with one ray a pixel."""
-    data = (load_scene(name) if name else cone_scene()).model_dump(mode="json")
+def scene_of(name: str = "gdi", **sections: dict[str, Any]) -> Scene:
+    """A shipped scene with one ray a pixel."""
+    data = load_scene(name).model_dump(mode="json")
     data["camera"]["rays_per_pixel"] = 1
     if name == "gdi-flow":
         data["spray"]["box"]["spacing_m"] = 1e-3  # given: the gas grid is not free

@@ -20,8 +20,7 @@ from cldit.accuracy.resolution import Resolution
 from cldit.gpu.device import Device
 from cldit.prepare.stages import Stages
 from cldit.run import simulate
-from cldit.scene import parse_scene
-from tests.coarse import cone_scene
+from cldit.scene import load_scene, parse_scene
 
 
 @pytest.mark.parametrize(
@@ -31,7 +30,7 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
     found_K: tuple[float, ...], kept_K: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Memory may hold less than a refinement needs; its last reason is kept."""
-    scene = cone_scene()
+    scene = load_scene("gdi")
     left = list(found_K)
 
     def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocation]:

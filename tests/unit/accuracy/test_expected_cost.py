@@ -17,9 +17,8 @@ from cldit.accuracy.remarks import expected
 from cldit.accuracy.variant_tracer import CoarseCost
 from cldit.medium.frame import Frame
 from cldit.medium.octree import PointSource, Sources
-from cldit.scene import Scene
+from cldit.scene import Scene, load_scene
 from cldit.transport.trace import TraceSettings, settings_for
-from tests.coarse import cone_scene
 
 GB = 1e9
 
@@ -38,7 +37,7 @@ def remark(
     ordinates: int = 24,
     keys: Mapping[str, Any] | None = None,
 ) -> tuple[str, ...]:
-    gdi: Scene = cone_scene().with_(**{"camera.pixels": [100, 100], **(keys or {})})
+    gdi: Scene = load_scene("gdi").with_(**{"camera.pixels": [100, 100], **(keys or {})})
     settings: TraceSettings = replace(settings_for(gdi), final_directions=ordinates)
     frame = Frame((-0.05, -0.05, -0.05), edge_m=0.1, depth=depth)
     device: Any = SimpleNamespace(info=SimpleNamespace(memory_bytes=int(1e15)))
@@ -64,7 +63,7 @@ def test_an_image_of_a_minute_is_announced(monkeypatch: pytest.MonkeyPatch) -> N
     (text,) = remark(depth=7, coarse=COARSE)  # 64 + 4
     assert text.startswith("expected for the image: 68 core-s and 0.017 GB")
     assert "2.1e+06 cells of 0.78 mm, 24 ordinates, 1 wavelength; most of it by cells" in text
-    assert text.endswith(f"for {Allocation.of(cone_scene(), 1.0)['cells']:.2g} K")
+    assert text.endswith(f"for {Allocation.of(load_scene('gdi'), 1.0)['cells']:.2g} K")
     (text,) = remark(coarse=COARSE, ordinates=24 * 20, keys={"transport.directions": 160})
     assert text.endswith("most of it by trace, set by transport.directions")
     (text,) = remark(depth=7, coarse=COARSE, keys={"domain.leaf_edge_m": 1e-3})

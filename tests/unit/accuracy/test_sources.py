@@ -10,13 +10,12 @@ import cldit
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.scene import Scene, load_scene
-from tests.coarse import cone_scene
 
 
 def with_key(key: str, value: Any) -> Scene:
-    """A cone, resolved by wavelengths, on cells of its own, with one more key."""
+    """Scene gdi, resolved by wavelengths, on cells of its own, with one more key."""
     given = {"optics.preset": "spectral", "domain.leaf_edge_m": 2e-3, key: value}
-    return cone_scene().with_(**given)
+    return load_scene("gdi").with_(**given)
 
 
 def test_names_are_unique() -> None:

@@ -15,7 +15,7 @@ from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.medium.frame import Frame
 from cldit.radiance.weights import Weights
-from tests.coarse import cone_scene
+from cldit.scene import load_scene
 
 NOTHING: Any = None
 
@@ -27,7 +27,7 @@ def tracer_of(
     prepared: Any = SimpleNamespace(on_lattice=True, node=node, cube=cube)
     settings: Any = SimpleNamespace(accuracy_K=asked_K, visible=0.05)
     levels: Any = {7: "coarse", 8: "fine"}
-    scene = cone_scene().with_(**{"camera.rays_per_pixel": 1})
+    scene = load_scene("gdi").with_(**{"camera.rays_per_pixel": 1})
     return VariantTracer(scene, NOTHING, settings, prepared, drawn, NOTHING, levels=levels, key=key)
 
 

@@ -14,11 +14,8 @@ import cldit
 from cldit.cli import main
 from cldit.cli.console import ProgressBar
 from cldit.prepare.stages import StageLine, Stages
-from tests.coarse import COARSE_GAS
 
-_SET = {"domain.leaf_edge_m": 4e-3, **COARSE_GAS}
-_COARSE = ["--trace-only", "--pixels", "48", "--accuracy", "8"]
-_COARSE += [word for key, value in _SET.items() for word in ("--set", f"{key}={value}")]
+_COARSE = ("--trace-only", "--pixels", "48", "--accuracy", "8", "--set", "domain.leaf_edge_m=4e-3")
 
 
 def _run(folder: Path, *words: str) -> str:

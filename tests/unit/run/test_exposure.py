@@ -18,7 +18,6 @@ from cldit.run import Run
 from cldit.spray.extent import Cloud
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import read_spray, write_spray
-from tests.coarse import cone_scene
 
 SPEED, EXPOSURE_S = 60.0, 100e-6
 
@@ -137,7 +136,7 @@ def test_cone_by_times(device: Device, tables: Path) -> None:
     """Three Gauss nodes, by runs of their own; the change grows with the square of the time."""
 
     def run(exposure: str, exposed_s: float, time_s: float = 0.5e-3) -> Run:
-        scene = cone_scene().with_(
+        scene = cldit.load_scene("gdi").with_(
             **{
                 "spray.time_s": time_s,
                 "camera.pixels": [40, 40],

@@ -137,7 +137,7 @@ def test_times_of_a_model() -> None:
     delays = scene.with_(**{"plan.delays_s": [0.6e-3, 0.3e-3]})
     assert list(SeriesPlan.of(delays, "all").scenes) == [0.3e-3, 0.6e-3]
     for wanted in ("all", "::2", "latest"):
-        with pytest.raises(SceneError, match="lagrangian computes any time"):
+        with pytest.raises(SceneError, match="cone computes any time"):
             SeriesPlan.of(scene, wanted)
     with pytest.raises(SceneError, match=r"5.*outside"):
         SeriesPlan.of(scene, [5.0])

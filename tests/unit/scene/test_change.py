@@ -165,7 +165,7 @@ def test_tab_shows_keys_and_the_repr_is_short() -> None:
     assert not [name for name in dir(scene) if name.startswith(("model_", "_"))]
     assert "json" not in dir(scene) and dir(scene.walls) == ["temperature_K"]
     assert repr(scene.walls) == "Walls(temperature_K=450.0)" and repr(scene.camera) == "Camera()"
-    assert "'gdi': spray lagrangian, 1000 x 1000 pixels" in repr(scene) and len(str(scene)) < 150
+    assert "'gdi': spray cone, 1000 x 1000 pixels" in repr(scene) and len(str(scene)) < 150
 
 
 def test_short_options_are_those_of_the_command_line() -> None:

@@ -90,7 +90,7 @@ def test_a_lagrangian_member_has_eddies_of_its_own() -> None:
 def test_what_is_refused(scatter: dict[str, Any], message: str) -> None:
     with pytest.raises(SceneError, match=message):
         for number in range(1, 9):
-            member(_scene("methane-jet", **scatter), number)
+            member(_scene(**scatter), number)
 
 
 def test_an_effect_is_needed() -> None:

@@ -245,8 +245,3 @@ def test_an_exponent_needs_neither_point_nor_sign(text: str, tmp_path: Path) -> 
     assert found.spray.ambient.pressure_Pa == float(text)  # type: ignore[union-attr]
     named = found.with_(name="1e5")
     assert parse_scene(parse_yaml(dump_scene(named), source="x")) == named
-
-
-def test_gdi_flow_is_gdi_by_another_name() -> None:
-    gdi, older = load_scene("gdi"), load_scene("gdi-flow")
-    assert older.with_(name=gdi.name, description=gdi.description) == gdi

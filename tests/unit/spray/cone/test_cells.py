@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cldit.scene import load_scene
 from cldit.scene.spray import ConeSpray, Plume
 from cldit.spray.cone import plume_cells as cone
 from cldit.spray.cone.nozzle import nozzle_flow
 from cldit.spray.cone.plume_cells import NEGLIGIBLE, plume_cells, thinnest
 from cldit.spray.cone.spray import make_cone
-from tests.coarse import CONE
 
 
 def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Merged by one stable sort: the same sums, to the last bit, as by a dictionary of parts."""
-    spec = CONE.model_copy(update={"spacing_m": 1.5e-3})
+    spec = load_scene("gdi").spray.model_copy(update={"spacing_m": 1.5e-3})
     assert isinstance(spec, ConeSpray)
     made: list[Any] = []
     filled = cone._filled

@@ -26,7 +26,6 @@ from cldit.spray.cone.wet_bulb import fluids
 from cldit.spray.droplet.evaporation import MODELS
 from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
 from cldit.spray.result import Spray
-from tests.coarse import COLD_CONE, CONE
 
 DOWN = (Plume(inclination_deg=0.0, azimuth_deg=0.0),)
 
@@ -131,7 +130,8 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
 
 
 def test_masses_are_exact_and_notes_tell_them() -> None:
-    spec = CONE
+    spec = load_scene("gdi").spray
+    assert isinstance(spec, ConeSpray)
     spray = make_cone(spec)
     assert _mass(spray) == pytest.approx(10e-6, rel=1e-12)
     assert spray.parcels is not None and spray.vapour is not None
@@ -208,7 +208,8 @@ def test_liquid_as_openfoam_has_it() -> None:
 
 def test_sauter_diameter_changes_on_the_way() -> None:
     """Small droplets vanish first, which at first outweighs that the others shrink."""
-    spec = CONE
+    spec = load_scene("gdi").spray
+    assert isinstance(spec, ConeSpray)
     parcels = make_cone(spec).parcels
     assert parcels is not None
     r = np.linalg.norm(parcels.position_m, axis=1)
@@ -259,7 +260,8 @@ def test_cells_keep_energy() -> None:
 
 def test_cold_gas_leaves_droplets_and_cools_them_below_itself() -> None:
     """Where enough gas is mixed in; the rich core still has some of the injector's 370 K."""
-    spec = COLD_CONE
+    spec = load_scene("gdi-cold").spray
+    assert isinstance(spec, ConeSpray)
     spray = make_cone(spec)
     assert spray.parcels is not None
     assert spray.notes["liquid_mass_kg"] > 0.3 * spray.notes["injected_mass_kg"]
