@@ -85,7 +85,9 @@ def sums_of(flow: GasFlow) -> Floats:
 
 def launch(flow: GasFlow, file: str, kernel: str, **others: Any) -> None:
     """Runs one kernel on the fields of the gas."""
-    flow.fields.bind(f"spray/gas_{file}.cl", kernel, flow.known, **others)(step=others.get("step", 1.0))
+    flow.fields.bind(f"spray/gas_{file}.cl", kernel, flow.known, **others)(
+        step=others.get("step", 1.0)
+    )
 
 
 def drawn(flow: GasFlow, *planes: int, low: float = -1.0, high: float = 1.0) -> Floats:
