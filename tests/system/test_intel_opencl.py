@@ -110,7 +110,8 @@ def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Pat
     code = (
         "from pathlib import Path; from cldit.gpu import program as module; "
         "from cldit.gpu.device import open_device; from cldit.gpu.program import build; "
-        f"module.assemble = lambda name, **_: Path({str(ROOT)!r}, 'tests', 'bench', name).read_text(); "
+        f"bench = Path({str(ROOT)!r}, 'tests', 'bench'); "
+        "module.assemble = lambda name, **_: (bench / name).read_text(); "
         "program = build(open_device('Intel(R) OpenCL'), 'roofline.cl', {'SIMD_WIDTH': 8}); "
         "assert [name for name, _ in program.built.arguments['copy']] == ['out', 'in']"
     )

@@ -23,7 +23,7 @@ from pathlib import Path
 from cldit.gpu import program as module
 from cldit.gpu.buffers import upload, zeros
 from tests.full_disk import full_disk
-module.assemble = lambda name, **_: Path("tests", "bench", name).read_text()  # a source of few kernels
+module.assemble = lambda name, **_: Path("tests", "bench", name).read_text()
 program = built("roofline.cl", {"SIMD_WIDTH": 1})
 data = upload(device, "in", np.ones(64, np.float32))
 what = {

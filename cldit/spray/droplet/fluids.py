@@ -103,7 +103,7 @@ def diffusivity_m2_s(
 
 
 def property_table(fuel: Fuel, gas: Gas) -> Floats:
-    """Table of kernels/spray/droplet_properties.h: constants, ranges, coefficients of polynomials."""
+    """Table of kernels/spray/droplet_properties.h: constants, ranges, polynomials."""
     lighter = gas.molar_mass_kg_mol / fuel.molar_mass_kg_mol
     diffusion = float(diffusivity_m2_s(fuel, gas, temperature_K=1.0, pressure_Pa=1.0))
     constants = [

@@ -11,8 +11,8 @@ from cldit.gpu.program import Define
 class Model:
     """Evaporation model.
 
-    function: its name in kernels/spray/evaporation.h, or in `source`. source: OpenCL C of a function that
-    the header does not have; it begins with `#include "spray/evaporation.h"`.
+    function: its name in kernels/spray/evaporation.h, or in `source`. source: OpenCL C of a
+    function that the header does not have; it begins with `#include "spray/evaporation.h"`.
     """
 
     function: str

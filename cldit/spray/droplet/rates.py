@@ -67,5 +67,5 @@ def rates(drop: Drop, kernels: DropletKernels) -> Rates:
 
 
 def film(drop: Drop, kernels: DropletKernels, *, share: float = 1 / 3) -> Film:
-    """Film at a `share` of the way from the surface to the gas, see kernels/spray/droplet_film.h."""
+    """Film at a `share` of the way from surface to gas, see kernels/spray/droplet_film.h."""
     return Film(*kernels.run("films", drop.columns(), 11, share=share)[0])

@@ -7,8 +7,8 @@ separable, and is solved directly. Kinetic energy and molecular diffusion are ne
 below 0.3; eddies mix much faster).
 
 A step is a fixed list of kernels without a read by the host. Transport is explicit and of third
-order up to a CFL number, and implicit beyond (kernels/spray/gas_transport.cl, gas_mixing.cl), so that the
-step does not depend on the small cells near the tip.
+order up to a CFL number, and implicit beyond (kernels/spray: gas_transport.cl, gas_mixing.cl), so
+that the step does not depend on the small cells near the tip.
 
 Eddies have Prandtl's mixing length, a property of the jets and not of the grid, so that a finer
 grid resolves the same flow: l = c x at the distance x from the injector, with which a jet spreads

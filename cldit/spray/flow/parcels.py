@@ -1,7 +1,7 @@
 """Parcels of droplets on a device, and their exchange with the gas.
 
-What a parcel gives goes to its cell in fixed point (kernels/spray/parcels.cl), and is spread before the
-gas receives it: across the rays over the extent of its droplets (`SPOT`), along them over its
+What a parcel gives goes to its cell in fixed point (kernels/spray/parcels.cl), and is spread before
+the gas receives it: across the rays over the extent of its droplets (`SPOT`), along them over its
 flight in the step. So finer cells do not resolve single parcels.
 """
 
