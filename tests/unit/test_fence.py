@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2185,
     "scene": 2103,
     "show": 6598,
-    "spray": 7233,
+    "spray": 7001,
     "study": 3185,
     "testing": 1328,
     "transport": 7145,

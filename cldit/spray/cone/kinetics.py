@@ -18,8 +18,9 @@ from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile, speed_profile
 from cldit.spray.cone.mixing import Mixture
 from cldit.spray.cone.wet_bulb import fluids
-from cldit.spray.droplet.evaporation import MODELS
-from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings
+from cldit.spray.droplet.evaporation import abramzon_sirignano
+from cldit.spray.droplet.integrator import advance
 from cldit.spray.sizes import strata_m
 
 ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
@@ -95,7 +96,7 @@ def plume_kinetics(
             float(step),
             fuel=fuel,
             gas=carrier,
-            model=MODELS["abramzon-sirignano"],
+            model=abramzon_sirignano,
             tolerance=_TOLERANCE,
         ).droplets
         left[n + 1] = np.minimum(drops.mass_kg / start, left[n])

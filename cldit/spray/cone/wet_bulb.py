@@ -34,8 +34,9 @@ from cldit.spray.cone.fluid_properties import (
     nitrogen_viscosity_Pa_s,
 )
 from cldit.spray.droplet.curves import curves
-from cldit.spray.droplet.evaporation import Drop, Rates, spalding
+from cldit.spray.droplet.evaporation import Drop, spalding
 from cldit.spray.droplet.fluids import Fuel, Gas
+from cldit.spray.droplet.rates import Rates
 
 _SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
 _HALVINGS = 40

@@ -80,7 +80,7 @@ def advance(
         SprayError: impossible droplets or surroundings; a droplet cannot be integrated.
     """
     fuel = kernels.fuel
-    _check(droplets, surroundings, duration_s, fuel)
+    check_states(droplets, surroundings, duration_s, fuel)
     around = surroundings
     axes = droplets.velocity_m_s.shape[1]
     rest = [np.zeros(len(droplets.mass_kg))] * (_AXES - axes)
@@ -110,7 +110,7 @@ def advance(
     *path, elapsed, rounds = out
     if np.any(rounds < 0):
         stuck = int(np.argmax(rounds < 0))
-        raise SprayError(_stuck(fuel, mass, temperature, around, stuck))
+        raise SprayError(stuck_text(fuel, mass, temperature, around, stuck))
     speed = np.stack(velocity[:axes], axis=1)
     heat = fuel.liquid.one("enthalpy", temperature)
     heat0 = fuel.liquid.one("enthalpy", droplets.temperature_K)
@@ -125,9 +125,10 @@ def advance(
     )
 
 
-def _check(
+def check_states(
     droplets: DropletStates, around: DropletSurroundings, duration_s: float, fuel: Fuel
 ) -> None:
+    """Raises SprayError for impossible droplets, surroundings or durations."""
     mass, temperature = droplets.mass_kg, droplets.temperature_K
     checks = (
         ("mass_kg of a droplet", mass, 0.0, 1e-3),
@@ -150,9 +151,10 @@ def _check(
             raise SprayError(f"velocity_m_s of the {name} is not finite, or above 10 km/s")
 
 
-def _stuck(
+def stuck_text(
     fuel: Fuel, mass: Floats, temperature: Floats, around: DropletSurroundings, at: int
 ) -> str:
+    """Message on droplet number `at`, whose steps have no end."""
     return (
         f"droplet {at} of {fuel.name} cannot be integrated: mass {mass[at]:g} kg, "
         f"{temperature[at]:g} K, in gas of {around.temperature_K[at]:g} K, "

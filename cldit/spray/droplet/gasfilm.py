@@ -18,9 +18,9 @@ from cldit.spray.numba_typing import compiled
 _MOST_VAPOUR = 0.999
 _MOST_FAR_VAPOUR = 0.99  # the same far away; smaller, so that a boiling droplet evaporates
 
-_LIQUID = ("ln_psat", "density", "cp", "latent", "conductivity")
+_LIQUID = ("ln_psat", "density", "cp", "latent")
 _VAPOUR = ("cp", "conductivity", "viscosity")
-LN_PSAT, DENSITY, CP, LATENT, CONDUCTIVITY = range(5)
+LN_PSAT, DENSITY, CP, LATENT = range(4)
 
 
 class Tables(NamedTuple):
@@ -154,17 +154,6 @@ def surface_share(tables: Tables, here: Here) -> float:
 def _density(tables: Tables, here: Here, temperature_K: float, vapour: float) -> float:
     moles_kg = vapour / tables.fuel_kg_mol + (1 - vapour) / tables.gas_kg_mol
     return here.pressure_Pa / (GAS_CONSTANT_J_mol_K * temperature_K * moles_kg)
-
-
-@compiled
-def cp_far(tables: Tables, here: Here, temperature_K: float) -> float:
-    """Heat capacity [J/(kg K)] at a temperature of the gas far from the droplet."""
-    at, u = place(temperature_K, tables.vapour_low_K, tables.vapour_step_K, tables.vapour.shape[0])
-    of_fuel = cubic(tables.vapour, at, 0, u)
-    at, u = place(
-        temperature_K, tables.carrier_low_K, tables.carrier_step_K, tables.carrier.shape[0]
-    )
-    return here.vapour * of_fuel + (1 - here.vapour) * cubic(tables.carrier, at, 0, u)
 
 
 @compiled

@@ -23,8 +23,9 @@ from cldit.spray.cone.kinetics import plume_kinetics
 from cldit.spray.cone.nozzle import nozzle_flow
 from cldit.spray.cone.spray import make_cone
 from cldit.spray.cone.wet_bulb import fluids
-from cldit.spray.droplet.evaporation import MODELS
-from cldit.spray.droplet.integrator import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings
+from cldit.spray.droplet.evaporation import abramzon_sirignano
+from cldit.spray.droplet.integrator import advance
 from cldit.spray.result import Spray
 
 DOWN = (Plume(inclination_deg=0.0, azimuth_deg=0.0),)
@@ -184,7 +185,7 @@ def test_droplets_of_a_thin_plume_evaporate_as_alone() -> None:
         3e-4,
         fuel=fuel,
         gas=gas,
-        model=MODELS["abramzon-sirignano"],
+        model=abramzon_sirignano,
         tolerance=1e-4,
     )
     alone = single.mass_kg[0] / fuel.mass_kg([9e-6], [370.0])[0]
