@@ -4,15 +4,15 @@
 
 #include "spray/gas_cell.h"
 
-/* Fluxes that an explicit step may carry, and along the ray also the diffusion; the rest is implicit
-   (A. F. Shchepetkin, Ocean Modelling 91, 38 (2015)). A cell passes on at most `limit_along` of its mass
-   along the ray, and `limit` in all. share: parts across and along the ray. */
+/* The larger of all that leaves a cell through two faces, and all that enters. */
 INLINE lane_t passed_on(lane_t lower_face, lane_t upper_face)
 {
     const lane_t none = (lane_t)R(0), leaves = upper(upper_face, none) - lower(lower_face, none);
     return upper(leaves, upper(lower_face, none) - lower(upper_face, none));
 }
 
+/* Shares of the fluxes that are explicit (A. F. Shchepetkin, Ocean Modelling 91, 38 (2015)): a cell passes
+   on at most `limit_along` of its mass along the ray, and `limit` in all. share: across, and along. */
 __kernel void shares(
     __global const real *restrict flux, __global const real *restrict mass,
     __global real *restrict share, const real step, const real limit, const real limit_along,

@@ -126,7 +126,7 @@ def test_memory_of_a_genicam_1_0_camera(legacy: bool) -> None:
 
 @pytest.mark.gige
 def test_a_camera_on_loopback_is_searched_there_alone(client: str) -> None:
-    """What is broadcast on a network comes back to a socket for all addresses."""
+    """A datagram that is broadcast on a network returns to a socket for all addresses."""
     with (
         GigePeer((64, 48)) as peer,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as everywhere,

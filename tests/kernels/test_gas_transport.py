@@ -41,7 +41,7 @@ def test_eddies(gas_flow: GasFlow) -> None:
 
 @pytest.mark.parametrize("largest", [0.1, 3.0])
 def test_a_step_of_transport(gas_flow: GasFlow, largest: float) -> None:
-    """What stays explicit, its fluxes and the state after them; short and long steps."""
+    """Explicit part of the fluxes, and the state after it; short and long steps."""
     twin, real = Twin(gas_flow.grid), gas_flow.fields.real
     mass = np.asarray((3.0 * gas_flow.grid.volume_m3).astype(real).astype(float))
     flux, exchange = some_flux(gas_flow, largest=largest), drawn(gas_flow, low=1e-4, high=3e-2)

@@ -51,9 +51,10 @@ class UnstableGas(SprayError):
 class GasFlow:
     """State of the gas on a device, which `step` advances.
 
-    Attributes are buffers: density, fuel (vapour) kg/m3, enthalpy J/m3 on the zero of the mixture,
-    temperature K; velocity (3 planes) in the grid's frame; eddy, the turbulent viscosity in m2/s;
-    amounts (5 planes), the sources of a step per volume: mass, enthalpy, momentum. `read` copies.
+    known: arguments of kernels by name. Among them is the state, which `read` copies: density, fuel
+    (vapour) kg/m3, enthalpy J/m3 on the zero of the mixture, temperature K; velocity (3 planes) in
+    the grid's frame; eddy, the turbulent viscosity in m2/s; and amounts (5 planes), the sources of
+    a step per volume: mass, enthalpy, momentum.
     fastest_m_s: of what drives the gas; `check` refuses a gas that is faster.
     """
 
@@ -74,22 +75,15 @@ class GasFlow:
         self.far_density_kg_m3 = pressure_Pa / (mixture.carrier_J_kg_K * temperature_K)
         start = float(mixture.enthalpy_J_kg(np.zeros(1), np.array([temperature_K]))[0])
         density = self.far_density_kg_m3
-        self.density = fields.plane("density", value=density)
-        self.fuel = fields.plane("fuel")
-        self.enthalpy = fields.plane("enthalpy", value=density * start)
-        self.temperature = fields.plane("temperature", value=temperature_K)
-        self.velocity = fields.plane("velocity", 3)
-        self.eddy, self.amounts = fields.plane("eddy"), fields.plane("amounts", 5)
+        self.fuel, self.amounts = fields.plane("fuel"), fields.plane("amounts", 5)
         self._solve, self.mixing = Projection(fields), Mixing(fields)
         self.sums = fields.table("sums", np.array([pressure_Pa, pressure_Pa, 0.0, 0.0]))
         self.known = self._tables(mixing_length) | {
-            "density": self.density,
+            "density": fields.plane("density", value=density),
+            "enthalpy": fields.plane("enthalpy", value=density * start),
+            "temperature": fields.plane("temperature", value=temperature_K),
             "fuel": self.fuel,
-            "enthalpy": self.enthalpy,
-            "temperature": self.temperature,
-            "velocity": self.velocity,
             "amounts": self.amounts,
-            "eddy": self.eddy,
             "common": self.sums,
             "sums": self.sums,
             "far_density": density,
@@ -101,8 +95,8 @@ class GasFlow:
             "periodic": int(grid.ring),
             "cells": fields.cells,
         }
-        planes = {"flux": 3, "force": 3, "share": 2, "explicit_flux": 3, "rest": 3}
-        planes |= {"diffusion": 2, "fluxes": 9, "values": 2}
+        planes = {"velocity": 3, "flux": 3, "force": 3, "share": 2, "explicit_flux": 3, "rest": 3}
+        planes |= {"eddy": 1, "diffusion": 2, "fluxes": 9, "values": 2}
         planes |= dict.fromkeys(("exchange", "mass", "carried", "after", "kept", "amiss"), 1)
         planes |= dict.fromkeys(("rise", "potential", "own"), 1)
         self.known |= {name: fields.plane(name, count) for name, count in planes.items()}
@@ -159,7 +153,7 @@ class GasFlow:
         return [
             self._bind("sources", "receive"),
             self._bind("eddies", "eddies"),
-            *self._transport(self.velocity, 3, after=known["carried"], mixing=1.0, bounded=0),
+            *self._transport(known["velocity"], 3, after=known["carried"], mixing=1.0, bounded=0),
             self._bind("projection", "mass_fluxes", mass=known["carried"]),
             self._bind("projection", "imbalance"),
             self._add_up(potential, 2, 1.0),
@@ -183,22 +177,24 @@ class GasFlow:
         self, values: Any, kinds: int, *, after: Any, mixing: float, bounded: int
     ) -> list[Launch]:
         """Kernels that carry fields per mass in a step; `after` becomes the mass of the cells."""
-        known = self.known
-        given = {"values": values, "kinds": kinds, "after": after, "bounded": bounded}
-        given |= {"mixing": mixing, "most_diffused": DIFFUSED_EXPLICIT}
+        known, rest = self.known, self.known["rest"]
+        exchange = (known["exchange"], known["exchange"])
+
+        given = {"values": values, "after": after, "bounded": bounded, "mixing": mixing}
         given |= {"limit": MOST_EXPLICIT, "limit_along": ALONG_EXPLICIT}
-        each_cell, each_field = ("shares", "divide", "settle_mass"), ("face_fluxes", "settle")
-        by_name = {
-            kernel: self._bind("transport", kernel, **(given | {"kinds": 1}))
-            for kernel in each_cell
-        }
-        by_name |= {kernel: self._bind("transport", kernel, **given) for kernel in each_field}
-        order = ("shares", "divide", "face_fluxes", "settle_mass", "settle")
-        exchange, rest = known["exchange"], known["rest"]
+        given |= {"most_diffused": DIFFUSED_EXPLICIT}
+
+        def bind(kernel: str, fields: int) -> Launch:
+            return self._bind("transport", kernel, kinds=fields, **given)
+
         return [
-            *(by_name[kernel] for kernel in order),
+            bind("shares", 1),
+            bind("divide", 1),
+            bind("face_fluxes", kinds),
+            bind("settle_mass", 1),
+            bind("settle", kinds),
             *self.mixing.launches(
-                values, kinds, mass=after, flux=rest, exchange=(exchange, exchange), factor=mixing
+                values, kinds, mass=after, flux=rest, exchange=exchange, factor=mixing
             ),
             self.mixing.along(values, kinds, mass=after, flux=rest, diffusions=known["diffusion"]),
         ]

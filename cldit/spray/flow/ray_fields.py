@@ -62,11 +62,12 @@ class RayFields:
 
     def read(self, buffer: Any, plane: int = 0) -> Floats:
         """A plane of a buffer as an array (A, P, R)."""
-        return np.asarray(self.read_planes(buffer, plane + 1)[plane])
+        return np.asarray(self.read_planes(buffer, 1, first=plane)[0])
 
-    def read_planes(self, buffer: Any, planes: int) -> Floats:
-        """The first planes of a buffer as an array (planes, A, P, R)."""
-        out = download(self.device, buffer, np.empty((planes, self.cells), self.real))
+    def read_planes(self, buffer: Any, planes: int, *, first: int = 0) -> Floats:
+        """So many planes of a buffer, from `first` on, as an array (planes, A, P, R)."""
+        out = np.empty((planes, self.cells), self.real)
+        download(self.device, buffer, out, first=first * self.cells)
         rows = out[:, _GUARD:-_GUARD].reshape(planes, *self.grid.shape[:2], self.stride)
         return np.array(rows[..., : self.grid.shape[2]], dtype=np.float64)
 
@@ -86,8 +87,7 @@ class RayFields:
         work-item is a packet of cells of one field; the number of fields is `kinds`, or 1.
         """
         program = self.program(name)
-        whole = {**known, **others}
-        whole = {"kinds": 1, **whole}
+        whole = {"kinds": 1, **known, **others}
         arguments = {argument: whole[argument] for argument in program.takes(kernel)}
         return self.grouped(program, kernel, self.packets * int(whole["kinds"]), arguments)
 

@@ -135,10 +135,12 @@ class _State:
         self.time_s, self.steps, self._fastest_m_s = 0.0, 0, self.injection.speed_m_s
         self.rows: list[tuple[float, ...]] = []
 
-    @property
     def longest_step_s(self) -> float:
         """Time step in which the parcels fly by `REACH_m` at most: that of the injection's speed,
-        doubled when they are half as fast, so that it is the same on different grids."""
+        doubled when they are half as fast, so that it is the same on different grids.
+
+        After the injection it reads the parcels, every `_CHECKED` steps.
+        """
         first = REACH_m / self.injection.speed_m_s
         if self.time_s < self.injection.end_s:
             return min(first, LONGEST_STEP_S)
@@ -149,8 +151,8 @@ class _State:
 
     def until(self, time_s: float, watch: Watch | None) -> None:
         """Advances to a time."""
-        while time_s > self.time_s + 1.5 * self.longest_step_s:
-            self.step(self.longest_step_s)
+        while time_s > self.time_s + 1.5 * (step_s := self.longest_step_s()):
+            self.step(step_s)
             if watch is not None:
                 watch(self.time_s, self.spec.time_s, self.cloud.born)
         # It is at least half as long as the others: a very short one would need large changes of
