@@ -91,10 +91,11 @@ def simulate_times(
             try:
                 for number, time_s in enumerate(times):
                     state.until(time_s, watch)
-                    result = state.result()
-                    if number == done:
-                        done += 1
-                        yield result
+                    if number < done:  # its result preceded the restart
+                        state.record()
+                        continue
+                    done += 1
+                    yield state.result()
             except UnstableGas:
                 # Lumps of few parcels need shorter steps of the gas.
                 gas_steps = 2 * state.gas_steps
@@ -170,9 +171,10 @@ class _State:
             self.flow.check()
             self.cloud.check()
         if len(self.rows) < self.time_s / self.spec.time_s * self.records:
-            self._record()
+            self.record()
 
-    def _record(self) -> None:
+    def record(self) -> None:
+        """Adds a row to the history."""
         if self.rows and self.rows[-1][0] == self.time_s:
             return
         measured = measures(self.cloud.read(), self.flow, self.fuel, self.axes)
@@ -191,7 +193,7 @@ class _State:
         """The spray, its history, and the gas."""
         self.flow.check()
         self.cloud.check()
-        self._record()
+        self.record()
         spec, flow, fuel = self.spec, self.flow, self.fuel
         cloud = self.cloud.read()
         history = History(*np.array(self.rows).T)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from cldit.acquisition.journal import read_entries
 from cldit.api.folder_evaluation import evaluate_folder
 from cldit.errors import ClditError, EvaluationError, RunFolderError
 from cldit.rig.load import open_rig
+from tests.bit_flips import flipped_bits
 from tests.wrapped import pulses
 
 LINES = 12  # of the journal, from where on it is spoiled: five images are saved by then
@@ -115,18 +117,7 @@ def test_no_mutation_of_several_bits_is_silent(folder: Path, mutations: int) -> 
     rng = np.random.default_rng(3)
     silent = []
     for number in range(mutations):
-        chosen = [files[n] for n in rng.integers(len(files), size=rng.integers(1, 3))]
-        kept = {file: file.read_bytes() for file in chosen}
-        for file, data in kept.items():
-            changed = bytearray(data)
-            for at in rng.integers(len(changed), size=rng.integers(1, 6)) if changed else ():
-                changed[at] ^= 1 << rng.integers(8)
-            file.write_bytes(changed)
-        try:
+        with flipped_bits(files, rng) as chosen, suppress(ClditError):
             if open_acquisition(folder).damage == () and read() != before:
                 silent.append((number, [file.name for file in chosen]))
-        except ClditError:
-            pass
-        for file, data in kept.items():
-            file.write_bytes(data)
     assert silent == [] and read() == before

@@ -6,6 +6,7 @@ import json
 import shutil
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from cldit.io.digests import UNVERIFIED
 from cldit.io.exclusive import exclusive
 from cldit.io.images import write_image
 from cldit.run.folder import open_run, stored_run
+from tests.bit_flips import flipped_bits
 
 WRITTEN = Path(__file__).parents[2] / "data" / "run-0.1.0"
 
@@ -163,18 +165,7 @@ def test_no_mutation_of_several_bits_is_silent(
     rng = np.random.default_rng(7)
     silent = []
     for number in range(mutations):
-        chosen = [files[n] for n in rng.integers(len(files), size=rng.integers(1, 3))]
-        kept = {file: file.read_bytes() for file in chosen}
-        for file, data in kept.items():
-            changed = bytearray(data)
-            for at in rng.integers(len(changed), size=rng.integers(1, 6)):
-                changed[at] ^= 1 << rng.integers(8)
-            file.write_bytes(changed)
-        try:
+        with flipped_bits(files, rng) as chosen, suppress(RunFolderError):
             if _differs(before, open_run(target)):
                 silent.append((number, [str(file) for file in chosen]))
-        except RunFolderError:
-            pass
-        for file, data in kept.items():
-            file.write_bytes(data)
     assert silent == [] and not _differs(before, open_run(target))
