@@ -65,7 +65,7 @@ class RayFields:
         return np.asarray(self.read_planes(buffer, 1, first=plane)[0])
 
     def read_planes(self, buffer: Any, planes: int, *, first: int = 0) -> Floats:
-        """So many planes of a buffer, from `first` on, as an array (planes, A, P, R)."""
+        """Planes of a buffer from `first` on, as an array (planes, A, P, R)."""
         out = np.empty((planes, self.cells), self.real)
         download(self.device, buffer, out, first=first * self.cells)
         rows = out[:, _GUARD:-_GUARD].reshape(planes, *self.grid.shape[:2], self.stride)
