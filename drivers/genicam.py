@@ -2,7 +2,7 @@
 
 import time
 
-from cldit.rig.errors import ConfigRejected, RigError
+from cldit.rig.errors import ConfigRejected, OddAnswer, RigError
 
 from .genicam_client import TIMESTAMP, TIMESTAMP_CONTROL, Client, nanoseconds_a_tick
 
@@ -61,7 +61,14 @@ class Features:
         return columns, self.integer(self.named("SensorHeight", "HeightMax"))
 
     def exposure_s(self) -> float:
-        return 1e-6 * self.client.get_float(self._exposure)
+        """Exposure that the camera reads back; raises OddAnswer for one beyond its limits."""
+        seconds = 1e-6 * self.client.get_float(self._exposure)
+        low_s, high_s = self.exposure_limits_s()
+        if not 0.0 < seconds or not 0.9 * low_s <= seconds <= 1.1 * high_s:  # limits are rounded
+            raise OddAnswer(
+                f"camera: reads back an exposure of {seconds:g} s, expected {low_s:g} to {high_s:g}"
+            )
+        return seconds
 
     def expose(self, seconds: float) -> None:
         """Sets the exposure, which `exposure_s` reads back."""

@@ -18,6 +18,7 @@ from cldit.gpu.device import Device, open_device
 from cldit.optics.planck import band_radiance
 from cldit.optics.response import scene_filter
 from cldit.radiance.weights import Weights
+from cldit.rig import locks
 from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.scene.delays import delay_folder
@@ -34,6 +35,13 @@ def one_camera_at_a_time(request: pytest.FixtureRequest) -> Iterator[None]:
         if request.node.get_closest_marker("gige"):
             stack.enter_context(FileLock(Path(tempfile.gettempdir(), "cldit-tests-gige.lock")))
         yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def instruments_are_freed() -> Iterator[None]:
+    """A test that leaves an instrument locked would keep another process from a reused address."""
+    yield
+    assert not locks._HELD, f"not closed: {', '.join(locks._HELD)}"
 
 
 @pytest.fixture(scope="session")

@@ -107,7 +107,7 @@ def _worst(
     found: list[tuple[float, str]] = []
     for image in relative:
         most = float(image.max())
-        y, x = np.nonzero(image > 0.5 * most)
+        y, x = np.nonzero(image >= 0.5 * most)
         where = (
             f" in rows {rows[y.min()]} to {rows[y.max() + 1] - 1}, columns {columns[x.min()]} to "
             f"{columns[x.max() + 1] - 1}"

@@ -1,8 +1,8 @@
 """Locks of instruments, by address, for all processes and users of this machine.
 
 A lock is held on a file that the system frees when its process ends, however it ends; the file has
-who holds it, and since when. Its folder is the same for every user and every environment: one in
-which all may make files, and nobody removes those of others. Within a process every device may use
+who holds it, and since when, and is removed when it is freed. Its folder is the same for every user
+and every environment: one in which all may make files, and nobody removes those of others. Within a process every device may use
 an instrument that it holds.
 """
 
@@ -76,6 +76,8 @@ def free(address: str, user: object) -> None:
         held.users.discard(id(user))
         if not held.users:
             del _HELD[address]
+            with suppress(OSError):  # another user's
+                lock_file(address).unlink()
             os.close(held.handle)
 
 

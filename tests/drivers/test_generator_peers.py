@@ -169,6 +169,7 @@ def test_pulse_generator_refusals() -> None:
         wrong = load_driver("pulse_generator")({"series": "bnc-575", **line}, CONTEXT)
         with pytest.raises(ConfigRejected, match=r"rejects :PULSE0:STAT 0 \(\?3\)"):
             wrong.connect(1.0)
+        wrong.close()
     with PulseGeneratorPeer() as peer:
         peer.values |= {"PULSE0:STAT": 1.0, "PULSE0:TRIG:MOD": "TRIG", "PULSE2:STAT": 1.0}
         line = {"host": peer.host, "port": peer.port}

@@ -263,6 +263,7 @@ def test_an_echo_is_named() -> None:
         peer.replies.spoil(Fault.FOREIGN, peer.replies.sent + 1, last=10**9)
         with pytest.raises(NotConnected, match=r"no whole answer of unit 1: 01 03"):
             body.connect()
+        body.close()
 
 
 @pytest.mark.parametrize("unit", ["celsius", "fahrenheit", "kelvin"])
@@ -283,6 +284,8 @@ def test_the_unit_is_read_from_the_controller(unit: Unit) -> None:
         if unit != "celsius":
             with pytest.raises(ConfigRejected, match=rf"unit is {unit} .*allowed: celsius"):
                 stated.connect()
+            stated.close()
+        after_a_crash.close()
 
 
 def test_a_unit_that_no_register_gives_is_stated() -> None:

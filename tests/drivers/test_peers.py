@@ -86,6 +86,7 @@ def test_modbus_writes_a_setpoint_once() -> None:
         device.close()
         with pytest.raises(NotConnected, match="does not answer"):
             device.connect(0.5)
+        device.close()
 
 
 # Camera
@@ -217,3 +218,4 @@ def test_camera_unplugged(client: str) -> None:
         camera.close()
         with pytest.raises(NotConnected, match="check its power"):
             camera.connect(0.5)
+        camera.close()
