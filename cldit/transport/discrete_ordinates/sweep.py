@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
@@ -22,6 +23,7 @@ from cldit.transport.discrete_ordinates.cell_packets import CellPackets
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gradients import Gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
+from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
 from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
@@ -111,7 +113,6 @@ class Sweeper:
         self._i_minus_s, self._listed = self.room(1)
         most = max(packets.cells for packets in self.packets.values())
         self._source = unset(device, "source", self._planes * most, real)
-        self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
@@ -125,7 +126,7 @@ class Sweeper:
         self._edge = 1 if self._vector == 1 else self._tile_edge()
         self._rays = zeros(device, "rays", self._together * each, real)
         self.albedo = cells.albedo
-        self.opacity = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
+        self.opacity: NDArray[Any] = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
@@ -141,10 +142,15 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
-        self.one_minus_lambda = (cells.coalbedo + cells.albedo * escapes).astype(real)
+        self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
         self._cells = ScatteringCells.of(
-            device, iterate, components=self.components, count=self.count, real=real
+            device,
+            iterate,
+            components=self.components,
+            planes=self._planes,
+            count=self.count,
+            real=real,
         )
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
@@ -156,23 +162,30 @@ class Sweeper:
         return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
     def set_source(
-        self, listed: NDArray[Any], *, shining: bool, gradient: NDArray[Any] | None = None
+        self,
+        listed: NDArray[Any] | None,
+        *,
+        shining: bool,
+        gradient: NDArray[Any] | None = None,
     ) -> None:
-        """Sets the source of the scattering cells; every sweep reads `listed` again.
+        """Sets the source of the scattering cells for every sweep that follows.
 
         Args:
-            listed: (C, N), with MOMENT_SOURCE (9 C, N).
+            listed: (C, N), with MOMENT_SOURCE (9 C, N); None: a kernel has put it into the list.
             shining: all other cells have their thermal source; else they are black.
             gradient: (3, C, K) of the isotropic part in `linear_cells`, unless neighbours give it.
         """
-        self._given, self._shining = listed, shining
-        orders = self._order.values()
+        self._shining = shining
+        if listed is not None:
+            source = np.ascontiguousarray(listed, self.real)
+            cl.enqueue_copy(self.device.queue, self._cells.source, source)
         if gradient is not None:
-            for order in orders:
-                planes = gradient.reshape(-1, len(self.linear_cells))
-                self._cells.put(planes, order.gradient, order.gradient_place)
+            planes = gradient.reshape(-1, len(self.linear_cells)).astype(self.real)
+            given = upload(self.device, "spatial gradient", planes)
+            for order in self._order.values():
+                place, (many, count) = order.gradient_place, planes.shape
+                self._cells.put_list(given, order.gradient, place, planes=many, count=count)
         if self._neighbours:
-            self._cells.take(listed[: self.components])
             straight, turned = self._order[False], self._order[True]
             self._cells.run(
                 "set_gradients",
@@ -187,19 +200,17 @@ class Sweeper:
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
         """Puts the source into the box in one order of packets; `cavity`: all others emit 1."""
-        count, emitters = order.packets.cells, self.components - self.boundaries
-        thermal = order.thermal
-        if cavity and emitters:
-            ones = np.zeros((emitters, count), self.real)
-            ones[0] = 1.0
-            thermal = upload(self.device, "thermal sources", ones)
-        clear(self.device, self._source, self._planes * count, self.real)
-        if emitters and self._shining:
-            packets = {"packets": len(order.packets)}
+        clear(self.device, self._source, self._planes * order.packets.cells, self.real)
+        if self.components > self.boundaries and self._shining:
             self._cells.run(
-                "emit", packets, source=self._source, thermal=thermal, planes=self._planes
+                "emit",
+                {"packets": len(order.packets)},
+                source=self._source,
+                thermal=order.thermal,
+                cavity=int(cavity),
+                planes=self._planes,
             )
-        self._cells.put(self._given, self._source, order.place)
+        self._cells.put(self._source, order.place, planes=self._planes)
 
     def room(self, moments: int) -> tuple[Any, ...]:
         """Buffers for so many angular moments of I - S, in the box and in the list.
@@ -213,13 +224,13 @@ class Sweeper:
             unset(self.device, "list", planes * self.count, self.real),
         )
 
-    def _answer(self, kernel: str, *, collected: Any = None, **arguments: Any) -> NDArray[Any]:
+    def _answer(self, kernel: str, **arguments: Any) -> NDArray[Any]:
         """Result (C, N) of a kernel of source_update.cl on the source and I - S of the list."""
         self._cells.run(
             kernel,
             {"count": self.count},
             out=self._out,
-            i_minus_s=self._listed if collected is None else collected,
+            i_minus_s=self._listed,
             listed=self._cells.source,
             **arguments,
         )
@@ -433,20 +444,28 @@ class Sweeper:
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
         return mean, self.real(_PER_MOMENT) * share * gradient
 
-    def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
-        """Preconditioned residual (C, N) after a sweep of the present source.
+    def krylov(self) -> KrylovSpace:
+        """Empty Krylov space of the scattering cells, which sets the source."""
+        return KrylovSpace(self._cells, self.opacity)
 
-        With `shining` the emission counts. `listed` is the list of `room` with D; None: the
-        sweeper's own.
+    def residual(self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None) -> None:
+        """Writes the preconditioned residual after a sweep of the present source to `out`.
+
+        With `shining` the emission counts. `out` is a vector of `space`; `listed` is the list of
+        `room` with D; None: the sweeper's own.
         """
-        return self._answer(
+        self._cells.run(
             "residual",
-            collected=listed,
+            {"count": self.count},
+            out=out,
+            i_minus_s=self._listed if listed is None else listed,
+            listed=self._cells.source,
             emission=self._emission,
             albedo=self._albedo,
             coalbedo=self._coalbedo,
             one_minus_lambda=self._one_minus_lambda,
             shine=float(shining),
+            stride=space.stride,
         )
 
     def next_order(self) -> NDArray[Any]:
