@@ -34,7 +34,8 @@ class Solution:
     source: (C, N), in the unit of `OpticalCells.emitted`.
     iterations: sets of sweeps along all ordinates.
     error: RMS error of the source, from the smallest singular value in GMRES; 0 at a fixed order.
-    residual: (C, N) preconditioned residual, about the error of the source.
+    residual: (C, N) preconditioned residual after a defect correction, about the error of the
+        source.
     """
 
     source: Array
@@ -86,7 +87,6 @@ def gmres(
             GMRES's own residual.
     """
     space, source = sweeper.krylov(), guess
-    space.start_from(guess)
     iterations, inverse_norm, before = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
@@ -104,10 +104,10 @@ def gmres(
         before = now
         cycle = _krylov(sweeper, space, rms, rays, tolerance)
         iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
-        now, source = _worst(cycle.rms), space.read(space.onto)
+        now, source = _worst(cycle.rms), guess + space.read(space.onto)
         if not confirmed and now * inverse_norm <= tolerance:
             break
-    return Solution(source, iterations, now * inverse_norm, space.read(space.left))
+    return Solution(source, iterations, now * inverse_norm)
 
 
 def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:

@@ -23,7 +23,7 @@ _PASSES = 2  # of Gram-Schmidt: the second removes the rounding of the first
 class KrylovSpace:
     """Vectors (C, N) on the device, and the sums from which they follow.
 
-    left: residual that is left. onto: the sum to which corrections are added. image: the vector
+    left: residual that is left. onto: sum of all corrections. image: the vector
     that is orthogonalised next. A component of each has `stride` numbers, whole packets.
     """
 
@@ -33,17 +33,12 @@ class KrylovSpace:
         self.stride = -(-cells.count // PACKET) * PACKET
         self._size = cells.components * self.stride
         self.left, self.onto, self.image = (self._unused(1) for _ in range(3))
-        self._opacity = self._upload(opacity[None])
+        padded = np.pad(opacity, (0, self.stride - cells.count)).astype(cells.real)
+        self._opacity = upload(cells.device, "opacity", padded)
         self._resize(_ROOM)
 
     def _unused(self, vectors: int) -> Any:
         return zeros(self._cells.device, "vectors", vectors * self._size, self._cells.real)
-
-    def _upload(self, values: Reals) -> Any:
-        """Buffer of (K, N) numbers with `stride` for each of K."""
-        padded = np.zeros((len(values), self.stride), self._cells.real)
-        padded[:, : self._cells.count] = values
-        return upload(self._cells.device, "vectors", padded)
 
     def _resize(self, vectors: int) -> None:
         kept = getattr(self, "_vectors", None)
@@ -64,10 +59,6 @@ class KrylovSpace:
     def _read_sums(self, blocks: int) -> Reals:
         out = np.empty((blocks, self._cells.components, SLICES), self._cells.real)
         return download(self._cells.device, self._sums, out)
-
-    def start_from(self, values: Reals) -> None:
-        """Sets the sum to which corrections are added to `values` (C, N)."""
-        self.onto = self._upload(values)
 
     def read(self, vector: Any) -> Reals:
         """Downloads a vector (C, N)."""
