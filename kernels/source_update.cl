@@ -8,7 +8,6 @@
 #include "real.h"
 #include "components.h"
 #include "cell_packets.h"
-#include "simd.h"
 
 /* Puts the emission, [emitter][cell], into a box's source of so many planes a cell. `cavity`: the first
    emitter is 1, the others are 0. */
@@ -61,14 +60,14 @@ __kernel void set_gradients(
 
 /* Collects D = sum w (I - S) q of the listed cells from one box; `more`: adds to what is there. */
 __kernel void collect_i_minus_s(
-    __global real *out, __global const real *box, __global const int *place, const int more,
+    __global real *out, __global const sum_t *box, __global const int *place, const int more,
     const int planes, const int count)
 {
     const int i = get_global_id(0);
     const int c = get_global_id(1);
     if (i >= count) return;
     const real before = out[c * count + i];
-    out[c * count + i] = (more ? before : R(0)) + box[first_plane(place[i], planes) + c * PACKET];
+    out[c * count + i] = (more ? before : R(0)) + SUM_OF(box[first_plane(place[i], planes) + c * PACKET]);
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
@@ -91,6 +90,22 @@ __kernel void residual(
     }
 }
 
+/* Moments of the radiance, in place, from those of I - S summed with weights whose total is `weight`:
+   the mean gets the source back, and the others lose their `offsets`, those of an isotropic radiance. */
+__kernel void radiance_moments(
+    __global real *moments, __global const real *listed, __global const real *offsets,
+    const real weight, const int number, const int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count) return;
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
+        __global real *own = moments + c * count + i;
+        const real mean = own[0];
+        for (int m = 1; m < number; ++m) own[m * COMPONENTS * count] -= offsets[m - 1] * mean;
+        own[0] = mean + weight * listed[c * count + i];
+    }
+}
+
 /* S = a (S + D) + E: one order of scattering (Lambda iteration). */
 __kernel void next_order(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
@@ -107,12 +122,12 @@ __kernel void next_order(
 /* Mean radiance S + D / (sum of weights); the weights are the camera's. */
 __kernel void weighted_mean(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
-    __global const real *shares, __global const real *shares_turned,
+    __global const sum_t *shares, __global const sum_t *shares_turned,
     __global const int *place, __global const int *turned, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const real share = shares[place[i]] + shares_turned[turned[i]];
+    const real share = SUM_OF(shares[place[i]]) + SUM_OF(shares_turned[turned[i]]);
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
         out[k] = listed[k] + (share > R(0) ? i_minus_s[k] / share : R(0));

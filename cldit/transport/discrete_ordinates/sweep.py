@@ -36,6 +36,7 @@ _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 _TOGETHER = 32  # ordinates of a schedule; more would need more memory for rays
 _EDGE = 16  # largest number of rows and layers of a tile, for the cache of a CPU core
 _TILES = 4  # smallest mean number for each core in a launch
+_GROUP = 32  # rays of a row that a group of work-items follows
 
 
 class Sweeper:
@@ -83,13 +84,14 @@ class Sweeper:
         self.components = len(cells.needs.components)
         self.boundaries = cells.needs.boundaries
         self._sweep = sweep
-        self._vector = int(sweep.defines["SIMD_WIDTH"])
+        self._by_ray = sweep.defines["SIMD_WIDTH"] == 1
         self._planes = self.components * (MOMENTS if "MOMENT_SOURCE" in sweep.defines else 1)
         linear = "LINEAR_SOURCE" in sweep.defines
         self.linear_cells = np.flatnonzero(
             np.full(self.count, linear) if linear_cells is None else linear_cells
         )
         self.real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
+        self.sum_type: type[np.generic] = np.int64 if self._by_ray else self.real
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
         self._patches: dict[str, Any] = {}
@@ -107,6 +109,7 @@ class Sweeper:
                 real,
                 turned=turned,
                 linear_cells=self.linear_cells,
+                by_ray=self._by_ray,
             )
             for turned, packets in self.packets.items()
         }
@@ -117,14 +120,16 @@ class Sweeper:
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
         self.ray_planes = self.components + excesses
-        each = max(
-            layout.ray_rows * self.ray_planes * layout.slots
-            for layout in axis_orders(self.box.shape).values()
-        )
-        fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
-        self._together = max(1, min(_TOGETHER, fit))
-        self._edge = 1 if self._vector == 1 else self._tile_edge()
-        self._rays = zeros(device, "rays", self._together * each, real)
+        self._together, self._edge = device.info.largest_buffer_bytes, max(self.box.shape)
+        self._rays: dict[str, Any] = {}
+        if not self._by_ray:
+            each = max(
+                layout.ray_rows * self.ray_planes * layout.slots
+                for layout in axis_orders(self.box.shape).values()
+            )
+            fit = self._together // (each * np.dtype(real).itemsize)
+            self._together, self._edge = max(1, min(_TOGETHER, fit)), self._tile_edge()
+            self._rays = {"rays": zeros(device, "rays", self._together * each, real)}
         self.albedo = cells.albedo
         self.opacity: NDArray[Any] = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
@@ -220,7 +225,7 @@ class Sweeper:
         planes = moments * self.components
         most = max(packets.cells for packets in self.packets.values())
         return (
-            unset(self.device, "I - S", planes * most, self.real),
+            unset(self.device, "I - S", planes * most, self.sum_type),
             unset(self.device, "list", planes * self.count, self.real),
         )
 
@@ -247,7 +252,7 @@ class Sweeper:
             directions,
             starts,
             together=self._together,
-            edge=self._edge,
+            edge=None if self._by_ray else self._edge,
             real=self.real,
         )
 
@@ -287,13 +292,18 @@ class Sweeper:
         gradient = self._sweep_all(
             program, rays, True, i_minus_s, listed, many, interfaces=interfaces
         )
-        download(self.device, listed, out[: many // self.components])
         weight = rays.directions.weight
-        if many > self.components:
-            of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-            for moment, offset in zip(out[1:], of_isotropic, strict=True):
-                moment -= self.real(offset) * out[0]
-        out[0] += self.real(weight.sum()) * self._cells.read(self._cells.source)
+        of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
+        self._cells.run(
+            "radiance_moments",
+            {"count": self.count},
+            moments=listed,
+            listed=self._cells.source,
+            offsets=upload(self.device, "moments", of_isotropic.astype(self.real)),
+            weight=float(weight.sum()),
+            number=many // self.components,
+        )
+        download(self.device, listed, out[: many // self.components])
         return None if gradient is None else gradient * self.real(_PER_MOMENT / weight.sum())
 
     def _sweep_all(
@@ -318,11 +328,11 @@ class Sweeper:
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
-            clear(self.device, i_minus_s, planes * order.packets.cells, self.real)
+            clear(self.device, i_minus_s, planes * order.packets.cells, self.sum_type)
             if spatial:
-                clear(self.device, spatial[0], 3 * order.linear_size, self.real)
+                clear(self.device, spatial[0], 3 * order.linear_size, self.sum_type)
             if camera is not None:
-                clear(self.device, camera.shares[turned], order.packets.cells, self.real)
+                clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
             linear: dict[str, Any] = {}
             if "LINEAR_SOURCE" in program.defines:
                 linear["gradient"] = order.gradient
@@ -351,44 +361,51 @@ class Sweeper:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
         most = 3 * max(order.linear_size for order in self._order.values())
         listed = 3 * self.components * len(self.linear_cells)
-        real = self.real
-        return unset(self.device, "I - S", most, real), unset(self.device, "list", listed, real)
+        return (
+            unset(self.device, "I - S", most, self.sum_type),
+            unset(self.device, "list", listed, self.real),
+        )
 
     def _launch(
         self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
     ) -> None:
-        """Launches the kernel tile by tile; `arguments` are added to those of box and boundary."""
+        """Launches the kernel for all rays at once, or tile by tile.
+
+        `arguments` are added to those of box and boundary.
+        """
         layout = schedule.layout
         order = self._order[layout.turned]
         nu, nv, nl = (int(count) for count in layout.size)
-        lanes = 1
-        if self._vector == 1:
-            lanes = min(order.packets.widest, program.largest_group("sweep"))
+        shared = {
+            "slots": int(layout.slots),
+            "packets": order.rows,
+            "begins": order.begins,
+            "depth": order.depth,
+            "source": self._source,
+            "layout": int(layout.number),
+            "nu": nu,
+            "nv": nv,
+            "nl": nl,
+            "stride_v": int(layout.stride_v),
+            "stride_l": int(layout.stride_l),
+            "inflow": float(shining),
+            "disc": self._disc.astype(self.real),
+            **self._patches,
+            **arguments,
+        }
+        if self._by_ray:
+            size = (int(layout.slots), int(layout.ray_rows), len(schedule))
+            group = min(_GROUP, program.largest_group("sweep"))
+            shared["places"] = order.packets.number.shape[1]
+            program.launch("sweep", size, (group, 1, 1), shared)
+            return
         program.launch_each(
             "sweep",
-            [lanes * int(end - first) for first, end in schedule.launches],
-            lanes,
+            [int(end - first) for first, end in schedule.launches],
+            1,
             "first_tile",
             [int(first) for first, _ in schedule.launches],
-            {
-                "rays": self._rays,
-                "slots": int(layout.slots),
-                "ray_rows": int(layout.ray_rows),
-                "packets": order.first,
-                "begins": order.begins,
-                "depth": order.depth,
-                "source": self._source,
-                "layout": int(layout.number),
-                "nu": nu,
-                "nv": nv,
-                "nl": nl,
-                "stride_v": int(layout.stride_v),
-                "stride_l": int(layout.stride_l),
-                "inflow": float(shining),
-                "disc": self._disc.astype(self.real),
-                **self._patches,
-                **arguments,
-            },
+            {**self._rays, "ray_rows": int(layout.ray_rows), **shared},
         )
 
     def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
