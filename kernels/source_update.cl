@@ -90,22 +90,6 @@ __kernel void residual(
     }
 }
 
-/* Moments of the radiance, in place, from those of I - S summed with weights whose total is `weight`:
-   the mean gets the source back, and the others lose their `offsets`, those of an isotropic radiance. */
-__kernel void radiance_moments(
-    __global real *moments, __global const real *listed, __global const real *offsets,
-    const real weight, const int number, const int count)
-{
-    const int i = get_global_id(0);
-    if (i >= count) return;
-    UNROLL for (int c = 0; c < COMPONENTS; ++c) {
-        __global real *own = moments + c * count + i;
-        const real mean = own[0];
-        for (int m = 1; m < number; ++m) own[m * COMPONENTS * count] -= offsets[m - 1] * mean;
-        own[0] = mean + weight * listed[c * count + i];
-    }
-}
-
 /* S = a (S + D) + E: one order of scattering (Lambda iteration). */
 __kernel void next_order(
     __global real *out, __global const real *i_minus_s, __global const real *listed,

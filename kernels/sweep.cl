@@ -225,7 +225,7 @@ INLINE void enter(
 {
     const real3 p = middle_of(u, v, l, in->layout);
     const int seen = seen_from(p, beam->back, boundary);
-    for (int c = 0; c < COMPONENTS; ++c) ray[c * stride] = c == seen ? in->inflow : R(0);
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) ray[c * stride] = c == seen ? in->inflow : R(0);
 #ifdef BLURRED_BOUNDARY
     const real4 to_column = in->blurred_frames[2 * beam->number];
     const real4 to_row = in->blurred_frames[2 * beam->number + 1];

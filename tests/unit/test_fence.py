@@ -33,7 +33,7 @@ BUDGETS: dict[str, int] = {
     "drivers": 3742,
     "gpu": 1132,
     "io": 1865,
-    "kernels": 5544,
+    "kernels": 5528,
     "medium": 1843,
     "optics": 3294,
     "prepare": 1009,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6241,
     "study": 3184,
     "testing": 1328,
-    "transport": 7303,
+    "transport": 7299,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

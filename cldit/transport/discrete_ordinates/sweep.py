@@ -116,6 +116,7 @@ class Sweeper:
         self._i_minus_s, self._listed = self.room(1)
         most = max(packets.cells for packets in self.packets.values())
         self._source = unset(device, "source", self._planes * most, real)
+        self._given: NDArray[Any] = np.zeros((self._planes, self.count), real)
         self._shining = False
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
@@ -182,8 +183,8 @@ class Sweeper:
         """
         self._shining = shining
         if listed is not None:
-            source = np.ascontiguousarray(listed, self.real)
-            cl.enqueue_copy(self.device.queue, self._cells.source, source)
+            self._given = np.ascontiguousarray(listed, self.real)
+            cl.enqueue_copy(self.device.queue, self._cells.source, self._given)
         if gradient is not None:
             planes = gradient.reshape(-1, len(self.linear_cells)).astype(self.real)
             given = upload(self.device, "spatial gradient", planes)
@@ -292,18 +293,13 @@ class Sweeper:
         gradient = self._sweep_all(
             program, rays, True, i_minus_s, listed, many, interfaces=interfaces
         )
-        weight = rays.directions.weight
-        of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
-        self._cells.run(
-            "radiance_moments",
-            {"count": self.count},
-            moments=listed,
-            listed=self._cells.source,
-            offsets=upload(self.device, "moments", of_isotropic.astype(self.real)),
-            weight=float(weight.sum()),
-            number=many // self.components,
-        )
         download(self.device, listed, out[: many // self.components])
+        weight = rays.directions.weight
+        if many > self.components:
+            of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
+            for moment, offset in zip(out[1:], of_isotropic, strict=True):
+                moment -= self.real(offset) * out[0]
+        out[0] += self.real(weight.sum()) * self._given[: self.components]
         return None if gradient is None else gradient * self.real(_PER_MOMENT / weight.sum())
 
     def _sweep_all(
