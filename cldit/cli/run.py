@@ -1,14 +1,12 @@
 """`cldit run`: simulate a scene, record it with a simulated rig, evaluate."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cldit.accuracy.errors import Errors
 from cldit.acquisition.progress import Progress
-from cldit.api.experiment import run_experiment
-from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import (
     OUT,
@@ -49,9 +47,10 @@ from cldit.scene.change import parse_change
 from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
 from cldit.scene.load import short_changes
 from cldit.scene.scatter import members_of
-from cldit.show.figures.film import mp4_possible
 from cldit.show.figures.readable import human_figures
-from cldit.show.report.run_report import write_figures
+
+if TYPE_CHECKING:
+    from cldit.api.series import Series
 
 _ABOVE = 1 / 12  # of a field's height is above the nozzle
 
@@ -180,7 +179,10 @@ def run(
             if times is not None:
                 raise SceneError("--workers, --scheduler: allowed without --times")
             _side_by_side(chosen, folder, bar, opened, workers, scheduler)
+        # The rig, the evaluation and figures take seconds to import.
         if times is not None:
+            from cldit.api.series import run_series
+
             series = run_series(
                 chosen,
                 folder,
@@ -194,10 +196,14 @@ def run(
         elif trace_only:
             result = simulate(chosen, folder, device=opened, progress=bar.say, watch=bar.count)
         else:
+            from cldit.api.experiment import run_experiment
+
             result = run_experiment(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
         if times is None and suffix is not None and not (suffix == ".png" and result.measured):
+            from cldit.show.report.run_report import write_figures
+
             write_figures(result, suffix=suffix)
     if times is not None:
         return _series_outcome(series)
@@ -348,8 +354,10 @@ _OF_TIME = (
 )
 
 
-def _series_outcome(series: Series) -> Outcome:
+def _series_outcome(series: "Series") -> Outcome:
     """Prints a line for each time, the files, and the times that failed, which set the status."""
+    from cldit.show.figures.film import mp4_possible
+
     rows = []
     for each in series.times:
         row = [_number(each.spray.get(name), factor) for name, _, factor in _OF_TIME]

@@ -20,20 +20,20 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3747,
+    "accuracy": 3750,
     "acquisition": 5401,
     "api": 1093,
     "bench": 589,
     "camera": 534,
     "cfd": 9283,
     "cldit": 179,
-    "cli": 2657,
+    "cli": 2665,
     "comparison": 2295,
     "dit": 6478,
     "drivers": 3742,
     "gpu": 1132,
     "io": 1865,
-    "kernels": 5223,
+    "kernels": 5248,
     "medium": 1843,
     "optics": 3294,
     "prepare": 1009,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6241,
     "study": 3184,
     "testing": 1328,
-    "transport": 7145,
+    "transport": 7141,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
@@ -160,7 +160,7 @@ def test_no_folder_is_crowded() -> None:
 
 
 CROWDED: dict[str, int] = {
-    "kernels": 28
+    "kernels": 29
 }  # folders that still hold more files, as many as they hold
 
 

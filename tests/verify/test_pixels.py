@@ -85,7 +85,7 @@ def test_shares_of_the_boundary(device: Device, rays: int) -> None:
     """Of a vessel without a medium they are its picture, up to rays that touch the rim."""
     run = vessel(device, rays)
     cells = OpticalCells.of(build_octree(CUBE, None, [], optical_depth_split=1.0))
-    view = View.of(run.scene, cells)
+    view = View.of(run.scene, cells, device)
     shares = view.boundary_shares(np.arange(PIXELS**2), int(rays**0.5))
     np.testing.assert_allclose(shares.sum(axis=0), 1.0)
     for share, seen in zip(shares, (run.weights.background, run.weights.wall), strict=True):
