@@ -1,5 +1,7 @@
 """`cldit run`: simulate a scene, record it with a simulated rig, evaluate."""
 
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +39,7 @@ from cldit.cli.results import (
     print_reach,
 )
 from cldit.errors import SceneError
-from cldit.gpu.device import Device, open_device
+from cldit.gpu.device import open_device
 from cldit.io.extras import install_line
 from cldit.run import Run, simulate
 from cldit.run.folder import SCENE_FILE, free_folder
@@ -115,9 +117,9 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
 @click.option(
     "--workers",
     type=click.IntRange(1, 1024),
-    help="Processes that trace injections side by side; default: one after the other.",
+    help="Processes that trace injections or times side by side; default: one after the other.",
 )
-@click.option("--scheduler", help="Address of a dask scheduler for the injections.")
+@click.option("--scheduler", help="Address of a dask scheduler for the injections or times.")
 @click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @figures_option
@@ -175,10 +177,10 @@ def run(
     if verbose:
         OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
     with ProgressBar(stages=verbose) as bar:
-        if workers is not None or scheduler is not None:
-            if times is not None:
-                raise SceneError("--workers, --scheduler: allowed without --times")
-            _side_by_side(chosen, folder, bar, opened, workers, scheduler)
+        shared = {"workers": workers, "scheduler": scheduler, "device": opened}
+        aside = workers is not None or scheduler is not None
+        if aside and times is None:
+            _members_aside(chosen, folder, bar, shared)
         # The rig, the evaluation and figures take seconds to import.
         if times is not None:
             from cldit.api.series import run_series
@@ -192,6 +194,7 @@ def run(
                 progress=bar.say,
                 watch=bar.watch,
                 suffix=suffix or ".png",
+                ahead=partial(_times_aside, bar, shared) if aside else None,
             )
         elif trace_only:
             result = simulate(chosen, folder, device=opened, progress=bar.say, watch=bar.count)
@@ -213,33 +216,30 @@ def run(
     return Outcome(_data(result))
 
 
-def _side_by_side(
-    scene: Scene,
-    folder: Path,
-    bar: ProgressBar,
-    device: Device,
-    workers: int | None,
-    scheduler: str | None,
-) -> None:
+def _times_aside(bar: ProgressBar, shared: dict[str, Any], scenes: Mapping[Path, Scene]) -> None:
+    """Traces the times of a series before the run finds them."""
+    from cldit.study.side_by_side import trace_scenes
+
+    trace_scenes(scenes, progress=bar.say, watch=partial(_count, bar, "times"), **shared)
+
+
+def _count(bar: ProgressBar, what: str, at: Any) -> None:
+    bar.watch(Progress(what, at.done, at.total, at.remaining_s))
+
+
+def _members_aside(scene: Scene, folder: Path, bar: ProgressBar, shared: dict[str, Any]) -> None:
     """Traces the injections of a scene, and of its delays, before the run finds them."""
     from cldit.study.side_by_side import trace_members  # brings the extra `studies`
 
     if members_of(scene) == 1:
-        raise SceneError("--workers, --scheduler: one injection; allowed: with --ensemble N")
+        raise SceneError("--workers, --scheduler: one trace; allowed: with --ensemble N or --times")
     places = {folder: scene}
     for delay_s in scene.plan.delays_s:
         if not same_time(spray_time_s(scene), delay_s):
             places[folder / delay_folder(delay_s)] = alone(scene_at(scene, delay_s))
     for place, one in places.items():
-        trace_members(
-            one,
-            place,
-            workers=workers,
-            scheduler=scheduler,
-            device=device,
-            progress=bar.say,
-            watch=lambda at: bar.watch(Progress("injections", at.done, at.total, at.remaining_s)),
-        )
+        watch = partial(_count, bar, "injections")
+        trace_members(one, place, progress=bar.say, watch=watch, **shared)
 
 
 def _data(result: Run) -> dict[str, Any]:

@@ -22,7 +22,7 @@ LARGEST_FOLDER = 26  # source files
 BUDGETS: dict[str, int] = {
     "accuracy": 3750,
     "acquisition": 5401,
-    "api": 1093,
+    "api": 1100,
     "bench": 589,
     "camera": 534,
     "cfd": 9283,
@@ -43,7 +43,7 @@ BUDGETS: dict[str, int] = {
     "scene": 2103,
     "show": 6598,
     "spray": 6241,
-    "study": 3184,
+    "study": 3271,
     "testing": 1328,
     "transport": 7141,
 }

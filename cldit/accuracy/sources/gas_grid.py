@@ -39,8 +39,8 @@ _FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
 _FIRST_ORDER = 0.5  # ratio of displacements
-# Between first order, of fronts, and second, of smooth gas. In 21 rows of
-# docs/benchmarks/error-sources.md stated / true is 0.70 to 2.04; with 0.5 it was 0.94 to 2.5.
+# Between first order, of fronts, and second, of smooth gas. In 27 rows of
+# docs/benchmarks/error-sources.md stated / true is 0.70 to 2.4; with 0.5 it was 0.94 to 3.1.
 _FASTEST = 0.375
 _SLOWEST = 0.75  # displacements that fall by less need not converge
 _HEAD = "vapour_penetration_m"  # of the figures of a spray
