@@ -31,7 +31,7 @@ BUDGETS: dict[str, int] = {
     "comparison": 2295,
     "dit": 6478,
     "drivers": 3742,
-    "gpu": 1132,
+    "gpu": 1133,
     "io": 1865,
     "kernels": 5303,
     "medium": 1901,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6241,
     "study": 3271,
     "testing": 1328,
-    "transport": 7141,
+    "transport": 7163,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

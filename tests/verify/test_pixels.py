@@ -25,6 +25,7 @@ from cldit.medium.octree import build_octree
 from cldit.run import Run
 from cldit.scene import load_scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.image import Rays
 from cldit.transport.trace import trace
 from cldit.transport.view import View
 from tests.bench.case import Case
@@ -91,6 +92,19 @@ def test_shares_of_the_boundary(device: Device, rays: int) -> None:
     for share, seen in zip(shares, (run.weights.background, run.weights.wall), strict=True):
         assert np.count_nonzero(np.abs(share - seen.ravel()) > 1e-6) <= 2
     assert np.all(run.weights.background.ravel()[shares[0] == 1.0] == 1.0)
+
+
+@pytest.mark.parametrize("camera", [{}, {"rays_per_pixel": 4}])
+def test_an_image_beyond_one_buffer(
+    run_block: Callable[..., Run], camera: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In parts of 100 pixels it is the image in one, to the bit."""
+    asked = {"directions": 8, "audit": False}
+    whole = block(run_block, asked, **camera).weights
+    monkeypatch.setattr(Rays, "_most_pixels", 100)
+    parts = block(run_block, asked, **camera).weights
+    for name, image in whole.images.items():
+        np.testing.assert_array_equal(parts.images[name], image)
 
 
 @pytest.mark.parametrize("rays", [4, 16, 64])
