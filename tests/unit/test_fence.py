@@ -29,7 +29,7 @@ BUDGETS: dict[str, int] = {
     "cldit": 179,
     "cli": 2665,
     "comparison": 2295,
-    "dit": 6478,
+    "dit": 6499,
     "drivers": 3742,
     "gpu": 1133,
     "io": 1865,
