@@ -79,7 +79,7 @@ class CfdCase:
     gas: the fields that were read; available: the names of all fields; boundaries: patches at which
     the case is cut; wall_K: wall temperature, if the case states it; files: all that were read;
     remarks: choices and omissions; times_s: the time that each of the files states in itself;
-    accept: checks that the mapping file turns into remarks.
+    accept: checks that scene or mapping file turn into remarks.
     """
 
     source: str

@@ -99,7 +99,8 @@ def read_case(spec: CfdSpray, watch: Watch = silent, *, fuel_column: str | None 
         found = read(spec, names, watch)
         found = found if kind == "openfoam" else _in_its_case(spec, found)
     mapped = () if spec.mapping is None else (spec.mapping,)
-    return replace(found, files=(*mapped, *found.files), accept=names.accept)
+    accept = (*spec.accept, *names.accept)
+    return replace(found, files=(*mapped, *found.files), accept=accept)
 
 
 def _with_table(spec: CfdSpray, names: ColumnMap, found: CfdCase) -> CfdCase:

@@ -16,7 +16,8 @@ from cldit.cfd.mapping.file import (
     without_unit,
 )
 from cldit.cfd.mesh.elements import BoxMesh
-from cldit.cfd.one_state import check_marks, is_mark
+from cldit.cfd.names import is_mark
+from cldit.cfd.one_state import check_marks
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.tables.dpm import dpm_columns, dpm_names
 from cldit.cfd.tables.parquet import is_number, parquet_columns, parquet_names, parquet_rows
