@@ -156,7 +156,8 @@ def complete_cloud(
         if needed not in fields:
             known = ", ".join(sorted(columns)) or "none"
             lack = f"cloud {name!r} has no field {needed!r}"
-            raise SprayError(f"{source}: {lack}; it has: {known} (a mapping file renames fields)")
+            way = f"a mapping file names it{', or a constant: `density: 684`' * (needed == 'rho')}"
+            raise SprayError(f"{source}: {lack}; it has: {known} ({way})")
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")

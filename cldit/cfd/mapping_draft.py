@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cldit.cfd.amrex import AMREX_NAMES, AMREX_PARCELS
 from cldit.cfd.case import NO_CLOUD, choose_cloud
 from cldit.cfd.formats import contents, find_format
 from cldit.cfd.hdf.cgns import CGNS_NAMES
@@ -36,6 +37,7 @@ from cldit.scene.spray import CfdSpray
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
 _DEFAULTS: dict[str, Mapping[str, tuple[str, ...]]] = {
+    "amrex": AMREX_NAMES,
     "cgns": CGNS_NAMES,
     "converge": CONVERGE_NAMES,
     "fluent": FLUENT_NAMES,
@@ -177,21 +179,22 @@ def _of_case(spec: CfdSpray) -> Draft:
         default = _DEFAULTS.get(kind, FOAM_NAMES)
         found = ColumnMap(cells=gas_names(given.cells, fields, spec.fuel_field, default))
         if parcels is not None:
-            names = parcel_names(parcels) if kind == "converge" else _foam_parcels(parcels)
+            own = AMREX_PARCELS if kind == "amrex" else PARCEL_NAMES
+            names = parcel_names(parcels) if kind == "converge" else _present(own, parcels)
             found = found.model_copy(update={"parcels": merged(given.parcels, names)})
     title = f"Names of {spec.file} ({kind}) for `cldit import --mapping`"
     return Draft(title, found, known.fields, parcels, kind == "tables")
 
 
-def _foam_parcels(known: Sequence[str]) -> ParcelColumns:
-    """OpenFOAM's names of parcels that are `known`."""
+def _present(names: ParcelColumns, known: Sequence[str]) -> ParcelColumns:
+    """Those `names` of parcels that are `known`."""
     parts = {*known, *(f"{name}_{letter}" for name in known for letter in "XYZ")}
     absent = {
         key: None
-        for key, value in PARCEL_NAMES
+        for key, value in names
         if isinstance(value, (Scalar, Vector)) and not columns_of_value(value) <= parts
     }
-    return PARCEL_NAMES.model_copy(update=absent)
+    return names.model_copy(update=absent)
 
 
 def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:

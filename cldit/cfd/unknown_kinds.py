@@ -45,7 +45,8 @@ _KINDS: dict[str, tuple[str, str]] = {
 _READ = (
     "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .vti, .vtr, .vts, their "
     "pieces (.pvtu), .vtm, .pvd, .vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE "
-    "(.h5), Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+    "(.h5), Fluent (.cas.h5), AMReX plotfiles (their folder), tables (a mapping file, .yaml), or "
+    "cldit's own .npz"
 )
 
 
@@ -70,13 +71,6 @@ def refuse_unknown(path: Path) -> None:
 
 def refuse_folder(path: Path) -> None:
     """Raises an error that names the first file of a known kind in a folder, or its content."""
-    header = path / "Header"
-    if header.is_file() and (path / "Level_0").is_dir():
-        what = f"a plotfile of AMReX (PeleLMeX), which is not read; {_PARAVIEW}"
-        raise SprayError(
-            f"{path}: is {what}: of the gas the finest cells of each place (no cell that finer "
-            "ones cover), and the particles as points"
-        )
     files = sorted(each for each in path.iterdir() if each.is_file())
     for each in files:
         if (found := _kind(each)) is not None:

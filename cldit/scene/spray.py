@@ -232,7 +232,9 @@ class CfdSpray(Section):
     file: Path
     """Folder or file of the case, relative to the scene (docs/importing.md)."""
     format: (
-        Literal["openfoam", "vtk", "ensight", "converge", "fluent", "cgns", "tables", "cldit"]
+        Literal[
+            "openfoam", "vtk", "ensight", "converge", "fluent", "cgns", "amrex", "tables", "cldit"
+        ]
         | None
     ) = None
     """Format of the case. Default: inferred from names and content of the files."""

@@ -48,7 +48,8 @@ def units_of(key: str) -> dict[str, tuple[float, float]]:
 
 
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
-_COMPONENT = re.compile(r"\[[ijkxyz0-2]\]$", re.IGNORECASE)  # of a vector, as STAR-CCM+ has it
+# no unit: a component of a vector, as STAR-CCM+ has it, or a species, as AMReX has it
+_COMPONENT = re.compile(r"\[[ijkxyzIJKXYZ0-2]\]$|^[XY]\([A-Z-]+\d[A-Z\d-]*\)$")
 _SPELLED = (
     {"-": "1", "": "1", "C": "degC", "°C": "degC", "F": "degF", "°F": "degF"}
     | {"m^3": "m3", "mm^3": "mm3", "cm^3": "cm3", "m³": "m3", "mm³": "mm3", "cm³": "cm3"}

@@ -42,7 +42,6 @@ def test_an_empty_folder_and_an_openfoam_case_without_a_mesh(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (["plt00100/Header", "plt00100/Level_0/Cell_H"], r"plotfile of AMReX .*ParaView .*\.vtu"),
         (["spray0.f00012"], "is a field file of Nek5000: with its .nek5000 file open it in ParaV"),
         (["otape17"], "is a file of KIVA: convert it to GMV"),
         (["run.silo"], "is a file of Tecplot, Silo, VisIt"),
