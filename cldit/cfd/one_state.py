@@ -37,9 +37,10 @@ def check_marks(columns: Mapping[str, Column]) -> None:
             continue
         found, counts = np.unique(column.values, return_counts=True)
         if TIME.fullmatch(plain) and len(found) > 1:
+            there = ", ".join(map(_shown, found[:10])) + (", ..." if len(found) > 10 else "")
             raise SprayError(
-                f"{column.label}: has {len(found)} values, from {_shown(found[0])} to "
-                f"{_shown(found[-1])}; allowed: one time; keep the rows of one time"
+                f"{column.label}: has {len(found)} values: {there}; allowed: one time; keep the "
+                "rows of one of these"
             )
         if IDENTITY.fullmatch(plain) and counts.max() > 1:
             often = int(np.argmax(counts))
