@@ -7,7 +7,7 @@ the byte order of the machine that wrote them, which is taken to be little-endia
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -46,12 +46,12 @@ _SOLID = ("volFrac", "vfrac")  # share of a cell outside embedded boundaries
 _CGS = "rho_E"  # a field of PeleC and Castro, whose units are cm, g, s
 _TRIPLE = r"\(\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*\)"
 _BOX = re.compile(rf"\(\s*{_TRIPLE}\s*{_TRIPLE}\s*\(0,0,0\)\s*\)")
-_FAB = re.compile(rb"FAB \((\(8, .*?\)),(\(\d, .*?\))\)(\(\(.*\)) (\d+)\n")
-# forms of a number in a FAB, and the orders of its bytes
-_FORMS = {b"(8, (64 11 52 0 1 12 0 1023))": "f8", b"(8, (32 8 23 0 1 9 0 127))": "f4"}
-_ORDERS = {b"(8, (8 7 6 5 4 3 2 1))": "<f8", b"(8, (1 2 3 4 5 6 7 8))": ">f8"} | {
-    b"(4, (4 3 2 1))": "<f4",
-    b"(4, (1 2 3 4))": ">f4",
+_FAB = re.compile(rb"FAB (\(\(8, .*?\)\)\))(\(\(.*\)) (\d+)\n")
+_REALS = {  # form and order of bytes in the head of a FAB
+    b"((8, (64 11 52 0 1 12 0 1023)),(8, (8 7 6 5 4 3 2 1)))": "<f8",
+    b"((8, (64 11 52 0 1 12 0 1023)),(8, (1 2 3 4 5 6 7 8)))": ">f8",
+    b"((8, (32 8 23 0 1 9 0 127)),(4, (4 3 2 1)))": "<f4",
+    b"((8, (32 8 23 0 1 9 0 127)),(4, (1 2 3 4)))": ">f4",
 }
 _HEAD = 1_000  # bytes in which the head of a FAB ends
 _ROUNDED = 1e-6  # relative: the ranges in Cell_H are those of doubles
@@ -75,19 +75,6 @@ class _Grid:
     kept: Mask
 
 
-@dataclass(frozen=True)
-class _Plotfile:
-    path: Path
-    names: list[str]
-    time_s: float
-    levels: list[list[_Grid]]
-    files: list[Path]
-
-    @property
-    def grids(self) -> list[_Grid]:
-        return [grid for level in self.levels for grid in level]
-
-
 def plotfiles(path: Path) -> list[Path]:
     """Folder of a plotfile, by itself or its Header, or those in a folder of several."""
     folder = path.parent if path.name == "Header" else path
@@ -99,58 +86,52 @@ def plotfiles(path: Path) -> list[Path]:
 def read_amrex(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time: a plotfile, or one of several in a folder."""
     path = _chosen(spec)[1]
-    found = _opened(path)
+    known, time_s, lines = _head(path)
+    levels, files = _levels(path, len(known), lines)
+    grids = [grid for level in levels for grid in level]
     clouds = _clouds(path)
     chosen = choose_cloud(str(path), clouds, spec.cloud)
-    drops = None if chosen is None else _read_particles(clouds[chosen])
-    cells = sum(grid.kept.size for grid in found.grids)
-    count = 0 if drops is None else len(drops.position_m.values)
-    check_room(path, Size(cells, count, 100.0 * cells))
-    for level, finer in pairwise(found.levels):
+    cells = sum(grid.kept.size for grid in grids)
+    data = [] if chosen is None else list(clouds[chosen].glob("Level_*/DATA_*"))
+    stored = sum(file.stat().st_size for file in data)
+    check_room(path, Size(cells, 0, 100.0 * cells + 5.0 * stored))
+    for level, finer in pairwise(levels):
         _cover(level, finer)
 
     def read(name: str) -> Column:
         watch(f"reading {name}", 0, 1)
-        part = found.names.index(name)
-        values = [_values(grid, found.names, part)[grid.kept] for grid in found.grids]
+        values = [_values(grid, known, known.index(name))[grid.kept] for grid in grids]
         return Column(f"{path}: cell field {name}", np.concatenate(values))
 
     remarks: list[str] = []
     share: AnyFloats = np.ones(1)
-    if (solid := next((each for each in _SOLID if each in found.names), None)) is not None:
+    if (solid := next((each for each in _SOLID if each in known), None)) is not None:
         share = read(solid).values
-        ends = np.cumsum([int(grid.kept.sum()) for grid in found.grids])[:-1]
-        for grid, own in zip(found.grids, np.split(share, ends), strict=True):
+        ends = np.cumsum([int(grid.kept.sum()) for grid in grids])[:-1]
+        for grid, own in zip(grids, np.split(share, ends), strict=True):
             grid.kept[grid.kept] = own > 0.0
         if hidden := int(np.sum(share <= 0.0)):
             remarks.append(f"{path}: {hidden} cells in solid bodies ({solid}) were omitted.")
         share = share[share > 0.0]
-    middle, edges = (np.concatenate(each) for each in zip(*map(_cells, found.grids), strict=True))
+    middle, edges = (np.concatenate(each) for each in zip(*map(_cells, grids), strict=True))
     half = edges / 2 * np.cbrt(share)[:, None]
     mesh = BoxMesh(middle - half, middle + half, str(path / "Header"))
-    wanted = gas_names(names.cells, found.names, spec.fuel_field, AMREX_NAMES)
+    wanted = gas_names(names.cells, known, spec.fuel_field, AMREX_NAMES)
+    gas = read_gas(str(path), known, wanted, mesh.cells, spec.fuel_field, read)
     cloud = None
-    if chosen is not None and drops is not None:
-        place, columns = drops.position_m, drops.columns
-        cloud = mapped_cloud(chosen, str(clouds[chosen]), place, columns, names, AMREX_PARCELS)
-        remarks += drops.remarks
-    return CfdCase(
-        source=str(path),
-        time_s=found.time_s,
-        mesh=mesh,
-        gas=read_gas(str(path), found.names, wanted, mesh.cells, spec.fuel_field, read),
-        available=tuple(found.names),
-        cloud=cloud,
-        files=(*found.files, *(() if drops is None else drops.files)),
-        remarks=tuple(remarks),
-    )
+    if chosen is not None:
+        folder = clouds[chosen]
+        place, columns, omitted = _particles(folder)
+        cloud = mapped_cloud(chosen, str(folder), place, columns, names, AMREX_PARCELS)
+        files, remarks = [*files, folder / "Header", *sorted(data)], [*remarks, *omitted]
+    case = CfdCase(str(path), time_s, mesh, gas, tuple(known), cloud)
+    return replace(case, files=tuple(files), remarks=tuple(remarks))
 
 
 def list_amrex(spec: CfdSpray) -> Listing:
     """Lists times [s], cell fields, and clouds with their fields, at the time asked for."""
     times, path = _chosen(spec)
-    clouds = {name: list(_read_particles(own).columns) for name, own in _clouds(path).items()}
-    return times, _opened(path).names, clouds
+    return times, _head(path)[0], {n: list(_particles(own)[1]) for n, own in _clouds(path).items()}
 
 
 def _chosen(spec: CfdSpray) -> tuple[list[float], Path]:
@@ -187,10 +168,9 @@ def _head(path: Path) -> tuple[list[str], float, list[str]]:
     return names, time, rest
 
 
-def _opened(path: Path) -> _Plotfile:
-    """Header, and that of each level."""
+def _levels(path: Path, fields: int, lines: list[str]) -> tuple[list[list[_Grid]], list[Path]]:
+    """Boxes of each level, by the lines of the Header after the time; and the files read."""
     head = path / "Header"
-    names, time, lines = _head(path)
     try:
         finest = int(lines[0])
         low_m = np.array([float(word) for word in lines[1].split()])
@@ -207,12 +187,12 @@ def _opened(path: Path) -> _Plotfile:
         raise _damaged(head, f"coordinates {coordinates}, {len(domains)} levels of {finest + 1}")
     levels = []
     for domain, size, file in zip(domains, sizes, places, strict=True):
-        levels.append(_grids(file, len(names), size, low_m - size * domain[:3].astype(float)))
+        levels.append(_grids(file, fields, size, low_m - size * domain[:3].astype(float)))
     whole = int((domains[0][3:6] - domains[0][:3] + 1).prod())
     if (cells := sum(grid.kept.size for grid in levels[0])) != whole:
         raise _damaged(places[0], f"{cells} cells of {whole} of the domain")
     data = sorted({grid.data[0] for level in levels for grid in level})
-    return _Plotfile(path, names, time, levels, [head, *places, *data])
+    return levels, [head, *places, *data]
 
 
 def _grids(file: Path, components: int, size_m: Floats, low_m: AnyFloats) -> list[_Grid]:
@@ -268,16 +248,15 @@ def _values(grid: _Grid, names: Sequence[str], part: int) -> AnyFloats:
     with open_regular(regular(file)) as stream:
         stream.seek(begin)
         head = _FAB.match(stream.read(_HEAD))
-        box = None if head is None else _BOX.search(head.group(3).decode("latin-1"))
-        form = "" if head is None else _ORDERS.get(head.group(2), "")
-        if head is None or box is None or form[1:] != _FORMS.get(head.group(1)):
+        box = None if head is None else _BOX.search(head.group(2).decode("latin-1"))
+        if head is None or box is None or head.group(1) not in _REALS:
             raise _damaged(file, f"no FAB of 4 or 8 bytes a number at {begin}")
         bounds = np.array(box.groups(), np.int64)
         grown = np.concatenate([grid.low - grid.grown, grid.high + grid.grown])
-        if int(head.group(4)) != len(names) or np.any(bounds != grown):
-            what = f"{head.group(4).decode()} components in {box.group()}"
+        if int(head.group(3)) != len(names) or np.any(bounds != grown):
+            what = f"{head.group(3).decode()} components in {box.group()}"
             raise _damaged(file, f"{what} at {begin}, but Cell_H has {len(names)} in another box")
-        number, cells = np.dtype(form), int(shape.prod())
+        number, cells = np.dtype(_REALS[head.group(1)]), int(shape.prod())
         stream.seek(begin + head.end() + part * cells * number.itemsize)
         content = stream.read(cells * number.itemsize)
     if len(content) < cells * number.itemsize:
@@ -293,18 +272,11 @@ def _values(grid: _Grid, names: Sequence[str], part: int) -> AnyFloats:
     return values.reshape(-1).astype(values.dtype.newbyteorder("="))
 
 
-@dataclass(frozen=True)
-class _Particles:
-    """Positions (N, 3) and fields (N,) by name; remarks: on particles that are none."""
+def _particles(folder: Path) -> tuple[Column, dict[str, Column], list[str]]:
+    """Positions (N, 3) and fields (N,) of the particles of all levels; remarks on omitted ones.
 
-    position_m: Column
-    columns: dict[str, Column]
-    files: list[Path]
-    remarks: list[str]
-
-
-def _read_particles(folder: Path) -> _Particles:
-    """Particles of all levels: of each box whole numbers, then real ones, of all its particles."""
+    A file has whole numbers of all particles of a box, then real ones, then those of the next box.
+    """
     head = folder / "Header"
     words = text_of(head).split()
     kind = re.fullmatch(r"Version_Two_Dot_Zero_(single|double)", words[0])
@@ -326,7 +298,7 @@ def _read_particles(folder: Path) -> _Particles:
         raise _damaged(head, f"{rows[:, 1].sum()} particles of {total}, in {words[1]} dimensions")
     level = np.repeat(np.arange(finest + 1), boxes)
     width = 4 * (2 + integers), number.itemsize * (3 + reals)
-    whole, real, files = [np.empty((0, 2 + integers))], [np.empty((0, 3 + reals))], [head]
+    whole, real = [np.empty((0, 2 + integers))], [np.empty((0, 3 + reals))]
     filled = np.column_stack([level, rows])[rows[:, 1] > 0]
     for here, which in np.unique(filled[:, :2], axis=0):
         file = folder / f"Level_{here}" / f"DATA_{which:05d}"
@@ -343,7 +315,6 @@ def _read_particles(folder: Path) -> _Particles:
             whole.append(np.frombuffer(content[begin:split], "<i4").reshape(count, -1))
             held = np.frombuffer(content, number, count * (3 + reals), split)
             real.append(held.reshape(count, -1))
-        files.append(file)
     marks, values = np.concatenate(whole), np.concatenate(real)
     valid = marks[:, 0] > 0  # others are ghosts, or stand for those of finer levels
     marks, values = marks[valid], values[valid].astype(np.float64)
@@ -353,4 +324,4 @@ def _read_particles(folder: Path) -> _Particles:
     columns["particle_id"] = Column(f"{label} id of cpu", marks[:, 1] * 2.0**32 + marks[:, 0])
     lost = int(np.sum(~valid))
     said = [f"{folder}: {lost} particles without a valid id were omitted."] if lost else []
-    return _Particles(Column(f"{folder}: positions", values[:, :3]), columns, files, said)
+    return Column(f"{folder}: positions", values[:, :3]), columns, said

@@ -14,9 +14,9 @@ from cldit.cfd.mesh import geometry
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
 
-Labels = NDArray[np.signedinteger]
-AnyFloats = NDArray[np.floating]
-
+AnyFloats = geometry.AnyFloats
+Labels = geometry.Labels
+Polyhedra = geometry.Polyhedra
 # what `geometry.measure` finds wrong with a cell, from 1
 _FAULTS = (
     "cell {} has fewer than four faces",
@@ -25,23 +25,6 @@ _FAULTS = (
 )
 ORIGIN, TURN = np.zeros(3), np.eye(3)  # the case's own coordinates
 AT_ONCE = 50_000  # cells; some 600 bytes a cell are in work
-
-
-@dataclass(frozen=True)
-class Polyhedra:
-    """Cells by their faces, as `geometry.measure` takes them.
-
-    points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`; cell c has the sides
-    `sides[first[c]:first[c + 1]]`: f if the normal of face f points out of the cell, -1 - f if it
-    points into the cell; `members` (N,) are the selected cells.
-    """
-
-    points_m: AnyFloats
-    corners: Labels
-    start: Labels
-    first: Labels
-    sides: Labels
-    members: Labels
 
 
 @dataclass(frozen=True)
@@ -93,8 +76,7 @@ class CellMesh(ABC):
         wanted = np.arange(self.cells) if cells is None else cells
         found = Measures(np.empty(len(wanted)), *(np.empty((len(wanted), 3)) for _ in range(3)))
         for place, part in self.polyhedra(wanted):
-            given = part.points_m, part.corners, part.start, part.first, part.sides, part.members
-            for chosen, own in geometry.measure(*given, origin_m, rotation):
+            for chosen, own in geometry.measure(part, origin_m, rotation):
                 here = place[chosen]
                 if own.fault.any():
                     bad = int(np.flatnonzero(own.fault)[0])

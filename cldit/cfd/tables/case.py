@@ -132,10 +132,7 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """Reads the columns of a table that the mapping `wanted` uses, and all numbers of parcels.
-
-    The others are only named.
-    """
+    """Reads the columns that the mapping `wanted` uses, and all numbers of parcels."""
     names = table_names(file, wanted)
     mapped = columns_of(wanted)
     used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]
