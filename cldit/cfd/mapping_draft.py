@@ -187,7 +187,7 @@ def _of_case(spec: CfdSpray) -> Draft:
 
 
 def _present(names: ParcelColumns, known: Sequence[str]) -> ParcelColumns:
-    """Those `names` of parcels that are `known`."""
+    """Restricts the `names` of parcels to columns that are `known`."""
     parts = {*known, *(f"{name}_{letter}" for name in known for letter in "XYZ")}
     absent = {
         key: None

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from cldit.arrays import Floats, Mask
 from cldit.cfd.case import CfdCase, Cloud, Column, triple
@@ -299,7 +300,6 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
 _FEWEST = 4  # covered cells; the centroid of a single dented cell may lie in its neighbour
 _MOST = 20_000  # cells that are looked at, the largest and some of all
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-_BITS = 22  # of a hash, to find the few centroids that may lie in a cell
 
 
 def _covered(
@@ -342,32 +342,15 @@ def _covered(
 
 
 def _contained(middle: Floats, half: Floats, points: Floats) -> Iterator[tuple[Labels, Labels]]:
-    """Indices of boxes, middle +- half (N, 3), and of points (P, 3) in them, some at a time.
-
-    Boxes of one size are found by the places of a lattice that they touch.
-    """
-    level = np.ceil(np.log2(2.0 * half.max(axis=1))).astype(np.int64)
-    corner = np.array([(n & 1, n >> 1 & 1, n >> 2 & 1) for n in range(8)])
-    for size in np.unique(level):
-        box = np.flatnonzero(level == size)
-        spacing = 2.0 ** float(size)
-        # a box is no larger than a place: it touches one or two along each axis
-        touched = np.floor((middle[box, None] + (2 * corner - 1) * half[box, None]) / spacing)
-        pairs = np.unique(np.stack([np.repeat(box, 8).astype(np.uint64), hashes(touched)]), axis=1)
-        order = np.argsort(pairs[1], kind="stable")
-        own, key = pairs[0][order].astype(np.int64), pairs[1][order]
-        known = np.zeros(1 << _BITS, dtype=bool)
-        known[key >> np.uint64(64 - _BITS)] = True
-        for begin in range(0, len(points), 1 << 18):
-            place = hashes(np.floor(points[begin : begin + (1 << 18)] / spacing))
-            near = np.flatnonzero(known[place >> np.uint64(64 - _BITS)])
-            low, high = (np.searchsorted(key, place[near], side) for side in ("left", "right"))
-            many = high - low
-            first = np.repeat(low - np.cumsum(many) + many, many)
-            boxes = own[first + np.arange(len(first))]
-            there = begin + np.repeat(near, many)
-            within = np.all(np.abs(points[there] - middle[boxes]) < half[boxes], axis=1)
-            yield boxes[within], there[within]
+    """Indices of boxes, middle +- half (N, 3), and of points (P, 3) in them, some at a time."""
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    for begin in range(0, len(middle), 1_000):
+        some = slice(begin, begin + 1_000)
+        found = tree.query_ball_point(middle[some], half[some].max(axis=1), p=np.inf)
+        boxes = begin + np.repeat(np.arange(len(found)), [len(each) for each in found])
+        there = np.concatenate([*found, []]).astype(np.int64)
+        within = np.all(np.abs(points[there] - middle[boxes]) < half[boxes], axis=1)
+        yield boxes[within], there[within]
 
 
 def hashes(places: Floats) -> NDArray[np.uint64]:

@@ -97,26 +97,26 @@ class Faces:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """volume_m3 (N,), centroid_m, lower_m and upper_m (3, N) of cells; and fault (N,): 0, or the
-    code of a fault, and then the others are undefined."""
+class Measures:
+    """Volume volume_m3 (N,), centroid_m and bounds lower_m, upper_m (N, 3) of each cell."""
 
     volume_m3: Floats
     centroid_m: Floats
     lower_m: Floats
     upper_m: Floats
-    fault: NDArray[np.int8]
 
 
-def measure(part: Polyhedra, origin_m: Floats, rotation: Floats) -> Iterator[tuple[Ints, Measured]]:
-    """Indices of some members of `part` and their measures, seen from `origin_m`, rotated."""
+def measure(
+    part: Polyhedra, origin_m: Floats, rotation: Floats
+) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]]:
+    """Indices of some members of `part`, their faults (0: none) and their measures."""
     first, members = part.first, part.members
     begin = first[members].astype(np.int64)
     count = first[members + 1] - begin
     few, closed = np.flatnonzero(count < 4), np.flatnonzero(count >= 4)
     if few.size:
-        none = np.zeros((3, few.size))
-        yield few, Measured(none[0], none, none, none, np.full(few.size, FEW_FACES, np.int8))
+        none = np.zeros((few.size, 3))
+        yield few, np.full(few.size, FEW_FACES, np.int8), Measures(none[:, 0], none, none, none)
     ends = np.cumsum(count[closed])
     done = 0
     while done < len(closed):
@@ -131,11 +131,11 @@ def measure(part: Polyhedra, origin_m: Floats, rotation: Floats) -> Iterator[tup
         faces = Faces.chosen(part, each, origin_m, rotation)
         faces = Faces(*(values[:, of_side] for values in vars(faces).values()))
         faces.area[:, ~outward] *= -1.0
-        yield chosen, _cells(faces, own, at)
+        yield chosen, *_cells(faces, own, at)
         done = stop
 
 
-def _cells(faces: Faces, count: Ints, at: Ints) -> Measured:
+def _cells(faces: Faces, count: Ints, at: Ints) -> tuple[NDArray[np.int8], Measures]:
     """Measures cells of so many faces (N,), of which the first ones are `at`."""
     area, centre = faces.area, faces.centre
     surface = np.add.reduceat(np.sqrt(np.sum(area * area, axis=0)), at)
@@ -148,14 +148,13 @@ def _cells(faces: Faces, count: Ints, at: Ints) -> Measured:
     fault = np.where(np.abs(volume) > 0.0, 0, NO_VOLUME)
     fault = np.where(missing > _OPEN * surface, OPEN, fault).astype(np.int8)
     shift = np.add.reduceat(pyramid * apart, at, axis=1) / np.where(fault > 0, 1.0, volume)
-    return Measured(
-        # faces that all point inwards (some exporters) turn every sign: the cell is the same
-        volume_m3=np.abs(volume),
-        centroid_m=tip + 0.75 * shift,
-        lower_m=np.minimum.reduceat(faces.low, at, axis=1),
-        upper_m=np.maximum.reduceat(faces.high, at, axis=1),
-        fault=fault,
+    # faces that all point inwards (some exporters) turn every sign: the cell is the same
+    middle = (tip + 0.75 * shift).T
+    low, high = (
+        np.minimum.reduceat(faces.low, at, axis=1),
+        np.maximum.reduceat(faces.high, at, axis=1),
     )
+    return fault, Measures(np.abs(volume), middle, low.T, high.T)
 
 
 def sides_of_cells(owner: Labels, neighbour: Labels, cells: int) -> tuple[Labels, Labels]:
