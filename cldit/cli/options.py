@@ -78,7 +78,7 @@ _CASE = (
     click.option(
         "--cfd-format",
         "format",
-        help="openfoam, vtk, ensight, converge, fluent, cgns, amrex or tables; default: by content.",
+        help="openfoam, vtk, ensight, converge, fluent, cgns, amrex, tables; default: by content.",
     ),
     click.option("--mapping", type=PATH, help="YAML file of names and units of fields."),
     click.option(

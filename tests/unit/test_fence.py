@@ -25,7 +25,7 @@ BUDGETS: dict[str, int] = {
     "api": 1093,
     "bench": 589,
     "camera": 534,
-    "cfd": 9551,
+    "cfd": 9546,
     "cldit": 179,
     "cli": 2657,
     "comparison": 2295,
