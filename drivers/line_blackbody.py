@@ -74,6 +74,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
         )
         BlackBody.__init__(self, settings, context.clock)
         self._heater = Told("heater")
+        self._unit = settings.unit
 
     def _open(self, timeout_s: float) -> None:
         from pyvisa.constants import Parity
@@ -101,7 +102,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
                 self._tell(command)
 
     def _prepare(self) -> None:
-        self.read_temperature()
+        self._check_unit_by(self.read_temperature())
 
     def _last_known(self) -> str:
         heater = f", {self._heater}" if self._settings.heater_on else ""
