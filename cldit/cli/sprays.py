@@ -55,7 +55,7 @@ def spray_command(scene: str, out: Path | None, suffix: str | None, device: str 
                 chosen.spray, open_device(device), cache=default_cache(), watch=watch
             )
     else:
-        found = make_spray(chosen.spray, cache=default_cache())
+        found = make_spray(chosen.spray, open_device(device), cache=default_cache())
     for text in found.remarks:
         say(text)
     written = write_spray(found, history, folder, title=title, suffix=suffix or ".png")

@@ -47,13 +47,9 @@ def use_caches() -> None:
         os.environ["XDG_CACHE_HOME"] = str(place)
         message = "%s: caches cannot be kept here, so they are in %s; or set XDG_CACHE_HOME"
         _LOG.warning(message, own, place)
-    moved, root = _own() != own, _own().parent
-    _choose("POCL_CACHE_DIR", root / "pocl", own, size=_POCL_BYTES)
+    _choose("POCL_CACHE_DIR", _own().parent / "pocl", own, size=_POCL_BYTES)
     config = platformdirs.user_config_dir("matplotlib", appauthor=False)
     _choose("MPLCONFIGDIR", Path(config), own)
-    if moved or "NUMBA_CACHE_DIR" in os.environ:  # else numba writes beside the code
-        os.environ.setdefault("NUMBA_CACHE_DIR", str(root / "numba"))
-        _choose("NUMBA_CACHE_DIR", root / "numba", own)
 
 
 def _choose(name: str, usual: Path, own: Path, *, size: int = _PROBE_BYTES) -> None:

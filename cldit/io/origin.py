@@ -23,7 +23,7 @@ from cldit.errors import FileError
 from cldit.io.files import read_text
 
 # Packages that affect the numbers; those that are not installed are omitted.
-_COMPUTE = ("cldit", "numpy", "scipy", "numba", "pyopencl", "CoolProp", "miepython", "tifffile")
+_COMPUTE = ("cldit", "numpy", "scipy", "pyopencl", "CoolProp", "miepython", "tifffile")
 
 ROOMS = {
     "spray": "spray",

@@ -22,9 +22,9 @@ def make_spray(
 ) -> Spray:
     """Runs the model or reads the file; the notes include figures of `cldit.spray.penetration`.
 
-    `device` computes a `lagrangian` spray, and is not used for others. `cache` is the folder of
-    tables of fuel properties and computed sprays, None keeps nothing; `watch` takes the progress of
-    reading a CFD case.
+    `device` computes the models' gas and droplets, and is not used for files. `cache` is the folder
+    of tables of fuel properties and computed sprays, None keeps nothing; `watch` takes the progress
+    of reading a CFD case.
     """
     return with_figures(_made(spec, device, cache, watch))
 
@@ -35,15 +35,16 @@ def _made(spec: AnySpray, device: Device | None, cache: Path | None, watch: Watc
         case ConeSpray():
             from cldit.spray.cone.spray import make_cone
 
-            return make_cone(spec)
+            return make_cone(spec, _computing(device))
         case LagrangianSpray():
             from cldit.spray.cache import cached_spray
             from cldit.spray.flow.simulate import simulate_times
 
             def computed(times_s: tuple[float, ...]) -> Iterator[Spray]:
-                if device is None:
-                    raise TypeError("a lagrangian spray is computed on a device, and none is given")
-                return (result[0] for result in simulate_times(spec, times_s, device, cache=cache))
+                return (
+                    result[0]
+                    for result in simulate_times(spec, times_s, _computing(device), cache=cache)
+                )
 
             return cached_spray(spec, cache, computed)
         case GridSpray():
@@ -58,3 +59,9 @@ def _made(spec: AnySpray, device: Device | None, cache: Path | None, watch: Watc
             return Spray()
         case _ as unreachable:
             assert_never(unreachable)
+
+
+def _computing(device: Device | None) -> Device:
+    if device is None:
+        raise TypeError("this spray is computed on a device, and none is given")
+    return device

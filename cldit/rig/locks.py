@@ -2,8 +2,8 @@
 
 A lock is held on a file that the system frees when its process ends, however it ends; the file has
 who holds it, and since when, and is removed when it is freed. Its folder is the same for every user
-and every environment: one in which all may make files, and nobody removes those of others. Within a process every device may use
-an instrument that it holds.
+and every environment: one in which all may make files, and nobody removes those of others. Within a
+process every device may use an instrument that it holds.
 """
 
 import os

@@ -231,7 +231,6 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
         limits = (
             "POCL_MAX_PTHREAD_COUNT",
             "POCL_CPU_MAX_CU_COUNT",
-            "NUMBA_NUM_THREADS",
             "OMP_NUM_THREADS",
             "OPENBLAS_NUM_THREADS",
         )

@@ -68,6 +68,7 @@ def mean_spray(scene: Scene, given: argparse.Namespace, seeds: Sequence[int]) ->
                 scene,
                 spray={"seed": seed, "droplets_per_parcel": given.droplets_per_parcel},
             ).spray,
+            open_device(),
             cache=default_cache(),
         )
         for seed in seeds

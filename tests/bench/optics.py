@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cldit.bench.case import changed
 from cldit.bench.report import Part, Table
+from cldit.gpu.device import open_device
 from cldit.io.files import make_folder
 from cldit.optics.band import emitters
 from cldit.optics.wavelengths import wavelengths
@@ -75,7 +76,7 @@ def optics(given: Given) -> Part:
               for c in checks]  # fmt: skip
     solvers = [compare_solvers(n=scene.optics.n, k=k) for k in (1e-4, 1e-5, 1e-6)]
     spectral = changed(scene, optics={"preset": "spectral"})
-    spray = make_spray(spectral.spray, cache=cache)
+    spray = make_spray(spectral.spray, open_device(), cache=cache)
     uses = zip(("first", "second"), table_use(spectral, spray), strict=True)
     resolved = wavelengths(spectral, spray, cache=cache)
     count = len(resolved.nodes)

@@ -45,7 +45,7 @@ def spray_cone(bench: Bench) -> list[str]:
         ):
             box = {} if name == "cone" else {"spray.box.spacing_m": 0.7 * bench.spacing_m}
             one = scene.with_(**{**_SEEN, **box, "spray.time_s": time_ms * 1e-3})
-            sprays[name] = make_spray(one.spray, cache=bench.cache)
+            sprays[name] = make_spray(one.spray, device, cache=bench.cache)
             found[name] = simulate(one, device=device, cache=bench.cache, spray=sprays[name])
             bench.say(f"{name}, {time_ms:g} ms")
         assert isinstance(one.spray, LagrangianSpray)

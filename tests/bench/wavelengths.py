@@ -146,7 +146,7 @@ def main() -> None:
     device = open_device(None)
     print("scene            asked  nodes  stated    true one seed  stated / true", flush=True)
     for data in sources:
-        spray = within_data(make_spray(scene_of(data, given).spray, cache=default_cache()))
+        spray = within_data(make_spray(scene_of(data, given).spray, device, cache=default_cache()))
         _, true = chosen_and_maps(
             scene_of(data, given, wavelengths=given.true_nodes), spray, device
         )

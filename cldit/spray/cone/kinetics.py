@@ -17,10 +17,8 @@ from cldit.arrays import Floats
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile, speed_profile
 from cldit.spray.cone.mixing import Mixture
-from cldit.spray.cone.wet_bulb import fluids
-from cldit.spray.droplet.advance import DropletStates, DropletSurroundings
-from cldit.spray.droplet.evaporation import abramzon_sirignano
-from cldit.spray.droplet.integrator import advance
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
 ROUNDING = 0.4  # lag of the plume's edge behind its axis, over the time
@@ -58,6 +56,7 @@ def plume_kinetics(
     spec: ConeSpray,
     jet: Jet,
     mixture: Mixture,
+    kernels: DropletKernels,
     *,
     oldest_s: float,
     rings: int = _RINGS,
@@ -65,13 +64,12 @@ def plume_kinetics(
     steps: int = _STEPS,
 ) -> Kinetics:
     """Evaporation along a plume up to the age `oldest_s`, by `steps` rising in length."""
-    fuel, carrier = fluids()
     assert spec.droplets is not None
     age = np.append(0.0, np.geomspace(_FIRST, 1.0, steps)) * oldest_s
     xi = np.sqrt((np.arange(rings) + 0.5) / rings)
     diameter = strata_m(spec.droplets, classes)
     hot = np.full(classes, spec.fuel_temperature_K)
-    start = fuel.mass_kg(diameter, hot)
+    start = kernels.fuel.mass_kg(diameter, hot)
     drops = DropletStates(start, hot, np.full((classes, 1), jet.speed_m_s))
     pressure = np.full(classes, spec.ambient.pressure_Pa)
 
@@ -94,9 +92,7 @@ def plume_kinetics(
             drops,
             DropletSurroundings(gas_K, pressure, fraction, gas_m_s[:, None]),
             float(step),
-            fuel=fuel,
-            gas=carrier,
-            model=abramzon_sirignano,
+            kernels,
             tolerance=_TOLERANCE,
         ).droplets
         left[n + 1] = np.minimum(drops.mass_kg / start, left[n])

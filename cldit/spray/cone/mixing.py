@@ -31,6 +31,7 @@ from cldit.spray.cone.fluid_properties import (
     heptane_vapour_enthalpy_J_kg,
 )
 from cldit.spray.cone.wet_bulb import still
+from cldit.spray.droplet.arrays import DropletKernels
 
 _HALVINGS = 56  # of a bracket of at most 5000 K, down to rounding
 _ZOOMS = 7  # each by 299: 1e15, down to rounding
@@ -196,6 +197,7 @@ def heptane_state(
 def lagging_state(
     fuel_to_gas: ArrayLike,
     evaporated: ArrayLike,
+    kernels: DropletKernels,
     *,
     pressure_Pa: float,
     gas_K: float,
@@ -226,8 +228,8 @@ def lagging_state(
 
     def excess(surface: Floats) -> Floats:
         y = vapour / (1 + vapour)
-        gone = still(surface, gas_K=around(surface), vapour_share=y, pressure_Pa=pressure_Pa)
-        return -gone.heat_W
+        here = around(surface)
+        return -still(surface, kernels, gas_K=here, vapour_share=y, pressure_Pa=pressure_Pa).heat_W
 
     low = np.full(ratio.shape, 0.4 * min(gas_K, fuel_K))
     high = np.full(ratio.shape, min(max(gas_K, fuel_K), HEPTANE_CRITICAL_K))
@@ -236,11 +238,12 @@ def lagging_state(
 
 
 def heptane_mixture(
-    *, pressure_Pa: float, gas_K: float, fuel_K: float, evaporation: bool = True
+    kernels: DropletKernels | None, *, pressure_Pa: float, gas_K: float, fuel_K: float
 ) -> Mixture:
-    """Table of liquid n-heptane in nitrogen; without evaporation no heat is exchanged."""
+    """Table of liquid n-heptane in nitrogen; without kernels nothing evaporates, and no heat is
+    exchanged."""
     ratio = np.unique(np.concatenate([np.geomspace(1e-9, 1e6, 90), np.geomspace(1e-4, 1e3, _FINE)]))
-    if not evaporation:
+    if kernels is None:
         return _table(
             ratio,
             np.array([0.0, 1.0]),
@@ -262,7 +265,7 @@ def heptane_mixture(
     # Dry states have a wet bulb too, for interpolation between dry and wet states.
     lags = (evaporated < equilibrium) | (equilibrium == 1)
     gas[lags], liquid[lags] = lagging_state(
-        np.broadcast_to(ratio, lags.shape)[lags], evaporated[lags], **conditions
+        np.broadcast_to(ratio, lags.shape)[lags], evaporated[lags], kernels, **conditions
     )
     return _table(
         ratio,

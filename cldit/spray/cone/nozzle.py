@@ -9,11 +9,12 @@ from functools import lru_cache
 import numpy as np
 
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.cone.underexpanded_jet import expand
-from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, wet_bulb
+from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
 from cldit.spray.sizes import strata_m
 
 VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
@@ -38,13 +39,13 @@ class NozzleFlow:
         return self.disc * float(np.sqrt(4 * rate_kg_s / (np.pi * self.flux_kg_m2_s)))
 
 
-def nozzle_flow(spec: ConeSpray) -> NozzleFlow:
+def nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
     """State of the fuel at the holes, and the table of its mixtures with the gas.
 
     Cones that differ only in lattice and size classes share it. Raises SprayError if the pressure
     does not drive a flow, or if droplets are missing.
     """
-    return _nozzle_flow(without_lattice(spec))
+    return _nozzle_flow(without_lattice(spec), device)
 
 
 def without_lattice(spec: ConeSpray) -> ConeSpray:
@@ -53,7 +54,7 @@ def without_lattice(spec: ConeSpray) -> ConeSpray:
 
 
 @lru_cache(maxsize=4)
-def _nozzle_flow(spec: ConeSpray) -> NozzleFlow:
+def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
     ambient = spec.ambient
     if spec.injection_pressure_Pa <= ambient.pressure_Pa:
         raise SprayError(
@@ -91,11 +92,12 @@ def _nozzle_flow(spec: ConeSpray) -> NozzleFlow:
     density = float(heptane_density_kg_m3(spec.fuel_temperature_K))
     drop = spec.injection_pressure_Pa - ambient.pressure_Pa
     speed = VELOCITY_COEFFICIENT * float(np.sqrt(2 * drop / density))
+    kernels = droplet_kernels(device) if spec.evaporation else None
     mixture = heptane_mixture(
+        kernels,
         pressure_Pa=ambient.pressure_Pa,
         gas_K=ambient.temperature_K,
         fuel_K=spec.fuel_temperature_K,
-        evaporation=spec.evaporation,
     )
     classes = strata_m(spec.droplets, _CLASSES)
     if not classes[-1] < 1e-3:
@@ -103,8 +105,9 @@ def _nozzle_flow(spec: ConeSpray) -> NozzleFlow:
             f"spray.droplets: these sizes reach {classes[-1]:.3g} m; allowed: below 1e-3"
         )
     bulb = None
-    if spec.evaporation:
+    if kernels is not None:
         bulb = wet_bulb(
+            kernels,
             gas_K=ambient.temperature_K,
             pressure_Pa=ambient.pressure_Pa,
             fuel_K=spec.fuel_temperature_K,

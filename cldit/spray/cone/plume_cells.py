@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cldit.arrays import Floats, Ints
+from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.mixing import bilinear
-from cldit.spray.cone.nozzle import NozzleFlow
+from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow
 from cldit.spray.cone.plumes import XI2, Plume, plumes_of, shares_of
 
 NEGLIGIBLE = 1e-7  # share of the fuel in the thinnest cells, which the others receive
@@ -74,9 +75,10 @@ class _Lattice:
 _Run = tuple[Ints, Ints, Floats, Floats, Floats]
 
 
-def plume_cells(spec: ConeSpray, source: NozzleFlow, *, injected: float) -> PlumeCells:
+def plume_cells(spec: ConeSpray, device: Device, *, injected: float) -> PlumeCells:
     """Cells that the plumes of a spray fill with the `injected` fuel, in order."""
-    shares, plumes = shares_of(spec), plumes_of(spec)
+    source = nozzle_flow(spec, device)
+    shares, plumes = shares_of(spec), plumes_of(spec, device)
     lattice = _Lattice.of(spec.lattice_m, plumes)
     runs = [_filled(spec, plume, source, lattice) for plume in plumes]
     cells = [cell for cell, *_ in runs]

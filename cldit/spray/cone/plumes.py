@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.scene.spray import Plume as Hole
 from cldit.spray.cone.attraction import displaced_m
@@ -17,6 +18,7 @@ from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, without_lattice
+from cldit.spray.cone.wet_bulb import droplet_kernels
 
 SOFTNESS = 0.1  # half the width of the tip, and of the droplets' tail, over the travel time
 TRAILING = 0.9  # that of the gas's tail: the slow edge and the last, thin jet stay behind
@@ -100,12 +102,12 @@ def shares_of(spec: ConeSpray) -> list[float]:
     return [plume.mass_fraction / total for plume in spec.plumes]
 
 
-def plumes_of(spec: ConeSpray) -> tuple[Plume, ...]:
+def plumes_of(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
     """All plumes; raises SprayError if the lattice does not suit one.
 
     Cones that differ only in lattice and size classes share them.
     """
-    plumes = _plumes(without_lattice(spec))
+    plumes = _plumes(without_lattice(spec), device)
     for plume in plumes:
         least, most = plume.box_m(spec.lattice_m)
         finest = float(np.prod(most - least) * len(plumes) / MOST_CELLS) ** (1 / 3)
@@ -119,8 +121,8 @@ def plumes_of(spec: ConeSpray) -> tuple[Plume, ...]:
 
 
 @lru_cache(maxsize=4)
-def _plumes(spec: ConeSpray) -> tuple[Plume, ...]:
-    source = nozzle_flow(spec)
+def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
+    source = nozzle_flow(spec, device)
     gas_kg_m3 = (
         spec.ambient.pressure_Pa
         * NITROGEN.molar_mass_kg_mol
@@ -144,7 +146,7 @@ def _plumes(spec: ConeSpray) -> tuple[Plume, ...]:
     paths = displaced_m(axes, jets, reaches)
     for axis, jet, path, reach_m in zip(axes, jets, paths, reaches, strict=True):
         if jet not in kinetics:
-            kinetics[jet] = _kinetics(spec, jet, source, oldest_s=oldest_s)
+            kinetics[jet] = _kinetics(spec, jet, source, device, oldest_s=oldest_s)
         if (droplets := kinetics[jet]) is not None:
             ahead = droplets.distance_m[droplets.age_s <= oldest_s][-1]
             reach_m = max(reach_m, float(ahead.max()))
@@ -158,11 +160,13 @@ def _axis(hole: Hole) -> Floats:
     return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
 
 
-def _kinetics(spec: ConeSpray, jet: Jet, source: NozzleFlow, *, oldest_s: float) -> Kinetics | None:
+def _kinetics(
+    spec: ConeSpray, jet: Jet, source: NozzleFlow, device: Device, *, oldest_s: float
+) -> Kinetics | None:
     if source.bulb is None:
         return None
     last = oldest_s / float(lag(np.ones(())))
-    return plume_kinetics(spec, jet, source.mixture, oldest_s=last)
+    return plume_kinetics(spec, jet, source.mixture, droplet_kernels(device), oldest_s=last)
 
 
 def _evaporated(

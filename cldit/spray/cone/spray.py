@@ -24,6 +24,7 @@ import numpy as np
 
 from cldit.arrays import Floats, Ints
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.fluid_properties import (
     METHANE,
@@ -43,7 +44,7 @@ _WIEN_K = 4232.0  # h c / (k lambda) at 3.4 um, of the radiance whose mean a cel
 _AVOGADRO = 6.02214076e23
 
 
-def make_cone(spec: ConeSpray) -> Spray:
+def make_cone(spec: ConeSpray, device: Device) -> Spray:
     """Parcels and vapour of the spray at `spec.time_s`; fuel mass is conserved to rounding.
 
     `notes`: injected_mass_kg, liquid_mass_kg, vapour_mass_kg, jet_speed_m_s, flow_coefficient
@@ -58,7 +59,7 @@ def make_cone(spec: ConeSpray) -> Spray:
     Raises:
         SprayError: the combination of values is impossible: pressure, flow, sizes, grid.
     """
-    source = nozzle_flow(spec)
+    source = nozzle_flow(spec, device)
     rate = spec.injected_mass_kg / spec.injection_duration_s
     holes = len(spec.plumes) * np.pi / 4 * spec.hole_diameter_m**2
     flow = rate / (holes * source.flux_kg_m2_s)
@@ -73,7 +74,7 @@ def make_cone(spec: ConeSpray) -> Spray:
     remarks = _without_effect(spec)
     if injected == 0:
         return Spray(notes=notes, remarks=remarks)
-    cells = plume_cells(spec, source, injected=injected)
+    cells = plume_cells(spec, device, injected=injected)
     state = source.mixture.at(cells.content_kg_m3, cells.kinetic)
     liquid_parts = cells.mass_kg * (1 - state.evaporated)
     parcels, liquid = _parcels(spec, source, cells, state, liquid_parts)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cldit.arrays import Floats
+from cldit.gpu.device import Device
 from cldit.spray.cone.fluid_properties import (
     HEPTANE_CRITICAL_K,
     HEPTANE_DIFFUSION_VOLUME,
@@ -33,10 +34,11 @@ from cldit.spray.cone.fluid_properties import (
     nitrogen_conductivity_W_m_K,
     nitrogen_viscosity_Pa_s,
 )
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.curves import curves
-from cldit.spray.droplet.evaporation import Drop, spalding
 from cldit.spray.droplet.fluids import Fuel, Gas
-from cldit.spray.droplet.rates import Rates
+from cldit.spray.droplet.models import MODELS
+from cldit.spray.droplet.rates import Drop, Rates, rates
 
 _SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
 _HALVINGS = 40
@@ -48,7 +50,7 @@ _STEPS = 500  # of the d^2 law
 def fluids() -> tuple[Fuel, Gas]:
     """Tables of the fits, for the evaporation models."""
     cold = np.linspace(180.0, 535.0, 711)
-    gas = np.linspace(100.0, 3100.0, 3001)
+    gas = np.linspace(150.0, 2500.0, 2351)
     liquid = {
         "ln_psat": np.log(heptane_saturation_pressure_Pa(cold)),
         "density": heptane_density_kg_m3(cold),
@@ -91,18 +93,28 @@ def fluids() -> tuple[Fuel, Gas]:
     return fuel, carrier
 
 
+def droplet_kernels(device: Device) -> DropletKernels:
+    """Kernels for the cone's droplets; in float on a device without double precision."""
+    real = np.float64 if device.info.float64 else np.float32
+    return DropletKernels.of(device, *fluids(), MODELS["abramzon-sirignano"], real=real)
+
+
 def still(
-    surface_K: ArrayLike, *, gas_K: ArrayLike, vapour_share: ArrayLike, pressure_Pa: float
+    surface_K: ArrayLike,
+    kernels: DropletKernels,
+    *,
+    gas_K: ArrayLike,
+    vapour_share: ArrayLike,
+    pressure_Pa: float,
 ) -> Rates:
     """Rates of droplets of 10 um at rest, any shape; heat into the liquid is 0 at the wet bulb.
 
     `vapour_share` is the mass fraction of fuel in the gas.
     """
-    fuel, carrier = fluids()
     columns = np.broadcast_arrays(_SIZE_m, surface_K, gas_K, pressure_Pa, vapour_share, 0.0)
     shape = columns[0].shape
-    found = spalding(Drop(fuel, carrier, *(np.ravel(each).astype(float) for each in columns)))
-    return Rates(found.mass_kg_s.reshape(shape), found.heat_W.reshape(shape))
+    droplets = rates(Drop(*(np.ravel(column).astype(float) for column in columns)), kernels)
+    return Rates(droplets.mass_kg_s.reshape(shape), droplets.heat_W.reshape(shape))
 
 
 @dataclass(frozen=True)
@@ -120,7 +132,9 @@ class WetBulb:
     start: float
 
 
-def wet_bulb(*, gas_K: float, pressure_Pa: float, fuel_K: float) -> WetBulb:
+def wet_bulb(
+    kernels: DropletKernels, *, gas_K: float, pressure_Pa: float, fuel_K: float
+) -> WetBulb:
     """Wet bulb in gas without fuel, below the critical pressure of the fuel.
 
     With Q the heat into the liquid, dm/m = cp dT mdot/Q during the approach to the wet bulb. The
@@ -129,7 +143,7 @@ def wet_bulb(*, gas_K: float, pressure_Pa: float, fuel_K: float) -> WetBulb:
     """
 
     def at(surface_K: ArrayLike) -> Rates:
-        return still(surface_K, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
+        return still(surface_K, kernels, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
 
     low, high = 0.4 * gas_K, max(gas_K, HEPTANE_CRITICAL_K)
     for _ in range(_HALVINGS):

@@ -181,7 +181,7 @@ def traced(scene: Scene, device: Device, cache: Path) -> Traced:
     Raises:
         EvaluationError: the scene has several wavelengths.
     """
-    spray = make_spray(scene.spray, cache=cache)
+    spray = make_spray(scene.spray, device, cache=cache)
     found = properties_of(scene, spray, cache=cache)
     if len(found.sources) != 1:
         raise EvaluationError("optics.preset: spectral; the study takes one wavelength (paper)")

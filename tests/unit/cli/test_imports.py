@@ -13,7 +13,7 @@ from cldit import __version__
 from cldit.cli import main
 from cldit.cli.program import LazyGroup
 
-SLOW = {"matplotlib", "numba", "scipy", "pyopencl", "CoolProp", "vtk"}
+SLOW = {"matplotlib", "scipy", "pyopencl", "CoolProp", "vtk"}
 
 
 @pytest.mark.parametrize(

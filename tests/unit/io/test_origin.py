@@ -45,9 +45,7 @@ def test_the_program_has_no_folder(
 
 
 def test_packages_that_compute_have_versions() -> None:
-    assert {"cldit", "numpy", "scipy", "numba", "CoolProp", "miepython", "python"} <= set(
-        versions()
-    )
+    assert {"cldit", "numpy", "scipy", "CoolProp", "miepython", "python"} <= set(versions())
 
 
 def test_commit_of_a_checkout_and_of_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 from cldit.scene.spray import ConeSpray
 from cldit.show.report.spray_report import liquid_mass
-from cldit.spray.cone.spray import make_cone
 from cldit.spray.extent import Box, Cloud, Extent
 from cldit.spray.result import Parcels, Spray
 from cldit.spray.spray_file import read_spray, write_spray
+from tests.cones import cone_spray
 
 
 def _parcels(extent: Extent | None) -> Parcels:
@@ -59,7 +59,7 @@ def test_pictures_of_a_cone_do_not_show_its_lattice() -> None:
     """Pixels of 0.55 of a cell: columns of boxes keep their mass, and no row of pixels within the
     spray is empty, as every other would be with points in the middle of cells of 1 mm."""
     spec = ConeSpray(spacing_m=1e-3, size_classes=2)
-    spray = make_cone(spec)
+    spray = cone_spray(spec)
     assert spray.parcels is not None
     seen = liquid_mass(spray, "side", pixel_m=0.55e-3)
     assert seen.image.sum() * 0.55e-3**2 == pytest.approx(spray.parcels.mass_kg, rel=1e-9)

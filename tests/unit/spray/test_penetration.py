@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cldit.gpu.device import open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene.spray import ConeSpray, EmptySpray
 from cldit.spray.extent import Box
@@ -57,6 +58,6 @@ def test_no_liquid_has_no_penetration() -> None:
 
 
 def test_models_have_them() -> None:
-    notes = make_spray(ConeSpray(spacing_m=2e-3)).notes
+    notes = make_spray(ConeSpray(spacing_m=2e-3), open_device()).notes
     some = [notes[f"liquid_penetration_{percent}_m"] for percent in (90, 95, 99)]
     assert 0.0 < some[0] <= some[1] <= some[2] < notes["vapour_penetration_m"]

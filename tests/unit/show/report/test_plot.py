@@ -13,6 +13,7 @@ from matplotlib.patches import Rectangle
 import cldit
 from cldit.accuracy.errors import Cause, Errors
 from cldit.errors import ClditError, EvaluationError
+from cldit.gpu.device import open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, open_run
 from cldit.scene.spray import ConeSpray
@@ -29,7 +30,7 @@ def run() -> Run:
 
 @pytest.fixture(scope="module")
 def spray() -> Spray:
-    return make_spray(ConeSpray())
+    return make_spray(ConeSpray(), open_device())
 
 
 @pytest.mark.parametrize(

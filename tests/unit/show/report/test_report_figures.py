@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cldit.gpu.device import Device
 from cldit.prepare.spray_factory import make_spray
 from cldit.scene import load_scene
 from cldit.show.figures.readable import human, human_figures
@@ -41,8 +42,10 @@ def test_name_and_unit(key: str, value: float, name: str, text: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["gdi", "gdi-cold", "methane-jet", "droplets-only", "empty"])
-def test_figures_of_shipped_scenes_have_names_of_their_own(name: str, tmp_path: Path) -> None:
-    notes = make_spray(load_scene(name).spray, cache=tmp_path).notes
+def test_figures_of_shipped_scenes_have_names_of_their_own(
+    name: str, device: Device, tmp_path: Path
+) -> None:
+    notes = make_spray(load_scene(name).spray, device, cache=tmp_path).notes
     assert len(human_figures(notes)) == len(notes)
 
 

@@ -18,6 +18,7 @@ from matplotlib.transforms import Bbox
 
 from cldit.bench.budget import BudgetRow, budget_figure
 from cldit.dit.design import Design, Goal
+from cldit.gpu.device import open_device
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import open_run
 from cldit.scene import load_scene
@@ -111,7 +112,7 @@ def kinds(tables: Path) -> Iterator[tuple[str, Figure]]:
             legend=[("0.8", long), ("white", long), ("white", "transparent")],
         )  # fmt: skip
         yield f"{number} panels with one key", shared
-    yield "spray", views_figure(make_spray(ConeSpray()), title="spray")
+    yield "spray", views_figure(make_spray(ConeSpray(), open_device()), title="spray")
     steps = np.linspace(1e-4, 1e-3, 9)
     yield "history", history_figure(History(*[steps] * len(fields(History))), title="flow")
     yield "series", series_report.curves(*times(), title="a series")

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cldit.gpu.device import Device
 from cldit.scene import load_scene
 from cldit.scene.spray import ConeSpray, Plume
 from cldit.spray.cone import plume_cells as cone
-from cldit.spray.cone.nozzle import nozzle_flow
 from cldit.spray.cone.plume_cells import NEGLIGIBLE, plume_cells, thinnest
-from cldit.spray.cone.spray import make_cone
+from tests.cones import cone_spray
 
 
-def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch, device: Device) -> None:
     """Merged by one stable sort: the same sums, to the last bit, as by a dictionary of parts."""
     spec = load_scene("gdi").spray.model_copy(update={"spacing_m": 1.5e-3})
     assert isinstance(spec, ConeSpray)
@@ -27,7 +27,7 @@ def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch) -> None
         return made[-1]
 
     monkeypatch.setattr(cone, "_filled", kept)
-    cells = plume_cells(spec, nozzle_flow(spec), injected=1e-6)
+    cells = plume_cells(spec, device, injected=1e-6)
     total = sum(one.mass_fraction for one in spec.plumes)
     found: dict[tuple[int, ...], float] = {}
     for one, (cell, part, amount, _, _) in zip(spec.plumes, made, strict=True):
@@ -46,14 +46,14 @@ def test_plumes_that_share_cells_add_up(monkeypatch: pytest.MonkeyPatch) -> None
     assert count.max() > 100 and count.min() == 1  # in the fine part near the nozzle, and beyond
 
 
-def test_cells_near_the_nozzle_have_the_mass_of_finer_ones() -> None:
+def test_cells_near_the_nozzle_have_the_mass_of_finer_ones(device: Device) -> None:
     """Cells of 0.8 mm in the first 6 mm, against the sums of 8^3 cells of 0.1 mm: 4 % RMS, half as
     much with each halving of the parts (49 % without them)."""
     spec = ConeSpray(plumes=(Plume(inclination_deg=30.0, azimuth_deg=20.0),), time_s=5e-5)
     sums: list[dict[tuple[int, ...], float]] = []
     for h, times in ((0.8e-3, 1), (0.1e-3, 8)):
         wanted = spec.model_copy(update={"spacing_m": h})
-        made = plume_cells(wanted, nozzle_flow(wanted), injected=1e-6)
+        made = plume_cells(wanted, device, injected=1e-6)
         sums.append({})
         for cell, mass in zip(made.cell // times, made.total(made.mass_kg), strict=True):
             sums[-1][tuple(cell)] = sums[-1].get(tuple(cell), 0.0) + float(mass)
@@ -73,7 +73,7 @@ def test_the_thinnest_are_those_of_a_whole_sort(most: float) -> None:
 
 
 def test_liquid_depth_is_that_of_the_parcels() -> None:
-    spray = make_cone(ConeSpray(spacing_m=1e-3))
+    spray = cone_spray(ConeSpray(spacing_m=1e-3))
     assert spray.parcels is not None
     layer = np.floor(-spray.parcels.position_m[:, 2] / 1e-3).astype(int)
     below = np.append(0.0, np.cumsum(np.bincount(layer, spray.parcels.masses_kg)))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cldit.errors import SprayError
+from cldit.gpu.device import Device
 from cldit.scene import load_scene
 from cldit.scene.sizes import Monodisperse, NukiyamaTanasawa
 from cldit.scene.spray import Ambient, ConeSpray, Plume
@@ -21,12 +22,10 @@ from cldit.spray.cone.fluid_properties import (
 from cldit.spray.cone.jet import CENTRE, MEAN_SQUARE, NABER_SIEBERS, SPREADING, Jet, profile
 from cldit.spray.cone.kinetics import plume_kinetics
 from cldit.spray.cone.nozzle import nozzle_flow
-from cldit.spray.cone.spray import make_cone
-from cldit.spray.cone.wet_bulb import fluids
-from cldit.spray.droplet.advance import DropletStates, DropletSurroundings
-from cldit.spray.droplet.evaporation import abramzon_sirignano
-from cldit.spray.droplet.integrator import advance
+from cldit.spray.cone.wet_bulb import droplet_kernels, fluids
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
 from cldit.spray.result import Spray
+from tests.cones import cone_spray
 
 DOWN = (Plume(inclination_deg=0.0, azimuth_deg=0.0),)
 
@@ -110,7 +109,7 @@ def test_vapour_penetration(
     """The soft tip reaches further than its middle: 0.19 of the time, 10 % of the way, a cell."""
     time_s = (0.3e-3, 0.95e-3)[moment]
     ambient = Ambient(pressure_Pa=pressure_Pa, temperature_K=gas_K)
-    spray = make_cone(_spec(time_s=time_s, ambient=ambient))
+    spray = cone_spray(_spec(time_s=time_s, ambient=ambient))
     found = spray.notes["vapour_penetration_m"] * 1e3
     assert tips_mm[moment] < found < tips_mm[moment] * 1.12
 
@@ -124,7 +123,7 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
     whose scatter is 15 %. Half of it is the spread, 1.13 times that of Naber and Siebers."""
     ambient = Ambient(pressure_Pa=pressure_Pa, temperature_K=gas_K)
     fine = Monodisperse(diameter_um=0.6)
-    spray = make_cone(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine))
+    spray = cone_spray(_spec(ambient=ambient, time_s=1.5e-3, droplets=fine))
     assert spray.parcels is not None
     farthest = float(np.max(-spray.parcels.position_m[:, 2])) * 1e3
     assert 0.75 * length_mm < farthest < 0.85 * length_mm
@@ -133,7 +132,7 @@ def test_liquid_length_against_siebers(pressure_Pa: float, gas_K: float, length_
 def test_masses_are_exact_and_notes_tell_them() -> None:
     spec = load_scene("gdi").spray
     assert isinstance(spec, ConeSpray)
-    spray = make_cone(spec)
+    spray = cone_spray(spec)
     assert _mass(spray) == pytest.approx(10e-6, rel=1e-12)
     assert spray.parcels is not None and spray.vapour is not None
     notes = spray.notes
@@ -159,33 +158,31 @@ def test_droplets_live_about_as_long_as_alone() -> None:
     entrained heat, and 20 um last."""
     jet = replace(_jet(0.6e6, 570.0), spreading=SPREADING)
     life_s = 1.055 * 81e-12 / 0.161e-6
-    spray = make_cone(_spec(droplets=Monodisperse(diameter_um=9.0)))
+    spray = cone_spray(_spec(droplets=Monodisperse(diameter_um=9.0)))
     assert spray.parcels is not None
     depth = -spray.parcels.position_m[:, 2]
     assert jet.tip_m(0.9 * life_s) < depth.max() < jet.tip_m(1.25 * life_s)
-    coarse = make_cone(_spec(droplets=Monodisperse(diameter_um=20.0)))
+    coarse = cone_spray(_spec(droplets=Monodisperse(diameter_um=20.0)))
     assert coarse.parcels is not None
     assert np.max(-coarse.parcels.position_m[:, 2]) > jet.tip_m(0.95e-3)
-    fine = make_cone(_spec(droplets=Monodisperse(diameter_um=1.0)))
+    fine = cone_spray(_spec(droplets=Monodisperse(diameter_um=1.0)))
     assert fine.parcels is not None
     assert np.max(-fine.parcels.position_m[:, 2]) < 0.024  # 22 mm of mixing, as Siebers has it
 
 
-def test_droplets_of_a_thin_plume_evaporate_as_alone() -> None:
+def test_droplets_of_a_thin_plume_evaporate_as_alone(device: Device) -> None:
     """A plume of so little fuel that it leaves the gas as it is and at rest: its droplets evaporate
     as one that is injected alone, integrated with its slip; 2 % for the finer steps of that one."""
     spec = _spec(droplets=Monodisperse(diameter_um=9.0))
-    flow = nozzle_flow(spec)
+    flow, kernels = nozzle_flow(spec, device), droplet_kernels(device)
     jet = replace(_jet(0.6e6, 570.0), rate_kg_s=1e-15)
-    found = plume_kinetics(spec, jet, flow.mixture, oldest_s=3e-4)
-    fuel, gas = fluids()
+    found = plume_kinetics(spec, jet, flow.mixture, kernels, oldest_s=3e-4)
+    fuel, _ = fluids()
     single = advance(
         DropletStates(fuel.mass_kg([9e-6], [370.0]), np.array([370.0]), np.array([[225.8]])),
         DropletSurroundings(np.array([570.0]), np.array([0.6e6]), np.zeros(1), np.zeros((1, 1))),
         3e-4,
-        fuel=fuel,
-        gas=gas,
-        model=abramzon_sirignano,
+        kernels,
         tolerance=1e-4,
     )
     alone = single.mass_kg[0] / fuel.mass_kg([9e-6], [370.0])[0]
@@ -203,7 +200,7 @@ def test_liquid_as_openfoam_has_it() -> None:
             injection_duration_s=0.78e-3,
             ambient=Ambient(pressure_Pa=0.6e6, temperature_K=573.0),
         )
-        found = make_cone(spec).notes["liquid_mass_kg"] * 1e6
+        found = cone_spray(spec).notes["liquid_mass_kg"] * 1e6
         assert found == pytest.approx(liquid_mg, rel=0.15), time_s
 
 
@@ -211,7 +208,7 @@ def test_sauter_diameter_changes_on_the_way() -> None:
     """Small droplets vanish first, which at first outweighs that the others shrink."""
     spec = load_scene("gdi").spray
     assert isinstance(spec, ConeSpray)
-    parcels = make_cone(spec).parcels
+    parcels = cone_spray(spec).parcels
     assert parcels is not None
     r = np.linalg.norm(parcels.position_m, axis=1)
     mass = parcels.droplets * parcels.density_kg_m3 * parcels.diameter_m**3
@@ -226,7 +223,7 @@ def test_cells_keep_energy() -> None:
     """What all cells hold, against what liquid and entrained gas brought. The gas comes from the
     volume that liquid and vapour leave (ideal). 1.2 % of the heat given: from 30 mm on the plumes,
     6 mm wide, leave 0.6^2/6^2 of the volume to gas that gave none; 0.2 % by look-up."""
-    spray = make_cone(_spec(spacing_m=0.4e-3, size_classes=2))
+    spray = cone_spray(_spec(spacing_m=0.4e-3, size_classes=2))
     assert spray.parcels is not None and spray.vapour is not None
     cells, vapour = spray.vapour.cells, spray.vapour
     index = np.round(cells.lower_m / 0.4e-3).astype(int)
@@ -263,7 +260,7 @@ def test_cold_gas_leaves_droplets_and_cools_them_below_itself() -> None:
     """Where enough gas is mixed in; the rich core still has some of the injector's 370 K."""
     spec = load_scene("gdi-cold").spray
     assert isinstance(spec, ConeSpray)
-    spray = make_cone(spec)
+    spray = cone_spray(spec)
     assert spray.parcels is not None
     assert spray.notes["liquid_mass_kg"] > 0.3 * spray.notes["injected_mass_kg"]
     # Straight down against along the plumes, that go down to 40 degrees to the side.
@@ -276,7 +273,7 @@ def test_cold_gas_leaves_droplets_and_cools_them_below_itself() -> None:
 
 
 def test_without_evaporation_the_sizes_stay() -> None:
-    spray = make_cone(_spec(evaporation=False, size_classes=2))
+    spray = cone_spray(_spec(evaporation=False, size_classes=2))
     assert spray.vapour is None and spray.parcels is not None
     assert spray.parcels.temperature_K == pytest.approx(370.0, rel=1e-12)
     assert _mass(spray) == pytest.approx(spray.notes["injected_mass_kg"], rel=1e-12)
@@ -285,7 +282,7 @@ def test_without_evaporation_the_sizes_stay() -> None:
 
 
 def test_monodisperse_droplets_shrink_with_their_cell() -> None:
-    spray = make_cone(_spec(droplets=Monodisperse(diameter_um=9.0)))
+    spray = cone_spray(_spec(droplets=Monodisperse(diameter_um=9.0)))
     assert spray.parcels is not None
     d = spray.parcels.diameter_m
     # Before it evaporates the liquid only expands, from 616 to at most 600 kg/m3: 0.9 %.
@@ -294,20 +291,20 @@ def test_monodisperse_droplets_shrink_with_their_cell() -> None:
 
 def test_fine_droplets_count_as_vapour() -> None:
     """0.11 um droplets vanish with a quarter of their mass gone, and their mass is kept."""
-    small = make_cone(_spec(droplets=Monodisperse(diameter_um=0.11)))
-    large = make_cone(_spec(droplets=Monodisperse(diameter_um=11.0)))
+    small = cone_spray(_spec(droplets=Monodisperse(diameter_um=0.11)))
+    large = cone_spray(_spec(droplets=Monodisperse(diameter_um=11.0)))
     assert _mass(small) == pytest.approx(_mass(large), rel=1e-12)
     assert small.parcels is not None and large.parcels is not None
     assert 0 < small.parcels.mass_kg < large.parcels.mass_kg
     assert small.parcels.diameter_m.min() >= 1e-7
-    finest = make_cone(_spec(droplets=Monodisperse(diameter_um=0.09)))
+    finest = cone_spray(_spec(droplets=Monodisperse(diameter_um=0.09)))
     assert finest.parcels is None
     assert _mass(finest) == pytest.approx(_mass(large), rel=1e-12)
 
 
 def test_after_the_end_of_injection_the_spray_leaves_the_nozzle() -> None:
-    during = make_cone(_spec(evaporation=False, time_s=0.8e-3, injection_duration_s=0.8e-3))
-    after = make_cone(_spec(evaporation=False, time_s=1.6e-3, injection_duration_s=0.8e-3))
+    during = cone_spray(_spec(evaporation=False, time_s=0.8e-3, injection_duration_s=0.8e-3))
+    after = cone_spray(_spec(evaporation=False, time_s=1.6e-3, injection_duration_s=0.8e-3))
     assert during.parcels is not None and after.parcels is not None
     assert after.parcels.mass_kg == pytest.approx(during.parcels.mass_kg, rel=1e-12)
     nearest = [-spray.parcels.position_m[:, 2].max() for spray in (during, after) if spray.parcels]
@@ -321,7 +318,7 @@ def test_mass_follows_the_plumes() -> None:
         Plume(inclination_deg=40.0, azimuth_deg=0.0, mass_fraction=3.0),
         Plume(inclination_deg=40.0, azimuth_deg=180.0, mass_fraction=1.0),
     )
-    spray = make_cone(_spec(plumes=plumes, evaporation=False))
+    spray = cone_spray(_spec(plumes=plumes, evaporation=False))
     assert spray.parcels is not None
     mass = spray.parcels.droplets * spray.parcels.diameter_m**3
     right = spray.parcels.position_m[:, 0] > 0
@@ -332,7 +329,7 @@ def test_mass_follows_the_plumes() -> None:
 def test_direction_and_symmetry() -> None:
     """A plume towards +y, 30 degrees off the axis: the middle of its mass lies there."""
     plumes = (Plume(inclination_deg=30.0, azimuth_deg=90.0),)
-    spray = make_cone(_spec(plumes=plumes, evaporation=False))
+    spray = cone_spray(_spec(plumes=plumes, evaporation=False))
     assert spray.parcels is not None
     mass = spray.parcels.droplets * spray.parcels.diameter_m**3
     middle = (mass[:, None] * spray.parcels.position_m).sum(axis=0) / mass.sum()
@@ -342,13 +339,13 @@ def test_direction_and_symmetry() -> None:
 
 def test_grid_does_not_matter() -> None:
     """Near the hole cells have parts that resolve the plume."""
-    coarse, fine = (make_cone(_spec(spacing_m=h, time_s=0.5e-3)) for h in (0.6e-3, 0.3e-3))
+    coarse, fine = (cone_spray(_spec(spacing_m=h, time_s=0.5e-3)) for h in (0.6e-3, 0.3e-3))
     for name, within in (("liquid_mass_kg", 2e-3), ("vapour_penetration_m", 0.02)):
         assert coarse.notes[name] == pytest.approx(fine.notes[name], rel=within)
 
 
 def test_nothing_is_drawn_and_old_keys_say_so() -> None:
-    one, other = (make_cone(_spec(seed=seed)) for seed in (None, 2))
+    one, other = (cone_spray(_spec(seed=seed)) for seed in (None, 2))
     assert one.parcels is not None and other.parcels is not None
     for name in ("position_m", "diameter_m", "droplets", "temperature_K", "density_kg_m3"):
         assert np.array_equal(getattr(one.parcels, name), getattr(other.parcels, name))
@@ -356,14 +353,14 @@ def test_nothing_is_drawn_and_old_keys_say_so() -> None:
     assert one.remarks == ()
     (remark,) = other.remarks
     assert remark.startswith("spray.seed has no effect")
-    older = make_cone(_spec(seed=2, parcels_per_cell=2, injected_mass_kg=0.0)).remarks
+    older = cone_spray(_spec(seed=2, parcels_per_cell=2, injected_mass_kg=0.0)).remarks
     assert [text.split()[0] for text in older] == ["spray.parcels_per_cell", "spray.seed"]
 
 
 def test_methane_is_a_cold_gas_jet_without_droplets() -> None:
     spec = load_scene("methane-jet").spray
     assert isinstance(spec, ConeSpray)
-    spray = make_cone(spec)
+    spray = cone_spray(spec)
     assert spray.parcels is None and spray.vapour is not None
     assert spray.vapour.mass_kg == pytest.approx(6e-6, rel=1e-12)
     temperature = spray.vapour.temperature_K
@@ -373,7 +370,7 @@ def test_methane_is_a_cold_gas_jet_without_droplets() -> None:
     assert spray.notes["mach_disc_m"] == pytest.approx(0.67 * np.sqrt(37.5) * hole, rel=1e-6)
     # Up to there, on the axis, no gas has been taken up: as cold as the notional nozzle, to the
     # entries of the table, in cells within the jet; those of the scene have 1.5 K more.
-    fine = make_cone(spec.model_copy(update={"spacing_m": 2.5e-4, "time_s": 1e-4})).vapour
+    fine = cone_spray(spec.model_copy(update={"spacing_m": 2.5e-4, "time_s": 1e-4})).vapour
     assert fine is not None
     core = np.all(np.abs(fine.cells.lower_m[:, :2] + 1.25e-4) < 2.5e-4, axis=1)
     core &= fine.cells.lower_m[:, 2] > -spray.notes["mach_disc_m"]
@@ -385,14 +382,14 @@ def test_methane_is_a_cold_gas_jet_without_droplets() -> None:
 
 
 def test_nothing_injected() -> None:
-    spray = make_cone(ConeSpray(injected_mass_kg=0.0))
+    spray = cone_spray(ConeSpray(injected_mass_kg=0.0))
     assert spray.parcels is None and spray.vapour is None
 
 
 def test_first_microseconds_and_many_plumes() -> None:
     plumes = tuple(Plume(inclination_deg=89.0, azimuth_deg=a) for a in range(0, 360, 6))
     spec = ConeSpray(time_s=2e-5, plumes=plumes, injected_mass_kg=1e-5, spacing_m=2e-4)
-    spray = make_cone(spec)
+    spray = cone_spray(spec)
     assert _mass(spray) == pytest.approx(1e-5 * 2e-5 / 1.5e-3, rel=1e-12)
 
 
@@ -413,4 +410,4 @@ def test_first_microseconds_and_many_plumes() -> None:
 )
 def test_impossible_sprays_are_refused(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(SprayError, match=message):
-        make_cone(ConeSpray(**changes))
+        cone_spray(ConeSpray(**changes))

@@ -8,6 +8,7 @@ import pytest
 from cldit.scene.sizes import NukiyamaTanasawa
 from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.wet_bulb import d2_law, still, wet_bulb
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
 # p in MPa and T of the gas; lifetime and time to half the mass in us of a droplet of 9 um and 370 K
@@ -25,10 +26,12 @@ SINGLE = [
 
 
 @pytest.mark.parametrize(("megapascal", "gas_K", "life", "half"), SINGLE)
-def test_life_of_a_droplet(megapascal: float, gas_K: float, life: float, half: float) -> None:
+def test_life_of_a_droplet(
+    kernels: DropletKernels, megapascal: float, gas_K: float, life: float, half: float
+) -> None:
     """3 % for the other program's mixing rule and latent heats; and what the liquid's density
     changes on its way to the wet bulb, of which only K knows: d^2 goes with its power of 2/3."""
-    bulb = wet_bulb(gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
+    bulb = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
     begin = bulb.start * 81e-12
     denser = heptane_density_kg_m3(bulb.temperature_K) / heptane_density_kg_m3(370.0)
     within = 0.03 + abs(float(denser) ** (2 / 3) - 1)
@@ -50,28 +53,30 @@ def test_life_of_a_droplet(megapascal: float, gas_K: float, life: float, half: f
     ],
 )
 def test_wet_bulb_and_rate(
-    megapascal: float, gas_K: float, bulb_K: float, rate_mm2_s: float
+    kernels: DropletKernels, megapascal: float, gas_K: float, bulb_K: float, rate_mm2_s: float
 ) -> None:
     """0.5 K and 2 %: mixing rule of the film; and half of the last digit of K."""
-    bulb = wet_bulb(gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
+    bulb = wet_bulb(kernels, gas_K=gas_K, pressure_Pa=megapascal * 1e6, fuel_K=370.0)
     assert bulb.temperature_K == pytest.approx(bulb_K, abs=0.5)
     assert bulb.rate_m2_s * 1e6 == pytest.approx(rate_mm2_s, abs=0.0005 + 0.02 * rate_mm2_s)
 
 
-def test_more_vapour_than_the_surface_has_condenses_and_boiling_is_bounded() -> None:
-    at_369 = still(369.0, gas_K=369.0, vapour_share=0.0, pressure_Pa=0.6e6)
+def test_more_vapour_than_the_surface_has_condenses_and_boiling_is_bounded(
+    kernels: DropletKernels,
+) -> None:
+    at_369 = still(369.0, kernels, gas_K=369.0, vapour_share=0.0, pressure_Pa=0.6e6)
     assert at_369.mass_kg_s > 0 and at_369.heat_W < 0
     share = 1 - float(np.exp(-1.0))
-    assert still(300.0, gas_K=300.0, vapour_share=share, pressure_Pa=0.6e6).mass_kg_s < 0
-    boiling = still([445.0, 460.0], gas_K=500.0, vapour_share=0.0, pressure_Pa=0.6e6)
+    assert still(300.0, kernels, gas_K=300.0, vapour_share=share, pressure_Pa=0.6e6).mass_kg_s < 0
+    boiling = still([445.0, 460.0], kernels, gas_K=500.0, vapour_share=0.0, pressure_Pa=0.6e6)
     assert 1 < boiling.mass_kg_s[1] / boiling.mass_kg_s[0] < 5
 
 
 @pytest.mark.parametrize("fuel_K", [300.0, 370.0, 430.0])
-def test_distribution_shrinks_as_its_droplets_do(fuel_K: float) -> None:
+def test_distribution_shrinks_as_its_droplets_do(kernels: DropletKernels, fuel_K: float) -> None:
     """Against droplets drawn by mass from the distribution and shrunk one by one; 2e5 of them
     leave 0.2 %, the classes' spacing adds as much."""
-    bulb = wet_bulb(gas_K=570.0, pressure_Pa=0.6e6, fuel_K=fuel_K)
+    bulb = wet_bulb(kernels, gas_K=570.0, pressure_Pa=0.6e6, fuel_K=fuel_K)
     assert (bulb.start < 1) == (fuel_K > bulb.temperature_K)
     sizes = NukiyamaTanasawa()  # exp(-D/m) D^3 D^3: a Gamma distribution of shape 7 by mass
     state = d2_law(strata_m(sizes, 1024), bulb)

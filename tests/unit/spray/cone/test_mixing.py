@@ -25,6 +25,7 @@ from cldit.spray.cone.mixing import (
 )
 from cldit.spray.cone.underexpanded_jet import expand
 from cldit.spray.cone.wet_bulb import still
+from cldit.spray.droplet.arrays import DropletKernels
 
 HOT = {"pressure_Pa": 0.6e6, "gas_K": 570.0, "fuel_K": 370.0}
 
@@ -40,14 +41,17 @@ SATURATION = [
 ]
 
 
-def _hot() -> Mixture:
-    return heptane_mixture(pressure_Pa=0.6e6, gas_K=570.0, fuel_K=370.0)
+@pytest.fixture(scope="module")
+def hot(kernels: DropletKernels) -> Mixture:
+    return heptane_mixture(kernels, **HOT)
 
 
 @pytest.mark.parametrize(("megapascal", "gas_K", "saturation_K", "ratio"), SATURATION)
-def test_saturation(megapascal: float, gas_K: float, saturation_K: float, ratio: float) -> None:
+def test_saturation(
+    kernels: DropletKernels, megapascal: float, gas_K: float, saturation_K: float, ratio: float
+) -> None:
     """0.75 K and 3 %: half the reference's last digit, and 1 % between the property data."""
-    table = heptane_mixture(pressure_Pa=megapascal * 1e6, gas_K=gas_K, fuel_K=370.0)
+    table = heptane_mixture(kernels, pressure_Pa=megapascal * 1e6, gas_K=gas_K, fuel_K=370.0)
     assert table.saturation_K == pytest.approx(saturation_K, abs=0.75)
     assert pytest.approx(ratio, rel=0.03) == table.saturation_B
 
@@ -86,11 +90,13 @@ def test_superheated_fuel_flashes_to_the_boiling_point() -> None:
 
 
 @pytest.mark.parametrize("kinetic", [0.0, 0.13, 0.5, 0.9, 1.0])
-def test_table_inverts_itself_between_its_entries(kinetic: float) -> None:
+def test_table_inverts_itself_between_its_entries(
+    hot: Mixture, kernels: DropletKernels, kinetic: float
+) -> None:
     """Look-up in ln B, steps of 0.04 and of 0.025 in the share. Where time and saturation limit
     alike both temperatures have a kink, that the table rounds by a quarter of step times slope in
     either direction: 0.04 * 150 K / 4 in ln B, 0.025 * 200 K / 4 in the share."""
-    table = _hot()
+    table = hot
     b = np.geomspace(2e-4, 8e2, 777)
     state = table.at(table.content(b, kinetic), kinetic)
     exact_t, exact_f = heptane_state(b, **HOT)
@@ -100,7 +106,7 @@ def test_table_inverts_itself_between_its_entries(kinetic: float) -> None:
     lags = kinetic < exact_f
     gas, liquid = exact_t.copy(), exact_t.copy()
     if lags.any():
-        gas[lags], liquid[lags] = lagging_state(b[lags], limited[lags], **HOT)
+        gas[lags], liquid[lags] = lagging_state(b[lags], limited[lags], kernels, **HOT)
     assert state.gas_K == pytest.approx(gas, abs=2.75)
     wet = limited < 1
     assert state.liquid_K[wet] == pytest.approx(liquid[wet], abs=2.75)
@@ -109,35 +115,36 @@ def test_table_inverts_itself_between_its_entries(kinetic: float) -> None:
 
 @pytest.mark.parametrize("megapascal", [0.15, 0.6])
 @pytest.mark.parametrize("gas_K", [300.0, 570.0])
-def test_lagging_droplets_keep_energy_at_the_wet_bulb(gas_K: float, megapascal: float) -> None:
+def test_lagging_droplets_keep_energy_at_the_wet_bulb(
+    kernels: DropletKernels, gas_K: float, megapascal: float
+) -> None:
     """Enthalpy to 1 J of some 1e5 a kilogram (Newton's last step); the heat that reaches the
     droplet evaporates, by the formula of Abramzon and Sirignano. In equilibrium nothing lags."""
     conditions = {"pressure_Pa": megapascal * 1e6, "gas_K": gas_K, "fuel_K": 370.0}
     b = np.geomspace(1e-3, 3.0, 60)
     _, f = heptane_state(b, **conditions)
     share = 0.7 * f
-    gas, liquid = lagging_state(b, share, **conditions)
+    gas, liquid = lagging_state(b, share, kernels, **conditions)
     held = share * heptane_vapour_enthalpy_J_kg(gas)
     held += (1 - share) * heptane_liquid_enthalpy_J_kg(liquid)
     supply = b * heptane_liquid_enthalpy_J_kg(370.0) + NITROGEN.enthalpy_J_kg(gas_K)
     assert b * held + NITROGEN.enthalpy_J_kg(gas) == pytest.approx(supply, abs=1.0)
     y = share * b / (1 + share * b)
-    around = still(liquid, gas_K=gas, vapour_share=y, pressure_Pa=megapascal * 1e6)
+    around = still(liquid, kernels, gas_K=gas, vapour_share=y, pressure_Pa=megapascal * 1e6)
     latent = heptane_vapour_enthalpy_J_kg(liquid) - heptane_liquid_enthalpy_J_kg(liquid)
     assert np.max(np.abs(around.heat_W / (around.mass_kg_s * latent))) < 1e-5
     wet = f < 1
-    both = lagging_state(b[wet], f[wet], **conditions)
+    both = lagging_state(b[wet], f[wet], kernels, **conditions)
     equal, _ = heptane_state(b[wet], **conditions)
     assert both[0] == pytest.approx(equal, abs=0.01)
     assert both[1] == pytest.approx(equal, abs=0.01)
 
 
 @pytest.mark.parametrize("kinetic", [0.2, 0.6, 1.0])
-def test_looked_up_states_keep_energy(kinetic: float) -> None:
+def test_looked_up_states_keep_energy(hot: Mixture, kinetic: float) -> None:
     """What the cone takes from the table for a fuel content. 0.5 % of the heat that the gas could
     give: 1.5 K of 200 K, where time and saturation limit alike, and far less elsewhere."""
-    state = _hot()
-    found = state.at(np.geomspace(1e-3, 100.0, 500), kinetic)
+    found = hot.at(np.geomspace(1e-3, 100.0, 500), kinetic)
     b, f = found.fuel_to_gas, found.evaporated
     held = f * heptane_vapour_enthalpy_J_kg(found.gas_K)
     held += (1 - f) * heptane_liquid_enthalpy_J_kg(found.liquid_K)
@@ -149,9 +156,9 @@ def test_looked_up_states_keep_energy(kinetic: float) -> None:
     assert np.median(np.abs(off)) < 3e-4
 
 
-def test_content_fills_a_cubic_metre() -> None:
+def test_content_fills_a_cubic_metre(hot: Mixture) -> None:
     """Gas volumes at the pressure (ideal), plus the liquid's own, from the state alone."""
-    table = _hot()
+    table = hot
     c, b, t = table.fuel_kg_m3, table.fuel_to_gas, table.gas_K
     f = np.minimum(table.kinetic[:, None], table.equilibrium)
     moles = c * f / HEPTANE_MOLAR_MASS_kg_mol + c / b / NITROGEN.molar_mass_kg_mol
@@ -160,15 +167,15 @@ def test_content_fills_a_cubic_metre() -> None:
 
 
 def test_without_evaporation_all_stays_liquid() -> None:
-    table = heptane_mixture(pressure_Pa=5e6, gas_K=570.0, fuel_K=370.0, evaporation=False)
+    table = heptane_mixture(None, pressure_Pa=5e6, gas_K=570.0, fuel_K=370.0)
     assert np.all(table.at([1e-3, 1.0, 100.0]).evaporated == 0)
     assert np.all(table.liquid_K == 370.0) and np.all(table.gas_K == 570.0)
     assert np.isnan(table.saturation_K)
 
 
-def test_supercritical_gas_is_refused() -> None:
+def test_supercritical_gas_is_refused(kernels: DropletKernels) -> None:
     with pytest.raises(SprayError, match=r"ambient.pressure_Pa: 3e\+06 is above the critical"):
-        heptane_mixture(pressure_Pa=3e6, gas_K=570.0, fuel_K=370.0)
+        heptane_mixture(kernels, pressure_Pa=3e6, gas_K=570.0, fuel_K=370.0)
 
 
 def test_methane_expansion_against_constant_heat_capacity() -> None:
@@ -235,13 +242,12 @@ def test_methane_keeps_energy_with_its_motion() -> None:
     assert np.all(np.diff(table.fuel_kg_m3, axis=1) > 0)
 
 
-def test_many_states_are_those_of_each_alone() -> None:
+def test_many_states_are_those_of_each_alone(hot: Mixture) -> None:
     """States are looked up in parts; where a part ends does not matter."""
-    mixture = heptane_mixture(pressure_Pa=0.6e6, gas_K=570.0, fuel_K=370.0)
     rng = np.random.default_rng(1)
     content, kinetic = np.exp(rng.uniform(-8.0, 6.0, 50_000)), rng.random(50_000)
-    many = vars(mixture.at(content, kinetic))
+    many = vars(hot.at(content, kinetic))
     for chosen in ([0, 19_999, 20_000, 39_999, 40_000, 49_999], np.arange(19_000, 21_000)):
-        few = vars(mixture.at(content[chosen], kinetic[chosen]))
+        few = vars(hot.at(content[chosen], kinetic[chosen]))
         for name, values in few.items():
             np.testing.assert_array_equal(many[name][chosen], values)
