@@ -145,6 +145,12 @@ class BlackBody(Settling, Generic[S]):
             temperature = "no temperature"
         return f"set point {setpoint_K:.1f} K, {temperature}"
 
+    def _prepare(self) -> None:
+        self._check_unit_by(self.read_temperature())
+
+    def _last_known(self) -> str:
+        return str(self._setpoint)
+
     def set_setpoint(self, temperature_K: float) -> float:
         check_setpoint(self.limits, temperature_K)
         return self._aim(temperature_K)

@@ -71,7 +71,7 @@ class ModbusSettings(ControllerSettings):
         return self.registers if self.registers is not None else MAPS[str(self.model)]
 
 
-class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
+class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
     """Implements `cldit.rig.protocols.Background`."""
 
     _unit_key = "temperature_unit"
@@ -135,17 +135,11 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             )
         self._unit = unit
 
-    def _prepare(self) -> None:
-        self._check_unit_by(self.read_temperature())
-
     def _drop(self) -> None:
         client, self._client = self._client, None
         if client is not None:
             with suppress(Exception):  # already gone
                 client.close()
-
-    def _last_known(self) -> str:
-        return str(self._setpoint)
 
     def identify(self) -> DeviceInfo:
         maker, model = self._map.maker, self._map.model
