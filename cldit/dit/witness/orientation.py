@@ -49,7 +49,8 @@ def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
                     wrong.append(f"the spray at {setpoint:g} K is {found}")
     if not wrong:
         return None
-    return refusal("orientation", "images differ in orientation: " + "; ".join(wrong))
+    says = "images differ in orientation: " + "; ".join(wrong)
+    return refusal("orientation", says, "turn these images back, or remove their backgrounds")
 
 
 def _pattern(image: Floats) -> Floats:
