@@ -211,6 +211,7 @@ def test_only_source_has_a_lens(run_block: Callable[..., Run]) -> None:
         )
 
 
+@pytest.mark.slow
 def test_stated_effect_of_a_lens(device: Device, tables: Path) -> None:
     """The change that a pinhole's run states, against a run with the lens.
 
