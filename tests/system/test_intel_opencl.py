@@ -21,7 +21,6 @@ from cldit.gpu.device import Device
 from tests.small_scenes import agree, weights
 
 ROOT = Path(__file__).resolve().parents[2]
-KERNELS = ("random", "headers", "extinction", "image", "build", "interface_radiance")
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +70,7 @@ def traced(environment: dict[str, str], out: Path) -> dict[str, NDArray[Any]]:
     return found
 
 
+@pytest.mark.slow
 def test_scenes_agree_with_pocl_on_a_cold_and_a_warm_cache(
     intel: dict[str, str], device: Device, tmp_path: Path
 ) -> None:
@@ -86,13 +86,9 @@ def test_scenes_agree_with_pocl_on_a_cold_and_a_warm_cache(
         agree(cold[method], expected, method)
 
 
-@pytest.mark.parametrize(
-    "names", [KERNELS, pytest.param((), marks=pytest.mark.slow)], ids=["some", "all"]
-)
-def test_kernels_pass(intel: dict[str, str], names: tuple[str, ...]) -> None:
-    """On each fresh process; all of them in the second tier."""
-    files = [f"tests/kernels/test_{name}.py" for name in names] or ["tests/kernels"]
-    run(intel, "pytest", "-q", "-x", "-p", "no:xdist", "-p", "no:cacheprovider", *files)
+@pytest.mark.slow
+def test_kernels_pass(intel: dict[str, str]) -> None:
+    run(intel, "pytest", "-q", "-x", "-p", "no:xdist", "-p", "no:cacheprovider", "tests/kernels")
 
 
 def test_a_damaged_binary_is_compiled_again(intel: dict[str, str], tmp_path: Path) -> None:
