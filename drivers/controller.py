@@ -1,6 +1,7 @@
 """Base of the drivers of black bodies: limits, units, settings of the line, the safe set point."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import Generic, Literal, TypeVar, get_args
 
 from pydantic import model_validator
@@ -21,6 +22,8 @@ UNITS: tuple[Unit, ...] = get_args(Unit)
 _SCALES = {"celsius": (273.15, 1.0), "fahrenheit": (459.67, 1.8), "kelvin": (0.0, 1.0)}
 _COLDEST, _HOTTEST = 0.5, 1.5  # factors of the limits, beyond which an answer is impossible
 _AGREE_K = 0.1  # a set point is read back rounded to a tenth
+_ROOM_K = (273.15, 313.15)  # of a body that is off
+_OVERSHOOT = 1.05  # of the upper limit
 
 
 def to_kelvin(number: float, unit: Unit) -> float:
@@ -60,6 +63,15 @@ S = TypeVar("S", bound=BlackBodyLimits)
 class BlackBody(Settling, Generic[S]):
     """A background that rejects set points outside its limits."""
 
+    _unit: Unit | None = "kelvin"  # of the instrument's numbers; None before it is read
+    _unit_key = "unit"  # of the settings
+
+    @property
+    def _known_unit(self) -> Unit:
+        # Of all units, Celsius has the lowest number for a temperature, so that a safe set point
+        # that is written before the unit could be read is never too hot.
+        return self._unit or "celsius"
+
     def __init__(self, settings: S, clock: Clock) -> None:
         self._settings = settings
         self._clock = clock
@@ -82,16 +94,45 @@ class BlackBody(Settling, Generic[S]):
             raise OddAnswer(
                 f"background: answered {temperature_K:g} K to {query}, expected {coldest:.0f} to "
                 f"{hottest:.0f} K with limits_K {low:g} to {high:g}; is another program using it, "
-                "its unit another, or its sensor broken?"
+                f"its unit another{self._other_unit(temperature_K)}, or its sensor broken?"
             )
         return temperature_K
+
+    def _usual(self, temperature_K: float) -> bool:
+        """True for a temperature between that of a room and the limits."""
+        low, high = self._settings.limits_K
+        return min(low, _ROOM_K[0]) <= temperature_K <= max(_OVERSHOOT * high, _ROOM_K[1])
+
+    def _other_unit(self, got_K: float, fits: Callable[[float], bool] | None = None) -> str:
+        """Text of the units in which the same number is a temperature that `fits`, by default a
+        usual one: ` (fahrenheit: 295 K)`; empty if there is none."""
+        number = from_kelvin(got_K, self._known_unit)
+        known = {unit: to_kelvin(number, unit) for unit in UNITS if unit != self._known_unit}
+        texts = [f"{unit}: {at:.0f} K" for unit, at in known.items() if (fits or self._usual)(at)]
+        return f" ({', '.join(texts)})" if texts else ""
+
+    def _check_unit_by(self, temperature_K: float) -> None:
+        """Raises ConfigRejected if a reading is usual in another unit than the present one alone.
+
+        In a body at the temperature of a room, this finds each unit in which it would become
+        hotter than its set point.
+        """
+        other = self._other_unit(temperature_K)
+        if other and not self._usual(temperature_K):
+            raise ConfigRejected(
+                f"background.settings.{self._unit_key}: {self._unit}: in it the reading "
+                f"{from_kelvin(temperature_K, self._known_unit):.1f} is {temperature_K:.0f} K, "
+                "neither a room's nor within limits_K; allowed: the unit at its front panel, which "
+                f"the reading fits{other}"
+            )
 
     def _confirmed(self, wanted_K: float, got_K: float) -> float:
         """Returns the set point as read back; raises ConfigRejected if it is not the wanted one."""
         if not abs(got_K - wanted_K) <= _AGREE_K:
             raise ConfigRejected(
                 f"background: the set point reads back {got_K:.2f} K after {wanted_K:.2f} K was "
-                "written; is the controller in local mode, or limited?"
+                "written; is the controller in local mode, or limited, or its unit another"
+                f"{self._other_unit(got_K, lambda at: abs(at - wanted_K) < 1.0)}?"
             )
         self._setpoint.confirmed(f"{got_K:.1f} K")
         return got_K
@@ -103,6 +144,12 @@ class BlackBody(Settling, Generic[S]):
         except OddAnswer:
             temperature = "no temperature"
         return f"set point {setpoint_K:.1f} K, {temperature}"
+
+    def _prepare(self) -> None:
+        self._check_unit_by(self.read_temperature())
+
+    def _last_known(self) -> str:
+        return str(self._setpoint)
 
     def set_setpoint(self, temperature_K: float) -> float:
         check_setpoint(self.limits, temperature_K)

@@ -50,7 +50,7 @@ class LineSettings(ControllerSettings):
     answer_s: Annotated[float, Within(0.01, 60.0)] = 2.0
 
 
-class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
+class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
     """Implements `cldit.rig.protocols.Background`."""
 
     def __init__(self, settings: LineSettings, context: RigContext) -> None:
@@ -74,6 +74,7 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
         )
         BlackBody.__init__(self, settings, context.clock)
         self._heater = Told("heater")
+        self._unit = settings.unit
 
     def _open(self, timeout_s: float) -> None:
         from pyvisa.constants import Parity
@@ -99,9 +100,6 @@ class LineBlackBody(ScpiInstrument, BlackBody[LineSettings]):
         for command in (*self._settings.begin, self._settings.unit_check):
             if command is not None:
                 self._tell(command)
-
-    def _prepare(self) -> None:
-        self.read_temperature()
 
     def _last_known(self) -> str:
         heater = f", {self._heater}" if self._settings.heater_on else ""

@@ -71,8 +71,10 @@ class ModbusSettings(ControllerSettings):
         return self.registers if self.registers is not None else MAPS[str(self.model)]
 
 
-class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
+class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
     """Implements `cldit.rig.protocols.Background`."""
+
+    _unit_key = "temperature_unit"
 
     def __init__(self, settings: ModbusSettings, context: RigContext) -> None:
         Linked.__init__(
@@ -133,17 +135,11 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
             )
         self._unit = unit
 
-    def _prepare(self) -> None:
-        self.read_temperature()
-
     def _drop(self) -> None:
         client, self._client = self._client, None
         if client is not None:
             with suppress(Exception):  # already gone
                 client.close()
-
-    def _last_known(self) -> str:
-        return str(self._setpoint)
 
     def identify(self) -> DeviceInfo:
         maker, model = self._map.maker, self._map.model
@@ -183,12 +179,6 @@ class ModbusBlackBody(Linked, BlackBody[ModbusSettings]):
         if self._registers(register, len(words)) != words:
             self._write(register.address, words)
         return self._confirmed(temperature_K, self._get(register))
-
-    @property
-    def _known_unit(self) -> Unit:
-        # Of all units, Celsius has the lowest number for a temperature, so that a safe set point
-        # that is written before the unit could be read is never too hot.
-        return self._unit or "celsius"
 
     def _encoded(self, register: Register, temperature_K: float) -> list[int]:
         return register.encode(from_kelvin(temperature_K, self._known_unit))

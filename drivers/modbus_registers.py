@@ -99,7 +99,6 @@ MAPS = {
         model="eurotherm-3200",
         temperature=_eurotherm(1),
         setpoint=_eurotherm(24),
-        unit_register=516,
         baudrate=9600,
     ),
     "ir-2100": RegisterMap(

@@ -1,4 +1,4 @@
-/* Conservative deposition of clouds of droplets in the finest cells of an octree
+/* Conservative deposition of clouds of droplets, and of boxes, in the finest cells of an octree
    (cldit/medium/rasterise.py).
 
    A cloud has a position, a covariance and a triangular profile (a box convolved with itself), whose
@@ -184,4 +184,59 @@ __kernel void deposit(
 {
     FOR_ROWS(add_row(
         &row, cell, cells, bricks, directory, units + (size_t)number * kinds, kinds, sums))
+}
+
+/* Boxes: a work-item has one layer of one box. Cells of a box are counted from its first; `within_box`:
+   its lower and upper corner there, x y z. */
+#define BOXES \
+    const int items, __global const int *restrict numbers, __global const int *restrict layers, /* box, z */ \
+    __global const int4 *restrict first_of, __global const int4 *restrict count_of, \
+    __global const real *restrict within_box, const int cells
+
+/* Share of a box from `low` to `high`, of `count` cells, in cell i; the outermost take the rest. */
+INLINE real overlap(real low, real high, int i, int count)
+{
+    const real from = i == 0 ? low : most(low, (real)i);
+    const real upto = i == count - 1 ? high : least(high, (real)(i + 1));
+    return (upto - from) / (high - low);
+}
+
+/* Sets the bricks (bricks^3) that boxes touch. */
+__kernel void mark_boxes(BOXES, const int bricks, __global uchar *mark)
+{
+    const int i = get_global_id(0);
+    if (i >= items) return;
+    const int4 first = first_of[numbers[i]], count = count_of[numbers[i]];
+    const int z = (first.z + layers[i]) / BRICK;
+    for (int y = first.y / BRICK; y <= (first.y + count.y - 1) / BRICK; ++y)
+        for (int x = first.x / BRICK; x <= (first.x + count.x - 1) / BRICK; ++x)
+            mark[((size_t)z * bricks + y) * bricks + x] = 1;
+}
+
+/* Adds the units of each box, `kinds` a box, uniformly over it, to those of the stored cells. */
+__kernel void deposit_boxes(
+    BOXES, const int bricks, __global const int *restrict directory,
+    __global const real *restrict units, const int kinds, __global long *sums)
+{
+    const int i = get_global_id(0);
+    if (i >= items) return;
+    const int number = numbers[i];
+    const int4 first = first_of[number], count = count_of[number];
+    __global const real *low = within_box + (size_t)number * 6, *high = low + 3;
+    __global const real *amount = units + (size_t)number * kinds;
+    const real share_z = overlap(low[2], high[2], layers[i], count.z);
+    const int z = first.z + layers[i];
+    for (int dy = 0; dy < count.y; ++dy) {
+        const real share_y = share_z * overlap(low[1], high[1], dy, count.y);
+        const int y = first.y + dy;
+        __global const int *slots = directory + ((size_t)(z / BRICK) * bricks + y / BRICK) * bricks;
+        const int line = (z % BRICK * BRICK + y % BRICK) * BRICK;
+        for (int dx = 0; dx < count.x; ++dx) {
+            const real share = share_y * overlap(low[0], high[0], dx, count.x);
+            const int x = first.x + dx;
+            __global long *sum = sums
+                + ((size_t)slots[x / BRICK] * (BRICK * BRICK * BRICK) + line + x % BRICK) * kinds;
+            for (int k = 0; k < kinds; ++k) add_units(sum + k, to_fixed(share * amount[k], R(1)));
+        }
+    }
 }

@@ -193,7 +193,7 @@ __kernel void image(__global real *planes, ARGUMENTS)
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
     formal_solution(sum, &ray, &medium);
     const int pixel = row * columns + column;
-    for (int c = 0; c < PLANES; ++c) planes[c * rows * columns + pixel] = sum[c];
+    for (int c = 0; c < PLANES; ++c) planes[(size_t)c * rows * columns + pixel] = sum[c];
 }
 
 /* The mean of rays through each listed pixel, by the same rays of each: places [right, down] in it, 0 to
@@ -216,5 +216,5 @@ __kernel void refine(
             column + at.x, row + at.y, at.z, at.w, columns, rows, middle, pitch_x, pitch_z, distance);
         formal_solution(sum, &ray, &medium);
     }
-    for (int c = 0; c < PLANES; ++c) planes[c * count + item] = sum[c] / rays;
+    for (int c = 0; c < PLANES; ++c) planes[(size_t)c * count + item] = sum[c] / rays;
 }

@@ -69,8 +69,12 @@ def modbus(model: str, serial: bool) -> Make:
         clock = SimulatedClock()
         peer = stack.enter_context(ModbusPeer(model, clock=clock, serial=serial))
         line = {"serial": peer.serial} if serial else {"host": peer.host, "port": peer.port}
-        unit = {"temperature_unit": "celsius"} if model == "ir-2100" else {}
-        settings = {"model": model, "limits_K": [253.0, 873.0], **unit, **line}
+        settings = {
+            "model": model,
+            "temperature_unit": "celsius",
+            "limits_K": [253.0, 873.0],
+            **line,
+        }
         data["background"] = {"driver": "modbus_blackbody", "settings": settings}
         return open_rig(data, clock=clock)
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
-from scipy.stats import rankdata
 
 from cldit.accuracy.errors import Errors
 from cldit.arrays import Floats, Mask
@@ -89,7 +88,8 @@ def sampled_square(
     if not inside.any():
         return out
     place = np.argwhere(counted) / max(counted.shape)
-    ranks = [rankdata(one[counted]) / len(here) for one in features]
+    values = [feature[counted] for feature in features]
+    ranks = [np.searchsorted(np.sort(one), one) / len(here) for one in values]
     points = np.column_stack([place, *ranks])
     known = points[np.searchsorted(here, sample.pixels[inside])]
     count = min(_ALIKE, len(known))

@@ -225,7 +225,7 @@ def temperature_of(
     """T_app of a scene's image at the wavelength `prepared.node`; `visible` as there."""
     names = tuple(patch.name for patch in scene.patches)
     nothing = build_octree(prepared.cube.at(0), None, [], optical_depth_split=1.0)
-    view = View.of(scene, OpticalCells.of(nothing, patches=names))
+    view = View.of(scene, OpticalCells.of(nothing, patches=names), prepared.device)
     return NodeTemperature.of(scene, prepared.node, view.sees_background_alone, visible=visible)
 
 

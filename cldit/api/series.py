@@ -1,6 +1,6 @@
 """Several times of one spray: `cldit run SCENE --times ..`, and the same for a script."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
 from cldit.scene import Scene, dump_scene
 from cldit.scene.load import chosen_scene
 from cldit.show.report.series_report import write_series
+from cldit.spray.cache import times_together
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ def run_series(
     progress: Say | None = None,
     watch: Watch | None = None,
     suffix: str = ".png",
+    ahead: Callable[[Mapping[Path, Scene]], object] | None = None,
 ) -> Series:
     """Runs several times of a scene's spray, each into a folder of its own, and makes a film.
 
@@ -67,6 +69,8 @@ def run_series(
         progress: called with lines of text.
         watch: called with the progress of reading a case, and of the rig.
         suffix: of the figures: .png, .pdf or .svg.
+        ahead: called with the scene of each time by its folder before they are run, to trace them
+            side by side.
 
     Raises:
         RunFolderError: the folder contains something else.
@@ -98,6 +102,9 @@ def run_series(
                 return kept
             return run_experiment(one, place, device=opened, progress=progress, watch=watch)
 
+        if ahead is not None:
+            with times_together(tuple(plan.scenes)):
+                ahead({folder / plan.folder(time): one for time, one in plan.scenes.items()})
         done = run_times(plan, folder, run, say)
         if not any(each.state == "done" for each in done):
             raise SprayError("\n".join(f"{plan.text(each.time)}: {each.problem}" for each in done))

@@ -79,7 +79,7 @@ class CfdCase:
     gas: the fields that were read; available: the names of all fields; boundaries: patches at which
     the case is cut; wall_K: wall temperature, if the case states it; files: all that were read;
     remarks: choices and omissions; times_s: the time that each of the files states in itself;
-    accept: checks that the mapping file turns into remarks.
+    accept: checks that scene or mapping file turn into remarks.
     """
 
     source: str
@@ -156,7 +156,8 @@ def complete_cloud(
         if needed not in fields:
             known = ", ".join(sorted(columns)) or "none"
             lack = f"cloud {name!r} has no field {needed!r}"
-            raise SprayError(f"{source}: {lack}; it has: {known} (a mapping file renames fields)")
+            way = f"a mapping file names it{', or a constant: `density: 684`' * (needed == 'rho')}"
+            raise SprayError(f"{source}: {lack}; it has: {known} ({way})")
     for column in fields.values():
         if len(column.values) != count:
             raise SprayError(f"{column.label}: {len(column.values)} values for {count} parcels")

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from cldit.cfd.amrex import list_amrex, plotfiles, read_amrex
 from cldit.cfd.case import NO_CLOUD, CfdCase, Listing
 from cldit.cfd.ensight.case import list_ensight, read_ensight
 from cldit.cfd.hdf.cgns import list_cgns, read_cgns
@@ -24,6 +25,7 @@ from cldit.spray.spray_file import read_spray
 
 _Read = Callable[[CfdSpray, ColumnMap, Watch], CfdCase]
 _FORMATS: dict[str, tuple[_Read, Callable[[CfdSpray], Listing]]] = {
+    "amrex": (read_amrex, list_amrex),
     "cgns": (read_cgns, list_cgns),
     "converge": (read_converge, list_converge),
     "ensight": (read_ensight, list_ensight),
@@ -51,6 +53,8 @@ def find_format(spec: CfdSpray) -> str:
         raise SprayError(f"{spec.file}: no such file or folder (spray.file)")
     if is_openfoam(spec.file):
         return "openfoam"
+    if plotfiles(spec.file):
+        return "amrex"
     if not spec.file.is_dir():
         if is_fluent(spec.file):
             return "fluent"
@@ -99,7 +103,8 @@ def read_case(spec: CfdSpray, watch: Watch = silent, *, fuel_column: str | None 
         found = read(spec, names, watch)
         found = found if kind == "openfoam" else _in_its_case(spec, found)
     mapped = () if spec.mapping is None else (spec.mapping,)
-    return replace(found, files=(*mapped, *found.files), accept=names.accept)
+    accept = (*spec.accept, *names.accept)
+    return replace(found, files=(*mapped, *found.files), accept=accept)
 
 
 def _with_table(spec: CfdSpray, names: ColumnMap, found: CfdCase) -> CfdCase:

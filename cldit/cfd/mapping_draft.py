@@ -1,13 +1,12 @@
 """Draft of a mapping file, `cldit import --write-mapping`: fields found by name, missing ones."""
 
 import os
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd.assumed import similar
+from cldit.cfd.amrex import AMREX_NAMES, AMREX_PARCELS
 from cldit.cfd.case import NO_CLOUD, choose_cloud
 from cldit.cfd.formats import contents, find_format
 from cldit.cfd.hdf.cgns import CGNS_NAMES
@@ -28,8 +27,8 @@ from cldit.cfd.mapping.file import (
     read_column_map,
     unit_in,
     units_of,
-    without_unit,
 )
+from cldit.cfd.names import GAS, PARCELS, VECTORS, guessed, normalised, similar
 from cldit.cfd.tables.case import table_names
 from cldit.errors import SprayError
 from cldit.io.files import write_text
@@ -38,6 +37,7 @@ from cldit.scene.spray import CfdSpray
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
 _DEFAULTS: dict[str, Mapping[str, tuple[str, ...]]] = {
+    "amrex": AMREX_NAMES,
     "cgns": CGNS_NAMES,
     "converge": CONVERGE_NAMES,
     "fluent": FLUENT_NAMES,
@@ -66,32 +66,6 @@ _TABLE_NOTES = {
     "volume": "needed, or the size",
 }
 _PAIRS = {"radius": "diameter", "mass": "number", "size": "volume", "volume": "size"}
-
-# Names that programs give to a quantity: lower case, letters and digits alone, without the unit.
-_GAS = {
-    "temperature": "t temp temperature statictemperature gastemperature svt",
-    "pressure": "p pres absolutepressure absolutestaticpressure pressure",
-    "density": "rho dens density svdensity",
-    "fuel": "fuel yfuel massfractionoffuel fuelmassfraction massfractionfuel",
-    "volume": "v vol volume cellvolume",
-}
-_PARCELS = {
-    "diameter": "d diam diameter particlediameter dropletdiameter",
-    "radius": "r rad radius particleradius parcelradius",
-    "number": "nparticle n num number numdrop ninparcel particlecount parcelparticlecount "
-    "numberofdroplets particlesperparcel numberinparcel",
-    "mass": "parcelmass",
-    "temperature": "t temp temperature particletemperature parceltemp",
-    "density": "rho dens density particledensity",
-    "age": "age residencetime particleresidencetime lifetime parcelage",
-}
-_VECTORS = {
-    "position": "x y z, xposition yposition zposition, xcoordinate ycoordinate zcoordinate, "
-    "centroidx centroidy centroidz, points0 points1 points2",
-    "size": "dx dy dz",
-    "velocity": "u v w, ux uy uz, u0 u1 u2, velocityi velocityj velocityk, "
-    "velocity0 velocity1 velocity2, velocityx velocityy velocityz, xvelocity yvelocity zvelocity",
-}
 
 
 def write_mapping(spec: CfdSpray, out: Path) -> list[str]:
@@ -157,8 +131,8 @@ def _section(
         if value is not None:
             body.append(f"  {key}: {yaml_value(_plain(value, si))}")
         elif getattr(given, _PAIRS.get(key, key), None) is None or key not in _PAIRS:
-            names = (_GAS if name == "cells" else _PARCELS).get(key, "")
-            close = _guessed(names.split(), known) or similar(key, known)
+            names = (GAS if name == "cells" else PARCELS).get(key, "")
+            close = guessed(names.split(), known) or similar(key, known)
             shape = f"column: {yaml_value(close[0]) if close else 'NAME'}"
             if key in ("position", "size", "velocity", "origin"):
                 shape = "columns: [X, Y, Z]"
@@ -205,21 +179,22 @@ def _of_case(spec: CfdSpray) -> Draft:
         default = _DEFAULTS.get(kind, FOAM_NAMES)
         found = ColumnMap(cells=gas_names(given.cells, fields, spec.fuel_field, default))
         if parcels is not None:
-            names = parcel_names(parcels) if kind == "converge" else _foam_parcels(parcels)
+            own = AMREX_PARCELS if kind == "amrex" else PARCEL_NAMES
+            names = parcel_names(parcels) if kind == "converge" else _present(own, parcels)
             found = found.model_copy(update={"parcels": merged(given.parcels, names)})
     title = f"Names of {spec.file} ({kind}) for `cldit import --mapping`"
     return Draft(title, found, known.fields, parcels, kind == "tables")
 
 
-def _foam_parcels(known: Sequence[str]) -> ParcelColumns:
-    """OpenFOAM's names of parcels that are `known`."""
+def _present(names: ParcelColumns, known: Sequence[str]) -> ParcelColumns:
+    """Restricts the `names` of parcels to columns that are `known`."""
     parts = {*known, *(f"{name}_{letter}" for name in known for letter in "XYZ")}
     absent = {
         key: None
-        for key, value in PARCEL_NAMES
+        for key, value in names
         if isinstance(value, (Scalar, Vector)) and not columns_of_value(value) <= parts
     }
-    return PARCEL_NAMES.model_copy(update=absent)
+    return names.model_copy(update=absent)
 
 
 def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:
@@ -236,23 +211,23 @@ def _of_table(spec: CfdSpray) -> Draft:
     """Draft of a mapping for tables, from the names of one table."""
     file = spec.file.resolve()
     names = table_names(file, CellColumns())
-    own = _normalised(spec.fuel_field)
-    fuel = f"{own} y{own} massfractionof{own} massfrac{own} {own}massfraction {_GAS['fuel']} "
+    own = normalised(spec.fuel_field)
+    fuel = f"{own} y{own} massfractionof{own} massfrac{own} {own}massfraction {GAS['fuel']} "
     fuel += f"molefractionof{own} {own}molefraction molef{own} x{own}"
 
     def scalars(known: Mapping[str, str]) -> dict[str, Any]:
-        found = {key: _guessed(several.split(), names) for key, several in known.items()}
+        found = {key: guessed(several.split(), names) for key, several in known.items()}
         return {key: Scalar(column=each[0]) for key, each in found.items() if len(each) == 1}
 
     def vector(key: str) -> Vector | None:
-        for letters in _VECTORS[key].split(", "):
-            parts = [_guessed([letter], names) for letter in letters.split()]
+        for letters in VECTORS[key].split(", "):
+            parts = [guessed([letter], names) for letter in letters.split()]
             if all(len(part) == 1 for part in parts):
                 return Vector(columns=(parts[0][0], parts[1][0], parts[2][0]))
         return None
 
     title = f"Names of {file.name} for `cldit import` of this file; check the guesses"
-    parcels = scalars(_PARCELS)
+    parcels = scalars(PARCELS)
     if {"diameter", "radius"} & set(parcels):
         parcels |= {"position": vector("position"), "velocity": vector("velocity")}
         for one, other in PAIRS:
@@ -260,21 +235,8 @@ def _of_table(spec: CfdSpray) -> Draft:
                 parcels.pop(other, None)
         found = ColumnMap(parcels=ParcelColumns(file=file, **parcels))
         return Draft(title, found, [], names, tables=True)
-    cells = scalars({**_GAS, "fuel": fuel})
+    cells = scalars({**GAS, "fuel": fuel})
     cells |= {"position": vector("position"), "size": vector("size")}
     if cells["size"] is not None:
         cells.pop("volume", None)
     return Draft(title, ColumnMap(cells=CellColumns(file=file, **cells)), names, [], tables=True)
-
-
-def _normalised(name: str) -> str:
-    """Letters and digits of a name without its unit: `velocityi` of `Velocity[i] (m/s)`."""
-    return re.sub(r"[^a-z0-9]", "", without_unit(name).lower())
-
-
-def _guessed(known: Iterable[str], names: Iterable[str]) -> list[str]:
-    """Selects the `names` that some program gives to a quantity, the likeliest first."""
-    by_name: dict[str, list[str]] = {}
-    for each in names:
-        by_name.setdefault(_normalised(each), []).append(each)
-    return [each for name in known for each in by_name.get(name, ())]

@@ -3,7 +3,6 @@
 Judged by values and by relations between rows and files; names of columns only add to that.
 """
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,53 +10,40 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from cldit.arrays import Floats, Mask
 from cldit.cfd.case import CfdCase, Cloud, Column, triple
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels
 from cldit.cfd.mesh.elements import BoxMesh
 from cldit.cfd.mesh.faces import JoinedMesh
+from cldit.cfd.names import IDENTITY, TIME, is_mark, normalised
 from cldit.cfd.parcels import only
 from cldit.cfd.times import TIME_TOLERANCE
 from cldit.errors import SprayError
 
-_TIME = re.compile(
-    r"(flow|physical|solution|simulation|integration)?time(s|value|step|index)?"
-    r"|step|iteration|cycle|crankangle"
-)
-_IDENTITY = re.compile(r"(particle|parcel|droplet|track)(id|identifier|index)")
 _NEAR = 1e-3  # of the smallest edge; centroids of distinct cells are farther apart
 _SLACK = 1e-3  # of the volume of the box around a mesh
-
-
-def _plain(name: str) -> str:
-    """Letters and digits of a column's name without a unit."""
-    return re.sub(r"[^a-z0-9]", "", re.sub(r"[\[(].*", "", name.lower()))
 
 
 def _shown(value: object) -> str:
     return f"{value:.15g}" if isinstance(value, float) else str(value)
 
 
-def is_mark(name: str) -> bool:
-    """True for the name of a column that gives the time, or the identity of a particle."""
-    plain = _plain(name)
-    return bool(_TIME.fullmatch(plain) or _IDENTITY.fullmatch(plain))
-
-
 def check_marks(columns: Mapping[str, Column]) -> None:
     """Refuses columns (N,), by name, of several times, or of a particle that occurs repeatedly."""
     for name, column in columns.items():
-        plain = _plain(name)
+        plain = normalised(name)
         if column.values.ndim != 1 or not is_mark(name) or not len(column.values):
             continue
         found, counts = np.unique(column.values, return_counts=True)
-        if _TIME.fullmatch(plain) and len(found) > 1:
+        if TIME.fullmatch(plain) and len(found) > 1:
+            there = ", ".join(map(_shown, found[:10])) + (", ..." if len(found) > 10 else "")
             raise SprayError(
-                f"{column.label}: has {len(found)} values, from {_shown(found[0])} to "
-                f"{_shown(found[-1])}; allowed: one time; keep the rows of one time"
+                f"{column.label}: has {len(found)} values: {there}; allowed: one time; keep the "
+                "rows of one of these"
             )
-        if _IDENTITY.fullmatch(plain) and counts.max() > 1:
+        if IDENTITY.fullmatch(plain) and counts.max() > 1:
             often = int(np.argmax(counts))
             raise SprayError(
                 f"{column.label}: {_shown(found[often])} occurs {counts[often]} times, so the rows "
@@ -76,18 +62,22 @@ def check_times(times_s: Mapping[Path, float]) -> None:
             )
 
 
-def judged(accept: Sequence[str], checks: Mapping[str, Callable[[], None]]) -> tuple[str, ...]:
-    """Makes the `checks`, by name; an error of an accepted one becomes a remark."""
+def judged(
+    accept: Sequence[str], checks: Mapping[str, Callable[[], str | None]]
+) -> tuple[str, ...]:
+    """Makes the `checks`, by name; an error of an accepted one becomes a remark.
+
+    A check that cannot decide returns what it would need, which becomes a remark, too.
+    """
     remarks: tuple[str, ...] = ()
     for name, check in checks.items():
         try:
-            check()
+            if (needed := check()) is not None:
+                remarks += (f"Not checked ({name}): {needed}.",)
         except SprayError as error:
             if name not in accept:
-                way = (
-                    f"if that is right, `accept: [{name}]` in a mapping file reads it all the same"
-                )
-                raise SprayError(f"{error}; {way}") from error
+                way = f"`--accept {name}` (spray.accept: [{name}]) reads it all the same"
+                raise SprayError(f"{error}; if that is right, {way}") from error
             remarks += (f"Accepted ({name}): {error}.",)
     return remarks
 
@@ -95,9 +85,9 @@ def judged(accept: Sequence[str], checks: Mapping[str, Callable[[], None]]) -> t
 def check_parcels(cloud: Cloud, accept: Sequence[str] = ()) -> tuple[str, ...]:
     """Refuses a cloud with parcels that occur repeatedly, or a row that sums up the others."""
 
-    def tracks() -> None:
+    def tracks() -> str | None:
         check_marks(cloud.others)
-        _check_tracks(cloud)
+        return _check_tracks(cloud)
 
     checks = {"copies": partial(_check_copies, cloud), "summary": partial(_check_summary, cloud)}
     return judged(accept, checks | {"tracks": tracks})
@@ -157,7 +147,7 @@ _DIGITS = 1e-5  # relative to the leading digit
 _SPREAD = 3.0  # ages of one parcel differ by more than those of parcels injected together
 
 
-def _check_tracks(cloud: Cloud) -> None:
+def _check_tracks(cloud: Cloud) -> str | None:
     """Refuses rows that are the same parcels at several places of their way.
 
     Recognised by a column of whole numbers that occur equally often, or by one whose values recur
@@ -188,6 +178,9 @@ def _check_tracks(cloud: Cloud) -> None:
                 f"{values[a]:.9g}, at {triple(places[a])} and {triple(places[b])} m; allowed: each "
                 "parcel once; keep the rows of one time"
             )
+    if cloud.others or {"U", "age"} & set(cloud.fields):
+        return None
+    return f"{cloud.position_m.label}: needs velocities, ages, or a number of each parcel"
 
 
 def _keys(cloud: Cloud) -> Iterator[tuple[Column, Floats, bool]]:
@@ -307,7 +300,6 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
 _FEWEST = 4  # covered cells; the centroid of a single dented cell may lie in its neighbour
 _MOST = 20_000  # cells that are looked at, the largest and some of all
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-_BITS = 22  # of a hash, to find the few centroids that may lie in a cell
 
 
 def _covered(
@@ -350,35 +342,18 @@ def _covered(
 
 
 def _contained(middle: Floats, half: Floats, points: Floats) -> Iterator[tuple[Labels, Labels]]:
-    """Indices of boxes, middle +- half (N, 3), and of points (P, 3) in them, some at a time.
-
-    Boxes of one size are found by the places of a lattice that they touch.
-    """
-    level = np.ceil(np.log2(2.0 * half.max(axis=1))).astype(np.int64)
-    corner = np.array([(n & 1, n >> 1 & 1, n >> 2 & 1) for n in range(8)])
-    for size in np.unique(level):
-        box = np.flatnonzero(level == size)
-        spacing = 2.0 ** float(size)
-        # a box is no larger than a place: it touches one or two along each axis
-        touched = np.floor((middle[box, None] + (2 * corner - 1) * half[box, None]) / spacing)
-        pairs = np.unique(np.stack([np.repeat(box, 8).astype(np.uint64), _hash(touched)]), axis=1)
-        order = np.argsort(pairs[1], kind="stable")
-        own, key = pairs[0][order].astype(np.int64), pairs[1][order]
-        known = np.zeros(1 << _BITS, dtype=bool)
-        known[key >> np.uint64(64 - _BITS)] = True
-        for begin in range(0, len(points), 1 << 18):
-            place = _hash(np.floor(points[begin : begin + (1 << 18)] / spacing))
-            near = np.flatnonzero(known[place >> np.uint64(64 - _BITS)])
-            low, high = (np.searchsorted(key, place[near], side) for side in ("left", "right"))
-            many = high - low
-            first = np.repeat(low - np.cumsum(many) + many, many)
-            boxes = own[first + np.arange(len(first))]
-            there = begin + np.repeat(near, many)
-            within = np.all(np.abs(points[there] - middle[boxes]) < half[boxes], axis=1)
-            yield boxes[within], there[within]
+    """Indices of boxes, middle +- half (N, 3), and of points (P, 3) in them, some at a time."""
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    for begin in range(0, len(middle), 1_000):
+        some = slice(begin, begin + 1_000)
+        found = tree.query_ball_point(middle[some], half[some].max(axis=1), p=np.inf)
+        boxes = begin + np.repeat(np.arange(len(found)), [len(each) for each in found])
+        there = np.concatenate([*found, []]).astype(np.int64)
+        within = np.all(np.abs(points[there] - middle[boxes]) < half[boxes], axis=1)
+        yield boxes[within], there[within]
 
 
-def _hash(places: Floats) -> NDArray[np.uint64]:
+def hashes(places: Floats) -> NDArray[np.uint64]:
     """Hashes (N,) of whole numbers (..., 3)."""
     whole = places.reshape(-1, 3).astype(np.int64).view(np.uint64) * _HASH
     found = whole[:, 0] ^ (whole[:, 1] + whole[:, 2])

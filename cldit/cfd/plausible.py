@@ -1,14 +1,13 @@
 """Limits on totals and between fields: values that are possible one by one, in another unit."""
 
-import re
 from collections.abc import Mapping
 
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.cfd.assumed import molar_mass_kg_mol
 from cldit.cfd.case import CfdCase, Cloud, Column
 from cldit.cfd.mesh.cells import AnyFloats
+from cldit.cfd.names import formula, fuel_of, is_liquid, molar_mass_kg_mol, species_in
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
 from cldit.scene.values import ZERO_CELSIUS_K
@@ -27,7 +26,7 @@ _COLDEST_K = 60.0  # of a fuel that is not in the table
 
 def freezing_K(spec: CfdSpray) -> float:
     """Freezing point of the fuel, or that of the lowest."""
-    name = "C7H16" if spec.fuel == "n-heptane" else formula(spec.fuel_field)
+    name = "C7H16" if fuel_of(spec) == "n-heptane" else formula(spec.fuel_field)
     return _FREEZING_K.get(name, _COLDEST_K)
 
 
@@ -36,24 +35,8 @@ def is_fuel(field: str) -> bool:
     return formula(field) in _FREEZING_K
 
 
-def formula(field: str) -> str:
-    """Name of the species of a field without what programs put before it."""
-    return re.sub(r"^(MASSFRAC_|[XY]_)", "", field.upper()).replace("-", "")
-
-
-_PHASE = re.compile(r"(\w+)\((?:l|s|liq|liquid)\)$", re.IGNORECASE)  # OpenFOAM's C7H16(l)
-_SUBSTANCES = "WATER ETHANOL METHANOL HEPTANE OCTANE ISOOCTANE DODECANE TOLUENE UREA".split()
 _GASES = {"N2", "O2", "CO2", "CO"}
 _LEAST = 0.01  # share of the liquid: a second component
-
-
-def species_in(name: str) -> str | None:
-    """Species of which a column of parcels gives the share, by its name; else None."""
-    if (phase := _PHASE.search(name)) is not None:
-        return formula(phase[1])
-    words = [word.upper() for word in re.split(r"[^A-Za-z0-9]+", name)]
-    known = (w for w in words if w in _SUBSTANCES or molar_mass_kg_mol(w) is not None)
-    return next(known, None)
 
 
 def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
@@ -64,7 +47,7 @@ def check_one_liquid(cloud: Cloud, fuel_field: str) -> None:
         species, values = species_in(name), np.asarray(column.values, np.float64)
         if species is not None and values.min() >= -1e-3 and _LEAST < values.max() <= 1.0 + 1e-3:
             parts[species] = column
-            liquid = liquid or _PHASE.search(name) is not None
+            liquid = liquid or is_liquid(name)
     total = np.sum([part.values for part in parts.values()], axis=0)
     if _GASES & set(parts) or not (liquid or np.all(np.abs(total - 1.0) < _LEAST)):
         return  # of the gas around the parcels, or something else

@@ -39,10 +39,7 @@ _ITSELF = Copy(np.eye(3), np.zeros(3))
 
 
 def copies(spec: CfdSpray, case: CfdCase, frame: Frame) -> tuple[tuple[Copy, ...], tuple[str, ...]]:
-    """Copies that make the case whole, itself first, and remarks on them.
-
-    A partial case is refused unless the scene states which part it is.
-    """
+    """Copies that make the case whole, itself first, and remarks; refuses a part unsaid."""
     if spec.sector is not None and spec.symmetry is not None:
         raise SprayError("spray.sector and spray.symmetry are both given; allowed: one of them")
     if spec.sector is not None:

@@ -18,10 +18,7 @@ def wanted_time(wanted: CaseTime | None) -> tuple[float | None, bool]:
 
 
 def choose_time(source: str, times: Iterable[float], wanted: CaseTime | None) -> float:
-    """Returns the time asked for, else the latest; a number must match within `TIME_TOLERANCE`.
-
-    The error lists the times that exist, and how to take the nearest.
-    """
+    """Returns the time asked for, else the latest; a number must match within `TIME_TOLERANCE`."""
     known = sorted(set(times))
     if not known:
         raise SprayError(f"{source}: no time with results")

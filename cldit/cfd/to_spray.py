@@ -1,6 +1,5 @@
 """Conversion of a CFD case to a spray: plausibility of fields, rotation into cldit's frame."""
 
-import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,25 +8,17 @@ from functools import partial
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.cfd import one_state
 from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
 from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
-from cldit.cfd.one_state import (
-    check_cells_once,
-    check_times,
-    check_volume,
-    judged,
-)
-from cldit.cfd.one_state import (
-    check_parcels as check_rows,
-)
+from cldit.cfd.names import fuel_of, other_fuels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
 from cldit.cfd.plausible import (
     check_one_liquid,
     check_totals,
-    formula,
     freezing_K,
     gas_remarks,
     is_fuel,
@@ -97,13 +88,15 @@ def read_cfd(spec: CfdSpray, *, watch: Watch = silent) -> Spray:
 
 
 def _stored(spec: CfdSpray) -> Spray:
-    for key in ("nozzle_m", "axis", "cloud", "mapping", "region", "sector", "symmetry"):
-        if getattr(spec, key) is not None:
+    fixed = ("nozzle_m", "axis", "cloud", "mapping", "region", "sector", "symmetry", "accept")
+    for key in fixed:
+        if getattr(spec, key) is not None and (key != "accept" or spec.accept):
             raise SprayError(f"{spec.file}: spray.{key} was fixed when the case was imported")
     spray = read_spray(spec.file)
-    fuel, vapour = spray.fuel or spec.fuel, spray.vapour
-    if spec.fuel_field != CfdSpray.model_fields["fuel_field"].default and fuel != spec.fuel:
-        raise SprayError(f"{spec.file}: spray.fuel_field: {spec.fuel}; the file contains {fuel}")
+    fuel, vapour = spray.fuel or fuel_of(spec), spray.vapour
+    if spec.fuel_field != CfdSpray.model_fields["fuel_field"].default and fuel != fuel_of(spec):
+        wanted = fuel_of(spec)
+        raise SprayError(f"{spec.file}: spray.fuel_field: {wanted}; the file contains {fuel}")
     if not spray.fuel and vapour is not None:  # a file of an older version
         mass = with_molar_mass(spec).fuel_molar_mass_kg_mol
         if abs(vapour.molar_mass_kg_mol / mass - 1.0) > _MOLAR:
@@ -120,7 +113,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     for file in case.files:
         if begun < file.stat().st_mtime <= time.time():
             raise SprayError(f"{file}: changed while it was read; import it when it is complete")
-    accepted = judged(case.accept, {"times": lambda: check_times(case.times_s)})
+    accepted = one_state.judged(case.accept, {"times": lambda: one_state.check_times(case.times_s)})
     _check_size(case)
     gas = _gas(spec, case)
     checked = None
@@ -128,7 +121,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         share, coldest_K = spec.parcels_left_out, freezing_K(spec)
         checked = check_parcels(case.cloud, *case.mesh.extent_m, share=share, coldest_K=coldest_K)
         cloud = only(case.cloud, checked.kept)
-        accepted += check_rows(cloud, case.accept)
+        accepted += one_state.check_parcels(cloud, case.accept)
         case = replace(case, cloud=cloud)
     frame = find_frame(spec, case)
     every, completed = copies(spec, case, frame)
@@ -155,7 +148,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     others = other_fuels(case.available, spec.fuel_field)
     if case.cloud is not None:
         liquids = partial(check_one_liquid, case.cloud, spec.fuel_field)
-        accepted += judged(case.accept, {"liquids": liquids})
+        accepted += one_state.judged(case.accept, {"liquids": liquids})
     _check_one_fuel(spec, case, gas, others)
     alone = checked is None and spec.cloud != NO_CLOUD
     remarks = (
@@ -171,17 +164,7 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
         *completed,
     )
     files = files_read(case.files)
-    return Spray(parcels, some, notes=notes, remarks=remarks, files=files, fuel=spec.fuel)
-
-
-_FUEL = re.compile(r"(?:MASSFRAC_|Y_?)?(?:C\d+H\d+\w*|[NI]C\d+H\d+)$", re.IGNORECASE)
-
-
-def other_fuels(available: Sequence[str], fuel_field: str) -> list[str]:
-    """Lists hydrocarbons (from C2 on) among the `available` names, other than `fuel_field`."""
-    return sorted(
-        name for name in available if _FUEL.match(name) and formula(name) != formula(fuel_field)
-    )
+    return Spray(parcels, some, notes=notes, remarks=remarks, files=files, fuel=fuel_of(spec))
 
 
 def _check_one_fuel(spec: CfdSpray, case: CfdCase, gas: _Gas, others: Sequence[str]) -> None:
@@ -312,10 +295,10 @@ def _vapour(
     volume = np.prod(upper[own] - lower[own], axis=1)
 
     def once() -> None:
-        check_cells_once(case, cell[own], centre, volume)
-        check_volume(case.mesh, filled)
+        one_state.check_cells_once(case, cell[own], centre, volume)
+        one_state.check_volume(case.mesh, filled)
 
-    accepted = judged(case.accept, {"cells": once})
+    accepted = one_state.judged(case.accept, {"cells": once})
     temperature = gas.temperature_K[cell].astype(np.float64)
     molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
     vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)

@@ -15,37 +15,29 @@ _FLUENT = f"in Fluent, File > Export > EnSight Case Gold with the DPM particles;
 _STAR = "in STAR-CCM+, File > Export > EnSight Gold with the Lagrangian phase; or " + _TABLES
 # endings: what it is, and the way out
 _KINDS: dict[str, tuple[str, str]] = {
-    ".cas .cas.gz": ("a case of Fluent", _FLUENT),
-    ".dat .dat.gz": ("a data file of Fluent or Tecplot", _FLUENT),
-    ".dpm": ("particles of Fluent, a table in addition to a case", _BEGIN),
-    ".his": ("a particle history of Fluent", _FLUENT),
+    ".cas .cas.gz .dat .dat.gz .his": ("a file of Fluent (or Tecplot)", _FLUENT),
     ".msh": ("a mesh of Fluent or Gmsh without results", "give the results, as EnSight or .vtu"),
-    ".sim": ("a session of STAR-CCM+", _STAR),
-    ".ccm": ("a mesh of STAR-CCM+", _STAR),
-    ".trk": ("particle tracks of STAR-CCM+", _STAR),
+    ".sim .ccm .trk": ("a session, mesh or tracks of STAR-CCM+", _STAR),
     ".res": ("a result of CFX", f"in CFD-Post, export EnSight or CSV; {_TABLES}"),
     ".hdf": ("HDF, maybe VTK's", "give VTK's own the ending .vtkhdf"),
-    ".pvsm": ("a state of ParaView without data", "save the data themselves as .vtu and .vtp"),
-    ".xmf .xdmf": ("XDMF", _PARAVIEW),
-    ".e .exo": ("Exodus II", _PARAVIEW),
-    ".plt .silo .visit .nek5000 .gmv .bp .phs": (
-        "a file of Tecplot, Silo, VisIt, Nek5000, GMV (KIVA), ADIOS or PHASTA",
+    ".plt .silo .visit .nek5000 .gmv .bp .phs .xmf .xdmf .e .exo .pvsm": (
+        "a file of Tecplot, Silo, VisIt, Nek5000, GMV (KIVA), ADIOS, PHASTA, XDMF or Exodus",
         _PARAVIEW,
     ),
     ".szplt": ("Tecplot", f"in Tecplot, export .plt, then {_PARAVIEW}"),
     ".stl": ("a surface without gas", "give the results, as .vtu or an OpenFOAM case"),
     ".fla .flm .fl3": ("a file of AVL FIRE", _TABLES),
     ".out": ("a map or restart of CONVERGE", "convert it with CONVERGE's post_convert to HDF5"),
-    ".csv .txt .tsv": ("a table", _BEGIN),
+    ".csv .txt .tsv .parquet .dpm": ("a table", _BEGIN),
     ".xlsx": ("a spreadsheet", f"save it as CSV; {_TABLES}"),
-    ".parquet": ("a Parquet table", _BEGIN),
     ".json": ("JSON", _TABLES),
     ".tar .tgz .tar.gz .zip": ("an archive", "unpack it and give the case inside"),
 }
 _READ = (
     "an OpenFOAM case (folder or .foam), VTK files (.vtu, .vtp, .vtk, .vti, .vtr, .vts, their "
     "pieces (.pvtu), .vtm, .pvd, .vtkhdf), CGNS in HDF5 (.cgns), EnSight Gold (.case), CONVERGE "
-    "(.h5), Fluent (.cas.h5), tables (a mapping file, .yaml), or cldit's own .npz"
+    "(.h5), Fluent (.cas.h5), AMReX plotfiles (their folder), tables (a mapping file, .yaml), or "
+    "cldit's own .npz"
 )
 
 
@@ -70,13 +62,6 @@ def refuse_unknown(path: Path) -> None:
 
 def refuse_folder(path: Path) -> None:
     """Raises an error that names the first file of a known kind in a folder, or its content."""
-    header = path / "Header"
-    if header.is_file() and (path / "Level_0").is_dir():
-        what = f"a plotfile of AMReX (PeleLMeX), which is not read; {_PARAVIEW}"
-        raise SprayError(
-            f"{path}: is {what}: of the gas the finest cells of each place (no cell that finer "
-            "ones cover), and the particles as points"
-        )
     files = sorted(each for each in path.iterdir() if each.is_file())
     for each in files:
         if (found := _kind(each)) is not None:

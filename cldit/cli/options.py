@@ -4,12 +4,13 @@ import re
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import click
 from click.shell_completion import CompletionItem
 
 from cldit.errors import SceneError
+from cldit.scene.spray import Check
 
 if TYPE_CHECKING:
     _Float = click.ParamType[float]
@@ -77,7 +78,7 @@ _CASE = (
     click.option(
         "--cfd-format",
         "format",
-        help="openfoam, vtk, ensight, converge, fluent, cgns or tables; default: by content.",
+        help="openfoam, vtk, ensight, converge, fluent, cgns, amrex, tables; default: by content.",
     ),
     click.option("--mapping", type=PATH, help="YAML file of names and units of fields."),
     click.option(
@@ -87,16 +88,24 @@ _CASE = (
     click.option("--cloud", help="Cloud of parcels if there are several; `none`: gas only."),
     click.option("--fuel-field", help="Cell field of the fuel's mass fraction; default: C7H16."),
     click.option(
-        "--fuel-molar-mass",
-        "fuel_molar_mass_kg_mol",
-        type=float,
-        help="kg/mol; default: 0.100204.",
+        "--fuel-molar-mass", "fuel_molar_mass_kg_mol", type=float, help="kg/mol; default: 0.100204."
     ),
     click.option(
         "--nozzle", "nozzle_m", type=(float, float, float), help="In the case's coordinates, m."
     ),
+    click.option(
+        "--accept",
+        multiple=True,
+        metavar="CHECK",
+        callback=lambda _, __, names: names or None,
+        help=f"Read the case whatever this check finds: {', '.join(get_args(Check))}; repeatable.",
+    ),
     click.option("--sector", type=float, help="Angle of the mesh in degrees; 360: whole."),
-    click.option("--symmetry", help="Normals of mirror planes, as x or x,y; `none`: whole."),
+    click.option(
+        "--symmetry",
+        callback=lambda _, __, text: text and ([] if text == "none" else text.split(",")),
+        help="Normals of mirror planes, as x or x,y; `none`: whole.",
+    ),
     click.option("--axis", help="Direction of injection: -y, +z, or three numbers as 0,-1,0."),
 )
 
@@ -111,23 +120,15 @@ def case_options(command: Command) -> Command:
 def spray_keys(options: Mapping[str, Any]) -> dict[str, Any]:
     """Keys of the `spray` section of a scene, from the options that were given."""
     keys = {name: value for name, value in options.items() if value is not None}
-    if "axis" in keys:
-        keys["axis"] = _axis(keys["axis"])
     if "sector" in keys:
         keys["sector"] = {"angle_deg": keys["sector"]}
-    if "symmetry" in keys:
-        keys["symmetry"] = [] if keys["symmetry"] == "none" else keys["symmetry"].split(",")
+    if "," in (axis := keys.get("axis", "")):
+        try:
+            keys["axis"] = [float(part) for part in axis.split(",")]
+        except ValueError as error:
+            where = "--axis"
+            raise click.BadParameter(f"{axis!r} is not a direction", param_hint=where) from error
     return keys
-
-
-def _axis(text: str) -> str | list[float]:
-    """`-y` unchanged, `0,-1,0` as numbers."""
-    if "," not in text:
-        return text
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise click.BadParameter(f"{text!r} is not a direction", param_hint="--axis") from error
 
 
 def two_numbers(option: str, text: str, number: str) -> tuple[str, str]:

@@ -1,14 +1,14 @@
 """`cldit run`: simulate a scene, record it with a simulated rig, evaluate."""
 
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cldit.accuracy.errors import Errors
 from cldit.acquisition.progress import Progress
-from cldit.api.experiment import run_experiment
-from cldit.api.series import Series, run_series
 from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import (
     OUT,
@@ -39,7 +39,7 @@ from cldit.cli.results import (
     print_reach,
 )
 from cldit.errors import SceneError
-from cldit.gpu.device import Device, open_device
+from cldit.gpu.device import open_device
 from cldit.io.extras import install_line
 from cldit.run import Run, simulate
 from cldit.run.folder import SCENE_FILE, free_folder
@@ -49,9 +49,10 @@ from cldit.scene.change import parse_change
 from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s
 from cldit.scene.load import short_changes
 from cldit.scene.scatter import members_of
-from cldit.show.figures.film import mp4_possible
 from cldit.show.figures.readable import human_figures
-from cldit.show.report.run_report import write_figures
+
+if TYPE_CHECKING:
+    from cldit.api.series import Series
 
 _ABOVE = 1 / 12  # of a field's height is above the nozzle
 
@@ -116,9 +117,9 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
 @click.option(
     "--workers",
     type=click.IntRange(1, 1024),
-    help="Processes that trace injections side by side; default: one after the other.",
+    help="Processes that trace injections or times side by side; default: one after the other.",
 )
-@click.option("--scheduler", help="Address of a dask scheduler for the injections.")
+@click.option("--scheduler", help="Address of a dask scheduler for the injections or times.")
 @click.option("--quick", is_flag=True, help="Preview: 128 x 128 pixels, 4 K.")
 @click.option("--trace-only", is_flag=True, help="Without the rig: trace and noise-free maps.")
 @figures_option
@@ -176,11 +177,14 @@ def run(
     if verbose:
         OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")
     with ProgressBar(stages=verbose) as bar:
-        if workers is not None or scheduler is not None:
-            if times is not None:
-                raise SceneError("--workers, --scheduler: allowed without --times")
-            _side_by_side(chosen, folder, bar, opened, workers, scheduler)
+        shared = {"workers": workers, "scheduler": scheduler, "device": opened}
+        aside = workers is not None or scheduler is not None
+        if aside and times is None:
+            _members_aside(chosen, folder, bar, shared)
+        # The rig, the evaluation and figures take seconds to import.
         if times is not None:
+            from cldit.api.series import run_series
+
             series = run_series(
                 chosen,
                 folder,
@@ -190,14 +194,19 @@ def run(
                 progress=bar.say,
                 watch=bar.watch,
                 suffix=suffix or ".png",
+                ahead=partial(_times_aside, bar, shared) if aside else None,
             )
         elif trace_only:
             result = simulate(chosen, folder, device=opened, progress=bar.say, watch=bar.count)
         else:
+            from cldit.api.experiment import run_experiment
+
             result = run_experiment(
                 chosen, folder, device=opened, progress=bar.say, watch=bar.watch
             )
         if times is None and suffix is not None and not (suffix == ".png" and result.measured):
+            from cldit.show.report.run_report import write_figures
+
             write_figures(result, suffix=suffix)
     if times is not None:
         return _series_outcome(series)
@@ -207,33 +216,30 @@ def run(
     return Outcome(_data(result))
 
 
-def _side_by_side(
-    scene: Scene,
-    folder: Path,
-    bar: ProgressBar,
-    device: Device,
-    workers: int | None,
-    scheduler: str | None,
-) -> None:
+def _times_aside(bar: ProgressBar, shared: dict[str, Any], scenes: Mapping[Path, Scene]) -> None:
+    """Traces the times of a series before the run finds them."""
+    from cldit.study.side_by_side import trace_scenes
+
+    trace_scenes(scenes, progress=bar.say, watch=partial(_count, bar, "times"), **shared)
+
+
+def _count(bar: ProgressBar, what: str, at: Any) -> None:
+    bar.watch(Progress(what, at.done, at.total, at.remaining_s))
+
+
+def _members_aside(scene: Scene, folder: Path, bar: ProgressBar, shared: dict[str, Any]) -> None:
     """Traces the injections of a scene, and of its delays, before the run finds them."""
     from cldit.study.side_by_side import trace_members  # brings the extra `studies`
 
     if members_of(scene) == 1:
-        raise SceneError("--workers, --scheduler: one injection; allowed: with --ensemble N")
+        raise SceneError("--workers, --scheduler: one trace; allowed: with --ensemble N or --times")
     places = {folder: scene}
     for delay_s in scene.plan.delays_s:
         if not same_time(spray_time_s(scene), delay_s):
             places[folder / delay_folder(delay_s)] = alone(scene_at(scene, delay_s))
     for place, one in places.items():
-        trace_members(
-            one,
-            place,
-            workers=workers,
-            scheduler=scheduler,
-            device=device,
-            progress=bar.say,
-            watch=lambda at: bar.watch(Progress("injections", at.done, at.total, at.remaining_s)),
-        )
+        watch = partial(_count, bar, "injections")
+        trace_members(one, place, progress=bar.say, watch=watch, **shared)
 
 
 def _data(result: Run) -> dict[str, Any]:
@@ -348,8 +354,10 @@ _OF_TIME = (
 )
 
 
-def _series_outcome(series: Series) -> Outcome:
+def _series_outcome(series: "Series") -> Outcome:
     """Prints a line for each time, the files, and the times that failed, which set the status."""
+    from cldit.show.figures.film import mp4_possible
+
     rows = []
     for each in series.times:
         row = [_number(each.spray.get(name), factor) for name, _, factor in _OF_TIME]

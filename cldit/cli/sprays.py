@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from cldit.acquisition.progress import Progress
+from cldit.cfd import mapping_draft
 from cldit.cfd.formats import contents
 from cldit.cfd.importing import case_lines, cfd_spray, imported, list_case
 from cldit.cli.as_json import Outcome, json_option
@@ -101,9 +102,7 @@ def import_command(
             raise SceneError(
                 "--write-mapping writes only the names; give --list, --out and --fit without it"
             )
-        from cldit.cfd import mapping_draft as mapping_found
-
-        for line in mapping_found.write_mapping(spec, write_mapping):
+        for line in mapping_draft.write_mapping(spec, write_mapping):
             OUT.print(escaped(line))
         return Outcome({"mapping": write_mapping})
     scene = None if fit is None else Path(fit or f"{file.resolve().stem}.yaml")

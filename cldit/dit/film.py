@@ -15,7 +15,7 @@ from cldit.arrays import Floats, Mask
 from cldit.dit.frame import Frame
 from cldit.dit.shots import AllSums, Sums, thumbnail_edges
 from cldit.dit.solve import KINDS
-from cldit.dit.witness.finding import Witness, refusal
+from cldit.dit.witness.finding import Witness
 from cldit.errors import EvaluationError
 
 _CHANCE = 1e-3  # rows that are found by chance in all images
@@ -23,7 +23,6 @@ _PART = 8  # of the width, and pixels, that have one value at least
 _USUAL = 0.9  # share of the images in which such a row belongs to the camera
 _DEVIATES = 6.0  # standard deviations of a block
 _MOST = 5  # rows that are listed
-_NAMED = 3  # repeats that a message lists
 _LEAST_LAG = 0.002  # of the image before, that is worth a warning
 _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
 
@@ -113,25 +112,21 @@ def _whose(
     return f"{kind}s have" if whole else f"{len(same)} images have"
 
 
-def repeats(sums: AllSums) -> Witness | None:
-    """Witness of identical images, impossible with noise; flat images are ignored."""
-    first: dict[bytes, str] = {}
-    same: list[str] = []
-    count = 0
-    for (setpoint, kind), group in sorted(sums.items()):
+def repeats(sums: AllSums) -> dict[str, str]:
+    """Images that repeat another one, impossible with noise: what is wrong, by id. Of those of one
+    group, the first is good; flat images are no repeats."""
+    same: dict[bytes, list[tuple[tuple[float, str], str]]] = {}
+    for key, group in sorted(sums.items()):
         for name, frame in zip(group.ids, group.frames, strict=True):
-            count += 1
-            if frame.digest in first and not frame.flat:
-                same.append(f"{name} ({kind} at {setpoint:g} K) = {first[frame.digest]}")
-            first.setdefault(frame.digest, name)
-    if not same:
-        return None
-    listed = ", ".join(same[:_NAMED]) + (", .." if len(same) > _NAMED else "")
-    return refusal(
-        "repeats",
-        f"{len(same)} of {count} images repeat another one, pixel by pixel ({listed}): a frozen "
-        "camera, or copied files",
-    )
+            if not frame.flat:
+                same.setdefault(frame.digest, []).append((key, name))
+    found: dict[str, str] = {}
+    for images in same.values():
+        apart = len({key for key, _ in images}) > 1
+        for _, name in images if apart else images[1:]:
+            other = next(one for _, one in images if one != name)
+            found[name] = f"shot {name}: repeats {other}: a frozen camera, or a copied file"
+    return found
 
 
 def lag(sums: AllSums) -> Witness | None:

@@ -180,21 +180,13 @@ def fit_pair(
     weighed_columns = [weighed(*one) for one in columns]
     lines = (x_ref, x_inj)
     alone, shared = covariance, []
-    if columns:
-        values, covariance, chi2 = _with_steady(
-            columns,
-            weighed_columns,
-            lines=lines,
-            off=(off_ref, off_inj),
-            found=(values, covariance, chi2),
-        )
+    known_by = _Steady.of(columns, weighed_columns, lines=lines, covariance=alone)
+    values, less = known_by.values(values, (off_ref, off_inj))
+    covariance, chi2 = alone + known_by.covariance, np.maximum(chi2 - less, 0.0)
     for ref, inj in (*_deviations(common, unit), *columns) if with_shared and noisy else ():
         change = np.einsum("ijn,jn->in", alone, _in_design(lines, weighed(ref, inj)))
-        if columns:
-            off = ref - change[0] * x_ref - change[1], inj - change[2] * x_inj - change[3]
-            found = (change, alone, chi2)
-            change, _, _ = _with_steady(columns, weighed_columns, lines=lines, off=off, found=found)
-        shared.append(change)
+        off = ref - change[0] * x_ref - change[1], inj - change[2] * x_inj - change[3]
+        shared.append(known_by.values(change, off)[0])
     units = np.array([1.0, unit, 1.0, unit])[:, None]
     if not noisy:
         covariance = np.where(known, np.zeros((4, 4, 1)), np.nan)
@@ -221,38 +213,67 @@ def _in_design(lines: tuple[Floats, Floats], weighed: tuple[Floats, Floats]) -> 
     return np.stack([(lines[0] * ref).sum(0), ref.sum(0), (lines[1] * inj).sum(0), inj.sum(0)])
 
 
-def _with_steady(
-    columns: Sequence[tuple[Floats, Floats]],
-    weighed: Sequence[tuple[Floats, Floats]],
-    *,
-    lines: tuple[Floats, Floats],
-    off: tuple[Floats, Floats],
-    found: tuple[Floats, Floats, Floats],
-) -> tuple[Floats, Floats, Floats]:
-    """Values, covariance and chi2 with steady errors, from those without (`found`); see the module.
+@dataclass(frozen=True)
+class _Steady:
+    """What steady errors change in an estimate without them, see the module; one after the other,
+    so that those that follow see what the earlier ones explain.
 
-    columns, weighed: u and V^-1 u of each error, (K, N) of either kind. lines: (K, 1) radiance of
-    the background. off: (K, N) residuals of the estimate without.
+    weighed: V^-1 u of each, (K, N) of either kind. taken: (4, N) change of the lines by each.
+    alone: (N,) its S. share: (M, N) of its q in those of all. covariance: (4, 4, N) added by all.
     """
-    values, covariance, chi2 = found
-    in_design = [_in_design(lines, one) for one in weighed]
-    taken = np.array([np.einsum("ijn,jn->in", covariance, one) for one in in_design])
-    q = np.array([(r * off[0] + i * off[1]).sum(axis=0) for r, i in weighed])
-    size = np.empty((len(columns), *q.shape))
-    for row, (r, i) in enumerate(weighed):
-        for column, (u_r, u_i) in enumerate(columns):
-            whole = (r * u_r + i * u_i).sum(axis=0)
-            size[row, column] = whole - np.sum(in_design[row] * taken[column], axis=0)
-    for k in range(len(columns)):  # those that follow see what the earlier ones explain
-        alone = 1.0 + np.maximum(size[k, k], 0.0)
-        values = values - taken[k] * (q[k] / alone)
-        covariance = covariance + taken[k] * taken[k][:, None] / alone
-        chi2 = chi2 - q[k] ** 2 / alone
-        share = size[:, k] / alone
-        taken = taken - share[:, None] * taken[k]
-        q = q - share * q[k]
-        size = size - share[:, None] * size[k]
-    return values, covariance, np.maximum(chi2, 0.0)
+
+    weighed: Sequence[tuple[Floats, Floats]]
+    taken: list[Floats]
+    alone: list[Floats]
+    share: list[Floats]
+    covariance: Floats | float
+
+    @classmethod
+    def of(
+        cls,
+        columns: Sequence[tuple[Floats, Floats]],
+        weighed: Sequence[tuple[Floats, Floats]],
+        *,
+        lines: tuple[Floats, Floats],
+        covariance: Floats,
+    ) -> "_Steady":
+        """Of errors u (K, N) of either kind. lines: (K, 1) radiance of the background. covariance:
+        of the estimate without them."""
+        if not columns:
+            return cls([], [], [], [], 0.0)
+        in_design = [_in_design(lines, one) for one in weighed]
+        taken = np.array([np.einsum("ijn,jn->in", covariance, one) for one in in_design])
+        size = np.empty((len(columns), len(columns), taken.shape[2]))
+        for row, (r, i) in enumerate(weighed):
+            for column, (u_r, u_i) in enumerate(columns):
+                whole = (r * u_r + i * u_i).sum(axis=0)
+                size[row, column] = whole - np.sum(in_design[row] * taken[column], axis=0)
+        added = np.zeros_like(covariance)
+        steady = cls(weighed, [], [], [], added)
+        for k in range(len(columns)):
+            alone = 1.0 + np.maximum(size[k, k], 0.0)
+            share = size[:, k] / alone
+            steady.taken.append(taken[k])
+            steady.alone.append(alone)
+            steady.share.append(share)
+            added += taken[k] * taken[k][:, None] / alone
+            taken = taken - share[:, None] * taken[k]
+            size = size - share[:, None] * size[k]
+        return steady
+
+    def values(self, values: Floats, off: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+        """Values (4, N) and decrease of chi2 (N,) by the residuals `off` (K, N) of the estimate
+        `values` without steady errors."""
+        less = np.zeros(values.shape[1])
+        q = [(r * off[0] + i * off[1]).sum(axis=0) for r, i in self.weighed]
+        for k, (taken, alone, share) in enumerate(
+            zip(self.taken, self.alone, self.share, strict=True)
+        ):
+            values = values - taken * (q[k] / alone)
+            less += q[k] ** 2 / alone
+            now = q[k]
+            q = [each - part * now for each, part in zip(q, share, strict=True)]
+        return values, less
 
 
 def _moments(weight: Floats, one: Floats, other: Floats) -> Floats:

@@ -11,7 +11,7 @@ from cldit.scene.values import ZERO_CELSIUS_K
 
 _CHANCE = 1e-4  # probability of a larger chi-square, up to which a cause fits
 _LEFT = 0.01  # share of chi-square without a cause that is left by one that fits, too
-_WITHIN = 9.0  # difference of chi-square within chance: three standard deviations
+_WITHIN = 0.0027  # probability of a difference of chi-square by chance: three standard deviations
 
 UNITS: dict[str, Callable[[Floats], Floats]] = {
     "degrees Celsius: they fit with 273.15 added": lambda at: at + ZERO_CELSIUS_K,
@@ -38,8 +38,12 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """Chi-square, and what an unknown gains by chance."""
-        return self.chi2 + _WITHIN * self.unknowns
+        """Chi-square, and what the unknowns gain by chance."""
+        return self.chi2 + _by_chance(self.unknowns)
+
+
+def _by_chance(unknowns: int) -> float:
+    return float(chdtri(unknowns, _WITHIN)) if unknowns else 0.0
 
 
 def fitted(candidates: Sequence[Hypothesis], *, none: float, degrees: int) -> list[Hypothesis]:
@@ -57,7 +61,7 @@ def fitted(candidates: Sequence[Hypothesis], *, none: float, degrees: int) -> li
         return []
     # Errors of the model count as chance, too.
     scale = max(1.0, good[0].chi2 / max(degrees - good[0].unknowns, 1))
-    return [one for one in good if one.score < good[0].score + _WITHIN * scale]
+    return [one for one in good if one.score < good[0].score + _by_chance(1) * scale]
 
 
 def said(causes: Sequence[Hypothesis], *, none: float, tried: int) -> str:

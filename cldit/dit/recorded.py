@@ -171,14 +171,14 @@ def evaluate_shots(
     sums, ignored = accumulate(acquisition, stated_counts, progress, places=axis.places)
     check_depths(sums)
     check_turns(sums)
-    frozen = [one for one in (repeats(sums), lag(sums)) if one is not None]
-    refuse(frozen, accept)
-    ignored += exclude(acquisition, sums, damaged(sums), needed=True)
+    lagging = lag(sums)
+    broken = damaged(sums) | ({} if "repeats" in accept else repeats(sums))
+    ignored += exclude(acquisition, sums, broken, needed=True)
     odd = outliers(sums)
     ignored += exclude(acquisition, sums, {shot.id: shot.text for shot in odd})
     around = acquisition.surroundings
     witnesses, saturation = examine_images(sums, setpoints, around, saturation_counts=stated_counts)
-    witnesses += frozen
+    witnesses += [] if lagging is None else [lagging]
     for group in sums.values():
         group.saturation_counts = saturation
     bad = defective(sums, acquisition.bad_pixels)

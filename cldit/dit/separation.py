@@ -25,7 +25,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from cldit.arrays import Floats
 from cldit.dit.budget import budget
@@ -38,7 +38,7 @@ from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
 
 LEVEL, POWER = 0.01, 0.95
-NEEDED = float(norm.isf(LEVEL) + norm.isf(1.0 - POWER))
+NEEDED = float(ndtri(1.0 - LEVEL) + ndtri(POWER))
 _LEVELS = 5  # of the lowest and of the highest background that are tried
 _FACTORS = np.geomspace(1e-4, 1e4, 25)
 _BETWEEN = np.geomspace(0.47, 2.15, 17)  # to the next of these: z to 5 %

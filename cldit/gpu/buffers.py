@@ -27,7 +27,8 @@ def check_size(device: Device, what: str, size: int) -> None:
     if size > device.info.largest_buffer_bytes:
         raise DeviceError(
             f"{what}: {size / 1e9:.2f} GB is more than {device.info.name} takes in one buffer "
-            f"({device.info.largest_buffer_bytes / 1e9:.2f} GB); set domain.leaf_edge_m coarser"
+            f"({device.info.largest_buffer_bytes / 1e9:.2f} GB); allowed: a larger "
+            "domain.leaf_edge_m, or another device"
         )
 
 

@@ -12,11 +12,10 @@ from cldit.errors import MediumError
 from cldit.gpu.device import Device
 from cldit.medium.frame import BRICK, CELLS_PER_BRICK, Frame
 from cldit.medium.lattice import Lattice
-from cldit.medium.rasterise import Rasteriser
+from cldit.medium.rasterise import BoxRasteriser, CloudRasteriser
 from cldit.spray.extent import Box, Extent
 
 _PAIRS_AT_ONCE = 4_000_000  # bounds the memory of a deposition: about 60 bytes a pair
-_BOXES_AT_ONCE = 20_000  # boxes whose bricks are marked while they are in the cache
 _OUTSIDE = 1e-9  # share of a box that may be outside the cube: rounding of its corners
 
 
@@ -36,16 +35,6 @@ class Touched:
         slot = self.directory[z // BRICK, y // BRICK, x // BRICK].astype(np.int64)
         local = (z % BRICK * BRICK + y % BRICK) * BRICK + x % BRICK
         return np.asarray(slot * CELLS_PER_BRICK + local)
-
-    def layer(self, z: int, y: Ints, x: Ints) -> tuple[Ints, Mask]:
-        """Storage addresses (S,) of the stored finest cells of a layer z, and their mask (Y, X).
-
-        The cells are those of the rows y (Y,) and columns x (X,).
-        """
-        slot = self.directory[z // BRICK][np.ix_(y // BRICK, x // BRICK)]
-        local = (z % BRICK * BRICK + y[:, None] % BRICK) * BRICK + x % BRICK
-        stored = slot >= 0
-        return slot[stored] * np.int64(CELLS_PER_BRICK) + local[stored], stored
 
 
 def cells_of_points(frame: Frame, position_m: Floats, amount: Floats, *, what: str) -> Ints:
@@ -78,14 +67,19 @@ class PlacedBoxes:
     """Axis-aligned boxes in units of finest cells, lower and upper (N, 3).
 
     shared: (N,) first of the amounts that belong to each box; None: one amount for each box.
+    device: which rasterises them among the `cells` along an edge of the cube; None: NumPy does.
     """
 
     lower: Floats
     upper: Floats
     shared: Ints | None = None
+    cells: int = 0
+    device: Device | None = None
 
     @classmethod
-    def place(cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str) -> "PlacedBoxes":
+    def place(
+        cls, frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str, device: Device | None
+    ) -> "PlacedBoxes":
         """Boxes (N, 3) in the cube.
 
         Raises MediumError, which names `what`, if a box reaches out of the cube.
@@ -103,7 +97,7 @@ class PlacedBoxes:
             )
         for each in (lower, upper):
             np.clip(each, 0, frame.cells, out=each)
-        return cls(lower, upper)
+        return cls(lower, upper, None, frame.cells, device)
 
     def span(self) -> tuple[Ints, Ints]:
         """First finest cell and number of finest cells that each box touches, (N, 3) both."""
@@ -146,44 +140,28 @@ class PlacedBoxes:
 
     def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that the boxes touch."""
-        for start in range(0, len(self.lower), _BOXES_AT_ONCE):
-            part = slice(start, start + _BOXES_AT_ONCE)
-            self._mark(mark, part)
-
-    def _mark(self, mark: Mask, part: slice) -> None:
-        first, count = PlacedBoxes(self.lower[part], self.upper[part]).span()
-        low = first // BRICK
-        high = np.minimum((first + count - 1) // BRICK, len(mark) - 1)
-        extent = high - low + 1
-        x, y, z = extent.T
-        small = np.maximum(np.maximum(x, y), z) <= 4
-        steps = extent[small].max(axis=0, initial=0)
-        for further in np.ndindex(*steps):
-            # Most boxes are in one brick; only the others need further steps.
-            i, j, k = further
-            step = low[small & (x > i) & (y > j) & (z > k)] + further
-            mark[step[:, 2], step[:, 1], step[:, 0]] = True
-        for lo, hi in zip(low[~small], high[~small] + 1, strict=True):
-            mark[lo[2] : hi[2], lo[1] : hi[1], lo[0] : hi[0]] = True
+        if self.device is not None:
+            self._rasteriser.mark(mark)
+            return
+        for _, cell, _ in self.overlaps():
+            x, y, z = np.minimum(cell // BRICK, len(mark) - 1).T
+            mark[z, y, x] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
         amounts = _together(amounts, self.shared)
-        lattice = Lattice.of(self.lower, self.upper)
-        if lattice is not None:
-            x, y = (
-                start + np.arange(share.shape[0])
-                for start, share in zip(lattice.first[:2], lattice.shares[:2], strict=True)
-            )
-            for z, sums in lattice.layers(amounts):
-                address, stored = touched.layer(z, y, x)
-                for target, plane in zip(targets, sums, strict=True):
-                    target[address] += plane[stored]
+        if self.device is not None:
+            self._rasteriser.add(touched.directory, amounts, targets)
             return
         for box, cell, share in self.overlaps():
             address = touched.address(cell)
             for target, amount in zip(targets, amounts, strict=True):
                 target += np.bincount(address, amount[box] * share, minlength=len(target))
+
+    @cached_property
+    def _rasteriser(self) -> BoxRasteriser:
+        assert self.device is not None
+        return BoxRasteriser.of(self.device, self.lower, self.upper, self.span(), self.cells)
 
 
 def _together(amounts: list[Floats], shared: Ints | None) -> list[Floats]:
@@ -225,10 +203,10 @@ class PlacedClouds:
     device: Device | None
 
     @cached_property
-    def _rasteriser(self) -> Rasteriser:
+    def _rasteriser(self) -> CloudRasteriser:
         if self.device is None:
             raise MediumError("clouds of droplets: no device; allowed: device=open_device()")
-        return Rasteriser.of(self.device, self.place, self.covariance, self.cells)
+        return CloudRasteriser.of(self.device, self.place, self.covariance, self.cells)
 
     def mark(self, mark: Mask) -> None:
         """Sets the bricks (nb, nb, nb) that a cloud reaches."""
@@ -243,13 +221,19 @@ Placed = PlacedPoints | PlacedBoxes | PlacedClouds
 
 
 def place_boxes(
-    frame: Frame, lower_m: Floats, upper_m: Floats, *, what: str, shared: Ints | None = None
+    frame: Frame,
+    lower_m: Floats,
+    upper_m: Floats,
+    *,
+    what: str,
+    shared: Ints | None = None,
+    device: Device | None = None,
 ) -> PlacedBoxes | PlacedPoints:
     """Boxes (N, 3) in the cube, or points if each box of a lattice is within one cell.
 
     Raises as `PlacedBoxes.place`; `shared` as in `PlacedBoxes`.
     """
-    boxes = PlacedBoxes.place(frame, lower_m, upper_m, what=what)
+    boxes = PlacedBoxes.place(frame, lower_m, upper_m, what=what, device=device)
     lattice = Lattice.of(boxes.lower, boxes.upper)
     cells = None if lattice is None else lattice.cells()
     return replace(boxes, shared=shared) if cells is None else PlacedPoints(cells, shared)
@@ -264,7 +248,8 @@ def place_droplets(
 ) -> Placed:
     """Parcels (N, 3) in the cube as points, boxes or clouds, by the extent of their droplets.
 
-    device: which rasterises clouds; None: only their place is of interest, or there are none.
+    device: which rasterises clouds and boxes; None: there are no clouds, or only their place is of
+        interest.
 
     Raises MediumError if part of `amount` (N,) is outside the cube.
     """
@@ -276,7 +261,9 @@ def place_droplets(
         starts = np.append(0, np.flatnonzero(other) + 1)
         middle = np.stack([along[starts] for along in position_m.T]).T
         half = extent.edge_m / 2
-        return place_boxes(frame, middle - half, middle + half, what="droplets", shared=starts)
+        return place_boxes(
+            frame, middle - half, middle + half, what="droplets", shared=starts, device=device
+        )
     cell = cells_of_points(frame, position_m, amount, what="droplets")
     if extent is None:
         return PlacedPoints(cell)

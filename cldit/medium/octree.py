@@ -192,7 +192,10 @@ def placed_sources(
         optical = points.absorption_m2 + points.scattering_m2
         place = points.position_m
         droplets.append(place_droplets(frame, place, points.extent, optical, device))
-    boxes = [place_boxes(frame, source.lower_m, source.upper_m, what="gas") for source in cells]
+    boxes = [
+        place_boxes(frame, source.lower_m, source.upper_m, what="gas", device=device)
+        for source in cells
+    ]
     return droplets, list(boxes)
 
 

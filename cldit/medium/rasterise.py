@@ -1,15 +1,16 @@
-"""Clouds of droplets in the finest cells of an octree: the host's side of kernels/deposit.cl."""
+"""Clouds and boxes in the finest cells of an octree: the host's side of kernels/deposit.cl."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats, Mask
+from cldit.arrays import Floats, Ints, Mask
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.device import Device
 from cldit.gpu.fixed_point import fixed_point_defines, fixed_point_scale
@@ -18,67 +19,35 @@ from cldit.medium.frame import BRICK
 
 REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
-_LAYERS_AT_ONCE = 4_000_000  # bounds the memory of the lists: 30 bytes a layer of a cloud
+_LAYERS_AT_ONCE = 4_000_000  # bounds the memory of the lists: 30 bytes a layer
 _SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
 _SUM_BYTES = 2**30  # of the sums on the device; at least one kind is added at a time
 
 
 @dataclass(frozen=True)
-class Rasteriser:
-    """Clouds on a device.
-
-    cell: (N, 4) int32, x, y, z of the cell around each. shape: (N, 9), see deposit.cl. first, last:
-    (N,) lowest and highest layer, from the cloud's cell. cells: along an edge of the cube.
-    """
+class Rasteriser(ABC):
+    """Clouds or boxes on a device. marks, deposits: names of their kernels."""
 
     device: Device
     program: Program
-    cell: NDArray[np.int32]
-    shape: NDArray[np.floating]
-    first: NDArray[np.int32]
-    last: NDArray[np.int32]
-    order: NDArray[np.int64]
-    cells: int
+    marks: ClassVar[str]
+    deposits: ClassVar[str]
 
-    @classmethod
-    def of(cls, device: Device, place: Floats, covariance: Floats, cells: int) -> Rasteriser:
-        """Clouds (N) of places (N, 3; x, y, z) and covariances (N, 3, 3), in cells."""
-        cell = np.floor(place).astype(np.int32)
-        xx, yy, zz = (covariance[:, axis, axis] + _LEAST for axis in range(3))
-        zx, zy, yx = covariance[:, 2, 0], covariance[:, 2, 1], covariance[:, 1, 0]
-        y_on_z, x_on_z = zy / zz, zx / zz
-        rest_y = np.maximum(yy - y_on_z * zy, _LEAST)
-        x_on_y = (yx - y_on_z * zx) / rest_y
-        rest_x = np.maximum(xx - x_on_z * zx - x_on_y**2 * rest_y, _LEAST)
-        own = place - cell
-        shape = np.stack([*own.T, zz, y_on_z, rest_y, x_on_z, x_on_y, rest_x], axis=1)
-        reach = REACH * np.sqrt(zz)
-        defines: dict[str, Any] = {"USE_FLOAT64": 1} if device.info.float64 else {}
-        defines |= {"OWN_LAYERS": 1} if device.is_cpu else fixed_point_defines(device)
-        program = build(device, "deposit.cl", defines)
-        return cls(
-            device=device,
-            program=program,
-            cell=np.concatenate([cell, np.zeros_like(cell[:, :1])], axis=1),
-            shape=shape.astype(program.real),
-            first=np.floor(own[:, 2] - reach).astype(np.int32),
-            last=np.floor(own[:, 2] + reach).astype(np.int32),
-            # Clouds of neighbouring cells one after the other: their sums stay in the cache.
-            order=np.lexsort((cell[:, 0], cell[:, 1] // BRICK)),
-            cells=cells,
-        )
+    @abstractmethod
+    def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
+        """Yields parts of the objects by number, and the kernels' arguments that list them."""
 
     def mark(self, mark: Mask) -> None:
-        """Sets the bricks (nb, nb, nb) that a cloud reaches."""
+        """Sets the bricks (nb, nb, nb) that anything reaches."""
         found = zeros(self.device, "bricks", mark.size, np.uint8)
         for _, lists in self._lists():
-            self._launch("mark_bricks", lists, {"bricks": len(mark), "mark": found})
+            self._launch(self.marks, lists, {"bricks": len(mark), "mark": found})
         mark |= download(self.device, found, np.empty(mark.shape, np.uint8)) > 0
 
     def add(
         self, directory: NDArray[np.int32], amounts: list[Floats], targets: list[Floats]
     ) -> None:
-        """Adds every amount (N,), spread over its cloud, to its target (S,).
+        """Adds every amount (N,), spread over its cloud or box, to its target (S,).
 
         directory: (nb, nb, nb), slot of each marked brick. The sums of an amount have a resolution
         of 2^-61 of its total.
@@ -93,7 +62,7 @@ class Rasteriser:
         kinds, size = len(targets), len(targets[0])
         scale = np.array([fixed_point_scale(total) for total in np.abs(amount).sum(axis=0)])
         units = (amount * scale).astype(self.program.real)
-        sums = zeros(self.device, "sums of clouds", size * kinds, np.int64)
+        sums = zeros(self.device, "deposited sums", size * kinds, np.int64)
         there = upload(self.device, "directory", directory)
         for chosen, lists in self._lists():
             arguments = {
@@ -103,7 +72,7 @@ class Rasteriser:
                 "kinds": kinds,
                 "sums": sums,
             }
-            self._launch("deposit", lists, arguments)
+            self._launch(self.deposits, lists, arguments)
         rows = max(1, _SUMS_AT_ONCE // kinds)
         for begin in range(0, size, rows):
             part = np.empty((min(rows, size - begin), kinds), np.int64)
@@ -115,17 +84,61 @@ class Rasteriser:
         group = 1 if self.device.is_cpu else 64
         self.program.launch(kernel, (lists["items"],), (group,), {**lists, **arguments})
 
+
+def deposit_program(device: Device) -> Program:
+    """Program of deposit.cl, in double precision where there is."""
+    defines: dict[str, Any] = {"USE_FLOAT64": 1} if device.info.float64 else {}
+    defines |= {"OWN_LAYERS": 1} if device.is_cpu else {}
+    return build(device, "deposit.cl", defines | fixed_point_defines(device))
+
+
+@dataclass(frozen=True)
+class CloudRasteriser(Rasteriser):
+    """Clouds.
+
+    cell: (N, 4) int32, x, y, z of the cell around each. shape: (N, 9), see deposit.cl. first, last:
+    (N,) lowest and highest layer, from the cloud's cell. cells: along an edge of the cube.
+    """
+
+    marks, deposits = "mark_bricks", "deposit"
+    cell: NDArray[np.int32]
+    shape: NDArray[np.floating]
+    first: NDArray[np.int32]
+    last: NDArray[np.int32]
+    order: NDArray[np.int64]
+    cells: int
+
+    @classmethod
+    def of(cls, device: Device, place: Floats, covariance: Floats, cells: int) -> CloudRasteriser:
+        """Clouds (N) of places (N, 3; x, y, z) and covariances (N, 3, 3), in cells."""
+        cell = np.floor(place).astype(np.int32)
+        xx, yy, zz = (covariance[:, axis, axis] + _LEAST for axis in range(3))
+        zx, zy, yx = covariance[:, 2, 0], covariance[:, 2, 1], covariance[:, 1, 0]
+        y_on_z, x_on_z = zy / zz, zx / zz
+        rest_y = np.maximum(yy - y_on_z * zy, _LEAST)
+        x_on_y = (yx - y_on_z * zx) / rest_y
+        rest_x = np.maximum(xx - x_on_z * zx - x_on_y**2 * rest_y, _LEAST)
+        own = place - cell
+        shape = np.stack([*own.T, zz, y_on_z, rest_y, x_on_z, x_on_y, rest_x], axis=1)
+        reach = REACH * np.sqrt(zz)
+        program = deposit_program(device)
+        return cls(
+            device=device,
+            program=program,
+            cell=np.concatenate([cell, np.zeros_like(cell[:, :1])], axis=1),
+            shape=shape.astype(program.real),
+            first=np.floor(own[:, 2] - reach).astype(np.int32),
+            last=np.floor(own[:, 2] + reach).astype(np.int32),
+            # Clouds of neighbouring cells one after the other: their sums stay in the cache.
+            order=np.lexsort((cell[:, 0], cell[:, 1] // BRICK)),
+            cells=cells,
+        )
+
     def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
-        """Yields parts of the clouds by number, and the arguments LISTS of the kernels for them."""
         count = (self.last - self.first + 1)[self.order]
-        ends = np.cumsum(count, dtype=np.int64)
-        start = 0
-        while start < len(count):
-            done = ends[start - 1] if start else 0
-            stop = max(start + 1, int(np.searchsorted(ends, done + _LAYERS_AT_ONCE, "right")))
-            chosen = self.order[start:stop]
-            yield chosen, self._listed(chosen, count[start:stop])
-            start = stop
+        for part in _parts(count):
+            chosen = self.order[part]
+            yield chosen, self._listed(chosen, count[part])
 
     def _listed(self, chosen: NDArray[np.int64], count: NDArray[np.int32]) -> dict[str, Any]:
         number = np.repeat(np.arange(len(chosen), dtype=np.int32), count)
@@ -149,3 +162,58 @@ class Rasteriser:
             "shapes": upload(put, "clouds", self.shape[chosen]),
             "cells": self.cells,
         }
+
+
+@dataclass(frozen=True)
+class BoxRasteriser(Rasteriser):
+    """Boxes. first, count: (N, 4) int32, the cells that each touches along x, y, z. within: (N, 6)
+    its lower and upper corner from the first of them. cells: along an edge of the cube."""
+
+    marks, deposits = "mark_boxes", "deposit_boxes"
+    first: NDArray[np.int32]
+    count: NDArray[np.int32]
+    within: NDArray[np.floating]
+    cells: int
+
+    @classmethod
+    def of(
+        cls, device: Device, lower: Floats, upper: Floats, span: tuple[Ints, Ints], cells: int
+    ) -> BoxRasteriser:
+        """Boxes from `lower` to `upper` (N, 3), in cells, with the cells that they touch."""
+        first = np.clip(span[0], 0, cells - 1)
+        count = np.minimum(span[1], cells - first)
+        program = deposit_program(device)
+        within = np.hstack([lower - first, upper - first]).astype(program.real)
+        wide = [np.pad(values, ((0, 0), (0, 1))).astype(np.int32) for values in (first, count)]
+        return cls(device, program, wide[0], wide[1], within, cells)
+
+    def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
+        put, layers = self.device, self.count[:, 2]
+        for part in _parts(layers):
+            count = layers[part]
+            begin = np.cumsum(count) - count
+            number = np.repeat(np.arange(len(count), dtype=np.int32), count)
+            layer = np.arange(len(number)) - np.repeat(begin, count)
+            yield (
+                np.arange(part.start, part.stop),
+                {
+                    "items": len(number),
+                    "numbers": upload(put, "layers", number),
+                    "layers": upload(put, "layers", layer.astype(np.int32)),
+                    "first_of": upload(put, "boxes", self.first[part]),
+                    "count_of": upload(put, "boxes", self.count[part]),
+                    "within_box": upload(put, "boxes", self.within[part]),
+                    "cells": self.cells,
+                },
+            )
+
+
+def _parts(layers: NDArray[np.signedinteger]) -> Iterator[slice]:
+    """Parts of objects with so many layers (N,), each of at most `_LAYERS_AT_ONCE` in all."""
+    ends = np.cumsum(layers, dtype=np.int64)
+    start = 0
+    while start < len(layers):
+        done = ends[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(ends, done + _LAYERS_AT_ONCE, "right")))
+        yield slice(start, stop)
+        start = stop

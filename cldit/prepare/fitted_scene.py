@@ -61,7 +61,7 @@ def fitted_scene(spec: CfdSpray, spray: Spray, *, name: str) -> str:
         "background:",
         *_background(spray, edge_m, centre_m, target_m, field_m),
         *_walls(spray),
-        *([] if (spray.fuel or spec.fuel) == "n-heptane" else _OTHER_FUEL),
+        *([] if spray.fuel == "n-heptane" else _OTHER_FUEL),
     ]
     return "\n".join(lines) + "\n"
 

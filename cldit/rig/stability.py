@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from contextlib import nullcontext
+from functools import partial
 from statistics import fmean
 from typing import Protocol
 
@@ -146,11 +147,5 @@ class Settling(ABC):
         Args:
             temperature_K, stability, should_stop, on_progress: as there.
         """
-        return wait_stable(
-            self,
-            self._clock,
-            temperature_K,
-            stability,
-            should_stop=should_stop,
-            on_progress=on_progress,
-        )
+        wait = partial(wait_stable, self, self._clock, temperature_K, stability)
+        return wait(should_stop=should_stop, on_progress=on_progress)

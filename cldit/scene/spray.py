@@ -1,6 +1,5 @@
 """The spray: a model with its conditions, a grid of coefficients, or a CFD result."""
 
-import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -222,6 +221,9 @@ class Sector(Section):
         return angle_deg
 
 
+Check = Literal["times", "copies", "tracks", "summary", "cells", "liquids"]
+
+
 class CfdSpray(Section):
     """Result of a CFD code."""
 
@@ -230,7 +232,9 @@ class CfdSpray(Section):
     file: Path
     """Folder or file of the case, relative to the scene (docs/importing.md)."""
     format: (
-        Literal["openfoam", "vtk", "ensight", "converge", "fluent", "cgns", "tables", "cldit"]
+        Literal[
+            "openfoam", "vtk", "ensight", "converge", "fluent", "cgns", "amrex", "tables", "cldit"
+        ]
         | None
     ) = None
     """Format of the case. Default: inferred from names and content of the files."""
@@ -248,6 +252,8 @@ class CfdSpray(Section):
     """Name of the parcel cloud, for cases with several; `none`: gas only."""
     parcels_left_out: Fraction = 0.01
     """Largest fraction of parcels that may be rejected as unphysical."""
+    accept: tuple[Check, ...] = ()
+    """Checks of the state whose findings become remarks (docs/importing.md)."""
     sector: Sector | None = None
     """Sector that the mesh covers, to be completed by rotation; 360: the mesh is complete."""
     symmetry: tuple[Literal["x", "y", "z"], ...] | None = None
@@ -266,23 +272,6 @@ class CfdSpray(Section):
     """Random seed of these points."""
     scatter: OpticalScatter = Scatter()
     """Differences between injections."""
-
-    @property
-    def fuel(self) -> str:
-        """Name of the fuel by `fuel_field`, which n-heptane's molar mass replaces."""
-        name = self.fuel_field.upper().removeprefix("MASSFRAC_").removeprefix("Y_").replace("-", "")
-        formula = re.fullmatch(r"[NI]?C\d*H\d+\w*", name)
-        heptane = abs(self.fuel_molar_mass_kg_mol / 0.100204 - 1.0) < 0.01
-        return _FUELS.get(name, "n-heptane" if heptane and not formula else self.fuel_field)
-
-
-_FUELS = {
-    "C7H16": "n-heptane",
-    "NC7H16": "n-heptane",
-    "IC8H18": "iso-octane",
-    "NC8H18": "n-octane",
-    "CH4": "methane",
-}
 
 
 class EmptySpray(Section):

@@ -1,13 +1,16 @@
-"""Injections of an ensemble, traced side by side with dask.distributed.
+"""Injections of an ensemble, and times of a series, traced side by side with dask.distributed.
 
-Each injection is a run in the folder of the ensemble, where `cldit.simulate` finds it; an injection
-that is finished is not traced again. Workers on other machines must see the folder.
+Each is a run in a folder of its own, where `cldit.simulate` finds it; what is finished is not
+traced again. Workers on other machines must see the folders.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device
@@ -18,6 +21,8 @@ from cldit.run.folder import stored_run
 from cldit.scene import Scene
 from cldit.scene.scatter import member, members_of, nominal
 from cldit.study.sweep import Progress, Watch, as_finished, client_of, worker_device
+
+T = TypeVar("T")
 
 
 def trace_members(
@@ -48,35 +53,92 @@ def trace_members(
         ]
         if not left:
             return 0
-        failed: list[str] = []
-        start = time.perf_counter()
-        with client_of(scheduler, min(workers or len(left), len(left)), workers) as client:
-            futures = {
-                client.submit(_traced, scene, number, folder, cache, pure=False): number
+        problems = _side_by_side(
+            {
+                number: (member(scene, number), member_folder(folder, number), folder / NOMINAL)
                 for number in left
-            }
-            done = members_of(scene) - len(left)
-            for number, refused, broken in as_finished(client, futures):
-                if problem := refused or broken:
-                    failed.append(f"injection {number}: {problem}")
-                done += 1
-                rate = (time.perf_counter() - start) / (len(left) - len(futures))
-                if watch is not None:
-                    watch(Progress(done, members_of(scene), rate * len(futures)))
-        if failed:
-            raise StudyError("\n".join(failed))
+            },
+            scheduler=scheduler,
+            workers=workers,
+            cache=cache,
+            watch=watch,
+        )
+        if problems:
+            raise StudyError("\n".join(f"injection {at}: {text}" for at, text in problems.items()))
         return len(left)
 
 
-def _traced(scene: Scene, number: int, folder: Path, cache: Path | None) -> str:
-    """Traces one injection on a worker; returns the problem, empty if there is none."""
+def trace_scenes(
+    scenes: Mapping[Path, Scene],
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    device: Device | None = None,
+    cache: Path | None = None,
+    progress: Say | None = None,
+    watch: Watch | None = None,
+) -> int:
+    """Traces scenes into the folders that are their keys, and returns how many were traced.
+
+    The first is traced by this process, which keeps tables and the computed spray of all times.
+    What fails is left to the caller, who finds it not traced.
+    """
+    left = {
+        folder.resolve(): scene
+        for folder, scene in scenes.items()
+        if stored_run(folder, scene) is None
+    }
+    traced = len(left)
+    while left:
+        folder, scene = left.popitem()
+        with suppress(ClditError):
+            simulate(scene, folder, device=device, cache=cache, progress=progress)
+            break
+    if left:
+        _side_by_side(
+            {folder: (scene, folder, None) for folder, scene in left.items()},
+            scheduler=scheduler,
+            workers=workers,
+            cache=cache,
+            watch=watch,
+        )
+    return traced
+
+
+def _side_by_side(
+    tasks: Mapping[T, tuple[Scene, Path, Path | None]],
+    *,
+    scheduler: str | None,
+    workers: int | None,
+    cache: Path | None,
+    watch: Watch | None,
+) -> dict[T, str]:
+    """Traces each scene into its folder, with the numerics of a run if one is named; returns the
+    problems."""
+    problems: dict[T, str] = {}
+    start = time.perf_counter()
+    with client_of(scheduler, min(workers or len(tasks), len(tasks)), workers) as client:
+        futures = {
+            client.submit(_traced, *task, cache, pure=False): at for at, task in tasks.items()
+        }
+        for done, (at, refused, broken) in enumerate(as_finished(client, futures), start=1):
+            if problem := refused or broken:
+                problems[at] = problem
+            rate = (time.perf_counter() - start) / done
+            if watch is not None:
+                watch(Progress(done, len(tasks), rate * len(futures)))
+    return problems
+
+
+def _traced(scene: Scene, folder: Path, like: Path | None, cache: Path | None) -> str:
+    """Traces one scene on a worker; returns the problem, empty if there is none."""
     try:
         simulate(
-            member(scene, number),
-            member_folder(folder, number),
+            scene,
+            folder,
             device=worker_device(),
             cache=cache,
-            like=open_run(folder / NOMINAL),
+            like=None if like is None else open_run(like),
         )
     except ClditError as error:
         return str(error)

@@ -7,16 +7,20 @@ after that of the caller only what had not arrived.
 
 from __future__ import annotations
 
+import getpass
 import logging
 import os
+import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
+
+from filelock import FileLock, Timeout
 
 from cldit.errors import ClditError, StudyError
 from cldit.gpu.device import Device, list_devices, open_device
@@ -33,6 +37,10 @@ from cldit.study.grid import Grid, Point
 
 _DEATHS = 10  # workers that may die at one task before it is abandoned
 _ONE_IMAGE = ("pixels", "field_m", "target_m")
+_THREADS = ("POCL_MAX_PTHREAD_COUNT", "POCL_CPU_MAX_CU_COUNT")
+_NUMPY_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_MOST_WORKERS = 1024  # of a machine
+_RANKS: list[FileLock] = []  # held as long as the process lives
 
 
 @dataclass(frozen=True)
@@ -191,10 +199,31 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
 
 @cache
 def worker_device() -> Device:
-    """Device of this worker, whose number chooses among the GPUs."""
+    """Device of this worker: workers of a machine take its GPUs in turn, whatever their names.
+
+    On a CPU it has as many threads as the worker. GPUs that CUDA_VISIBLE_DEVICES hides are none.
+    """
+    threads = str(extra("distributed").get_worker().state.nthreads)
+    for name in _THREADS:  # before the platform is asked; LocalCluster has set its own
+        os.environ.setdefault(name, threads)
     gpus = [info.index for info in list_devices() if info.kind == "gpu"]
-    name = extra("distributed").get_worker().name
-    return open_device(gpus[name % len(gpus)] if gpus and isinstance(name, int) else None)
+    return open_device(gpus[worker_rank(gpus) % len(gpus)] if gpus else None)
+
+
+def worker_rank(gpus: Sequence[str]) -> int:
+    """Number of this process among the workers of this machine and user, from 0, until it ends.
+
+    It is the first whose file no other worker has locked.
+    """
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES", "")
+    name = digest([getpass.getuser(), visible, *gpus])[:16]
+    for rank in range(_MOST_WORKERS):
+        lock = FileLock(Path(tempfile.gettempdir()) / f"cldit-worker-{name}-{rank}.lock")
+        with suppress(Timeout):
+            lock.acquire(timeout=0.0)
+            _RANKS.append(lock)
+            return rank
+    raise StudyError(f"more than {_MOST_WORKERS} workers on one machine")
 
 
 def local_workers(groups: int) -> tuple[int, int]:
@@ -228,12 +257,6 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
         count, threads = local_workers(groups)
         count = workers or count
         # One thread for each worker; the libraries in it share the remaining cores.
-        limits = (
-            "POCL_MAX_PTHREAD_COUNT",
-            "POCL_CPU_MAX_CU_COUNT",
-            "OMP_NUM_THREADS",
-            "OPENBLAS_NUM_THREADS",
-        )
         with (
             distributed.LocalCluster(
                 n_workers=count,
@@ -241,7 +264,9 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
                 processes=True,
                 dashboard_address=None,
                 silence_logs=logging.ERROR,  # a busy machine ends workers late, and warns
-                env={name: str(threads) for name in limits},
+                env={name: str(threads) for name in (*_THREADS, *_NUMPY_THREADS)},
+                # Others on this machine could send code to an open scheduler.
+                security=distributed.Security.temporary(),
             ) as cluster,
             distributed.Client(cluster, set_as_default=False) as client,
         ):

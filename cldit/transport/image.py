@@ -21,6 +21,7 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.view import View, upload_directory
 
 _GROUP = 64
+_MIDDLE = np.array([[0.5, 0.5, 0.0, 0.0]])  # of a pixel, and of the aperture
 
 
 class Gathered(Protocol):
@@ -203,6 +204,8 @@ class Rays:
         """Planes (P, H W) of one ray through the middle of every pixel, each device its rows."""
         solution = self.solution
         columns, rows = solution.view.pixels
+        if rows * columns > self._most_pixels:
+            return self._through(np.arange(rows * columns), _MIDDLE)
         outs = []
         for part, some in zip(solution.parts, self.records, strict=True):
             out = unset(part.device, "image", self._planes * rows * columns, solution.real)
@@ -225,8 +228,27 @@ class Rays:
 
     def _listed(self, pixels: Ints, across: int) -> Reals:
         """Planes (P, N): means of across^2 rays through each of the listed pixels."""
+        return self._through(pixels, self.solution.view.places(across))
+
+    @property
+    def _most_pixels(self) -> int:
+        """Number of pixels whose planes fit into one buffer of every device."""
+        least = min(part.device.info.largest_buffer_bytes for part in self.solution.parts)
+        return max(1, int(least // (self._planes * np.dtype(self.solution.real).itemsize)))
+
+    def _through(self, pixels: Ints, places: Floats) -> Reals:
+        """Planes (P, N): means of rays through the places (R, 4) in each of the listed pixels."""
+        step = self._most_pixels
+        parts = [
+            self._at_once(pixels[first : first + step], places)
+            for first in range(0, len(pixels), step)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+
+    def _at_once(self, pixels: Ints, places: Floats) -> Reals:
+        """The same of as many pixels as fit into one buffer."""
         solution = self.solution
-        outs, places = [], solution.view.places(across)
+        outs = []
         divided = shares(solution.parts[0].device, len(pixels))
         for part, some, (_, mine) in zip(solution.parts, self.records, divided, strict=True):
             count = len(mine)

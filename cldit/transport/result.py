@@ -111,7 +111,7 @@ class TraceInput:
     ) -> "TraceInput":
         """Input of the trace of an octree."""
         cells = OpticalCells.of(tree, patches=tuple(patch.name for patch in scene.patches))
-        view = View.of(scene, cells, visible=settings.visible)
+        view = View.of(scene, cells, device, visible=settings.visible)
         return cls(cells, scene, view, device, settings)
 
     @property

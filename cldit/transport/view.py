@@ -9,18 +9,18 @@ from scipy.ndimage import minimum_filter
 
 from cldit.arrays import Floats, Ints, Mask, Reals
 from cldit.errors import TransportError
-from cldit.gpu.buffers import upload
+from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device
-from cldit.gpu.program import Program
+from cldit.gpu.program import Program, build
 from cldit.medium.frame import BRICK
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
-from cldit.transport.boundary import boundary_seen, patch_rows
+from cldit.transport.boundary import patch_rows
 from cldit.transport.cells import OpticalCells
 from cldit.transport.sobol import net, on_disc
 
 _TILE = 8
-_AT_ONCE = 2**14  # lines of sight that are followed together, to bound memory
+_GROUP = 64
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,11 @@ class View:
     pitch: width and height of a pixel in the target plane.
     distance: from the camera to the target.
     pixels: columns, rows.
-    defines: compile-time defines of the kernels. regular: several rays of a pixel are on a regular
-    grid; else they are a net, which has no two of them in a row or column (edges of cells are
-    parallel to those). aperture: radius of the lens; 0: a pinhole. focus: from the camera to the
-    plane in focus. visible: emissivity above which a pixel has a T_app.
+    defines: compile-time defines of the kernels. device: finds what pixels see.
+    regular: several rays of a pixel are on a regular grid; else they are a net, which has no two of
+    them in a row or column (edges of cells are parallel to those). aperture: radius of the lens; 0:
+    a pinhole. focus: from the camera to the plane in focus. visible: emissivity above which a pixel
+    has a T_app.
     """
 
     disc: Floats
@@ -46,6 +47,7 @@ class View:
     distance: float
     pixels: tuple[int, int]
     defines: dict[str, int]
+    device: Device
     regular: bool = True
     aperture: float = 0.0
     focus: float = np.inf
@@ -53,7 +55,12 @@ class View:
 
     @classmethod
     def of(
-        cls, scene: Scene, cells: OpticalCells, *, visible: float = VISIBLE_EMISSIVITY
+        cls,
+        scene: Scene,
+        cells: OpticalCells,
+        device: Device,
+        *,
+        visible: float = VISIBLE_EMISSIVITY,
     ) -> "View":
         """The view of `scene`, in finest cells of the octree of `cells`."""
         frame, camera = cells.tree.frame, scene.camera
@@ -72,6 +79,7 @@ class View:
                 f"CAMERA_{camera.model.upper()}": 1,
                 **({"N_PATCHES": len(scene.patches)} if scene.patches else {}),
             },
+            device=device,
             regular=camera.rays_across is not None and camera.lens is None,
             aperture=camera.aperture_m / frame.cell_m / 2,
             focus=camera.focus_m / frame.cell_m,
@@ -145,38 +153,26 @@ class View:
 
         across^2 lines of sight go through each pixel.
         """
-        columns, rows = self.pixels
-        centre, radius = self.disc[:3], float(self.disc[3]) ** 0.5
-        if "BOUNDARY_ENCLOSURE" in self.defines:  # behind every patch
-            centre, radius = np.array([0.0, 1e12, 0.0]), np.inf
-        away = np.array([0.0, self.distance, 0.0])
-        out = np.zeros((2 + len(self.patches), len(pixels)))
-        at_once = max(_AT_ONCE // across**2, 1)
-        right, down, *lens_at = self.places(across).T
-        lens = np.stack([lens_at[0], 0.0 * right, lens_at[1]], axis=1)
-        for first in range(0, len(pixels), at_once):
-            some = slice(first, first + at_once)
-            row, column = np.divmod(pixels[some], columns)
-            # Intersections with the target plane.
-            lines = np.zeros((len(row), across**2, 3))
-            lines[..., 0] = (column[:, None] + right - 0.5 * columns) * self.pitch[0]
-            lines[..., 2] = (0.5 * rows - (row[:, None] + down)) * self.pitch[1]
-            plane = lines.reshape(-1, 3)
-            toward = np.zeros_like(plane) + away
-            if "CAMERA_PINHOLE" in self.defines:
-                toward += (lines - lens).reshape(-1, 3)
-            toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-            start = -self.distance / toward[:, 1:2]
-            seen = boundary_seen(
-                self.middle[:3] + plane + start * toward,
-                toward,
-                centre=centre,
-                radius=radius,
-                patches=self.patches,
+        device = self.device
+        defines = {**self.defines, **({"USE_FLOAT64": 1} if device.info.float64 else {})}
+        program = build(device, "boundary_shares.cl", defines)
+        places, parts = self.places(across), 2 + len(self.patches)
+        out = unset(device, "shares of the boundary", parts * len(pixels), np.int32)
+        if len(pixels):
+            program.launch(
+                "boundary_shares",
+                (len(pixels),),
+                (min(_GROUP, program.largest_group("boundary_shares")),),
+                {
+                    "seen": out,
+                    "list": upload(device, "pixels", pixels.astype(np.int32)),
+                    "count": len(pixels),
+                    "places": upload(device, "rays", places.astype(program.real)),
+                    "rays": len(places),
+                    **self.lines_of_sight(device, program.real),
+                },
             )
-            for part, shares in enumerate(out):
-                shares[some] = (seen == part).reshape(len(row), -1).mean(axis=1)
-        return out
+        return download(device, out, np.empty((parts, len(pixels)), np.int32)) / len(places)
 
     def geometry(
         self, device: Device, cells: OpticalCells, real: type[np.floating]

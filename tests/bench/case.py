@@ -130,7 +130,7 @@ class Case:
     @cached_property
     def _temperature(self) -> NodeTemperature:
         nodes = self.medium.properties.chosen.nodes
-        before = View.of(self.scene, OpticalCells.of(self.tree)).sees_background
+        before = View.of(self.scene, OpticalCells.of(self.tree), self.device).sees_background
         return NodeTemperature.of(self.scene, nodes[len(nodes) // 2], before)
 
     def temperature_K(self, weights: Weights) -> Floats:

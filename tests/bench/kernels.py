@@ -72,7 +72,7 @@ class Kernels:
     @cached_property
     def view(self) -> View:
         """Camera."""
-        return View.of(self.case.scene, self.cells)
+        return View.of(self.case.scene, self.cells, self.case.device)
 
     def _defines(self) -> dict[str, Define]:
         return {**self.cells.needs.defines, **self.view.defines}

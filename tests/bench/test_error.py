@@ -33,6 +33,7 @@ def case(small: Scene, device: Device, tables: Path) -> Case:
     return Case.of(small, device, cache=tables)
 
 
+@pytest.mark.slow
 def test_all_methods_against_the_reference(case: Case, tmp_path: Path) -> None:
     """Errors fall with accuracy and samples."""
     lines: list[str] = []
@@ -79,6 +80,7 @@ def test_even_spacing_is_refused(small: Scene) -> None:
         Lattice((99, 1)).of(small)
 
 
+@pytest.mark.slow
 def test_temperatures_are_those_of_dit(case: Case, device: Device, tables: Path) -> None:
     """Where the line of sight ends on the disc, to single precision of the weights."""
     run = simulate(case.scene, device=device, cache=tables)

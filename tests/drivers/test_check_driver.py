@@ -85,6 +85,7 @@ def rig(tiny_rig: dict[str, Any], tmp_path: Path) -> Iterator[tuple[Path, Modbus
             "driver": "modbus_blackbody",
             "settings": {
                 "model": "eurotherm-3200",
+                "temperature_unit": "celsius",
                 "host": body.host,
                 "port": body.port,
                 "limits_K": [290.0, 600.0],

@@ -24,13 +24,13 @@ for _module in ("pyvisa_py", "pymodbus"):
     pytest.importorskip(_module, reason=f"{_module} is missing; install cldit[rig]")
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
-    from drivers.controller import Unit
+    from drivers.controller import Unit, to_kelvin
     from drivers.line_templates import pattern
-    from drivers.modbus_registers import Register, RegisterMap
+    from drivers.modbus_registers import MAPS, Register, RegisterMap
 else:
-    from cldit.drivers.controller import Unit
+    from cldit.drivers.controller import Unit, to_kelvin
     from cldit.drivers.line_templates import pattern
-    from cldit.drivers.modbus_registers import Register, RegisterMap
+    from cldit.drivers.modbus_registers import MAPS, Register, RegisterMap
 
 CONTEXT = RigContext(SystemClock(), None, Path(), 1)
 
@@ -230,9 +230,16 @@ def test_a_heater_switch_without_an_answer_does_not_keep_the_set_point(
         assert bed.left_on() == ""
 
 
+CELSIUS = {"temperature_unit": "celsius"}
+
+
 def eurotherm(peer: ModbusPeer, **settings: Any) -> Any:
     line = {"serial": peer.serial} if peer.serial else {"host": peer.host, "port": peer.port}
-    known = {"model": "eurotherm-3200", "limits_K": [283.0, 573.0], "answer_s": 0.3}
+    known = {
+        **({} if "registers" in settings else {"model": "eurotherm-3200", **CELSIUS}),
+        "limits_K": [283.0, 573.0],
+        "answer_s": 0.3,
+    }
     return load_driver("modbus_blackbody")({**known, **settings, **line}, CONTEXT)
 
 
@@ -268,19 +275,22 @@ def test_an_echo_is_named() -> None:
 
 @pytest.mark.parametrize("unit", ["celsius", "fahrenheit", "kelvin"])
 def test_the_unit_is_read_from_the_controller(unit: Unit) -> None:
-    with ModbusPeer("eurotherm-3200") as peer:
+    own = {name: getattr(MAPS["eurotherm-3200"], name) for name in ("temperature", "setpoint")}
+    known = RegisterMap(**own, unit_register=100)
+    with ModbusPeer(registers=known) as peer:
         peer.temperature_unit = unit
-        body = eurotherm(peer)
+        registers = {"registers": known.model_dump()}
+        body = eurotherm(peer, **registers)
         body.connect()
         assert body.set_setpoint(440.0) == pytest.approx(440.0, abs=0.01)
         assert peer.setpoint_K == pytest.approx(440.0, abs=0.01)
         assert body.read_configuration()["temperature_unit"] == unit
         body.close()
-        after_a_crash = eurotherm(peer)  # it does not know the unit before it has written
+        after_a_crash = eurotherm(peer, **registers)  # has written before it knows the unit
         after_a_crash.take_over()
         after_a_crash.make_safe()
         assert peer.setpoint_K == pytest.approx(295.0, abs=0.01)
-        stated = eurotherm(peer, temperature_unit="celsius")
+        stated = eurotherm(peer, **registers, **CELSIUS)
         if unit != "celsius":
             with pytest.raises(ConfigRejected, match=rf"unit is {unit} .*allowed: celsius"):
                 stated.connect()
@@ -288,11 +298,46 @@ def test_the_unit_is_read_from_the_controller(unit: Unit) -> None:
         after_a_crash.close()
 
 
-def test_a_unit_that_no_register_gives_is_stated() -> None:
+@pytest.mark.parametrize("model", ["ir-2100", "eurotherm-3200"])
+def test_a_unit_that_no_register_gives_is_stated(model: str) -> None:
     with pytest.raises(SceneError, match="temperature_unit: required"):
         load_driver("modbus_blackbody")(
-            {"host": "x", "model": "ir-2100", "limits_K": [283, 500]}, CONTEXT
+            {"host": "x", "model": model, "limits_K": [283, 500]}, CONTEXT
         )
+
+
+@pytest.mark.parametrize(
+    ("stated", "true", "reads", "in_stated"),
+    [
+        ("fahrenheit", "celsius", 21.9, 268),
+        ("celsius", "kelvin", 295.0, 568),
+        ("kelvin", "celsius", 165.0, 165),
+    ],
+)
+def test_a_stated_unit_must_fit_the_reading(
+    stated: Unit, true: Unit, reads: float, in_stated: int
+) -> None:
+    """A body at the temperature of a room, or a warm one; it is made safe all the same."""
+    with ModbusPeer("eurotherm-3200", start_K=to_kelvin(reads, true)) as peer:
+        peer.temperature_unit = true
+        body = eurotherm(peer, temperature_unit=stated, limits_K=[283.0, 500.0])
+        with pytest.raises(
+            ConfigRejected,
+            match=rf"temperature_unit: {stated}: in it the reading {reads} is {in_stated} K, "
+            rf".*allowed: the unit at its front panel, which the reading fits \(.*{true}: ",
+        ):
+            body.connect()
+        body.take_over()
+        assert body.make_safe().connected
+        body.close()
+
+
+def test_a_body_beyond_its_limits_is_not_one_of_another_unit() -> None:
+    """4 % over the upper limit, where the same number in degrees F would be within the limits."""
+    with ModbusPeer("eurotherm-3200", start_K=520.0) as peer:
+        body = eurotherm(peer, limits_K=[300.0, 500.0])
+        body.connect()
+        body.close()
 
 
 def test_a_stated_unit_is_checked() -> None:

@@ -46,7 +46,7 @@ def test_modbus_agrees_with_minimalmodbus(model: str) -> None:
     with ModbusPeer(model, clock=clock, serial=True) as peer:
         device = open_modbus_blackbody(
             {"model": model, "serial": peer.serial, "limits_K": [253.0, 873.0],
-             **({"temperature_unit": "celsius"} if model == "ir-2100" else {})},
+             "temperature_unit": "celsius"},
             RigContext(clock, None, Path(), 1),
         )  # fmt: skip
         device.connect()
@@ -69,7 +69,7 @@ def test_modbus_writes_a_setpoint_once() -> None:
     with ModbusPeer("eurotherm-3200") as peer:
         device = open_modbus_blackbody(
             {"model": "eurotherm-3200", "host": peer.host, "port": peer.port,
-             "limits_K": [283.0, 873.0]},
+             "limits_K": [283.0, 873.0], "temperature_unit": "celsius"},
             CONTEXT,
         )  # fmt: skip
         device.connect()

@@ -309,12 +309,14 @@ def _gige(driver: str, legacy: bool) -> Make:
     return make
 
 
+_CELSIUS = {"temperature_unit": "celsius"}
+
 BEDS: dict[str, dict[str, Make]] = {
     "dg645": {"tcp": _dg645},
     "fluke418x": {"tcp": _fluke(False), "serial": _fluke(True)},
     "modbus_blackbody": {
-        "eurotherm-tcp": _modbus({"model": "eurotherm-3200"}, False),
-        "ir2100-serial": _modbus({"model": "ir-2100", "temperature_unit": "celsius"}, True),
+        "eurotherm-tcp": _modbus({"model": "eurotherm-3200", **_CELSIUS}, False),
+        "ir2100-serial": _modbus({"model": "ir-2100", **_CELSIUS}, True),
         "registers-tcp": _modbus({"registers": _OTHER}, False),
     },
     "pulse_generator": {

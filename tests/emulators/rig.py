@@ -120,7 +120,11 @@ class PeerRig:
         line = {"host": self.blackbody.host, "port": self.blackbody.port}
         if isinstance(self.blackbody, FlukePeer):
             return {"driver": "fluke418x", "settings": line}
-        own = {"model": "eurotherm-3200", "limits_K": [283.0, 873.0]}
+        own = {
+            "model": "eurotherm-3200",
+            "temperature_unit": "celsius",
+            "limits_K": [283.0, 873.0],
+        }
         return {"driver": "modbus_blackbody", "settings": {**own, **line}}
 
 

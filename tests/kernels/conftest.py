@@ -69,7 +69,11 @@ def apply(device: Device) -> Apply:
 
 @pytest.fixture(
     scope="session",
-    params=[(np.float64, 8), (np.float64, 1), (np.float32, 1)],
+    params=[
+        (np.float64, 8),
+        pytest.param((np.float64, 1), marks=pytest.mark.slow),
+        (np.float32, 1),
+    ],
     ids=["double-8", "double-1", "single-1"],
 )
 def gas_device(request: pytest.FixtureRequest, device: Device) -> Device:

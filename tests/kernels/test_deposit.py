@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
 from cldit.medium import rasterise
-from cldit.medium.frame import BRICK
-from cldit.medium.rasterise import REACH, Rasteriser
+from cldit.medium.deposit import PlacedBoxes, Touched, touched_bricks
+from cldit.medium.frame import BRICK, Frame
+from cldit.medium.rasterise import REACH, CloudRasteriser
 
 Floats = NDArray[np.float64]
 CELLS = 24  # three bricks
@@ -87,7 +88,7 @@ def clouds(count: int) -> tuple[Floats, Floats, Floats]:
 
 def deposited(device: Device, place: Floats, covariance: Floats, amount: Floats) -> Floats:
     """Amounts (A, z, y, x) by the kernels; bricks that are not marked are empty."""
-    made = Rasteriser.of(device, place, covariance, CELLS)
+    made = CloudRasteriser.of(device, place, covariance, CELLS)
     mark = np.zeros((CELLS // BRICK,) * 3, bool)
     made.mark(mark)
     directory = np.full(mark.shape, -1, np.int32)
@@ -148,3 +149,32 @@ def test_parts_make_the_whole(device: Device, monkeypatch: pytest.MonkeyPatch) -
     turned = np.random.default_rng(1).permutation(60)
     parts = deposited(device, place[turned], covariance[turned], amount[turned])
     np.testing.assert_array_equal(parts, whole)
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_boxes_are_those_of_the_twin(
+    device: Device, parts: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Boxes within a cell, across bricks, over the whole cube, and with faces on those of cells."""
+    if parts:
+        monkeypatch.setattr(rasterise, "_LAYERS_AT_ONCE", 50)
+    rng = np.random.default_rng(5)
+    lower = rng.uniform(0.0, CELLS - 1.0, (400, 3))
+    lower[:100] = np.floor(lower[:100])
+    upper = np.minimum(lower + np.exp(rng.uniform(-3.0, 3.0, (400, 3))), CELLS)
+    upper[:50] = np.ceil(upper[:50])
+    lower[0], upper[0] = 0.0, CELLS
+    amounts = [rng.uniform(0.0, 1.0, 400), rng.uniform(-1e6, 1e6, 400)]
+    frame = Frame((0.0, 0.0, 0.0), 1.0, 5)
+    sums: list[list[Floats]] = []
+    marks: list[Touched] = []
+    for chosen in (None, device):
+        boxes = PlacedBoxes(lower, upper, None, CELLS, chosen)
+        marks.append(touched_bricks(frame, [boxes], limit=10**9))
+        sums.append([np.zeros(marks[-1].slots * BRICK**3) for _ in amounts])
+        boxes.add(marks[-1], amounts, sums[-1])
+    np.testing.assert_array_equal(marks[0].directory, marks[1].directory)
+    resolution = 1e-12 if device.info.float64 else 1e-5
+    for expected_sum, found, amount in zip(*sums, amounts, strict=True):
+        np.testing.assert_allclose(found, expected_sum, atol=resolution * np.abs(amount).sum())
+        assert found.sum() == pytest.approx(amount.sum(), rel=100 * resolution)

@@ -250,7 +250,9 @@ def crowd(fuel: Fuel, drop: Drop) -> dict[str, list[Any]]:
 STEP: dict[str, Any] = {"duration": 5.5e-6, "tolerance": 1e-2, "drag": 1}
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(m, marks=[pytest.mark.slow] * (m != "spalding")) for m in MODELS]
+)
 def test_steps_in_single_precision(device: Device, heptane: Fuel, nitrogen: Gas, name: str) -> None:
     """Against double precision. With as many steps, only rounding differs: that of the rates (see
     `test_rates`, 1.4e-4) over up to seven steps in which a droplet loses most, and that of the

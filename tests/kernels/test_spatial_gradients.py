@@ -56,7 +56,7 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
             "camera": {"model": "orthographic", "field_m": [0.078, 0.078], "pixels": [39, 39]},
         }
     )
-    view = View.of(scene, cells)
+    view = View.of(scene, cells, device)
     defines: dict[str, Any] = {**cells.needs.defines, **view.defines, "CUTOFF": 1e-6}
     formal_solution = FormalSolution.of(cells, view, scene, device, defines, linear=True)
     rise = np.array([0.03, 0.0, -0.02])

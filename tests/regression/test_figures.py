@@ -40,8 +40,7 @@ def figures(run: Run) -> dict[str, float]:
     return out
 
 
-# Spray and octree of "gdi" are those of "gdi, Mie"; isotropic scattering is in "droplets-only".
-SLOW = {"gdi", "methane-jet"}
+SLOW = SCENES.keys() - {"droplets-only"}
 
 
 @pytest.mark.parametrize(

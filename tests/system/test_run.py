@@ -201,6 +201,7 @@ def test_damaged_run_folders(finished: Path, tmp_path: Path) -> None:
         cldit.open_run(tmp_path)
 
 
+@pytest.mark.slow
 def test_methane_runs_no_scattering_code() -> None:
     """`methane-jet` at low resolution: nothing about scattering was compiled or run."""
     data = cldit.load_scene("methane-jet").model_dump(mode="json")

@@ -99,7 +99,11 @@ def test_a_rig_touches_none_of_its_instruments(tiny_rig: dict[str, Any], tmp_pat
         opened(make_of("dg645", "tcp", {})) as bed,
     ):
         assert bed.replies is not None
-        own = {"model": "eurotherm-3200", "limits_K": [283.0, 873.0]}
+        own = {
+            "model": "eurotherm-3200",
+            "temperature_unit": "celsius",
+            "limits_K": [283.0, 873.0],
+        }
         body_settings = {**own, "host": body.host, "port": body.port}
         tiny_rig["background"] = {"driver": "modbus_blackbody", "settings": body_settings}
         settings = bed.device._settings.model_dump(mode="json")

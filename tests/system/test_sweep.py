@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +16,18 @@ import numpy as np
 import pytest
 
 import cldit
+from cldit.api.series import run_series
 from cldit.errors import SceneError, StudyError
 from cldit.run import RunCache, reevaluated
 from cldit.scene import Scene, parse_scene
 from cldit.study.dataset import open_folder
 from cldit.study.grid import Grid
-from cldit.study.side_by_side import trace_members
+from cldit.study.side_by_side import trace_members, trace_scenes
 from cldit.study.sweep import Progress, run_sweep
 from tests.extras import needs
 
 pytestmark = needs("distributed", "zarr", extra="studies")
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -181,3 +186,72 @@ def test_injections_side_by_side(scene: Scene, cluster: Any, tmp_path: Path) -> 
     for name, image in alone.ensemble.maps.items():
         assert run.ensemble[name] == pytest.approx(image, nan_ok=True, abs=1e-2, rel=1e-3)
     assert trace_members(several, out, cache=tmp_path) == 0
+
+
+@pytest.mark.slow
+def test_times_side_by_side(scene: Scene, cluster: Any, tmp_path: Path) -> None:
+    """Times that workers have traced are those of a series in sequence, and not traced again."""
+    out, counts, traced = tmp_path / "out", [], {}
+
+    def ahead(scenes: Mapping[Path, Scene]) -> None:
+        counts.append(trace_scenes(scenes, scheduler=cluster.scheduler_address, cache=tmp_path))
+        traced.update({place: (place / "run.json").stat().st_mtime_ns for place in scenes})
+
+    times = "0.3ms,0.5ms,0.7ms"
+    series = run_series(scene, out, times=times, trace_only=True, ahead=ahead)
+    alone = run_series(scene, tmp_path / "alone", times=times, trace_only=True)
+    assert counts == [3]
+    for aside, other in zip(series.times, alone.times, strict=True):
+        assert aside.state == "done" and aside.folder is not None
+        assert (aside.folder / "run.json").stat().st_mtime_ns == traced[aside.folder]
+        assert aside.dit == other.dit and aside.spray == other.spray
+
+
+SBATCH = """#!/bin/sh
+nohup sh "$1" > "$1.log" 2>&1 &
+echo "Submitted batch job $!"
+"""
+
+
+@pytest.mark.slow
+def test_slurm_as_documented(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page's script, with an `sbatch` that runs the job on this machine."""
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is missing")
+    page = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+    (script,) = re.findall(r"```python\n(from dask_jobqueue.*?)```", page, re.DOTALL)
+    for name, text in (("sbatch", SBATCH), ("scancel", '#!/bin/sh\nkill "$1"\n')):
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    names: dict[str, Any] = {}
+    exec(script, names)
+    with names["cluster"] as started:
+        grid = Grid.parse("walls.temperature_K=300,450")
+        address = started.scheduler_address
+        record = run_sweep(scene, grid, tmp_path / "sweep", scheduler=address, cache=tmp_path)
+    assert record.scenes == 2 and not record.failed
+
+
+def test_workers_of_a_machine_have_ranks(tmp_path: Path) -> None:
+    """Each process its own, whatever started it; that of an ended one is free again."""
+    code = (
+        "import sys; from cldit.study.sweep import worker_rank; "
+        "print(worker_rank(['0:0']), flush=True); sys.stdin.read()"
+    )
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+
+    def start() -> tuple[subprocess.Popen[str], str]:
+        worker = subprocess.Popen([sys.executable, "-c", code], env=environment, text=True,
+                                  stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
+        assert worker.stdout is not None
+        return worker, worker.stdout.readline().strip()
+
+    workers = [start() for _ in range(3)]
+    assert [rank for _, rank in workers] == ["0", "1", "2"]
+    workers[1][0].kill()
+    workers[1][0].communicate()
+    workers.append(start())
+    assert workers[-1][1] == "1"
+    for worker, _ in workers:
+        worker.kill()
+        worker.communicate()

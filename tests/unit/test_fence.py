@@ -20,32 +20,32 @@ SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
 
 BUDGETS: dict[str, int] = {
-    "accuracy": 3747,
-    "acquisition": 5401,
-    "api": 1093,
+    "accuracy": 3750,
+    "acquisition": 5400,
+    "api": 1100,
     "bench": 589,
     "camera": 534,
-    "cfd": 9283,
+    "cfd": 9546,
     "cldit": 179,
-    "cli": 2657,
+    "cli": 2665,
     "comparison": 2295,
-    "dit": 6478,
-    "drivers": 3742,
-    "gpu": 1132,
+    "dit": 6648,
+    "drivers": 3776,
+    "gpu": 1133,
     "io": 1865,
-    "kernels": 5528,
-    "medium": 1843,
+    "kernels": 5608,
+    "medium": 1901,
     "optics": 3294,
     "prepare": 1009,
     "radiance": 780,
-    "rig": 1857,
+    "rig": 1852,
     "run": 2185,
-    "scene": 2103,
+    "scene": 2092,
     "show": 6598,
     "spray": 6241,
-    "study": 3184,
+    "study": 3271,
     "testing": 1328,
-    "transport": 7299,
+    "transport": 7317,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
@@ -160,7 +160,7 @@ def test_no_folder_is_crowded() -> None:
 
 
 CROWDED: dict[str, int] = {
-    "kernels": 28
+    "kernels": 29
 }  # folders that still hold more files, as many as they hold
 
 

@@ -143,6 +143,7 @@ def test_few_pixels(run_block: Callable[..., Run], pixels: int) -> None:
     assert run.info.accuracy_K is not None and 0.0 < run.info.accuracy_K < 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rays", [4, "auto"])
 def test_light_from_all_of_a_pixel(run_block: Callable[..., Run], rays: Any) -> None:
     """The audit is of one ray a pixel of the same sources, which err alike; of 81 pixels all are

@@ -108,6 +108,7 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
     assert squares[0] - squares[1] < 0.15**2 + 3 * 2 * 0.3 * 0.15 / 50**0.5
 
 
+@pytest.mark.slow
 def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
     """Pixels of 2 mm err by 6.1 K in gdi: cells for the 0.5 K that are asked for are in vain.
 

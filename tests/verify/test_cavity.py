@@ -86,6 +86,7 @@ def test_flat_in_few_cells(run_block: Callable[..., Run], cells: int) -> None:
     assert closure(run) < 3e-5
 
 
+@pytest.mark.slow
 def test_flat_all_round(run_block: Callable[..., Run]) -> None:
     """A background that surrounds everything: no light from the wall at all."""
     per_m = 0.4 / (EDGE / 16)

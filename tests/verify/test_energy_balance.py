@@ -118,6 +118,7 @@ def test_path_closes_but_for_noise(
     assert found.bound < 0.02  # five standard errors over 256 pixels of 128 samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "before", "after", "transport"),
     [

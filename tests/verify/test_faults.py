@@ -18,13 +18,15 @@ from tests.laboratory import laboratory
 from tests.laboratory_faults import FAULTS, SHAPE, in_units
 
 NAMED = {
-    "offsets renewed between kinds, 15 counts": "offsets by 2[01] counts",
-    "offsets renewed between backgrounds, 15 counts": "pixels lie off their lines",
-    "offsets renewed at every recording, 15 counts": "pixels lie off their lines",
+    "offsets renewed between kinds, 15 counts": (
+        r"offsets by 2[01] counts .*\(NUC\) renewed offsets between the kinds \(chi-square 2"
+    ),
+    "offsets renewed between backgrounds, 15 counts": "lie off their lines .*more than once?",
+    "offsets renewed at every recording, 15 counts": "lie off their lines .*more than once?",
     "hottest background clipped": "523 K: 100 % of the pixels .* ignored",
     "second background clipped everywhere": "483 K: 100 % of the pixels .* ignored",
-    "half a pixel, all images at 423 K": "pixels lie off their lines",
-    "half a pixel, injections at 523 K": "pixels lie off their lines",
+    "half a pixel, all images at 423 K": "lie off their lines .* images at 423 K look moved",
+    "half a pixel, injections at 523 K": "lie off their lines .* injections at 523 K look moved",
     "one reference and one injection swapped": "shot b01_ref_02 is an outlier.*; ignored",
     "a reference of zeros": "shot b02_ref_04: every pixel is 0; ignored",
     "superframing": "integration times taken in turns",
@@ -34,7 +36,7 @@ NAMED = {
     "temperatures in K": "look like temperatures in K; export raw counts",
     "temperatures in degrees Celsius times 10": "temperatures in degrees Celsius times 10;",
     "detector bent by 3 %": "or the camera were not linear: these fit alike",
-    "frozen camera with a counter": "6 of 80 images repeat another one",
+    "frozen camera with a counter": r"6 of 10 images .* b01_inj_04: repeats b01_inj_03:",
 }
 
 

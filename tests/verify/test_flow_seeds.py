@@ -24,13 +24,9 @@ def apart_K(one: Any, other: Any) -> float:
 
 
 def test_seeds_of_gdi_flow_differ_by_4_kelvin_at_most(device: Device, tmp_path: Path) -> None:
-    """RMS over the pixels that have a T_app, cells of 0.39 mm: 1.8 to 2.7 K were measured in 15
-    pairs of independent plumes; with the paper's 1e4 droplets a parcel it is 6 K. Equal plumes are
-    copies now, so the two on a line of sight share their chance: sqrt(2) times that, 3.8 K.
-
-    By SAMPLING times the difference of its halves a spray says what it errs by. The halves share
-    one gas; of that alone the seeds differ by 1.4 K. Seeds said 0.7 to 1.2 times what six
-    showed. What a run states is to lie within half and twice the truth."""
+    """RMS over the pixels that have a T_app. A spray estimates its error as SAMPLING times the
+    difference of its halves, which share one gas; it must be within a factor of two of the truth.
+    """
     data = cldit.load_scene("gdi-flow").model_dump(mode="json")
     data["camera"]["pixels"] = [150, 150]
     data["domain"]["leaf_edge_m"] = 0.5e-3

@@ -46,9 +46,8 @@ def test_stated_gas_grid_is_within_twice_the_truth(tmp_path: Path) -> None:
     three seeds shows. If later ones do so too, the squares of all steps below h add up to that of
     the step to h / 2 times (1 + c r) / (1 - c r) / (1 - r^2). With c = 1 that is Richardson's sum.
 
-    `stated` is what each seed says from its own steps from 4 h to h: 3.7 to 4.0 K, a lower bound,
-    where the steps are 7.0 and 5.1 K and their sum 7.0 K. Chance is not in the steps: the grids of
-    a seed share their eddies.
+    `stated` is the estimate of each seed from its own steps from 4 h to h. Chance is not in the
+    steps: the grids of a seed share their eddies.
     """
 
     def picture(seed: int, spacing_m: float) -> Any:

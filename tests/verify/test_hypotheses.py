@@ -1,7 +1,7 @@
 """Planted faults of a measurement are named by the cause that was planted.
 
 Set-up: recordings of `tests/verify/test_independent_model.py` with one fault each. Expected: at
-least 18 of 20 are named, as the best of the fitted causes.
+least nine of ten are named, as the best of the fitted causes.
 """
 
 from __future__ import annotations
@@ -57,12 +57,23 @@ def _off(number: int, kelvin: float) -> Callable[[Shot, Any], Shot]:
     return _stated(lambda at: at - kelvin * (at == _background(number)))
 
 
-def _renewed(size: float, *, gain: bool) -> Callable[[Shot, Any], Shot]:
-    def edit(image: Image) -> Image:
-        pattern = size * np.random.default_rng(1).standard_normal(image.shape)
-        return image * (1.0 + pattern) if gain else image + pattern
+def _pattern(image: Image, size: float, *, gain: bool) -> Image:
+    pattern = size * np.random.default_rng(1).standard_normal(image.shape)
+    return image * (1.0 + pattern) if gain else image + pattern
 
-    return _injections(edit)
+
+def _renewed(size: float, *, gain: bool) -> Callable[[Shot, Any], Shot]:
+    return _injections(lambda image: _pattern(image, size, gain=gain))
+
+
+def _renewed_from(number: int, size: float, *, gain: bool) -> Callable[[Shot, Any], Shot]:
+    """Of images of both kinds, from one background on."""
+    first_K = _background(number) - 1.0
+    return _seen(
+        lambda shot, image: (
+            _pattern(image, size, gain=gain) if shot.background_K > first_K else image
+        )
+    )
 
 
 def _swap(at: float) -> float:
@@ -95,8 +106,19 @@ FAULTS: dict[str, tuple[Callable[[Shot, Any], Shot], str]] = {
     "half exposure": (_injections(lambda image: 300.0 + 0.5 * (image - 300.0)),
                       "no pixel is free of spray .* or a lower gain, is not seen"),
     "gamma": (_injections(lambda image: 16383.0 * (image / 16383.0) ** 0.97), "curve|gamma"),
-    "offsets renewed": (_renewed(15.0, gain=False), r"offsets by .* correction \(NUC\) renewed"),
-    "gains renewed": (_renewed(0.004, gain=True), r"gains by .* correction \(NUC\) renewed"),
+    "offsets renewed": (_renewed(15.0, gain=False),
+                        r"correction \(NUC\) renewed offsets between the kinds"),
+    "gains renewed": (_renewed(0.004, gain=True),
+                      r"correction \(NUC\) renewed gains between the kinds"),
+    "offsets renewed from the third on": (_renewed_from(2, 15.0, gain=False),
+                                          r"\(NUC\) renewed offsets from 489.667 K on"),
+    "gains renewed from the third on": (_renewed_from(2, 0.01, gain=True),
+                                        r"\(NUC\) renewed gains from 489.667 K on"),
+    "injections upside down": (_injections(lambda image: image[::-1]),
+                               "injections at 423 K are upside down .*times smaller"),
+    "one background mirrored": (
+        _seen(lambda shot, image: image[:, ::-1] if shot.background_K == 423.0 else image),
+        "references at 423 K are mirrored left to right .*times smaller"),
     "8 bits of 16": (_injections(lambda image: image // 64), r"gain \(exposure, range\) changed"),
 }  # fmt: skip
 
@@ -118,10 +140,10 @@ def _best(text: str) -> str:
 
 
 @pytest.mark.parametrize("seed", [31, *(pytest.param(n, marks=pytest.mark.slow) for n in (32, 33))])
-def test_eighteen_of_twenty_faults_are_named(seed: int) -> None:
+def test_nine_of_ten_faults_are_named(seed: int) -> None:
     missed = {
         name: text
         for name, (_, expected) in FAULTS.items()
         if not re.search(expected, _best(text := _said(name, seed)))
     }
-    assert len(FAULTS) == 20 and len(missed) <= 2, "\n".join(f"{k}: {v}" for k, v in missed.items())
+    assert len(missed) <= len(FAULTS) // 10, "\n".join(f"{k}: {v}" for k, v in missed.items())

@@ -121,6 +121,7 @@ def _deviations(seeds: range) -> tuple[Floats, Floats, list[str]]:
     return np.concatenate(kelvins), np.concatenate(emissivities), findings
 
 
+@pytest.mark.slow
 def test_errors_cover_the_truth_on_twenty_shapes() -> None:
     """Some 10,000 pixels with T_app, 40,000 with an emissivity: coverage is known to 0.5 %; the
     noise model is estimated to 2 %, which changes 68 % by 1 %."""

@@ -60,7 +60,7 @@ def beyond_edge(x: np.ndarray, radius: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("nearer_m", "focus_m"), PLACES)
-@pytest.mark.parametrize("rays", [16, 64])
+@pytest.mark.parametrize("rays", [16, pytest.param(64, marks=pytest.mark.slow)])
 def test_edge(run_block: Callable[..., Run], nearer_m: float, focus_m: Any, rays: int) -> None:
     """A black half plane, 0.4 mm thick, with an aperture of 62.5 mm."""
     lens = {**LENS, "focus_m": focus_m}
@@ -211,6 +211,7 @@ def test_only_source_has_a_lens(run_block: Callable[..., Run]) -> None:
         )
 
 
+@pytest.mark.slow
 def test_stated_effect_of_a_lens(device: Device, tables: Path) -> None:
     """The change that a pinhole's run states, against a run with the lens.
 

@@ -25,6 +25,7 @@ from cldit.medium.octree import build_octree
 from cldit.run import Run
 from cldit.scene import load_scene
 from cldit.transport.cells import OpticalCells
+from cldit.transport.image import Rays
 from cldit.transport.trace import trace
 from cldit.transport.view import View
 from tests.bench.case import Case
@@ -85,12 +86,25 @@ def test_shares_of_the_boundary(device: Device, rays: int) -> None:
     """Of a vessel without a medium they are its picture, up to rays that touch the rim."""
     run = vessel(device, rays)
     cells = OpticalCells.of(build_octree(CUBE, None, [], optical_depth_split=1.0))
-    view = View.of(run.scene, cells)
+    view = View.of(run.scene, cells, device)
     shares = view.boundary_shares(np.arange(PIXELS**2), int(rays**0.5))
     np.testing.assert_allclose(shares.sum(axis=0), 1.0)
     for share, seen in zip(shares, (run.weights.background, run.weights.wall), strict=True):
         assert np.count_nonzero(np.abs(share - seen.ravel()) > 1e-6) <= 2
     assert np.all(run.weights.background.ravel()[shares[0] == 1.0] == 1.0)
+
+
+@pytest.mark.parametrize("camera", [{}, {"rays_per_pixel": 4}])
+def test_an_image_beyond_one_buffer(
+    run_block: Callable[..., Run], camera: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In parts of 100 pixels it is the image in one, to the bit."""
+    asked = {"directions": 8, "audit": False}
+    whole = block(run_block, asked, **camera).weights
+    monkeypatch.setattr(Rays, "_most_pixels", 100)
+    parts = block(run_block, asked, **camera).weights
+    for name, image in whole.images.items():
+        np.testing.assert_array_equal(parts.images[name], image)
 
 
 @pytest.mark.parametrize("rays", [4, 16, 64])

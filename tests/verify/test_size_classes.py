@@ -174,6 +174,7 @@ def _noise(result: Trace) -> Floats:
     return np.asarray(np.sqrt(np.mean(apart**2, axis=1, keepdims=True)))
 
 
+@pytest.mark.slow
 def test_path_by_two_classes(device: Device, truth: tuple[Floats, Floats]) -> None:
     """Twelve weights: each within four standard errors of both (4e-4 by chance for all of them),
     their mean squares as those of such errors, whose 99.9th percentile is 2.7. One phase function

@@ -155,6 +155,7 @@ def test_mie_slab_against_disort(run_block: Callable[..., Run]) -> None:
         assert abs(float(image.mean()) - exact) < abs(three - exact) + 8e-4
 
 
+@pytest.mark.slow
 def test_refinement_changes_nothing_in_a_uniform_medium(run_block: Callable[..., Run]) -> None:
     """Without scattering a cell's size cannot matter: equal to rounding (1e-6) at any leaf edge."""
     images = []

@@ -88,6 +88,7 @@ def traced(
     return chosen, summed(every, chosen.quadrature, scene)
 
 
+@pytest.mark.slow
 def test_cavity_is_flat_over_the_spectrum(device: Device, tables: Path) -> None:
     kelvin = 430.0
     scene = scene_of(kelvin, wavelengths=3)

@@ -40,6 +40,7 @@ def wall(run: Run) -> Any:
     return run.weights.wall[run.maps.emissivity > 0.5].astype(float)
 
 
+@pytest.mark.slow
 def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
     """Without gather the wall's weight, some 0.1, is far too low: light that a thick cell sends
     straight back is lost in it. With it, what is left is noise and the simplified phase function of
@@ -76,6 +77,7 @@ def test_gather_and_audit(run_block: Callable[..., Run]) -> None:
     assert gathered.info.accuracy_K < 0.4 * true
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", ["isotropic", PHASE], ids=["isotropic", "forward"])
 def test_gaps_between_thick_cells(run_block: Callable[..., Run], phase: Any) -> None:
     """Cells of optical depth 0.3 to 1.4, which send what a linear source tells, half of them left
@@ -109,6 +111,7 @@ def test_gaps_between_thick_cells(run_block: Callable[..., Run], phase: Any) -> 
     assert np.sqrt(np.mean(error[:, seen].astype(float) ** 2)) > 2.5 * np.sqrt(np.mean(rms**2))
 
 
+@pytest.mark.slow
 def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the pixels give the same error as all, within what a third may miss of it."""
     transport = {"directions": 32, "phase": PHASE, "audit": True, "gather": False}
@@ -119,6 +122,7 @@ def test_audit_of_a_sample(run_block: Callable[..., Run], monkeypatch: pytest.Mo
     assert 0.5 * whole < part < 2.0 * whole
 
 
+@pytest.mark.slow
 def test_audit_where_no_pixel_sees_the_spray(device: Device) -> None:
     """As `cldit bench` has it, which measures what a picture of nothing costs."""
     data = load_scene("droplets-only").model_dump(mode="json")
@@ -159,15 +163,8 @@ def test_chains_that_stop_short_say_so(
     assert short(accuracy_K=1e-3, max_samples=10**6)
 
 
-@pytest.mark.parametrize(
-    ("precision", "phase"),
-    [
-        ("float32", "isotropic"),
-        ("float64", PHASE),
-        pytest.param("float32", PHASE, marks=pytest.mark.slow),
-        pytest.param("float64", "isotropic", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("precision", "phase"), [("float32", "isotropic"), ("float64", PHASE)])
 def test_flights_one_by_one(
     run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, precision: str, phase: Any
 ) -> None:
@@ -185,6 +182,7 @@ def test_flights_one_by_one(
     assert np.quantile(difference, 0.9) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy_K", [0.05, 0.1])
 def test_flights_meet_light_that_changes_as_it_does(
     run_block: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, accuracy_K: float

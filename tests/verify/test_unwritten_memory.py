@@ -102,12 +102,9 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("tables")
 
 
-# In the first tier each method, each kind of device, both sorts of phase function, and wavelengths.
+# In the first tier each method, each kind of device and both sorts of phase function.
 QUICK = {
     ("source", "cpu"),
-    ("source, few directions", "cpu"),
-    ("source, Mie", "gpu"),
-    ("source, wavelengths", "cpu"),
     ("path, Mie", "cpu"),
     ("branching", "gpu"),
 }

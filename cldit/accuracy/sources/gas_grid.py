@@ -38,7 +38,10 @@ _LARGEST_M = 1e-2  # that a scene may have
 _FEWEST = 6  # cells along the vapour, where a plume has three across
 # The part that is cut off changes T_app by less than this share of the spray: 0.1 K of 100 K.
 _MOST_LOST = 1e-3
-_FIRST_ORDER = 0.5  # ratio of displacements; faster steps of coarse grids were slower at the next
+_FIRST_ORDER = 0.5  # ratio of displacements
+# Between first order, of fronts, and second, of smooth gas. In 27 rows of
+# docs/benchmarks/error-sources.md stated / true is 0.70 to 2.4; with 0.5 it was 0.94 to 3.1.
+_FASTEST = 0.375
 _SLOWEST = 0.75  # displacements that fall by less need not converge
 _HEAD = "vapour_penetration_m"  # of the figures of a spray
 _FINEST_LATTICE_m = 0.1e-3
@@ -259,8 +262,7 @@ class Rest:
     A grid displaces the plumes. Where T_app is smooth it changes in proportion, and the changes by
     two steps correlate. At a front the RMS grows as the root of the displacement, and two steps
     change different pixels. So with a correlation c the RMS is taken to grow as the power
-    (1 + c) / 2 of the displacement: exact for c of 0 and 1. By first order as much is left as the
-    last step displaced.
+    (1 + c) / 2 of the displacement: exact for c of 0 and 1.
 
     ratio: of a step to the one before; correlation: of both.
     """
@@ -290,8 +292,9 @@ class Rest:
 
     @property
     def displacements(self) -> float:
-        """Ratio of the displacements of both steps; faster than first order is not relied on."""
-        return max(float(self.ratio ** (1.0 / self.power)), _FIRST_ORDER)
+        """Ratio of the displacements of both steps; a faster one than `_FASTEST` is not relied
+        on."""
+        return max(float(self.ratio ** (1.0 / self.power)), _FASTEST)
 
     @property
     def factor(self) -> float:

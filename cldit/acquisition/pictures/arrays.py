@@ -70,10 +70,9 @@ class Zarr(ArrayStack):
         found = _zarr(source, line=False)
         if not source.incomplete:
             check_chunks(source.text, found.nchunks, found.nchunks_initialized)
-        known = dict(found.attrs)
-        names = getattr(found.metadata, "dimension_names", None) or known.get("_ARRAY_DIMENSIONS")
-        axes = source.axes or axes_named([str(name) for name in names or ()])
-        super().__init__(found, axes, attributes=known)
+        known, stated = dict(found.attrs), getattr(found.metadata, "dimension_names", None)
+        names = [str(name) for name in stated or known.get("_ARRAY_DIMENSIONS") or ()]
+        super().__init__(found, source.axes or axes_named(names), attributes=known)
 
 
 def read_line(source: Source) -> NDArray[np.float64]:

@@ -104,10 +104,7 @@ def times(case: CaseFile) -> list[float]:
 
 
 def _common_times(case: CaseFile, gas: Sequence[Item], cloud: str | None) -> list[float]:
-    """Times at which the fields of the gas are written, and the parcels unless `none` is asked for.
-
-    Time sets may differ; the mesh is valid until the next one.
-    """
+    """Times at which the gas is written, and the parcels unless `none` is asked for."""
     drops = {} if cloud == NO_CLOUD else clouds(case)
     parcels = [item for place, own in drops.values() for item in (place, *own.values())]
     sets = {item.name: [t for t, _ in case.files(item) if t is not None] for item in gas}

@@ -5,19 +5,16 @@ particles: a mapping file names their table (`parcels.file`).
 """
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
 from cldit.cfd.mapping.columns import read_gas
 from cldit.cfd.mapping.file import ColumnMap, gas_names
-from cldit.cfd.mesh.cells import AnyFloats, Labels
 from cldit.cfd.mesh.faces import Mesh, turned_faces
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
@@ -138,7 +135,10 @@ def _field(path: Path, group: Any, count: int) -> NDArray[Any]:
 
 
 def _mesh(path: Path, group: Any, cells: int) -> Mesh:
-    """Mesh of faces between cells c0 and c1, from 1; 0 is none, as is a missing section of c1."""
+    """Mesh of faces between cells c0 and c1, from 1; 0 is none, as is a missing section of c1.
+
+    Normals point into c0.
+    """
     faces, nodes = (_count(path, group, name) for name in ("faceCount", "nodeCount"))
     held = _group(path, group, "nodes/coords")
     points = []
@@ -167,32 +167,5 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
         raise SprayError(f"{path}: {group.name}/faces: a face lies between cells that do not exist")
     owner = np.where(sides[0] > 0, sides[0], sides[1]) - 1
     neighbour = np.where((sides > 0).all(axis=0), sides[1], 0) - 1
-    mesh = Mesh(point, corner, start, owner, neighbour, cells, str(path))
-    return replace(mesh, corners=_outwards(mesh))
-
-
-def _outwards(mesh: Mesh) -> Labels:
-    """Corners, reversed for each face whose normal does not point out of its owner.
-
-    Decided by geometry, face by face: away from the mean of the owner's face centres, which lies
-    inside a cell that is not dented.
-    """
-    count = np.diff(mesh.start)
-    face = np.repeat(np.arange(len(count)), count)
-    centre = _sums(face, mesh.points_m[mesh.corners], len(count)) / count[:, None]
-    here = mesh.points_m[mesh.corners] - centre[face]
-    follow = np.arange(len(mesh.corners)) + 1
-    follow[mesh.start[1:] - 1] = mesh.start[:-1]
-    normal = _sums(face, np.cross(here, here[follow]), len(count))
-    inner = mesh.neighbour >= 0
-    cell = np.concatenate([mesh.owner, mesh.neighbour[inner]])
-    of = np.concatenate([np.arange(len(count)), np.flatnonzero(inner)])
-    sides = np.maximum(np.bincount(cell, minlength=mesh.cells), 1)
-    middle = _sums(cell, centre[of], mesh.cells) / sides[:, None]
-    turned = np.einsum("ij,ij->i", normal, centre - middle[mesh.owner]) < 0
-    return turned_faces(mesh.corners, mesh.start, turned)
-
-
-def _sums(place: Labels, vectors: AnyFloats, count: int) -> Floats:
-    """Sums (count, 3) of vectors (N, 3) by the place (N,) to which each belongs."""
-    return np.stack([np.bincount(place, part, count) for part in vectors.T], axis=1)
+    corner = turned_faces(corner, start, sides[0] > 0)
+    return Mesh(point, corner, start, owner, neighbour, cells, str(path))

@@ -1,11 +1,11 @@
 """Columns of a CFD result by a mapping: in SI, under OpenFOAM's names."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cldit.cfd.case import Cloud, Column, complete_cloud
+from cldit.cfd.case import Cloud, Column, complete_cloud, joined
 from cldit.cfd.mapping.file import (
     PARCEL_FIELDS,
     PARCEL_NAMES,
@@ -167,6 +167,28 @@ def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
         number = np.where(dummy, 0.0, mass.values / np.where(dummy, 1.0, droplet))
         fields["nParticle"] = Column(f"{mass.label} (mass over a droplet's)", number)
     return fields
+
+
+def joined_cloud(
+    name: str,
+    source: str,
+    parts: Sequence[tuple[Column, dict[str, Column]]],
+    names: ColumnMap,
+    needed: Container[str] = (),
+) -> Cloud:
+    """Cloud of all its parts, positions and fields each; empty ones add nothing.
+
+    `needed` fields must be in all parts or in none.
+    """
+    filled = [part for part in parts if len(part[0].values)] or parts[:1]
+    shared = set.intersection(*(set(columns) for _, columns in filled))
+    for _, columns in filled:
+        if missing := [key for key in set(columns) - shared if key in needed]:
+            lacking = f"the field {min(missing)!r} of cloud {name!r}"
+            raise SprayError(f"{source}: only some processors have {lacking}")
+    position = joined([position for position, _ in filled])
+    columns = {key: joined([columns[key] for _, columns in filled]) for key in sorted(shared)}
+    return mapped_cloud(name, source, position, with_components(columns), names)
 
 
 def mapped_cloud(

@@ -10,19 +10,13 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from cldit.errors import SprayError
 from cldit.io.plain_data import read_mapping
 from cldit.scene.checks import Section, describe
+from cldit.scene.spray import Check
 
 # unit: factor and offset to SI, value * factor + offset
 _PLAIN = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
     "volume": {"m3": 1.0, "l": 1e-3, "cm3": 1e-6, "mm3": 1e-9},
-    "pressure": {
-        "Pa": 1.0,
-        "kPa": 1e3,
-        "MPa": 1e6,
-        "bar": 1e5,
-        "atm": 101325.0,
-        "Pa absolute": 1.0,
-    },
+    "pressure": {"Pa": 1, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "atm": 101325, "Pa absolute": 1},
     "density": {"kg/m3": 1.0, "g/cm3": 1e3, "g/l": 1.0},
     "fraction": {"1": 1.0, "%": 1e-2, "mol/mol": 1.0},
     "count": {"1": 1.0},
@@ -54,7 +48,8 @@ def units_of(key: str) -> dict[str, tuple[float, float]]:
 
 
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]$")  # at the end of a column's name
-_COMPONENT = re.compile(r"\[[ijkxyz0-2]\]$", re.IGNORECASE)  # of a vector, as STAR-CCM+ has it
+# no unit: a component of a vector, as STAR-CCM+ has it, or a species, as AMReX has it
+_COMPONENT = re.compile(r"\[[ijkxyzIJKXYZ0-2]\]$|^[XY]\([A-Z-]+\d[A-Z\d-]*\)$")
 _SPELLED = (
     {"-": "1", "": "1", "C": "degC", "°C": "degC", "F": "degF", "°F": "degF"}
     | {"m^3": "m3", "mm^3": "mm3", "cm^3": "cm3", "m³": "m3", "mm³": "mm3", "cm³": "cm3"}
@@ -192,11 +187,8 @@ class ParcelColumns(Table):
         return self
 
 
-Check = Literal["times", "copies", "tracks", "summary", "cells", "liquids"]
-
-
 class ColumnMap(Section):
-    """Whole mapping file. accept: checks of the state that only remark on what they find."""
+    """Whole mapping file. accept: as `spray.accept`."""
 
     time_s: float | None = None
     accept: tuple[Check, ...] = ()

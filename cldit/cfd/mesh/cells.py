@@ -14,9 +14,10 @@ from cldit.cfd.mesh import geometry
 from cldit.errors import SprayError
 from cldit.io.progress import Watch, silent
 
-Labels = NDArray[np.signedinteger]
-AnyFloats = NDArray[np.floating]
-
+AnyFloats = geometry.AnyFloats
+Labels = geometry.Labels
+Polyhedra = geometry.Polyhedra
+Measures = geometry.Measures
 # what `geometry.measure` finds wrong with a cell, from 1
 _FAULTS = (
     "cell {} has fewer than four faces",
@@ -25,33 +26,6 @@ _FAULTS = (
 )
 ORIGIN, TURN = np.zeros(3), np.eye(3)  # the case's own coordinates
 AT_ONCE = 50_000  # cells; some 600 bytes a cell are in work
-
-
-@dataclass(frozen=True)
-class Polyhedra:
-    """Cells by their faces, as `geometry.measure` takes them.
-
-    points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`; cell c has the sides
-    `sides[first[c]:first[c + 1]]`: f if the normal of face f points out of the cell, -1 - f if it
-    points into the cell; `members` (N,) are the selected cells.
-    """
-
-    points_m: AnyFloats
-    corners: Labels
-    start: Labels
-    first: Labels
-    sides: Labels
-    members: Labels
-
-
-@dataclass(frozen=True)
-class Measures:
-    """Volume volume_m3 (N,), centroid_m and bounds lower_m, upper_m (N, 3) of each cell."""
-
-    volume_m3: Floats
-    centroid_m: Floats
-    lower_m: Floats
-    upper_m: Floats
 
 
 @dataclass(frozen=True)
@@ -93,15 +67,14 @@ class CellMesh(ABC):
         wanted = np.arange(self.cells) if cells is None else cells
         found = Measures(np.empty(len(wanted)), *(np.empty((len(wanted), 3)) for _ in range(3)))
         for place, part in self.polyhedra(wanted):
-            given = part.points_m, part.corners, part.start, part.first, part.sides, part.members
-            for chosen, own in geometry.measure(*given, origin_m, rotation):
+            for chosen, fault, own in geometry.measure(part, origin_m, rotation):
                 here = place[chosen]
-                if own.fault.any():
-                    bad = int(np.flatnonzero(own.fault)[0])
-                    text = _FAULTS[own.fault[bad] - 1].format(wanted[here[bad]])
+                if fault.any():
+                    bad = int(np.flatnonzero(fault)[0])
+                    text = _FAULTS[fault[bad] - 1].format(wanted[here[bad]])
                     raise SprayError(f"{self.source}: {text}")
                 for name, values in vars(found).items():
-                    values[here] = getattr(own, name).T
+                    values[here] = getattr(own, name)
         return found
 
     def boxes(

@@ -18,11 +18,28 @@ from scipy.sparse import csr_array
 from cldit.arrays import Floats, Ints
 
 AnyFloats = NDArray[np.floating]
-AnyLabels = NDArray[np.signedinteger]
+Labels = NDArray[np.signedinteger]
 
 FEW_FACES, OPEN, NO_VOLUME = 1, 2, 3
 _OPEN = 0.01  # share of a cell's surface that may be missing; the slack is for float32 points
 _SIDES = 8_000  # at a time, whose arrays stay in the cache
+
+
+@dataclass(frozen=True)
+class Polyhedra:
+    """Cells by their faces, as `measure` takes them.
+
+    points_m (P, 3); face f has the corners `corners[start[f]:start[f + 1]]`; cell c has the sides
+    `sides[first[c]:first[c + 1]]`: f if the normal of face f points out of the cell, -1 - f if it
+    points into the cell; `members` (N,) are the selected cells.
+    """
+
+    points_m: AnyFloats
+    corners: Labels
+    start: Labels
+    first: Labels
+    sides: Labels
+    members: Labels
 
 
 @dataclass(frozen=True)
@@ -35,9 +52,7 @@ class Faces:
     high: Floats
 
     @classmethod
-    def of(
-        cls, points_m: AnyFloats, corners: AnyLabels, origin_m: Floats, rotation: Floats
-    ) -> Faces:
+    def of(cls, points_m: AnyFloats, corners: Labels, origin_m: Floats, rotation: Floats) -> Faces:
         """Polygons of so many corners (n, F) each, seen from `origin_m` and rotated."""
         found, count = points_m[corners], len(corners)
         ring = np.empty((3, count + 1, corners.shape[1]))  # the first corner comes last again
@@ -66,22 +81,14 @@ class Faces:
         return cls(middle, 0.5 * area, low, high)
 
     @classmethod
-    def chosen(
-        cls,
-        points_m: AnyFloats,
-        corners: AnyLabels,
-        start: AnyLabels,
-        faces: AnyLabels,
-        origin_m: Floats,
-        rotation: Floats,
-    ) -> Faces:
-        """Faces (F,) of a mesh, see `Polyhedra`, those with as many corners together."""
-        begin, size = start[faces], start[faces + 1] - start[faces]
+    def chosen(cls, part: Polyhedra, faces: Labels, origin_m: Floats, rotation: Floats) -> Faces:
+        """Faces (F,) of a mesh, those with as many corners together."""
+        begin, size = part.start[faces], part.start[faces + 1] - part.start[faces]
         made = cls(*(np.empty((3, len(faces))) for _ in range(4)))
         for kind in np.flatnonzero(np.bincount(size)).tolist():
             here = np.flatnonzero(size == kind)
-            own = corners[begin[here] + np.arange(kind)[:, None]]
-            found = cls.of(points_m, own, origin_m, rotation)
+            own = part.corners[begin[here] + np.arange(kind)[:, None]]
+            found = cls.of(part.points_m, own, origin_m, rotation)
             if len(here) == len(faces):
                 return found
             for all_, some in zip(vars(made).values(), vars(found).values(), strict=True):
@@ -90,37 +97,26 @@ class Faces:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """volume_m3 (N,), centroid_m, lower_m and upper_m (3, N) of cells; and fault (N,): 0, or the
-    code of a fault, and then the others are undefined."""
+class Measures:
+    """Volume volume_m3 (N,), centroid_m and bounds lower_m, upper_m (N, 3) of each cell."""
 
     volume_m3: Floats
     centroid_m: Floats
     lower_m: Floats
     upper_m: Floats
-    fault: NDArray[np.int8]
 
 
 def measure(
-    points_m: AnyFloats,
-    corners: AnyLabels,
-    start: AnyLabels,
-    first: AnyLabels,
-    sides: AnyLabels,
-    members: AnyLabels,
-    origin_m: Floats,
-    rotation: Floats,
-) -> Iterator[tuple[Ints, Measured]]:
-    """Measures the cells `members` (N,) of `Polyhedra`, seen from `origin_m` and rotated.
-
-    Yields the indices of some members, and their measures.
-    """
+    part: Polyhedra, origin_m: Floats, rotation: Floats
+) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]]:
+    """Indices of some members of `part`, their faults (0: none) and their measures."""
+    first, members = part.first, part.members
     begin = first[members].astype(np.int64)
     count = first[members + 1] - begin
     few, closed = np.flatnonzero(count < 4), np.flatnonzero(count >= 4)
     if few.size:
-        none = np.zeros((3, few.size))
-        yield few, Measured(none[0], none, none, none, np.full(few.size, FEW_FACES, np.int8))
+        none = np.zeros((few.size, 3))
+        yield few, np.full(few.size, FEW_FACES, np.int8), Measures(none[:, 0], none, none, none)
     ends = np.cumsum(count[closed])
     done = 0
     while done < len(closed):
@@ -128,18 +124,18 @@ def measure(
         stop = max(done + 1, int(np.searchsorted(ends, past + _SIDES, "right")))
         chosen = closed[done:stop]
         own, at = count[chosen], ends[done:stop] - count[chosen] - past
-        side = sides[np.repeat(begin[chosen] - at, own) + np.arange(ends[stop - 1] - past)]
+        side = part.sides[np.repeat(begin[chosen] - at, own) + np.arange(ends[stop - 1] - past)]
         outward = side >= 0
         # most faces are those of two cells
         each, of_side = np.unique(np.where(outward, side, -1 - side), return_inverse=True)
-        faces = Faces.chosen(points_m, corners, start, each, origin_m, rotation)
+        faces = Faces.chosen(part, each, origin_m, rotation)
         faces = Faces(*(values[:, of_side] for values in vars(faces).values()))
         faces.area[:, ~outward] *= -1.0
-        yield chosen, _cells(faces, own, at)
+        yield chosen, *_cells(faces, own, at)
         done = stop
 
 
-def _cells(faces: Faces, count: Ints, at: Ints) -> Measured:
+def _cells(faces: Faces, count: Ints, at: Ints) -> tuple[NDArray[np.int8], Measures]:
     """Measures cells of so many faces (N,), of which the first ones are `at`."""
     area, centre = faces.area, faces.centre
     surface = np.add.reduceat(np.sqrt(np.sum(area * area, axis=0)), at)
@@ -152,19 +148,16 @@ def _cells(faces: Faces, count: Ints, at: Ints) -> Measured:
     fault = np.where(np.abs(volume) > 0.0, 0, NO_VOLUME)
     fault = np.where(missing > _OPEN * surface, OPEN, fault).astype(np.int8)
     shift = np.add.reduceat(pyramid * apart, at, axis=1) / np.where(fault > 0, 1.0, volume)
-    return Measured(
-        # faces that all point inwards (some exporters) turn every sign: the cell is the same
-        volume_m3=np.abs(volume),
-        centroid_m=tip + 0.75 * shift,
-        lower_m=np.minimum.reduceat(faces.low, at, axis=1),
-        upper_m=np.maximum.reduceat(faces.high, at, axis=1),
-        fault=fault,
+    # faces that all point inwards (some exporters) turn every sign: the cell is the same
+    middle = (tip + 0.75 * shift).T
+    low, high = (
+        np.minimum.reduceat(faces.low, at, axis=1),
+        np.maximum.reduceat(faces.high, at, axis=1),
     )
+    return fault, Measures(np.abs(volume), middle, low.T, high.T)
 
 
-def sides_of_cells(
-    owner: AnyLabels, neighbour: AnyLabels, cells: int
-) -> tuple[AnyLabels, AnyLabels]:
+def sides_of_cells(owner: Labels, neighbour: Labels, cells: int) -> tuple[Labels, Labels]:
     """First side of each cell, and the sides of all cells, as in `Polyhedra`.
 
     owner, neighbour: (F,) of each face; a neighbour of -1 is none.
@@ -178,7 +171,7 @@ def sides_of_cells(
     return by_cell.indptr, by_cell.data
 
 
-def walk_faces(numbers: AnyLabels) -> Ints:
+def walk_faces(numbers: Labels) -> Ints:
     """Finds faces that are stored one after the other, each as its size and its corners.
 
     Returns the index of each face's size, and the end of the last face (F + 1,), which is not

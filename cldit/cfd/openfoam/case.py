@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
-from cldit.cfd.mapping.columns import mapped_cloud, read_gas, with_components
+from cldit.cfd.mapping.columns import joined_cloud, read_gas
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
 from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
@@ -35,10 +35,7 @@ from cldit.scene.spray import CfdSpray
 
 
 def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
-    """Reads one time of a case.
-
-    A decomposed case is read processor by processor if its own folder does not have the time.
-    """
+    """Reads one time of a case, see `find_step`."""
     step = find_step(spec)
     folder = step.folder
     check_processors(step.roots, step.region)
@@ -168,16 +165,8 @@ def _cloud(
         for root, mesh in meshes
         if (place := root.path / folder / "lagrangian" / name).is_dir()
     ]
-    filled = [part for part in parts if len(part[0].values)] or parts[:1]
-    shared = set.intersection(*(set(columns) for _, columns in filled))
-    for _, columns in filled:
-        if missing := (set(columns) - shared) & wanted:
-            lacking = f"the field {min(missing)!r} of cloud {name!r}"
-            raise SprayError(f"{meshes[0][0].path.parent}: only some processors have {lacking}")
-    source = str(Path(filled[0][0].label).parent)
-    position = joined([position for position, _ in filled])
-    columns = {key: joined([columns[key] for _, columns in filled]) for key in sorted(shared)}
-    return mapped_cloud(name, source, position, with_components(columns), names)
+    source = str(Path(parts[0][0].label).parent)
+    return joined_cloud(name, source, parts, names, wanted)
 
 
 _HEAD = 10_000

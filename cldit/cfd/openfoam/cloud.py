@@ -11,9 +11,9 @@ from cldit.arrays import Floats
 from cldit.cfd.case import Column
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.faces import Mesh
+from cldit.cfd.names import species_in
 from cldit.cfd.openfoam.file import FoamFile, find_foam, read_foam
 from cldit.cfd.openfoam.lists import labels, particles, scalars, vectors, whole
-from cldit.cfd.plausible import species_in
 from cldit.errors import SprayError
 
 

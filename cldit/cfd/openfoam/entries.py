@@ -4,7 +4,9 @@ After the OpenFOAM user guide ("Basic input/output file format"). foamlib 1.7 re
 too, but expands neither macros nor `#include`.
 """
 
+import ast
 import re
+from operator import add, mul, sub, truediv
 
 from cldit.cfd.inputs import content
 from cldit.cfd.mapping.file import SI_UNITS
@@ -69,20 +71,58 @@ def _include(file: FoamFile, line: bytes, known: dict[bytes, bytes], depth: int)
     top_level(own, 0, known, depth + 1)
 
 
-def expanded(file: FoamFile, text: bytes, known: dict[bytes, bytes]) -> bytes:
-    """Replaces macros such as `$T0` by the entries that they name."""
+def expanded(file: FoamFile, text: bytes, known: dict[bytes, bytes], depth: int = 0) -> bytes:
+    """Replaces macros such as `$T0` by the entries that they name, and `#calc` by its number."""
     text = text.partition(b";")[0]
-    for _ in range(_DEEPEST):
-        if (macro := _MACRO.search(text)) is None:
-            return text
+    while (macro := _MACRO.search(text)) is not None:
         name = macro.group().decode("latin-1")
+        if depth > _DEEPEST:
+            raise file.fail(f"the macro {name} names itself")
         if macro.group(1) not in known:
             lost = known.get(b"#include", b"").decode("latin-1")
             where = f'; "{lost}", which it includes, is missing beside it' if lost else ""
             raise file.fail(f"the macro {name} has no entry above it or in its includes{where}")
-        value = known[macro.group(1)].partition(b";")[0]
+        value = expanded(file, known[macro.group(1)], known, depth + 1)
         text = text[: macro.start()] + value + text[macro.end() :]
-    raise file.fail(f"the macro {name} names itself")
+    return calculated(file, text)
+
+
+_CALC = re.compile(rb'#calc\s*"([^"]*)"')
+_STEP = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
+
+
+def calculated(file: FoamFile, text: bytes) -> bytes:
+    """Replaces `#calc "(300 + 25)*2"` by its number; other content than arithmetic is refused."""
+
+    def value(node: ast.expr) -> float:
+        match node:
+            case ast.Constant(value=float(number) | int(number)):
+                return float(number)
+            case ast.UnaryOp(op=ast.USub(), operand=inner):
+                return -value(inner)
+            case ast.BinOp(left=left, op=op, right=right):
+                return float(_STEP[type(op)](value(left), value(right)))
+        raise ValueError
+
+    match = _CALC.search(text)
+    if b"#calc" not in text:
+        return text
+    try:
+        if match is None:
+            raise ValueError
+        number = value(ast.parse(match.group(1).decode("ascii").strip(), mode="eval").body)
+    except (ValueError, SyntaxError, KeyError, ArithmeticError, RecursionError) as error:
+        at, line = file.body.find(b"#calc"), "an included file"
+        with open_foam(file.path) as stream:
+            above = stream.read().count(b"\n") - file.body.count(b"\n")
+        if at >= 0:
+            line = "line " + str(1 + above + file.body.count(b"\n", 0, at))
+        shown = text[:60].decode("latin-1")
+        raise file.fail(
+            f"{line}: {shown!a}; allowed in #calc: numbers, + - * / and brackets; write the number "
+            "that `foamDictionary FILE -entry NAME -value` prints"
+        ) from error
+    return text[: match.start()] + repr(number).encode() + text[match.end() :]
 
 
 def unit_of(file: FoamFile, known: dict[bytes, bytes]) -> str | None:

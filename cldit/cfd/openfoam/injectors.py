@@ -62,20 +62,20 @@ def _file_content(path: Path) -> bytes:
 
 def dictionary_blocks(path: Path, body: bytes) -> dict[str, dict[str, str]]:
     """Dictionaries in a list by name, `2 ( walls { type wall; } .. )`: entries of one word."""
-    tokens = _TOKEN.findall(_SKIP.sub(" ", body.decode("latin-1")))
+    _, _, inside = _SKIP.sub(" ", body.decode("latin-1")).partition("(")
     try:
-        begin = tokens.index("(") + 1
-        end = len(tokens) - 1 - tokens[::-1].index(")")
-        blocks, at = _nested(tokens[begin:end])
-        if at != end - begin:
-            raise IndexError
+        blocks = dictionary(inside[: inside.rindex(")")])
     except (IndexError, ValueError) as error:
         raise SprayError(f"{path}: brackets do not match") from error
-    inside = {name: block for name, block in blocks.items() if isinstance(block, dict)}
     return {
         name: {k: str(v[0]) for k, v in block.items() if isinstance(v, list) and len(v) == 1}
-        for name, block in inside.items()
+        for name, block in blocks.items()
+        if isinstance(block, dict)
     }
+
+
+_CLOSED = {"(": ")", "{": "}"}
+_DEEPEST = 100  # brackets in each other
 
 
 def dictionary(text: str) -> dict[str, object]:
@@ -83,55 +83,36 @@ def dictionary(text: str) -> dict[str, object]:
 
     An `IndexError` means that brackets do not match.
     """
-    tokens = _TOKEN.findall(_SKIP.sub(" ", text))
-    found, end = _nested(tokens)
-    if end != len(tokens):
+    stack: list[tuple[str, list[object]]] = [("", [])]
+    for token in _TOKEN.findall(_SKIP.sub(" ", text)):
+        if token in _CLOSED and len(stack) <= _DEEPEST:
+            stack.append((token, []))
+        elif token in "({)}" or (token == ";" and stack[-1][0] == "("):
+            opened, inside = stack.pop()
+            if _CLOSED.get(opened) != token:
+                raise IndexError
+            stack[-1][1].append(_entries(inside) if token == "}" else inside)
+        else:
+            stack[-1][1].append(token)
+    if len(stack) > 1:
+        raise IndexError
+    return _entries(stack[0][1])
+
+
+def _entries(items: list[object]) -> dict[str, object]:
+    """Mapping of `key value .. ;` and `key { .. }`."""
+    found: dict[str, object] = {}
+    words: list[object] = []
+    for item in items:
+        if item == ";" or (isinstance(item, dict) and len(words) == 1):
+            if words:
+                found[str(words[0])] = item if item != ";" else words[1:]
+            words = []
+        else:
+            words.append(item)
+    if words:
         raise IndexError
     return found
-
-
-def _nested(tokens: list[str]) -> tuple[dict[str, object], int]:
-    """Entries as of `_entries`; an `IndexError` if they are nested too deep."""
-    try:
-        return _entries(tokens, 0)
-    except RecursionError as error:
-        raise IndexError("nested too deep") from error
-
-
-def _entries(tokens: list[str], at: int) -> tuple[dict[str, object], int]:
-    """Entries up to a closing brace or the end, and its offset."""
-    found: dict[str, object] = {}
-    while at < len(tokens) and tokens[at] != "}":
-        key = tokens[at]
-        at += 1
-        if tokens[at] == "{":
-            found[key], at = _entries(tokens, at + 1)
-            if tokens[at] != "}":
-                raise IndexError
-            at += 1
-            continue
-        found[key], at = _values(tokens, at, ";")
-    return found, at
-
-
-def _values(tokens: list[str], at: int, stop: str) -> tuple[list[object], int]:
-    """Words and lists up to `stop`, and the offset of the next token."""
-    values: list[object] = []
-    while tokens[at] != stop:
-        token = tokens[at]
-        at += 1
-        if token == "(":
-            inner, at = _values(tokens, at, ")")
-            values.append(inner)
-        elif token == "{":
-            block, at = _entries(tokens, at)
-            values.append(block)
-            at += 1
-        elif token in ")};":
-            raise IndexError
-        else:
-            values.append(token)
-    return values, at + 1
 
 
 def _vector(value: object) -> tuple[float, float, float] | None:

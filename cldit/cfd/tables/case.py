@@ -16,7 +16,8 @@ from cldit.cfd.mapping.file import (
     without_unit,
 )
 from cldit.cfd.mesh.elements import BoxMesh
-from cldit.cfd.one_state import check_marks, is_mark
+from cldit.cfd.names import is_mark
+from cldit.cfd.one_state import check_marks
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.tables.dpm import dpm_columns, dpm_names
 from cldit.cfd.tables.parquet import is_number, parquet_columns, parquet_names, parquet_rows
@@ -131,10 +132,7 @@ def table_names(file: Path, wanted: CellColumns | ParcelColumns) -> list[str]:
 
 
 def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
-    """Reads the columns of a table that the mapping `wanted` uses, and all numbers of parcels.
-
-    The others are only named.
-    """
+    """Reads the columns that the mapping `wanted` uses, and all numbers of parcels."""
     names = table_names(file, wanted)
     mapped = columns_of(wanted)
     used = [n for n, name in enumerate(names) if {name, without_unit(name)} & mapped]

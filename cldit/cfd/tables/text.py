@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cldit.cfd.case import Column
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import Table
-from cldit.cfd.one_state import is_mark
+from cldit.cfd.names import is_mark
 from cldit.errors import SprayError
 from cldit.io.files import open_regular
 from cldit.io.text_tables import delimiter_of, split_line

@@ -25,8 +25,7 @@ def dimension(data: Any) -> int:
     from vtkmodules.vtkCommonDataModel import vtkCellTypes
 
     found = vtkCellTypes()
-    # the same method under its name from vtk 9.6 on, and before
-    (getattr(data, "GetDistinctCellTypes", None) or data.GetCellTypes)(found)
+    data.GetDistinctCellTypes(found)
     kinds = [found.GetCellType(place) for place in range(found.GetNumberOfTypes())]
     return max(_DIMENSION.get(kind, 3) for kind in kinds)
 
@@ -123,11 +122,7 @@ def vtk_mesh(file: Path, grid: Any) -> ElementMesh:
     if grid.IsHomogeneous():
         kinds = np.broadcast_to(np.uint8(grid.GetCellType(0)), count)
     else:
-        try:
-            types = grid.GetCellTypes()
-        except TypeError:  # vtk before 9.6, where the name means another list
-            types = grid.GetCellTypesArray()
-        kinds = as_numpy(types)
+        kinds = as_numpy(grid.GetCellTypes())
     nodes, offsets = lists_of(grid.GetCells())
     faces, own = grid.GetPolyhedronFaces(), grid.GetPolyhedronFaceLocations()
     solid = None

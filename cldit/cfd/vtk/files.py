@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
-from cldit.cfd.mapping.columns import mapped_cloud, with_components
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
+from cldit.cfd.mapping.columns import joined_cloud
 from cldit.cfd.mapping.file import (
     PARCEL_NAMES,
     ColumnMap,
@@ -119,11 +119,4 @@ def _gas_alone(names: ColumnMap, fuel_field: str) -> Choose:
 def _cloud(name: str, parts: Sequence[Loaded], names: ColumnMap) -> Cloud:
     """Cloud of all its pieces; empty ones add nothing."""
     read = [point_columns(part.file, part.data) for part in parts]
-    filled = [part for part in read if len(part[0].values)] or read[:1]
-    fields = set.intersection(*(set(columns) for _, columns in filled))
-    columns: dict[str, Column] = {
-        key: joined([part[1][key] for part in filled]) for key in sorted(fields)
-    }
-    position = joined([part[0] for part in filled])
-    file = str(parts[0].file)
-    return mapped_cloud(name, file, position, with_components(columns), names)
+    return joined_cloud(name, str(parts[0].file), read, names)

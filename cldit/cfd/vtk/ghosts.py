@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
+from cldit.cfd.one_state import hashes
 from cldit.cfd.vtk.datasets import GHOSTS, as_numpy, cell_lists, dimension, points_of
 
 # bits of the array vtkGhostType (vtkDataSetAttributes): a copy of another piece's cell, a cell that
@@ -92,8 +93,7 @@ def _owned_by_none(places: Sequence[Floats], bits: Sequence[NDArray[np.integer]]
     """First of the copies at each place at which several are and no entry is unmarked."""
     every, marks = np.concatenate(list(places)), np.concatenate(list(bits))
     step = _SAME * max(float(np.ptp(every, axis=0).max()), 1e-12)
-    whole = np.floor(every / step + np.sqrt(0.5)).astype(np.int64).astype(np.uint64)
-    key = whole @ np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    key = hashes(np.floor(every / step + np.sqrt(0.5)))
     copies = np.flatnonzero(marks == 1)
     found, first, count = np.unique(key[copies], return_index=True, return_counts=True)
     kept = copies[first[(count > 1) & ~np.isin(found, key[marks == 0])]]

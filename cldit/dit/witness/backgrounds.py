@@ -93,6 +93,7 @@ def _judge(
             compared=of,
             says=said(causes, none=none, tried=len(tried)) if stands_out else "",
             causes=tuple(one.text for one in causes),
+            remedy=_remedy(evidence, off),
             setpoints=evidence.setpoints,
             kelvin=tuple(off.kelvin.tolist()),
             noise_K=tuple(off.noise_K.tolist()),
@@ -101,6 +102,13 @@ def _judge(
         ),
         off,
     )
+
+
+def _remedy(evidence: Evidence, off: OffLine) -> str:
+    if off.lone is None:
+        return "correct the temperatures, or the order of the images"
+    name = f"{evidence.setpoints[off.lone]:g} K"
+    return f"correct the temperature of background {name}, or remove its images"
 
 
 def _size(off: OffLine) -> float:
@@ -154,4 +162,5 @@ def celsius(named_K: dict[str, float]) -> Witness | None:
     if not cold:
         return None
     listed = ", ".join(f"{name} {kelvin:g} K" for name, kelvin in cold.items())
-    return refusal("celsius", f"temperatures that look like degrees Celsius: {listed}; add 273.15")
+    says = f"temperatures that look like degrees Celsius: {listed}"
+    return refusal("celsius", says, "add 273.15")

@@ -112,7 +112,9 @@ def examine(
         amount2=evidence.scatter()[1],
     )
     lying, extra = between_backgrounds(
-        patterns, stated=_stated_K2(given, evidence) * (evidence.rise * scale) ** 2
+        patterns,
+        stated=_stated_K2(given, evidence) * (evidence.rise * scale) ** 2,
+        names=[f"{setpoint:g} K" for setpoint in setpoints],
     )
     clear = clearest(evidence)
     renewed = between_kinds(

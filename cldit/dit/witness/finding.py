@@ -19,14 +19,16 @@ class Witness:
 
     name: for `accept`. compared: the comparison. says: the finding; empty if there is none. causes:
     those that fit it, the best first.
-    setpoints, kelvin, noise_K: by background, in kelvin of the black body, if any. stands_out: far
-    beyond its noise. severe: the evaluation ends unless the name is accepted.
+    remedy: what keeps a right result. setpoints, kelvin, noise_K: by background, in kelvin of the
+    black body, if any. stands_out: far beyond its noise. severe: the evaluation ends unless the
+    name is accepted.
     """
 
     name: Acceptable
     compared: str = ""
     says: str = ""
     causes: tuple[str, ...] = ()
+    remedy: str = "correct the data"
     setpoints: tuple[float, ...] = ()
     kelvin: tuple[float, ...] = ()
     noise_K: tuple[float, ...] = ()
@@ -45,9 +47,9 @@ class Witness:
         return {**asdict(self), "text": self.text}
 
 
-def refusal(name: Acceptable, says: str) -> Witness:
+def refusal(name: Acceptable, says: str, remedy: str = "correct the data") -> Witness:
     """A finding that ends the evaluation unless its name is accepted."""
-    return Witness(name=name, says=says, stands_out=True, severe=True)
+    return Witness(name=name, says=says, remedy=remedy, stands_out=True, severe=True)
 
 
 def sure(degrees: int) -> float:
@@ -73,7 +75,8 @@ def refuse(witnesses: Sequence[Witness], accept: Collection[str]) -> None:
     found = [one for one in witnesses if one.severe and one.name not in accept]
     if found:
         names = ", ".join(dict.fromkeys(one.name for one in found))
+        remedies = "; ".join(dict.fromkeys(one.remedy for one in found))
         raise EvaluationError(
             "\n".join(one.text for one in found)
-            + f"\ncorrect the data, or set `accept: [{names}]` (--accept) to evaluate anyway"
+            + f"\n{remedies}; `accept: [{names}]` (--accept) evaluates the data as they are"
         )

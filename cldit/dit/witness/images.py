@@ -96,6 +96,6 @@ def axes(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
     return refusal(
         "orientation",
         "references differ more from image to image than along their "
-        f"{' and '.join(sorted(wrong))}: are frames stored along that axis? "
-        "measured.yaml names another order as `axes: [rows, columns, frames]`",
+        f"{' and '.join(sorted(wrong))}: are frames stored along that axis?",
+        "name their order in measured.yaml, as `axes: [rows, columns, frames]`",
     )

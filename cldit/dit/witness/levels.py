@@ -133,6 +133,6 @@ def levels(evidence: Evidence) -> Witness | None:
     return refusal(
         "levels",
         f"levels scatter from image to image: {', '.join(found)}; are integration times taken "
-        "in turns (superframing: select the images of one with [first:last:step]), is the gain "
-        "automatic, or are files of several exposures mixed?",
+        "in turns (superframing), is the gain automatic, or are files of several exposures mixed?",
+        "select the images of one exposure, in a film with [first:last:step]",
     )

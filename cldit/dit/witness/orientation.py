@@ -6,11 +6,12 @@ changed that image. The shape of the spray checks the injections of one backgrou
 others.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.dit.pattern_causes import TURNS
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness, refusal
@@ -20,16 +21,6 @@ _LEAST = 8  # pixels along an axis
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
 _ALIKE = 0.8  # least correlation of two images of one spray
 _CLIP = 3.0  # usual deviations at which bad pixels and edges are clipped
-
-_TURNS: dict[str, Callable[[Floats], Floats]] = {
-    "upside down": lambda image: image[::-1],
-    "mirrored left to right": lambda image: image[:, ::-1],
-    "turned by 180 degrees": lambda image: image[::-1, ::-1],
-    "with rows and columns exchanged": lambda image: image.T,
-    "turned by 90 degrees": lambda image: np.rot90(image),
-    "turned by 270 degrees": lambda image: np.rot90(image, 3),
-    "with rows and columns exchanged and turned by 180 degrees": lambda image: image.T[::-1, ::-1],
-}
 
 
 def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
@@ -45,7 +36,7 @@ def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
             own = patterns[setpoint, kind]
             others = total - own if kind == "reference" else total
             least = _DEVIATIONS / np.sqrt(own.size)
-            found = _turned(own, others, least=least) or _shifted(own, others, least=least)
+            found = _changed(own, others, least=least, shifts=True)
             if found is not None:
                 wrong.append(f"{kind}s at {setpoint:g} K are {found}")
     if not wrong:
@@ -53,12 +44,13 @@ def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
         if len(setpoints) >= 3:
             whole = np.sum(list(deltas.values()), axis=0)
             for setpoint, delta in deltas.items():
-                found = _turned(delta, _level(whole - delta), least=_ALIKE)
+                found = _changed(delta, _level(whole - delta), least=_ALIKE, shifts=False)
                 if found is not None:
                     wrong.append(f"the spray at {setpoint:g} K is {found}")
     if not wrong:
         return None
-    return refusal("orientation", "images differ in orientation: " + "; ".join(wrong))
+    says = "images differ in orientation: " + "; ".join(wrong)
+    return refusal("orientation", says, "turn these images back, or remove their backgrounds")
 
 
 def _pattern(image: Floats) -> Floats:
@@ -76,31 +68,28 @@ def _level(image: Floats) -> Floats:
     return flat / size if size > 0.0 else np.zeros_like(flat)
 
 
-def _turned(own: Floats, others: Floats, *, least: float) -> str | None:
-    """Turn of `own` that correlates with `others` far better than none, in words."""
+def _changed(own: Floats, others: Floats, *, least: float, shifts: bool) -> str | None:
+    """Turn or shift of `own` that correlates with `others` far better than none, in words."""
     length = float(np.sqrt(np.sum(others**2)))
     if not length > 0.0:
         return None
     as_is = float(np.sum(own * others)) / length
-    best, name = max(
-        (float(np.sum(turn(own) * others)) / length, text)
-        for text, turn in _TURNS.items()
+    tried = {
+        text: float(np.sum(turn(own) * others)) / length
+        for text, turn in TURNS.items()
         if turn(own).shape == others.shape
-    )
-    return name if best > least and best > 2.0 * abs(as_is) else None
-
-
-def _shifted(own: Floats, others: Floats, *, least: float) -> str | None:
-    """Shift of `own` that correlates with `others` far better than none, in words."""
-    length = float(np.sqrt(np.sum(others**2)))
-    if not length > 0.0:
+    }
+    if shifts:
+        spectrum = np.fft.rfft2(own) * np.conj(np.fft.rfft2(others))
+        alike = np.fft.irfft2(spectrum, s=own.shape) / length
+        best = np.unravel_index(int(np.argmax(alike)), own.shape)
+        rows, columns = (
+            int(at) - size if at > size // 2 else int(at)
+            for at, size in zip(best, own.shape, strict=True)
+        )
+        tried[f"shifted by {columns:+d} columns and {rows:+d} rows"] = float(alike[best])
+    name = max(tried, key=lambda text: tried[text])
+    if not tried[name] > max(least, 2.0 * abs(as_is)):
         return None
-    alike = np.fft.irfft2(np.fft.rfft2(own) * np.conj(np.fft.rfft2(others)), s=own.shape) / length
-    best = np.unravel_index(int(np.argmax(alike)), own.shape)
-    if not alike[best] > max(least, 2.0 * abs(float(alike[0, 0]))):
-        return None
-    rows, columns = (
-        int(at) - size if at > size // 2 else int(at)
-        for at, size in zip(best, own.shape, strict=True)
-    )
-    return f"shifted by {columns:+d} columns and {rows:+d} rows"
+    better = (1.0 - as_is**2) / max(1.0 - tried[name] ** 2, 1e-9)
+    return f"{name} (chi-square {better:.2g} times smaller than without)"

@@ -20,6 +20,7 @@ from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
+from cldit.dit import pattern_causes
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
@@ -133,7 +134,7 @@ class _Blocks:
 
 
 def between_backgrounds(
-    patterns: Patterns, *, stated: Floats
+    patterns: Patterns, *, stated: Floats, names: Sequence[str]
 ) -> tuple[Witness | None, dict[str, Floats]]:
     """Witness of pixels off their lines, and variances (K, h, w) in counts^2 that explain them:
     of each kind, of a common `offset` and (relative) of a common `gain`. The fit has the variances
@@ -184,11 +185,12 @@ def between_backgrounds(
     witness = None
     if everywhere or share > _PART:
         factor = 1.0 + (whole if everywhere else float(np.median(ratio[wide])))
+        here = patterns.sees & wide[blocks.number]
+        causes = pattern_causes.between_backgrounds(patterns, here, names)
         witness = Witness(
             name="pixels",
             says=f"in {100.0 * share:.0f} % of the image the pixels lie off their lines by "
-            f"{np.sqrt(factor):.2g} times their noise: offsets or gains of single pixels changed, "
-            "or images moved; errors are widened",
+            f"{np.sqrt(factor):.2g} times their noise: {causes}; errors are widened",
             stands_out=True,
         )
     return witness, {name: values[:, blocks.number] for name, values in variances.items()}
@@ -288,11 +290,13 @@ def between_kinds(
         sure = max(sure, slopes2 / slopes_doubt)
     if sure < _SURE:
         return found
+    causes = pattern_causes.between_kinds(
+        patterns, thin_around, offsets=found.offset_counts > 0.0, gains=found.gain > 0.0
+    )
     witness = Witness(
         name="pixels",
         compared="pixels of injections against those of references, with the least spray",
-        says=f"{' and '.join(says)} from pixel to pixel: was the camera's correction (NUC) "
-        "renewed between the kinds? Errors are widened",
+        says=f"{' and '.join(says)} from pixel to pixel: {causes}; errors are widened",
         stands_out=True,
     )
     return replace(found, witness=witness)

@@ -76,6 +76,7 @@ def shift(
             setpoints=tuple(setpoints),
             kelvin=tuple(kelvin.tolist()),
             noise_K=tuple(noise_K.tolist()),
+            remedy=f"remove the images of background {setpoints[at]:g} K",
             stands_out=stands_out,
             severe=stands_out and float(kelvin[at]) > LIMIT_K,
         ),

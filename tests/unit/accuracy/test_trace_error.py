@@ -157,6 +157,7 @@ def test_runs_say_so(device: Device, tmp_path: Path) -> None:
     for kelvin, told in ((1e-3, 1), (100.0, 0)):
         lines: list[str] = []
         data["transport"] |= {"accuracy_K": kelvin, "directions": 8, "gather": False}
+        data["transport"]["max_samples"] = 128
         folder = tmp_path / str(kelvin)
         run = simulate(parse_scene(data), folder, device=device, progress=lines.append)
         kept = json.loads((folder / "run.json").read_text())["remarks"]

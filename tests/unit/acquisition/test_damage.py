@@ -43,34 +43,33 @@ def spoil(folder: Path, change: Callable[[dict[str, Any]], Any] | bytes) -> None
     path.write_bytes(b"\n".join([*lines, b""]))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda e: e.update(attempt="x"), "holds attempt: 'x', which is of another type"),
-        (lambda e: e.update(attempt=True), "holds attempt: True"),
-        (lambda e: e.update(background_before_K=None), "holds background_before_K: None"),
-        (lambda e: e.pop("background_after_K"), "has no background_after_K"),
-        (lambda e: e.pop("shot"), "has no shot"),
-        (lambda e: e.update(shot=3), "holds shot: 3"),
-        (lambda e: e.update(seq=99), "does not carry the sequence number"),
-        (bytes(40), "is not JSON"),
-        (b'{"seq": 1, "seq": 1}', "duplicate key 'seq'"),
-        (b"[" * 100_000, "is not JSON"),
-    ],
-)
-def test_a_damaged_journal(
-    change: Any, message: str, folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan
-) -> None:
+DAMAGES: list[tuple[Any, str]] = [
+    (lambda e: e.update(attempt="x"), "holds attempt: 'x', which is of another type"),
+    (lambda e: e.update(attempt=True), "holds attempt: True"),
+    (lambda e: e.update(background_before_K=None), "holds background_before_K: None"),
+    (lambda e: e.pop("background_after_K"), "has no background_after_K"),
+    (lambda e: e.pop("shot"), "has no shot"),
+    (lambda e: e.update(shot=3), "holds shot: 3"),
+    (lambda e: e.update(seq=99), "does not carry the sequence number"),
+    (bytes(40), "is not JSON"),
+    (b'{"seq": 1, "seq": 1}', "duplicate key 'seq'"),
+    (b"[" * 100_000, "is not JSON"),
+]
+
+
+def test_a_damaged_journal(folder: Path, tiny_rig: dict[str, Any], tiny_plan: Plan) -> None:
     """Images carry their own data and checksum, so all are evaluated; an acquisition refuses."""
-    whole = evaluate_folder(folder).maps
-    spoil(folder, change)
-    fired = len(pulses(tiny_rig))
-    found = evaluate_folder(folder)
-    assert np.array_equal(found.maps.emissivity, whole.emissivity, equal_nan=True)
-    assert message in found.remarks[0] and "journal.jsonl: line" in found.remarks[0]
-    with pytest.raises(RunFolderError, match=r"journal\.jsonl: line \d+ "):
-        acquire(open_rig(tiny_rig), tiny_plan, folder)
-    assert len(pulses(tiny_rig)) == fired
+    journal, whole = folder / "journal.jsonl", evaluate_folder(folder).maps
+    sound, fired = journal.read_bytes(), len(pulses(tiny_rig))
+    for change, message in DAMAGES:
+        journal.write_bytes(sound)
+        spoil(folder, change)
+        found = evaluate_folder(folder)
+        assert np.array_equal(found.maps.emissivity, whole.emissivity, equal_nan=True)
+        assert message in found.remarks[0] and "journal.jsonl: line" in found.remarks[0]
+        with pytest.raises(RunFolderError, match=r"journal\.jsonl: line \d+ "):
+            acquire(open_rig(tiny_rig), tiny_plan, folder)
+        assert len(pulses(tiny_rig)) == fired
 
 
 def test_damaged_and_missing_pictures_are_left_out(folder: Path) -> None:

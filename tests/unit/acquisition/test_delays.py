@@ -122,6 +122,7 @@ def test_maps_table_and_exports_by_delay(
         evaluate_folder(folder, delay=3)
 
 
+@pytest.mark.slow
 def test_one_bad_delay_keeps_none_of_the_others(
     rig_of_three: dict[str, Any], plan_of_three: Plan, tmp_path: Path
 ) -> None:

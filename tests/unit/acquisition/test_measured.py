@@ -424,6 +424,7 @@ def test_data_sets_that_are_not_there(tmp_path: Path, text: str, message: str) -
         open_stack(parse_source(str(tmp_path / text))[1])
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_shots(tmp_path: Path) -> None:
     """What the evaluation holds are sums: ten times the shots, the same arrays.
 

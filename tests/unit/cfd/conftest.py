@@ -81,25 +81,22 @@ class Block:
 
     def barycentric(self, position: Array) -> tuple[Array, NDArray[np.int64]]:
         """Weights (N, 4) and labels (N, 3) of cell, face and tet point, by trying every tet."""
-        weights, labels = [], []
-        centre = self.centre
-        for place in position:
-            best: tuple[float, Array, tuple[int, int, int]] | None = None
-            for index, face in enumerate(self.faces):
-                cells = [self.owner[index], *self.neighbour[index : index + 1]]
-                for cell, turn in itertools.product(cells, range(1, len(face) - 1)):
-                    second, third = face[turn], face[turn + 1]
-                    if cell != self.owner[index]:
-                        second, third = third, second
-                    tet = np.array([centre[cell], *self.points[[face[0], second, third]]])
-                    solved = np.linalg.solve(np.vstack([tet.T, np.ones(4)]), [*place, 1.0])
-                    if best is None or solved.min() > best[0]:
-                        best = (float(solved.min()), solved, (cell, index, turn))
-            assert best is not None
-            assert best[0] > -1e-9, "the test's parcel lies outside the block"
-            weights.append(best[1])
-            labels.append(best[2])
-        return np.array(weights), np.array(labels)
+        labels, corners = [], []
+        for index, face in enumerate(self.faces):
+            cells = [self.owner[index], *self.neighbour[index : index + 1]]
+            for cell, turn in itertools.product(cells, range(1, len(face) - 1)):
+                labels.append((cell, index, turn))
+                way = 1 if cell == self.owner[index] else -1
+                corners.append([face[0], *face[turn : turn + 2][::way]])
+        known = np.array(labels)
+        tets = np.concatenate([self.centre[known[:, :1]], self.points[np.array(corners)]], axis=1)
+        matrix = np.concatenate([tets, np.ones((len(tets), 4, 1))], axis=2).transpose(0, 2, 1)
+        right = np.column_stack([position, np.ones(len(position))]).T
+        weights = np.linalg.solve(matrix, np.broadcast_to(right, (len(tets), *right.shape)))
+        best = weights.min(axis=1).argmax(axis=0)
+        chosen = weights[best, :, np.arange(len(position))]
+        assert chosen.min() > -1e-9, "the test's parcel lies outside the block"
+        return chosen, known[best]
 
 
 @dataclass

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from cldit.cfd.importing import imported
+from cldit.cfd.names import fuel_of
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import OpticsError, SprayError
 from cldit.optics.spectrum import Substances
@@ -61,7 +62,7 @@ def test_constants_of_n_heptane_are_for_n_heptane(tmp_path: Path, foam: Foam) ->
     fitted.write_text(fitted_scene(spec, spray, name="fit"))
     again = load_scene(fitted)
     assert again.optics.preset == "spectral"
-    assert isinstance(again.spray, CfdSpray) and again.spray.fuel == "iso-octane"
+    assert isinstance(again.spray, CfdSpray) and fuel_of(again.spray) == "iso-octane"
 
 
 def test_a_resolved_scene_keeps_the_mass_of_the_fuel(tmp_path: Path, foam: Foam) -> None:
@@ -76,9 +77,11 @@ def test_a_resolved_scene_keeps_the_mass_of_the_fuel(tmp_path: Path, foam: Foam)
 
 def test_a_name_that_is_no_formula() -> None:
     case = Path("case")
-    assert CfdSpray(file=case, fuel_field="Y_FUEL").fuel == "n-heptane"
-    assert CfdSpray(file=case, fuel_field="Y_FUEL", fuel_molar_mass_kg_mol=0.17).fuel == "Y_FUEL"
-    assert CfdSpray(file=case, fuel_field="N-C7H16").fuel == "n-heptane"
+    assert fuel_of(CfdSpray(file=case, fuel_field="Y_FUEL")) == "n-heptane"
+    other = CfdSpray(file=case, fuel_field="Y_FUEL", fuel_molar_mass_kg_mol=0.17)
+    assert fuel_of(other) == "Y_FUEL"
+    for name in ("N-C7H16", "Y(NC7H16)", "YC7H16", "X_NC7H16"):
+        assert fuel_of(CfdSpray(file=case, fuel_field=name)) == "n-heptane"
 
 
 @pytest.mark.parametrize("share", [0.5, 1e-3])

@@ -12,9 +12,11 @@ import pytest
 
 from cldit.cfd.case import Cloud, Column
 from cldit.cfd.formats import read_case
+from cldit.cfd.importing import cfd_spray
+from cldit.cfd.names import other_fuels
 from cldit.cfd.one_state import check_parcels
 from cldit.cfd.plausible import check_one_liquid
-from cldit.cfd.to_spray import other_fuels, read_cfd
+from cldit.cfd.to_spray import read_cfd
 from cldit.cfd.vtk.datasets import lists_of
 from cldit.errors import SprayError
 from cldit.scene.spray import CfdSpray
@@ -243,6 +245,8 @@ def test_a_hundred_commented_variants_of_a_case_give_one_spray(
         '#include "start"\ninternalField uniform $T1;',
         'walls { internalField uniform 4; }\n#include "start"\ninternalField $whole;',
         '#include "$FOAM_CASE/none"\ninternalField uniform 690;',
+        'internalField uniform #calc "-(10 - 700.0)";',
+        'T0 600; rise #calc "$T0/10"; internalField uniform #calc "$T0 + 1.5 * $rise";',
     ],
 )
 def test_macros_and_includes_of_a_field(tmp_path: Path, foam: Foam, text: str) -> None:
@@ -261,6 +265,12 @@ def test_macros_and_includes_of_a_field(tmp_path: Path, foam: Foam, text: str) -
         ("T0 $T0; internalField uniform $T0;", r"the macro \$T0 names itself"),
         ('#include "none"\ninternalField uniform $T0;', r'"none", which it includes, is missing'),
         ("inside { internalField uniform 690; }", r"0\.001/T: has no internalField"),
+        (
+            'a 1;\ninternalField uniform #calc "pow(300, 2)";',
+            r"/T: line 5: .*pow.*; allowed in #calc: numbers, .* `foamDictionary FILE -entry",
+        ),
+        ('internalField uniform #calc "1/0";', r"0\.001/T: line 4: "),
+        ("internalField uniform #calc #{ return 300; #};", r"0\.001/T: line 4: .*allowed in #calc"),
     ],
 )
 def test_macros_that_cannot_be_expanded(
@@ -449,15 +459,30 @@ def test_a_check_that_is_accepted_is_a_remark_and_the_others_hold(
     path = appended(tmp_path, whole, fine)
     mapping = tmp_path / "m.yaml"
     mapping.write_text("accept: [tracks]")
-    message = r"covered by others.*`accept: \[cells\]` in a mapping file reads it all the same"
+    message = r"covered by others.*`--accept cells` \(spray\.accept: \[cells\]\) reads it all the"
     with pytest.raises(SprayError, match=message):
         read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
     mapping.write_text("accept: [cells]")
     remarks = read_cfd(CfdSpray(file=path, mapping=mapping, **SET)).remarks
     assert any(each.startswith("Accepted (cells): ") for each in remarks)
+    assert read_cfd(CfdSpray(file=path, accept=("tracks", "cells"), **SET)).remarks == remarks
     mapping.write_text("accept: [all]")
-    with pytest.raises(SprayError, match=r"m\.yaml: accept"):
+    allowed = "'all' is unknown; allowed: 'times', 'copies', 'tracks'"
+    with pytest.raises(SprayError, match=rf"m\.yaml: accept: {allowed}"):
         read_cfd(CfdSpray(file=path, mapping=mapping, **SET))
+    with pytest.raises(SprayError, match=rf"^accept: {allowed}"):
+        cfd_spray({"file": path, "accept": ["all"]})
+
+
+def test_a_check_that_cannot_decide_names_what_it_needs(tmp_path: Path, foam: Foam) -> None:
+    block, fields, cloud = foam.sample()
+    for kept in (True, False):
+        own = {k: v for k, v in cloud.items() if kept or k != "U"}
+        case = foam.write(tmp_path / str(kept), block, gas=fields, cloud=own)
+        remarks = read_cfd(CfdSpray(file=case, nozzle_m=(0.0, 0.0, 0.0), axis="+y")).remarks
+        said = [each for each in remarks if each.startswith("Not checked (tracks): ")]
+        assert len(said) == (0 if kept else 1)
+        assert kept or "positions: needs velocities, ages, or a number of each parcel" in said[0]
 
 
 def test_units_in_a_vtk_file(tmp_path: Path, foam: Foam) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from cldit.cfd.names import fuel_of
 from cldit.cfd.to_spray import read_cfd
 from cldit.errors import SprayError
 from cldit.optics.liquid import liquid
@@ -78,9 +79,9 @@ def test_a_box_in_centimetres(tmp_path: Path, foam: Foam) -> None:
 def test_the_field_names_the_fuel() -> None:
     names = {"IC8H18": "iso-octane", "MASSFRAC_C7H16": "n-heptane", "fuel": "n-heptane"}
     for field, name in names.items():
-        assert CfdSpray(file=Path("case"), fuel_field=field).fuel == name
+        assert fuel_of(CfdSpray(file=Path("case"), fuel_field=field)) == name
         liquid(name)
-    assert CfdSpray(file=Path("case"), fuel_field="C12H26").fuel == "C12H26"
+    assert fuel_of(CfdSpray(file=Path("case"), fuel_field="C12H26")) == "C12H26"
 
 
 def test_times_that_differ_in_the_last_digit(tmp_path: Path, foam: Foam) -> None:

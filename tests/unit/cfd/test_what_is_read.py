@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from click.testing import CliRunner
 
-from cldit.cfd.to_spray import other_fuels, read_cfd
+from cldit.cfd.names import other_fuels
+from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.errors import SprayError
 from cldit.io.origin import FileRead, files_read

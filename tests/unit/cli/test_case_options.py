@@ -17,6 +17,7 @@ from cldit.scene.spray import CfdSpray
 ARGUMENTS = ["--sector", "90", "--symmetry", "x,y", "--region", "gas", "--axis", "0,-1,0"]
 ARGUMENTS += ["--nozzle", "0", "0.1", "0", "--cloud", "none", "--time", "nearest 0.001"]
 ARGUMENTS += ["--mapping", "m.yaml", "--cfd-format", "openfoam"]
+ARGUMENTS += ["--accept", "tracks", "--accept", "cells"]
 
 
 class Reached(Exception):
@@ -51,6 +52,7 @@ def test_run_and_import_mean_the_same(tmp_path: Path, monkeypatch: pytest.Monkey
     assert taken["import"].sector is not None
     assert taken["import"].sector.angle_deg == 90.0
     assert taken["import"].symmetry == ("x", "y")
+    assert taken["import"].accept == ("tracks", "cells")
     assert taken["import"].axis == (0.0, -1.0, 0.0)
 
 

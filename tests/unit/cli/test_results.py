@@ -44,13 +44,10 @@ def test_a_run_ends_with_its_result(tmp_path: Path) -> None:
 
 
 def test_what_the_field_cuts_is_said_and_stages_are_behind_v(tmp_path: Path) -> None:
-    text = _run(tmp_path / "run", "--field", "60x12", "-v")
+    kept = "camera.target_m=[0.0, 0.0, -0.01]"
+    text = _run(tmp_path / "run", "--field", "60x12", "-v", "--set", kept)
     assert re.search(r"cuts the visible spray at its edges: .*bottom \(\d+ pixels\)", text)
     assert "  octree\n" in text and "OpenCL device" in text and "error of T_app by" in text
-
-
-def test_a_target_of_the_scene_is_kept(tmp_path: Path) -> None:
-    _run(tmp_path / "run", "--field", "60", "--set", "camera.target_m=[0.0, 0.0, -0.01]")
     assert cldit.open_run(tmp_path / "run").scene.target_m == (0.0, 0.0, -0.01)
 
 

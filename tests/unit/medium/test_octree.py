@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.errors import MediumError
-from cldit.medium import deposit
 from cldit.medium.deposit import PlacedBoxes, PlacedPoints, place_boxes
 from cldit.medium.frame import BRICK, Frame
 from cldit.medium.lattice import Lattice
@@ -216,9 +215,8 @@ def test_lattice_is_the_same_as_boxes_one_by_one(spacing: float) -> None:
         )
 
 
-def test_boxes_mark_the_bricks_that_they_touch(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In parts, as all at once, as one by one; some are in one brick, some larger than four."""
-    monkeypatch.setattr(deposit, "_BOXES_AT_ONCE", 70)
+def test_boxes_mark_the_bricks_that_they_touch() -> None:
+    """As all at once, as one by one; some are in one brick, some larger than four."""
     rng = np.random.default_rng(2)
     lower = rng.uniform(0.0, 100.0, (300, 3))
     upper = np.minimum(lower + np.exp(rng.uniform(-1.0, 4.0, (300, 3))), 128.0)

@@ -132,6 +132,7 @@ def test_velocities_are_kept_in_files(tmp_path: Path) -> None:
     np.testing.assert_array_equal(half.velocity_m_s, parcels.velocity_m_s[:7])  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_cone_by_times(device: Device, tables: Path) -> None:
     """Three Gauss nodes, by runs of their own; the change grows with the square of the time."""
 

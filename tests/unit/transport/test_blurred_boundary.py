@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import eval_legendre
 
+from cldit.gpu.device import Device
 from cldit.transport.boundary import NONE
 from cldit.transport.cells import SweptBox
 from cldit.transport.discrete_ordinates import blurred_boundary
@@ -26,7 +27,7 @@ def peak_of(phase: ScatteringTable) -> ForwardPeak:
     return peak
 
 
-def view_of(shape: str, disc: tuple[float, ...]) -> View:
+def view_of(shape: str, disc: tuple[float, ...], device: Device) -> View:
     return View(
         disc=np.array(disc),
         patches=NONE,
@@ -35,6 +36,7 @@ def view_of(shape: str, disc: tuple[float, ...]) -> View:
         distance=100.0,
         pixels=(1, 1),
         defines={f"BOUNDARY_{shape}": 1},
+        device=device,
     )
 
 
@@ -74,7 +76,7 @@ def _by_series(cosine: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("angles", "turns"), [(16, 8), (64, 32)])
 def test_maps_against_legendre_series(
-    monkeypatch: pytest.MonkeyPatch, angles: int, turns: int
+    device: Device, monkeypatch: pytest.MonkeyPatch, angles: int, turns: int
 ) -> None:
     """A box that is small beside its distance to the disc: every place of a map is the same."""
     monkeypatch.setattr(blurred_boundary, "_ANGLES", angles)
@@ -85,7 +87,7 @@ def test_maps_against_legendre_series(
     angle = np.linspace(0.0, np.pi, 13)
     unit = np.column_stack([np.sin(angle), np.cos(angle), 0 * angle])
     directions = Ordinates(unit, np.full(13, 1 / 13))
-    maps, _ = blurred_maps(view_of("DISC", disc), box, directions, peak_of(PHASE))
+    maps, _ = blurred_maps(view_of("DISC", disc, device), box, directions, peak_of(PHASE))
     expected = _by_series(np.cos(angle), away / np.hypot(radius, away))
     assert 0.05 < expected.max() - 0.5 and abs(expected[-1]) < 0.05
     # Turns about the ray are in the disc one by one: each ring errs by half a turn of its weight.
@@ -93,18 +95,18 @@ def test_maps_against_legendre_series(
     np.testing.assert_allclose(maps[:, 0].mean(axis=(1, 2)), expected, atol=most)
 
 
-def test_a_boundary_that_is_all_alike_stays_so() -> None:
+def test_a_boundary_that_is_all_alike_stays_so(device: Device) -> None:
     directions = isotropic(7, np.random.default_rng(1))
-    view = view_of("ENCLOSURE", (0.0, 0.0, 0.0, 0.0))
+    view = view_of("ENCLOSURE", (0.0, 0.0, 0.0, 0.0), device)
     maps, _ = blurred_maps(view, SweptBox((0, 0, 0), (9, 5, 7)), directions, peak_of(PHASE))
     np.testing.assert_allclose(maps, 1.0, atol=1e-12)
 
 
-def test_frames_place_the_box_on_the_map() -> None:
+def test_frames_place_the_box_on_the_map(device: Device) -> None:
     """Its middle in the middle of the map, and all corners within."""
     directions = isotropic(20, np.random.default_rng(2))
     shape = np.array([9, 5, 7])
-    view = view_of("DISC", (4.0, 60.0, 4.0, 100.0))
+    view = view_of("DISC", (4.0, 60.0, 4.0, 100.0), device)
     maps, frames = blurred_maps(view, SweptBox((0, 0, 0), (9, 5, 7)), directions, peak_of(PHASE))
     side = maps.shape[-1]
     at = np.einsum("nij,j->ni", frames[..., :3], shape / 2) + frames[..., 3]

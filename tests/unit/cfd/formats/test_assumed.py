@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cldit.cfd.assumed import molar_mass_kg_mol, similar
+from cldit.cfd.names import molar_mass_kg_mol, similar
 from cldit.cfd.to_spray import read_cfd
 from cldit.cli import main
 from cldit.scene.spray import CfdSpray

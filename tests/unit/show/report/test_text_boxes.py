@@ -141,6 +141,7 @@ def kinds(tables: Path) -> Iterator[tuple[str, Figure]]:
         yield f"optics: {name}", optics_figure(scene_optics(load_scene(name), cache=tables))
 
 
+@pytest.mark.slow
 def test_texts_are_apart(monkeypatch: pytest.MonkeyPatch, tables: Path) -> None:
     found = {name: faults(figure, monkeypatch) for name, figure in kinds(tables)}
     assert {name: each for name, each in found.items() if each} == {}

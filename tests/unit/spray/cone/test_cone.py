@@ -189,6 +189,7 @@ def test_droplets_of_a_thin_plume_evaporate_as_alone(device: Device) -> None:
     assert found.share(np.array([3e-4])) == pytest.approx(alone, rel=0.02)
 
 
+@pytest.mark.slow
 def test_liquid_as_openfoam_has_it() -> None:
     """10 mg in 0.78 ms through eight holes into 0.6 MPa and 573 K. OpenFOAM, a spray that breaks
     up from 150 um, has 2.76, 2.22, 1.44, 0.94 mg; the cone -11, 0, -8, -13 %. 15 % is what a
@@ -386,6 +387,7 @@ def test_nothing_injected() -> None:
     assert spray.parcels is None and spray.vapour is None
 
 
+@pytest.mark.slow
 def test_first_microseconds_and_many_plumes() -> None:
     plumes = tuple(Plume(inclination_deg=89.0, azimuth_deg=a) for a in range(0, 360, 6))
     spec = ConeSpray(time_s=2e-5, plumes=plumes, injected_mass_kg=1e-5, spacing_m=2e-4)
