@@ -1,5 +1,6 @@
 /* Source update between the sweeps of source iteration: the source goes into the swept box, and the
-   residual of the equation of transfer comes out (stages 1 to 3 of `trace_source`).
+   residual of the equation of transfer comes out (stages 1 to 3 of `trace_source`). GMRES's vectors are
+   orthogonalised here too.
 
    Scattering cells form a list, [component][cell]. The box has packets of cells along x, and once more
    along y (turned): `place` and `turned` are a cell's places in either. */
@@ -8,27 +9,30 @@
 #include "components.h"
 #include "cell_packets.h"
 
-/* Puts the emission, [emitter][cell], into a box's source of so many planes a cell. */
+/* Puts the emission, [emitter][cell], into a box's source of so many planes a cell. `cavity`: the first
+   emitter is 1, the others are 0. */
 __kernel void emit(
-    __global real *source, __global const real *thermal, const int planes, const int packets)
+    __global real *source, __global const real *thermal, const int cavity, const int planes,
+    const int packets)
 {
     const int i = get_global_id(0);
     if (i >= packets) return;
     __global real *to = source + (i * planes + BOUNDARIES) * PACKET;
     __global const real *from = thermal + i * PACKET;
     UNROLL for (int e = 0; e < EMITTERS; ++e)
-        UNROLL for (int k = 0; k < PACKET; ++k) to[e * PACKET + k] = from[e * packets * PACKET + k];
+        UNROLL for (int k = 0; k < PACKET; ++k)
+            to[e * PACKET + k] = cavity ? R(e == 0) : from[e * packets * PACKET + k];
 }
 
-/* Puts the list into the planes from `first` on of a box. */
+/* Puts all planes of the list into a box. */
 __kernel void set_source(
     __global real *source, __global const real *listed, __global const int *place,
-    const int first, const int planes, const int count)
+    const int planes, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes) + first * PACKET;
-    UNROLL for (int c = 0; c < COMPONENTS; ++c) source[at + c * PACKET] = listed[c * count + i];
+    const int at = first_plane(place[i], planes);
+    for (int p = 0; p < planes; ++p) source[at + p * PACKET] = listed[p * count + i];
 }
 
 /* Spatial gradient of the listed source in each cell from its neighbours, into both boxes; see
@@ -56,25 +60,25 @@ __kernel void set_gradients(
 
 /* Collects D = sum w (I - S) q of the listed cells from one box; `more`: adds to what is there. */
 __kernel void collect_i_minus_s(
-    __global real *out, __global const real *box, __global const int *place, const int more,
+    __global real *out, __global const sum_t *box, __global const int *place, const int more,
     const int planes, const int count)
 {
     const int i = get_global_id(0);
     const int c = get_global_id(1);
     if (i >= count) return;
     const real before = out[c * count + i];
-    out[c * count + i] = (more ? before : R(0)) + box[first_plane(place[i], planes) + c * PACKET];
+    out[c * count + i] = (more ? before : R(0)) + SUM_OF(box[first_plane(place[i], planes) + c * PACKET]);
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
        (a D - (1 - a) S + shine E) / (1 - Lambda*)
    Lambda* is the diagonal approximate operator (Kunasz and Auer, JQSRT 39, 1988): the share of its own
    emission that a cell gets back at once. So the residual is about the error, in thin and thick cells
-   alike. */
+   alike. A component of `out` has `stride` numbers. */
 __kernel void residual(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
     __global const real *emission, __global const real *albedo, __global const real *coalbedo,
-    __global const real *one_minus_lambda, const real shine, const int count)
+    __global const real *one_minus_lambda, const real shine, const int stride, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
@@ -82,7 +86,7 @@ __kernel void residual(
         const int k = c * count + i;
         const real unbalanced =
             albedo[i] * i_minus_s[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        out[k] = unbalanced / one_minus_lambda[i];
+        out[c * stride + i] = unbalanced / one_minus_lambda[i];
     }
 }
 
@@ -102,14 +106,143 @@ __kernel void next_order(
 /* Mean radiance S + D / (sum of weights); the weights are the camera's. */
 __kernel void weighted_mean(
     __global real *out, __global const real *i_minus_s, __global const real *listed,
-    __global const real *shares, __global const real *shares_turned,
+    __global const sum_t *shares, __global const sum_t *shares_turned,
     __global const int *place, __global const int *turned, const int count)
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const real share = shares[place[i]] + shares_turned[turned[i]];
+    const real share = SUM_OF(shares[place[i]]) + SUM_OF(shares_turned[turned[i]]);
     for (int c = 0; c < COMPONENTS; ++c) {
         const int k = c * count + i;
         out[k] = listed[k] + (share > R(0) ? i_minus_s[k] / share : R(0));
     }
+}
+
+/* Vectors of a Krylov space (krylov.py): [vector][component][cell], with 0 in the last cells, up to
+   `stride`, whole packets. Work-group s of SLICES sums a slice of each component; a reader adds the
+   slices in order. So sums have the same bits in every run. `sums`: [block][component][slice]; blocks:
+   squares, largest numbers, and for each vector the products of either pass (`again`: 0, 1). */
+#define SLICES 32
+#define SQUARES 0
+#define PEAKS 1
+#define PRODUCTS(vector, again) (2 + 2 * (vector) + (again))
+#if SIMD_WIDTH == 1
+#define LANES 64
+#else
+#define LANES 1
+#endif
+#define AT(p) (*(__global lane_t *)(p))
+#define AT_OF(p) (*(__global const lane_t *)(p))
+#define SLICED __kernel __attribute__((reqd_work_group_size(LANES, 1, 1))) void
+
+/* Loops over this work-item's part of its group's slice; n is the first cell of a vector register. */
+#define FOR_SLICE(n, stride) \
+    for (int n = begin_of(get_group_id(0), stride) + (int)get_local_id(0) * SIMD_WIDTH, \
+             end_ = begin_of(get_group_id(0) + 1, stride); \
+         n < end_; n += LANES * SIMD_WIDTH)
+INLINE int begin_of(int slice, int stride)
+{
+    return (int)((long)(stride / PACKET) * slice / SLICES) * PACKET;
+}
+
+/* Stores the sum, or the `largest`, of a group's lanes in a block of `sums`. */
+INLINE void store_slice(
+    __global real *sums, int block, int component, lane_t part, int largest, __local real *shared)
+{
+    const int lane = get_local_id(0);
+    real one = R(0);
+    for (int k = 0; k < SIMD_WIDTH; ++k) one = largest ? most(one, LANE(part, k)) : one + LANE(part, k);
+    shared[lane] = one;
+    for (int apart = LANES / 2; apart > 0; apart /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (lane < apart) {
+            const real other = shared[lane + apart];
+            shared[lane] = largest ? most(shared[lane], other) : shared[lane] + other;
+        }
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (lane == 0) sums[(block * COMPONENTS + component) * SLICES + get_group_id(0)] = shared[0];
+    barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+INLINE real sum_of(__global const real *sums, int block, int component)
+{
+    real sum = R(0);
+    for (int s = 0; s < SLICES; ++s) sum += sums[(block * COMPONENTS + component) * SLICES + s];
+    return sum;
+}
+
+/* Dot products of `image` with all vectors: [slice, component, vector]. */
+SLICED overlaps(
+    __global real *sums, __global const real *vectors, __global const real *image, const int again,
+    const int stride)
+{
+    __local real shared[LANES];
+    const int c = get_global_id(1), i = get_global_id(2);
+    __global const real *vector = vectors + ((size_t)i * COMPONENTS + c) * stride;
+    lane_t product = (lane_t)R(0);
+    FOR_SLICE(n, stride) product += AT_OF(vector + n) * AT_OF(image + c * stride + n);
+    store_slice(sums, PRODUCTS(i, again), c, product, 0, shared);
+}
+
+/* Subtracts the part of `image` along each of `number` vectors, by their mean products of this pass. */
+SLICED orthogonalise(
+    __global real *image, __global real *sums, __global const real *vectors, const int again,
+    const int number, const int count, const int stride)
+{
+    __local real shared[LANES];
+    const int c = get_global_id(1);
+    lane_t squares = (lane_t)R(0);
+    for (int i = 0; i < number; ++i) {
+        const real along = sum_of(sums, PRODUCTS(i, again), c) / count;
+        __global const real *vector = vectors + ((size_t)i * COMPONENTS + c) * stride;
+        FOR_SLICE(n, stride) AT(image + c * stride + n) -= along * AT_OF(vector + n);
+    }
+    FOR_SLICE(n, stride) {
+        const lane_t rest = AT_OF(image + c * stride + n);
+        squares += rest * rest;
+    }
+    store_slice(sums, SQUARES, c, squares, 0, shared);
+}
+
+/* Divides `image` by its RMS into `vector`, and into the list as the next source. */
+SLICED normalise(
+    __global real *vectors, __global real *listed, __global const real *image,
+    __global const real *sums, const int number, const int count, const int stride)
+{
+    const int c = get_global_id(1);
+    const real square = sum_of(sums, SQUARES, c) / count;
+    const real scale = square > R(0) ? R(1) / root(square) : R(0);
+    __global real *vector = vectors + ((size_t)number * COMPONENTS + c) * stride;
+    FOR_SLICE(n, stride) {
+        const lane_t own = scale * AT_OF(image + c * stride + n);
+        AT(vector + n) = own;
+        for (int k = 0; k < SIMD_WIDTH; ++k)
+            if (n + k < count) listed[c * count + n + k] = LANE(own, k);
+    }
+}
+
+/* Adds `number` vectors to `onto`, and others to `left`, by their `factors`: [onto, left][vector]
+   [component]. Stores the sum of squares of `left`, and its largest magnitude times `opacity`. */
+SLICED combine(
+    __global real *onto, __global real *left, __global real *sums, __global const real *vectors,
+    __global const real *factors, __global const real *opacity, const int number, const int stride)
+{
+    __local real shared[LANES];
+    const int c = get_global_id(1);
+    lane_t squares = (lane_t)R(0), peak = (lane_t)R(0);
+    FOR_SLICE(n, stride) {
+        lane_t sum = AT_OF(onto + c * stride + n), rest = AT_OF(left + c * stride + n);
+        for (int i = 0; i < number; ++i) {
+            const lane_t own = AT_OF(vectors + ((size_t)i * COMPONENTS + c) * stride + n);
+            sum += factors[i * COMPONENTS + c] * own;
+            rest += factors[(number + i) * COMPONENTS + c] * own;
+        }
+        AT(onto + c * stride + n) = sum;
+        AT(left + c * stride + n) = rest;
+        squares += rest * rest;
+        peak = upper(peak, magnitude(rest) * AT_OF(opacity + n));
+    }
+    store_slice(sums, SQUARES, c, squares, 0, shared);
+    store_slice(sums, PEAKS, c, peak, 1, shared);
 }

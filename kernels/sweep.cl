@@ -10,6 +10,9 @@
 
    Only the packets of a row that are not empty are swept (cell_packets.h).
 
+   On CPUs, SIMD_WIDTH 8, a work-group sweeps tiles of rows and layers; on GPUs, SIMD_WIDTH 1, a
+   work-item follows a ray. Both cross cells by `cross_cell`.
+
    Over an optical depth t the intensity I becomes I exp(-t) + S (1 - exp(-t)); its mean is
    S + (I - S) q(t). The sweep accumulates D = sum w (I - S) q, not the mean: in thick cells D is far
    below S and would be rounded away. w is the quadrature weight times the segment's share of the layer.
@@ -50,11 +53,16 @@
 #error "BLURRED_BOUNDARY: with CAMERA_SWEEP and without ANGULAR_MOMENTS"
 #endif
 
-/* Cell packets are aligned; rays may begin anywhere. Not vload8, which is a call in PoCL. */
+/* Cell packets are aligned; rays may begin anywhere. Not vload8, which is a call in PoCL. A ray's numbers
+   are in memory or, on GPUs, in registers. */
+#if SIMD_WIDTH == 1
+#define RAY_SPACE
+#else
+#define RAY_SPACE __global
+#endif
 typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
-#define CELLS(p) (*(__global lane_t *)(p))
 #define CELLS_OF(p) (*(__global const lane_t *)(p))
-#define RAYS(p) (*(__global ray_t *)(p))
+#define RAYS(p) (*(RAY_SPACE ray_t *)(p))
 
 #include "attenuation.h"
 
@@ -71,7 +79,7 @@ typedef lane_t ray_t __attribute__((aligned(sizeof(real))));
 #define I_MINUS_S_PLANES COMPONENTS
 #endif
 #define SPATIAL_MOMENT_PLANES (3 * COMPONENTS)
-#define MOMENT(p, number) CELLS((p) + (number) * COMPONENTS * PACKET)
+#define ADD_MOMENT(p, number, value) ADD_TO((p) + (number) * COMPONENTS * PACKET, value)
 #define MOMENT_OF(p, number) CELLS_OF((p) + (number) * COMPONENTS * PACKET)
 
 /* How the axes u, v (of a layer) and l (across layers) lie in space. */
@@ -139,26 +147,258 @@ INLINE weight_t phase_at(
 #endif
 
 #ifdef INTERFACE_RADIANCE
-/* Stores the radiance that leaves a cell through one of these faces. number: of the ordinate. */
+/* Stores the radiance of a ray that leaves a cell through one of these faces. number: of the ordinate. */
 INLINE void store_interface(
-    __global real *light, int4 face, int sides, int all, int number, __global const real *crossing,
-    int slots)
+    __global real *light, int4 face, int sides, int all, int number, RAY_SPACE const real *ray, int stride)
 {
     if (!(face.y & sides)) return;
     __global real *to = light + ((size_t)face.z * all + number) * RAY_PLANES;
-    UNROLL for (int c = 0; c < RAY_PLANES; ++c) to[c] = crossing[c * slots + face.x];
+    UNROLL for (int c = 0; c < RAY_PLANES; ++c) to[c] = ray[c * stride];
 }
 #endif
 
-/* A work-group sweeps a tile of rows and layers (sweep_schedule.py) along each ordinate of a quadrant, from
-   row to row in the direction of the rays. So rays that enter a row within a layer have crossed the
-   previous row, and a row's cells stay in the cache for all segments of its layer.
+/* Arguments of the kernel that cells and rays need, see there. */
+typedef struct {
+    __global const int2 *begins;
+    __global const real *depth, *source;
+    __global sum_t *i_minus_s;
+    int layout;
+    real inflow;
+#ifdef LINEAR_SOURCE
+    __global const real *gradient;
+#endif
+#ifdef SPATIAL_MOMENTS
+    __global sum_t *spatial_moments;
+#endif
+#ifdef CAMERA_SWEEP
+    __global sum_t *shares;
+    __global const real *phase;
+    real4 camera;
+#endif
+#ifdef VIEW_TRANSMISSION
+    __global const real *seen, *inverse_mean;
+#endif
+#ifdef PHASE_CLASSES
+    __global const real *class_shares;
+#endif
+#ifdef BLURRED_BOUNDARY
+    __global const real *blurred_maps, *whole_depth;
+    __global const real4 *blurred_frames;
+#endif
+} Swept;
+
+/* An ordinate, and the segments with which its rays cross the cells of a layer at one place. */
+typedef struct {
+    real4 back, middle; /* of `backs` and `parts` */
+    real2 beam;
+    int number; /* of the ordinate */
+#ifdef SPATIAL_MOMENTS
+    real4 basis, basis_slope;
+#endif
+#ifdef MOMENT_SOURCE
+    real to_discrete[MOMENTS];
+#endif
+#ifdef ANGULAR_MOMENTS
+    real to_moment[MOMENTS];
+#endif
+} Beam;
+
+INLINE void set_ordinate(Beam *beam, real4 back, real2 path_and_weight, int number)
+{
+    beam->back = back;
+    beam->beam = path_and_weight;
+    beam->number = number;
+#ifdef MOMENT_SOURCE
+    const real to_discrete[MOMENTS] = MOMENT_TO_DISCRETE(back);
+    for (int m = 0; m < MOMENTS; ++m) beam->to_discrete[m] = to_discrete[m];
+#endif
+#ifdef ANGULAR_MOMENTS
+    const real to_moment[MOMENTS] = DISCRETE_TO_MOMENT(back);
+    for (int m = 0; m < MOMENTS; ++m) beam->to_moment[m] = to_moment[m];
+#endif
+}
+
+/* Sets a ray that enters the box at cell (u, v, l); `stride`: from one of its numbers to the next. */
+INLINE void enter(
+    RAY_SPACE real *ray, int stride, int u, int v, int l, const Beam *beam, const Swept *in,
+    const Boundary *boundary)
+{
+    const real3 p = middle_of(u, v, l, in->layout);
+    const int seen = seen_from(p, beam->back, boundary);
+    UNROLL for (int c = 0; c < COMPONENTS; ++c) ray[c * stride] = c == seen ? in->inflow : R(0);
+#ifdef BLURRED_BOUNDARY
+    const real4 to_column = in->blurred_frames[2 * beam->number];
+    const real4 to_row = in->blurred_frames[2 * beam->number + 1];
+    const real a = along(to_column, p.x, p.y, p.z) + to_column.w;
+    const real b = along(to_row, p.x, p.y, p.z) + to_row.w;
+    for (int e = 0; e < EXCESSES; ++e) {
+        __global const real *map = in->blurred_maps
+            + (beam->number * EXCESSES + e) * (BLURRED_BOUNDARY * BLURRED_BOUNDARY);
+        const real own = seen == EXCESS_OF(e) ? R(1) : R(0);
+        const real excess = in->inflow * (own - in_map(map, a, b));
+        ray[(COMPONENTS + e) * stride] = excess;
+        ray[EXCESS_OF(e) * stride] -= excess;
+        ray[WALL * stride] += excess;
+    }
+#endif
+}
+
+/* Rays cross cells from (u, v, l) on, number `cell` through all packets, as many as a vector has. Adds
+   to the sums of these cells. `begin`: as `begins`. */
+INLINE void cross_cell(
+    RAY_SPACE real *ray, int stride, int cell, int2 begin, int u, int v, int l, const Beam *beam,
+    const Swept *in)
+{
+    const real4 back = beam->back, middle = beam->middle;
+    const real part = middle.w;
+    const real path = beam->beam.x * part;
+    const real weight = beam->beam.y * part;
+    __global const real *s = in->source + first_plane(cell, SOURCE_PLANES);
+    const lane_t t = CELLS_OF(in->depth + cell) * path;
+    const lane_t share = absorbed(t);
+    if (begin.x < 0) {
+        UNROLL for (int c = 0; c < COMPONENTS; ++c) {
+            RAY_SPACE real *own_ray = ray + c * stride;
+            const lane_t intensity = RAYS(own_ray);
+            lane_t gap = intensity;
+            if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * PACKET);
+            RAYS(own_ray) = intensity - gap * share;
+        }
+        UNROLL for (int e = 0; e < EXCESSES; ++e) {
+            RAY_SPACE real *own_ray = ray + (COMPONENTS + e) * stride;
+            const lane_t excess = RAYS(own_ray);
+            RAYS(own_ray) = excess - excess * share;
+        }
+        return;
+    }
+#ifdef CAMERA_SWEEP
+#ifdef PHASE_CLASSES
+    const weight_t uniform_weight = weight * phase_at(
+        u, v, l, in->layout, back, in->camera, in->phase,
+        in->class_shares + first_plane(cell, PHASE_CLASSES - 1));
+#else
+    const weight_t uniform_weight =
+        weight * phase_at(u, v, l, in->layout, back, in->camera, in->phase);
+#endif
+#ifdef VIEW_TRANSMISSION
+    const lane_t view_weight =
+        seen_at(middle.y, CELLS_OF(in->seen + cell), CELLS_OF(in->inverse_mean + cell))
+        * uniform_weight;
+#else
+    const weight_t view_weight = uniform_weight;
+#endif
+    ADD_TO(in->shares + cell, (lane_t)view_weight);
+#else
+    const real view_weight = weight, uniform_weight = weight;
+#endif
+    const lane_t mean = mean_transmission(t, share);
+    const lane_t q = view_weight * mean;
+#ifdef LINEAR_SOURCE
+    const int linear = begin.y;
+    const int gradient_at =
+        first_plane((linear - 1) * PACKET + cell % PACKET, SPATIAL_MOMENT_PLANES);
+    const lane_t rise = linear ? rising(t, share, mean) : (lane_t)R(0);
+    const real run = -path;
+#endif
+    __global sum_t *d = in->i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
+    UNROLL for (int c = 0; c < COMPONENTS; ++c, s += PACKET, d += PACKET) {
+        RAY_SPACE real *own_ray = ray + c * stride;
+        const lane_t intensity = RAYS(own_ray);
+#ifdef MOMENT_SOURCE
+        const lane_t slope = beam->to_discrete[0] * MOMENT_OF(s, 1) + beam->to_discrete[1] * MOMENT_OF(s, 2)
+            + beam->to_discrete[2] * MOMENT_OF(s, 3) + beam->to_discrete[3] * MOMENT_OF(s, 4)
+            + beam->to_discrete[4] * MOMENT_OF(s, 5) + beam->to_discrete[5] * MOMENT_OF(s, 6)
+            + beam->to_discrete[6] * MOMENT_OF(s, 7) + beam->to_discrete[7] * MOMENT_OF(s, 8);
+        lane_t gap = intensity - CELLS_OF(s) - slope;
+        lane_t more = slope * view_weight;
+#else
+        lane_t gap = intensity - CELLS_OF(s);
+        lane_t more = (lane_t)R(0);
+#endif
+        lane_t outgoing = intensity;
+        lane_t own = gap * q;
+#ifdef LINEAR_SOURCE
+        if (linear) {
+            __global const real *g = in->gradient + gradient_at + c * PACKET;
+            const lane_t gradient_x = MOMENT_OF(g, 0);
+            const lane_t gradient_y = MOMENT_OF(g, 1);
+            const lane_t gradient_z = MOMENT_OF(g, 2);
+            gap -= (middle.x - R(0.5)) * gradient_x + (middle.y - R(0.5)) * gradient_y
+                + (middle.z - R(0.5)) * gradient_z;
+            const lane_t rise_along =
+                run * (back.x * gradient_x + back.y * gradient_y + back.z * gradient_z);
+            const lane_t curved = rise_along * rise;
+            outgoing += curved * t;
+            own = gap * q - curved * view_weight;
+#ifdef SPATIAL_MOMENTS
+            const lane_t mean_here = (gap * mean - curved) * uniform_weight;
+            const lane_t path_moment = run * uniform_weight
+                * (gap * rise + rise_along * (R(0.5) * rise + rising_over(t, rise)));
+            __global sum_t *e = in->spatial_moments + gradient_at + c * PACKET;
+            ADD_MOMENT(e, 0, beam->basis.x * mean_here - beam->basis_slope.x * path_moment);
+            ADD_MOMENT(e, 1, beam->basis.y * mean_here - beam->basis_slope.y * path_moment);
+            ADD_MOMENT(e, 2, beam->basis.z * mean_here - beam->basis_slope.z * path_moment);
+#endif
+        }
+#endif
+        more += own;
+        ADD_TO(d, more);
+#ifdef ANGULAR_MOMENTS
+        UNROLL for (int m = 0; m < MOMENTS; ++m) ADD_MOMENT(d, 1 + m, beam->to_moment[m] * more);
+#endif
+        RAYS(own_ray) = outgoing - gap * share;
+    }
+#ifdef BLURRED_BOUNDARY
+    const lane_t whole_t = CELLS_OF(in->whole_depth + cell) * path;
+    const lane_t whole_share = absorbed(whole_t);
+    const lane_t whole_mean = mean_transmission(whole_t, whole_share);
+    const lane_t whole_q = whole_mean * view_weight;
+    d = in->i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
+    UNROLL for (int e = 0; e < EXCESSES; ++e) {
+        RAY_SPACE real *own_ray = ray + (COMPONENTS + e) * stride;
+        const lane_t excess = RAYS(own_ray);
+        ADD_TO(d + EXCESS_OF(e) * PACKET, excess * whole_q);
+        ADD_TO(d + WALL * PACKET, -excess * whole_q);
+#ifdef SPATIAL_MOMENTS
+        if (linear) {
+            const lane_t mean_here = excess * whole_mean * uniform_weight;
+            const lane_t path_moment =
+                run * uniform_weight * excess * rising(whole_t, whole_share, whole_mean);
+            __global sum_t *own = in->spatial_moments + gradient_at + EXCESS_OF(e) * PACKET;
+            __global sum_t *wall = in->spatial_moments + gradient_at + WALL * PACKET;
+            const lane_t x = beam->basis.x * mean_here - beam->basis_slope.x * path_moment;
+            const lane_t y = beam->basis.y * mean_here - beam->basis_slope.y * path_moment;
+            const lane_t z = beam->basis.z * mean_here - beam->basis_slope.z * path_moment;
+            ADD_MOMENT(own, 0, x);
+            ADD_MOMENT(own, 1, y);
+            ADD_MOMENT(own, 2, z);
+            ADD_MOMENT(wall, 0, -x);
+            ADD_MOMENT(wall, 1, -y);
+            ADD_MOMENT(wall, 2, -z);
+        }
+#endif
+        RAYS(own_ray) = excess - excess * whole_share;
+    }
+#endif
+}
+
+/* On CPUs a work-group sweeps a tile of rows and layers (sweep_schedule.py) along each ordinate of a
+   quadrant, from row to row in the direction of the rays. So rays that enter a row within a layer have
+   crossed the previous row, and a row's cells stay in the cache for all segments of its layer.
 
    A ray keeps its slot and its row of rays; cell u has the ray of slot u - shift + origin. So rays shift
    along a row at no cost, those that enter take the next unused slot, and access to a row is contiguous. */
 __kernel void sweep(
+#if SIMD_WIDTH > 1
     const int first_tile,
     __global const int4 *tiles,    /* in: two rows each, see sweep_schedule.py */
+    __global real *rays,           /* inout: I and its excesses, [ordinate][row of rays][plane][slot] */
+    const int ray_rows,
+    __global const int *packets,   /* in: first packet of each row, and the end */
+#else
+    const int places,              /* packets along a row */
+    __global const int *packets,   /* in, [row][place]: number of the packet; -1: it is empty */
+#endif
     __global const int *begins_at, /* in, [ordinate][layer]: its first segment, and the end */
     __global const int *sides,     /* in, per segment: faces through which rays then leave cells, a bit
                                       each */
@@ -170,20 +410,18 @@ __kernel void sweep(
     __global const real2 *beams,   /* in, per ordinate: path in a layer / cell edge, and its weight */
     __global const int4 *origins,  /* in, per ordinate: slot of cell 0 and row of rays of row 0 before rays
                                       have moved, and its number in the quadrature */
-    __global real *rays,           /* inout: I and its excesses, [ordinate][row of rays][plane][slot] */
-    const int slots, const int ray_rows,
-    __global const int *packets,    /* in: first packet of each row, and the end */
+    const int slots,
     __global const int2 *begins,   /* in, per packet: u of its first cell; -1 - u: no cell of it scatters,
                                       and its D is not needed. LINEAR_SOURCE: its number among packets
                                       with a gradient, from 1; or 0 */
     __global const real *depth,    /* in: optical depth of a cell's edge */
     __global const real *source,   /* in: S, see SOURCE_PLANES */
-    __global real *i_minus_s,      /* inout: D, see I_MINUS_S_PLANES */
+    __global sum_t *i_minus_s,     /* inout: D, see I_MINUS_S_PLANES */
 #ifdef LINEAR_SOURCE
     __global const real *gradient, /* in: G, of packets that have it */
 #endif
 #ifdef SPATIAL_MOMENTS
-    __global real *spatial_moments, /* inout: of I - S in these packets */
+    __global sum_t *spatial_moments, /* inout: of I - S in these packets */
     __global const real4 *basis,   /* in, per segment: zero-mean basis at its middle, x y z (segments.py) */
     __global const real4 *basis_slopes, /* in, per ordinate: slope of the basis towards `back` */
 #endif
@@ -193,7 +431,7 @@ __kernel void sweep(
     const real inflow,             /* 1: boundaries shine; 0: black */
     BOUNDARY_ARGUMENTS             /* in cells of this box */
 #ifdef CAMERA_SWEEP
-    , __global real *shares,       /* inout: sum of weights */
+    , __global sum_t *shares,      /* inout: sum of weights */
 #ifdef VIEW_TRANSMISSION
     __global const real *seen,     /* in: optical depth of a cell's edge for the camera */
     __global const real *inverse_mean,     /* in: 1 over the mean transmission of that */
@@ -214,28 +452,90 @@ __kernel void sweep(
     const int all,                 /* ordinates in it */
     __global const int *interface_rows, /* in: first of a row's `interfaces`, [l][v], and the end */
     __global const int4 *interfaces /* in: u of the cell that light leaves; which of its faces, as a bit;
-                                      number in `light` */
+                                      number in `light`; sorted by row and u */
 #endif
     )
 {
     const Boundary boundary = BOUNDARY;
-    const int lane = get_local_id(0);
-    const int lanes = get_local_size(0);
+    const Swept in = {
+        begins, depth, source, i_minus_s, layout, inflow,
+#ifdef LINEAR_SOURCE
+        gradient,
+#endif
+#ifdef SPATIAL_MOMENTS
+        spatial_moments,
+#endif
+#ifdef CAMERA_SWEEP
+        shares, phase, camera,
+#endif
+#ifdef VIEW_TRANSMISSION
+        seen, inverse_mean,
+#endif
+#ifdef PHASE_CLASSES
+        class_shares,
+#endif
+#ifdef BLURRED_BOUNDARY
+        blurred_maps, whole_depth, blurred_frames,
+#endif
+    };
+    Beam beam;
+#if SIMD_WIDTH == 1
+    /* A ray of ordinate k: its slot, its row of rays. It crosses the cells of the box one by one. */
+    const int slot = get_global_id(0), ray_row = get_global_id(1), k = get_global_id(2);
+    if (slot >= slots) return;
+    const int4 origin = origins[k];
+    set_ordinate(&beam, backs[k], beams[k], origin.z);
+#ifdef SPATIAL_MOMENTS
+    beam.basis_slope = basis_slopes[k];
+#endif
+    const int backwards =
+        (layout == LAYERS_Z ? beam.back.z : layout == LAYERS_Y ? beam.back.y : beam.back.x) > R(0);
+    real ray[RAY_PLANES];
+    int inside = 0;
+    for (int layer = 0; layer < nl; ++layer) {
+        const int l = backwards ? nl - 1 - layer : layer;
+        const int end_segment = begins_at[k * (nl + 1) + layer + 1];
+        for (int segment = begins_at[k * (nl + 1) + layer]; segment < end_segment; ++segment) {
+            const int4 shift = shifts[segment];
+            const int u = slot - origin.x + shift.x, v = ray_row - origin.y + shift.y;
+            if (u < 0 || u >= nu || v < 0 || v >= nv) {
+                if (inside) return;
+                continue;
+            }
+            if (!inside) enter(ray, 1, u, v, l, &beam, &in, &boundary);
+            inside = 1;
+            const int packet = packets[(l * stride_l + v * stride_v) * places + u / PACKET];
+            const int cell = packet * PACKET + u % PACKET;
+            if (packet >= 0 && depth[cell] > R(0)) {
+                beam.middle = parts[segment];
+#ifdef SPATIAL_MOMENTS
+                beam.basis = basis[segment];
+#endif
+                cross_cell(ray, 1, cell, begins[packet], u, v, l, &beam, &in);
+            }
+#ifdef INTERFACE_RADIANCE
+            int low = interface_rows[l * nv + v], high = interface_rows[l * nv + v + 1];
+            const int end = high;
+            while (low < high) {
+                const int half_way = (low + high) / 2;
+                if (interfaces[half_way].x < u) low = half_way + 1;
+                else high = half_way;
+            }
+            for (; low < end && interfaces[low].x == u; ++low)
+                store_interface(light, interfaces[low], sides[segment], all, earlier + origin.z, ray, 1);
+#endif
+        }
+    }
+#else
     const int4 tile = tiles[2 * (first_tile + get_group_id(0))];
     const int4 swept = tiles[2 * (first_tile + get_group_id(0)) + 1];
     const int sense = swept.z;
 
     for (int k = swept.x; k < swept.y; ++k) {
-        const real4 back = backs[k];
         const int4 origin = origins[k];
+        set_ordinate(&beam, backs[k], beams[k], origin.z);
 #ifdef SPATIAL_MOMENTS
-        const real4 basis_slope = basis_slopes[k];
-#endif
-#ifdef MOMENT_SOURCE
-        const real to_discrete[MOMENTS] = MOMENT_TO_DISCRETE(back);
-#endif
-#ifdef ANGULAR_MOMENTS
-        const real to_moment[MOMENTS] = DISCRETE_TO_MOMENT(back);
+        beam.basis_slope = basis_slopes[k];
 #endif
         /* All rows of a layer, then of the next; `layer` counts them in the order of the sweep. */
         for (int layer = tile.z, number = 0; layer < tile.z + tile.w;
@@ -252,7 +552,7 @@ __kernel void sweep(
             const int first_interface = interface_rows[l * nv + v];
             const int end_interface = interface_rows[l * nv + v + 1];
             const int row_empty = begin_units == end_units && first_interface == end_interface;
-            for (int i = first_interface + lane; i < end_interface; i += lanes)
+            for (int i = first_interface; i < end_interface; ++i)
                 SOON_READ(light + ((size_t)interfaces[i].z * all + ordinate) * RAY_PLANES);
 #else
             const int row_empty = begin_units == end_units;
@@ -270,175 +570,26 @@ __kernel void sweep(
                     rays + (size_t)row * (RAY_PLANES * slots) + origin.x - shift.x;
                 const int first = !enters && shift.z < 0 ? nu - 1 : 0;
                 const int last = enters || shift.z < 0 ? nu - 1 : shift.z > 0 ? 0 : -1;
-                for (int u = first + lane; u <= last; u += lanes) {
-                    const real3 p = middle_of(u, v, l, layout);
-                    const int seen = seen_from(p, back, &boundary);
-                    for (int c = 0; c < COMPONENTS; ++c)
-                        crossing[c * slots + u] = c == seen ? inflow : R(0);
-#ifdef BLURRED_BOUNDARY
-                    const real4 to_column = blurred_frames[2 * origin.z];
-                    const real4 to_row = blurred_frames[2 * origin.z + 1];
-                    const real a = along(to_column, p.x, p.y, p.z) + to_column.w;
-                    const real b = along(to_row, p.x, p.y, p.z) + to_row.w;
-                    for (int e = 0; e < EXCESSES; ++e) {
-                        __global const real *map = blurred_maps
-                            + (origin.z * EXCESSES + e) * (BLURRED_BOUNDARY * BLURRED_BOUNDARY);
-                        const real own = seen == EXCESS_OF(e) ? R(1) : R(0);
-                        const real excess = inflow * (own - in_map(map, a, b));
-                        crossing[(COMPONENTS + e) * slots + u] = excess;
-                        crossing[EXCESS_OF(e) * slots + u] -= excess;
-                        crossing[WALL * slots + u] += excess;
-                    }
-#endif
-                }
-                barrier(CLK_GLOBAL_MEM_FENCE);
-
-                const real4 middle = parts[segment];
-                const real part = middle.w;
-                const real path = beams[k].x * part;
-                const real weight = beams[k].y * part;
+                for (int u = first; u <= last; ++u)
+                    enter(crossing + u, slots, u, v, l, &beam, &in, &boundary);
+                beam.middle = parts[segment];
 #ifdef SPATIAL_MOMENTS
-                const real4 basis_here = basis[segment];
+                beam.basis = basis[segment];
 #endif
-                for (int i = begin_units + lane; i < end_units; i += lanes) {
+                for (int i = begin_units; i < end_units; ++i) {
                     const int cell = i * SIMD_WIDTH;
-                    const int begin = begins[cell / PACKET].x;
-                    const int u = (begin < 0 ? -1 - begin : begin) + cell % PACKET;
-                    __global const real *s = source + first_plane(cell, SOURCE_PLANES);
-                    const lane_t t = CELLS_OF(depth + cell) * path;
-                    const lane_t share = absorbed(t);
-                    if (begin < 0) {
-                        UNROLL for (int c = 0; c < COMPONENTS; ++c) {
-                            __global real *ray = crossing + c * slots + u;
-                            const lane_t intensity = RAYS(ray);
-                            lane_t gap = intensity;
-                            if (c >= BOUNDARIES) gap -= CELLS_OF(s + c * PACKET);
-                            RAYS(ray) = intensity - gap * share;
-                        }
-                        UNROLL for (int e = 0; e < EXCESSES; ++e) {
-                            __global real *ray = crossing + (COMPONENTS + e) * slots + u;
-                            const lane_t excess = RAYS(ray);
-                            RAYS(ray) = excess - excess * share;
-                        }
-                        continue;
-                    }
-#ifdef CAMERA_SWEEP
-#ifdef PHASE_CLASSES
-                    const weight_t uniform_weight = weight * phase_at(
-                        u, v, l, layout, back, camera, phase,
-                        class_shares + first_plane(cell, PHASE_CLASSES - 1));
-#else
-                    const weight_t uniform_weight =
-                        weight * phase_at(u, v, l, layout, back, camera, phase);
-#endif
-#ifdef VIEW_TRANSMISSION
-                    const lane_t view_weight =
-                        seen_at(middle.y, CELLS_OF(seen + cell), CELLS_OF(inverse_mean + cell))
-                        * uniform_weight;
-#else
-                    const weight_t view_weight = uniform_weight;
-#endif
-                    CELLS(shares + cell) += view_weight;
-#else
-                    const real view_weight = weight, uniform_weight = weight;
-#endif
-                    const lane_t mean = mean_transmission(t, share);
-                    const lane_t q = view_weight * mean;
-#ifdef LINEAR_SOURCE
-                    const int linear = begins[cell / PACKET].y;
-                    const int gradient_at =
-                        first_plane((linear - 1) * PACKET + cell % PACKET, SPATIAL_MOMENT_PLANES);
-                    const lane_t rise = linear ? rising(t, share, mean) : (lane_t)R(0);
-                    const real run = -beams[k].x * part;
-#endif
-                    __global real *d = i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
-                    UNROLL for (int c = 0; c < COMPONENTS; ++c, s += PACKET, d += PACKET) {
-                        __global real *ray = crossing + c * slots + u;
-                        const lane_t intensity = RAYS(ray);
-#ifdef MOMENT_SOURCE
-                        const lane_t slope = to_discrete[0] * MOMENT_OF(s, 1) + to_discrete[1] * MOMENT_OF(s, 2)
-                            + to_discrete[2] * MOMENT_OF(s, 3) + to_discrete[3] * MOMENT_OF(s, 4)
-                            + to_discrete[4] * MOMENT_OF(s, 5) + to_discrete[5] * MOMENT_OF(s, 6)
-                            + to_discrete[6] * MOMENT_OF(s, 7) + to_discrete[7] * MOMENT_OF(s, 8);
-                        lane_t gap = intensity - CELLS_OF(s) - slope;
-                        lane_t more = slope * view_weight;
-#else
-                        lane_t gap = intensity - CELLS_OF(s);
-                        lane_t more = (lane_t)R(0);
-#endif
-                        lane_t outgoing = intensity;
-                        lane_t own = gap * q;
-#ifdef LINEAR_SOURCE
-                        if (linear) {
-                            __global const real *g = gradient + gradient_at + c * PACKET;
-                            const lane_t gradient_x = MOMENT_OF(g, 0);
-                            const lane_t gradient_y = MOMENT_OF(g, 1);
-                            const lane_t gradient_z = MOMENT_OF(g, 2);
-                            gap -= (middle.x - R(0.5)) * gradient_x + (middle.y - R(0.5)) * gradient_y
-                                + (middle.z - R(0.5)) * gradient_z;
-                            const lane_t rise_along =
-                                run * (back.x * gradient_x + back.y * gradient_y + back.z * gradient_z);
-                            const lane_t curved = rise_along * rise;
-                            outgoing += curved * t;
-                            own = gap * q - curved * view_weight;
-#ifdef SPATIAL_MOMENTS
-                            const lane_t mean_here = (gap * mean - curved) * uniform_weight;
-                            const lane_t path_moment = run * uniform_weight
-                                * (gap * rise + rise_along * (R(0.5) * rise + rising_over(t, rise)));
-                            __global real *e = spatial_moments + gradient_at + c * PACKET;
-                            MOMENT(e, 0) += basis_here.x * mean_here - basis_slope.x * path_moment;
-                            MOMENT(e, 1) += basis_here.y * mean_here - basis_slope.y * path_moment;
-                            MOMENT(e, 2) += basis_here.z * mean_here - basis_slope.z * path_moment;
-#endif
-                        }
-#endif
-                        more += own;
-                        CELLS(d) += more;
-#ifdef ANGULAR_MOMENTS
-                        UNROLL for (int m = 0; m < MOMENTS; ++m) MOMENT(d, 1 + m) += to_moment[m] * more;
-#endif
-                        RAYS(ray) = outgoing - gap * share;
-                    }
-#ifdef BLURRED_BOUNDARY
-                    const lane_t whole_t = CELLS_OF(whole_depth + cell) * path;
-                    const lane_t whole_share = absorbed(whole_t);
-                    const lane_t whole_mean = mean_transmission(whole_t, whole_share);
-                    const lane_t whole_q = whole_mean * view_weight;
-                    d = i_minus_s + first_plane(cell, I_MINUS_S_PLANES);
-                    UNROLL for (int e = 0; e < EXCESSES; ++e) {
-                        __global real *ray = crossing + (COMPONENTS + e) * slots + u;
-                        const lane_t excess = RAYS(ray);
-                        CELLS(d + EXCESS_OF(e) * PACKET) += excess * whole_q;
-                        CELLS(d + WALL * PACKET) -= excess * whole_q;
-#ifdef SPATIAL_MOMENTS
-                        if (linear) {
-                            const lane_t mean_here = excess * whole_mean * uniform_weight;
-                            const lane_t path_moment =
-                                run * uniform_weight * excess * rising(whole_t, whole_share, whole_mean);
-                            __global real *own = spatial_moments + gradient_at + EXCESS_OF(e) * PACKET;
-                            __global real *wall = spatial_moments + gradient_at + WALL * PACKET;
-                            const lane_t x = basis_here.x * mean_here - basis_slope.x * path_moment;
-                            const lane_t y = basis_here.y * mean_here - basis_slope.y * path_moment;
-                            const lane_t z = basis_here.z * mean_here - basis_slope.z * path_moment;
-                            MOMENT(own, 0) += x;
-                            MOMENT(own, 1) += y;
-                            MOMENT(own, 2) += z;
-                            MOMENT(wall, 0) -= x;
-                            MOMENT(wall, 1) -= y;
-                            MOMENT(wall, 2) -= z;
-                        }
-#endif
-                        RAYS(ray) = excess - excess * whole_share;
-                    }
-#endif
+                    const int2 begin = begins[cell / PACKET];
+                    const int u = (begin.x < 0 ? -1 - begin.x : begin.x) + cell % PACKET;
+                    cross_cell(crossing + u, slots, cell, begin, u, v, l, &beam, &in);
                 }
-                barrier(CLK_GLOBAL_MEM_FENCE);
 #ifdef INTERFACE_RADIANCE
-                for (int i = first_interface + lane; i < end_interface; i += lanes)
-                    store_interface(light, interfaces[i], sides[segment], all, ordinate, crossing, slots);
-                barrier(CLK_GLOBAL_MEM_FENCE);
+                for (int i = first_interface; i < end_interface; ++i) {
+                    const int4 face = interfaces[i];
+                    store_interface(light, face, sides[segment], all, ordinate, crossing + face.x, slots);
+                }
 #endif
             }
         }
     }
+#endif
 }

@@ -187,7 +187,7 @@ class Kernels:
             device,
             cells,
             build(device, "sweep.cl", specialised),
-            build(device, "source_update.cl", defines),
+            build(device, "source_update.cl", specialised),
             disc=self.view.disc,
             patches=self.view.patches,
         )

@@ -59,7 +59,7 @@ def sweeper_of(device: Device, cells: OpticalCells, defines: dict[str, Any]) -> 
         device,
         cells,
         build(device, "sweep.cl", {**common, **simd_defines(device)}),
-        build(device, "source_update.cl", common),
+        build(device, "source_update.cl", {**common, **simd_defines(device)}),
         disc=DISC,
     )
 

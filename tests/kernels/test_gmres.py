@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError
 from cldit.gpu.device import Device
+from cldit.gpu.program import build
+from cldit.transport.angular_moments import MOMENTS
 from cldit.transport.cells import OpticalCells
+from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import defect_correction, gmres, order_0
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
@@ -103,3 +106,27 @@ def test_one_sweeper_at_a_time(device: Device, monkeypatch: pytest.MonkeyPatch) 
     trace(random_tree(6), scene, device, settings)
     assert made == [0, 0]
     assert not alive
+
+
+@pytest.mark.parametrize("many", [1, MOMENTS])
+def test_residual_after_moments(device: Device, many: int) -> None:
+    """A sweep for moments leaves the I - S from which the residual follows, as a sweep for it."""
+    cells = OpticalCells.of(random_tree(3))
+    sweeper = sweeper_of(device, cells, {"BOUNDARY_DISC": 1})
+    rng = np.random.default_rng(4)
+    rays = sweeper.rays(isotropic(12, rng), rng.random((12, 2)))
+    sweeper.set_source(rng.random((sweeper.components, sweeper.count)), shining=True)
+    space = sweeper.krylov()
+    sweeper.sweep(rays, shining=True)
+    sweeper.residual(space, space.left, shining=True)
+    flags: dict[str, Any] = {**cells.needs.defines, "BOUNDARY_DISC": 1, **simd_defines(device)}
+    program = build(device, "sweep.cl", flags | ({"ANGULAR_MOMENTS": 1} if many > 1 else {}))
+    out = np.empty((many, sweeper.components, sweeper.count), np.float32)
+    room = sweeper.room(many)
+    sweeper.moments(program, rays, out=out, room=room)
+    listed = room[1] if many > 1 else None
+    sweeper.residual(space, space.image, shining=True, listed=listed)
+    expected = space.read(space.left)
+    assert _rms(expected) > 0.1
+    # Rounding of twelve terms, over 1 - Lambda*, which is of order 1 in these cells.
+    np.testing.assert_allclose(space.read(space.image), expected, atol=2e-6)

@@ -62,7 +62,7 @@ def test_sweep_against_numpy(
         device,
         cells,
         build(device, "sweep.cl", sized),
-        build(device, "source_update.cl", defines),
+        build(device, "source_update.cl", sized),
         disc=DISC,
         patches=patches,
     )

@@ -33,7 +33,7 @@ BUDGETS: dict[str, int] = {
     "drivers": 3776,
     "gpu": 1133,
     "io": 1865,
-    "kernels": 5303,
+    "kernels": 5608,
     "medium": 1901,
     "optics": 3294,
     "prepare": 1009,
@@ -45,7 +45,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6241,
     "study": 3271,
     "testing": 1328,
-    "transport": 7163,
+    "transport": 7317,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",

@@ -122,9 +122,9 @@ def test_path_closes_but_for_noise(
 @pytest.mark.parametrize(
     ("file", "before", "after", "transport"),
     [
-        ("sweep.cl", "RAYS(ray) = outgoing - gap * share;",
-         "RAYS(ray) = R(0.995) * (outgoing - gap * share);", {}),
-        ("sweep.cl", "c == seen ? inflow", "c == seen && c != WALL ? inflow", {}),
+        ("sweep.cl", "RAYS(own_ray) = outgoing - gap * share;",
+         "RAYS(own_ray) = R(0.995) * (outgoing - gap * share);", {}),
+        ("sweep.cl", "c == seen ? in->", "c == seen && c != WALL ? in->", {}),
         ("image.cl", "transmitted -= taken;", "transmitted -= R(0.99) * taken;", {}),
         # What a row that was never written may hold.
         *(

@@ -76,7 +76,7 @@ class CameraSweep:
             phase=upload(device, "phase function", phase.astype(real)),
             place=np.append(place - box.low, 0.0).astype(real),
             shares={
-                turned: zeros(device, "shares", some.cells, real)
+                turned: zeros(device, "shares", some.cells, sweeper.sum_type)
                 for turned, some in packets.items()
             },
             seen=seen,

@@ -10,14 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.gpu.device import Device
+from cldit.gpu.fixed_point import fixed_point_defines
 from cldit.transport.cells import OpticalCells, SweptBox
 
 PACKET = 8  # cells, as in kernels/cell_packets.h
 
 
 def simd_defines(device: Device) -> dict[str, int]:
-    """Define of the cells or path segments that a work-item processes at once (kernels/simd.h)."""
-    return {"SIMD_WIDTH": PACKET if device.is_cpu else 1}
+    """Defines of the cells or path segments that a work-item processes at once (kernels/simd.h).
+
+    Where it is one, sweeps add to sums in fixed point.
+    """
+    if device.is_cpu:
+        return {"SIMD_WIDTH": PACKET}
+    return {"SIMD_WIDTH": 1, **fixed_point_defines(device)}
 
 
 @dataclass(frozen=True)
@@ -63,11 +69,6 @@ class CellPackets:
     def cells(self) -> int:
         """Number of cells in packets, including empty ones."""
         return PACKET * len(self)
-
-    @property
-    def widest(self) -> int:
-        """Largest number of cells in the packets of a row."""
-        return PACKET * int(np.diff(self.first).max(initial=1))
 
     def packed(self, dense: NDArray[Any]) -> NDArray[Any]:
         """Values (G, PACKET) of cells, from a dense array (l, v, u)."""

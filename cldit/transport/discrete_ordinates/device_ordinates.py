@@ -33,17 +33,18 @@ class DeviceOrdinates:
         starts: Floats,
         *,
         together: int,
-        edge: int,
+        edge: int | None,
         real: Real,
     ) -> "DeviceOrdinates":
-        """Uploads a quadrature; arguments as in `sweep_schedules`."""
+        """Uploads a quadrature; arguments as in `sweep_schedules`. `edge` None: without tiles."""
         ready = []
-        for schedule in sweep_schedules(box, directions, starts, together=together, edge=edge):
+        whole = max(box.shape) if edge is None else edge
+        for schedule in sweep_schedules(box, directions, starts, together=together, edge=whole):
             nothing = np.zeros((len(schedule), 1))
             most = schedule.layout.size[2] + 1  # cells by which rays shift
             origin = np.where([schedule.rightwards, schedule.upwards], most, 1)
             tables = {
-                "tiles": schedule.tiles,
+                **({} if edge is None else {"tiles": schedule.tiles}),
                 "begins_at": schedule.begins,
                 "sides": schedule.exit_faces,
                 "shifts": schedule.shifts,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cldit.errors import NotConvergedError, TransportError
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
+from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 
 Array = NDArray[Any]
@@ -33,7 +34,8 @@ class Solution:
     source: (C, N), in the unit of `OpticalCells.emitted`.
     iterations: sets of sweeps along all ordinates.
     error: RMS error of the source, from the smallest singular value in GMRES; 0 at a fixed order.
-    residual: (C, N) preconditioned residual, about the error of the source.
+    residual: (C, N) preconditioned residual after a defect correction, about the error of the
+        source.
     """
 
     source: Array
@@ -56,15 +58,9 @@ def next_order(sweeper: Sweeper, source: Array, rays: DeviceOrdinates) -> Array:
     return sweeper.next_order()
 
 
-def _rms(values: Array) -> NDArray[np.float64]:
-    """RMS over the cells of each component of `values` (C, N)."""
-    wide = values.astype(np.float64)
-    return np.asarray(np.sqrt(np.mean(wide * wide, axis=1)))
-
-
-def _worst(residual: Array) -> float:
-    """RMS of the worst component of a residual (C, N); TransportError if it is not finite."""
-    worst = float(_rms(residual).max())
+def _worst(rms: NDArray[np.float64]) -> float:
+    """Largest RMS of a component, of (C,); TransportError if one is not finite."""
+    worst = float(rms.max())
     if not np.isfinite(worst):
         raise TransportError("the scattered source is not finite")
     return worst
@@ -90,26 +86,28 @@ def gmres(
         confirmed: convergence is confirmed by one more iteration, which includes rounding; else by
             GMRES's own residual.
     """
-    source = guess.astype(sweeper.real)
+    space, source = sweeper.krylov(), guess
     iterations, inverse_norm, before = 0, 1.0, np.inf
     while True:
         sweeper.set_source(source, shining=True)
         sweeper.sweep(rays, shining=True)
         iterations += 1
-        residual = sweeper.residual(shining=True)
-        now = _worst(residual)
+        sweeper.residual(space, space.left, shining=True)
+        rms, _ = space.measured()
+        now = _worst(rms)
         if report is not None:
             report(f"iteration {iterations}: residual {now:.1e}, error {now * inverse_norm:.1e}")
         if now == 0.0 or (iterations > 1 and now * inverse_norm <= tolerance):
-            return Solution(source, iterations, now * inverse_norm, residual)
+            break
         if iterations >= sweeper.tuning.iterations or now > 0.5 * before:
             raise _stuck(now * inverse_norm, iterations, tolerance)
         before = now
-        cycle = _krylov(sweeper, residual, rays, tolerance)
+        cycle = _krylov(sweeper, space, rms, rays, tolerance)
         iterations, inverse_norm = iterations + cycle.iterations, cycle.inverse_norm
-        source = source + cycle.correction
-        if not confirmed and (left := _worst(cycle.left)) * inverse_norm <= tolerance:
-            return Solution(source, iterations, left * inverse_norm, cycle.left)
+        now, source = _worst(cycle.rms), guess + space.read(space.onto)
+        if not confirmed and now * inverse_norm <= tolerance:
+            break
+    return Solution(source, iterations, now * inverse_norm)
 
 
 def _stuck(error: float, iterations: int, tolerance: float) -> NotConvergedError:
@@ -140,18 +138,23 @@ def defect_correction(
     Returns:
         The corrected solution, and the mean radiance (C, N) that the correction adds.
     """
-    residual = sweeper.residual(shining=True, listed=listed)
-    left, correction, iterations = residual, np.zeros_like(residual), solution.iterations
+    space, iterations = sweeper.krylov(), solution.iterations
+    sweeper.residual(space, space.left, shining=True, listed=listed)
+    residual = space.read(space.left)
+    rms, peak = space.measured()
     # The residual is updated from cycle to cycle, so it does not show the rounding of the first.
-    rounding = _ROUNDED * float(np.finfo(residual.dtype).eps) * _worst(solution.source)
-    error, most = _worst(residual), sweeper.tuning.solver_peak
-    now, peak = error, most
-    while now > 0.0 and (left is residual or error > tolerance or peak > most):
+    eps = float(np.finfo(residual.dtype).eps)
+    mean = np.mean(np.square(solution.source, dtype=np.float64), axis=1)
+    rounding = _ROUNDED * eps * _worst(np.sqrt(mean))
+    error = now = _worst(rms)
+    most, before = sweeper.tuning.solver_peak, np.inf
+    while now > 0.0 and (before == np.inf or error > tolerance or peak > most):
         # A few opaque cells may be far above the mean: they are solved as well.
-        before, cycle = now, _krylov(sweeper, left, rays, tolerance * min(1.0, most / peak))
-        correction, left = correction + cycle.correction, cycle.left
+        before = now
+        cycle = _krylov(sweeper, space, rms, rays, tolerance * min(1.0, most / peak))
+        rms, peak = cycle.rms, cycle.peak
         iterations += cycle.iterations
-        now, peak = _worst(left), float(np.max(np.abs(left) * sweeper.opacity))
+        now = _worst(rms)
         error = (now + rounding) * cycle.inverse_norm
         if report is not None:
             report(f"iteration {iterations}, corrected: residual {now:.1e}, error {error:.1e}")
@@ -161,6 +164,7 @@ def defect_correction(
                 raise _stuck(error, iterations, tolerance)
             break
     # The correction less the unpreconditioned residual, over the albedo.
+    correction, left = space.read(space.onto), space.read(space.left)
     least = np.finfo(residual.dtype).tiny
     albedo = np.maximum(sweeper.albedo, least).astype(residual.dtype)
     more = (correction - residual * sweeper.one_minus_lambda) / albedo
@@ -170,59 +174,55 @@ def defect_correction(
 
 @dataclass(frozen=True)
 class _Cycle:
-    """Correction and residual (C, N) of a GMRES cycle, and 1 / the smallest singular value."""
+    """Iterations of a GMRES cycle, and 1 / the smallest singular value.
 
-    correction: Array
-    left: Array
+    rms, peak: of the residual that is left, as `KrylovSpace.add` returns them.
+    """
+
+    rms: NDArray[np.float64]
+    peak: float
     iterations: int
     inverse_norm: float
 
 
-def _krylov(sweeper: Sweeper, residual: Array, rays: DeviceOrdinates, tolerance: float) -> _Cycle:
-    """One cycle of GMRES."""
-    parts, count = residual.shape
-    start = np.sqrt(np.sum(residual.astype(np.float64) ** 2, axis=1))
-    alive = start > 0
-    basis = [residual / np.where(alive, start, 1.0)[:, None].astype(residual.dtype)]
-    tuning = sweeper.tuning
-    most = int(np.clip(tuning.krylov_bytes / max(residual.nbytes, 1), 12, tuning.krylov))
+def _krylov(
+    sweeper: Sweeper,
+    space: KrylovSpace,
+    start: NDArray[np.float64],
+    rays: DeviceOrdinates,
+    tolerance: float,
+) -> _Cycle:
+    """One cycle of GMRES for the residual `space.left`, whose RMS is `start` (C,)."""
+    parts, tuning = len(start), sweeper.tuning
+    bytes_ = parts * sweeper.count * np.dtype(sweeper.real).itemsize
+    most = int(np.clip(tuning.krylov_bytes / max(bytes_, 1), 12, tuning.krylov))
     hessenberg = np.zeros((parts, most + 1, most))
-    best: list[NDArray[np.float64]] = [np.zeros(0)] * parts
-    inverse_norm = 1.0
-    taken = 0
-    for j in range(most):
-        sweeper.set_source(basis[j], shining=False)
+    best = np.zeros((parts, most))
+    inverse_norm, taken = 1.0, 0
+    space.begin()
+    while taken < most:
+        sweeper.set_source(None, shining=False)
         sweeper.sweep(rays, shining=False)
-        taken += 1
-        image = -sweeper.residual(shining=False)
-        for i, vector in enumerate(basis):  # modified Gram-Schmidt
-            overlap = np.einsum("cn,cn->c", vector, image, dtype=np.float64)
-            hessenberg[:, i, j] = overlap
-            image = image - overlap.astype(image.dtype)[:, None] * vector
-        length = np.sqrt(np.sum(image.astype(np.float64) ** 2, axis=1))
-        hessenberg[:, j + 1, j] = length
+        sweeper.residual(space, space.image, shining=False)
+        j, taken = taken, taken + 1
+        # The residual is the right-hand side less the operator's image.
+        overlap, length = space.extend(taken)
+        hessenberg[:, :taken, j], hessenberg[:, taken, j] = -overlap.T, -length
         error = 0.0
-        for c in range(parts):
-            if not alive[c]:
-                continue
-            h = hessenberg[c, : j + 2, : j + 1]
-            target = np.zeros(j + 2)
+        for c in np.flatnonzero(start > 0):
+            h = hessenberg[c, : taken + 1, :taken]
+            target = np.zeros(taken + 1)
             target[0] = start[c]
-            best[c] = np.linalg.lstsq(h, target, rcond=None)[0].astype(float)
+            best[c, :taken] = np.linalg.lstsq(h, target, rcond=None)[0]
             smallest = float(np.linalg.svd(h, compute_uv=False)[-1])
             inverse_norm = max(inverse_norm, 1.0 / max(smallest, 1e-12))
-            error = max(error, float(np.linalg.norm(target - h @ best[c])) / count**0.5)
-        basis.append(image / np.where(length > 0, length, 1.0)[:, None].astype(image.dtype))
+            error = max(error, float(np.linalg.norm(target - h @ best[c, :taken])))
         # Half the tolerance: the true residual will differ a little.
         if error * inverse_norm <= 0.5 * tolerance:
             break
         if np.all(length <= 1e-6 * np.abs(hessenberg[:, 0, 0]).max()):
             break  # the space contains the solution
-    correction, left = np.zeros_like(residual), residual.copy()
-    for c in range(parts):
-        reached = hessenberg[c, :, : len(best[c])] @ best[c]
-        for number, vector in enumerate(basis):
-            left[c] -= vector[c] * residual.dtype.type(reached[number])
-            if number < len(best[c]):
-                correction[c] += vector[c] * residual.dtype.type(best[c][number])
-    return _Cycle(correction, left, taken, inverse_norm)
+    used = taken + 1
+    reached = np.einsum("cij,cj->ic", hessenberg[:, :used], best)
+    rms, peak = space.add(np.stack([np.eye(used, most) @ best.T, -reached]))
+    return _Cycle(rms, peak, taken, inverse_norm)

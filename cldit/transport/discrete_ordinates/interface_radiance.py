@@ -62,7 +62,7 @@ class InterfaceRadiance:
             along, across, up = at[:, layout.axes].T
             _, nv, nl = layout.size
             row = up * nv + across
-            order = np.argsort(row, kind="stable")
+            order = np.lexsort((along, row))
             starts = np.searchsorted(row[order], np.arange(nl * nv + 1))
             bit = 1 << (2 * np.argsort(layout.axes)[side // 2] + side % 2)
             table = np.column_stack([along, bit, number, number])[order]  # the last is not read

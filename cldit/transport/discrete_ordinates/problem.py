@@ -96,7 +96,7 @@ class SweepProblem:
             device=device,
             settings=settings,
             defines=sweep_defines,
-            update=build(device, "source_update.cl", defines),
+            update=build(device, "source_update.cl", sweep_defines),
             solver_defines=solver_defines,
             linear_cells=linear_cells,
             final_program=build(device, "sweep.cl", {**sweep_defines, **flags}),

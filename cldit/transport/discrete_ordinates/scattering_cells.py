@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import download, zeros
@@ -23,7 +22,7 @@ class ScatteringCells:
     """List of N scattering cells with C components.
 
     kernels: program of source_update.cl.
-    source: (C, N) device buffer of the source; further planes pass through it, C at a time.
+    source: device buffer of the source's planes, the first C of which are its isotropic part.
     """
 
     device: Device
@@ -35,10 +34,17 @@ class ScatteringCells:
 
     @classmethod
     def of(
-        cls, device: Device, kernels: Program, *, components: int, count: int, real: Real
+        cls,
+        device: Device,
+        kernels: Program,
+        *,
+        components: int,
+        planes: int,
+        count: int,
+        real: Real,
     ) -> "ScatteringCells":
-        """List of N = `count` cells with a source of 0."""
-        source = zeros(device, "list", components * count, real)
+        """List of N = `count` cells with a source of 0 in all `planes`."""
+        source = zeros(device, "list", planes * count, real)
         return cls(device, kernels, components, count, real, source)
 
     def run(self, kernel: str, items: dict[str, int], *, high: int = 1, **arguments: Any) -> None:
@@ -49,26 +55,14 @@ class ScatteringCells:
             group = min(_GROUP, self.kernels.largest_group(kernel))
             self.kernels.launch(kernel, (count, high), (group, 1), {**items, **arguments})
 
-    def take(self, planes: NDArray[Any]) -> None:
-        """Copies planes (C, N), or (C, M) of fewer cells, to the start of `source`."""
-        cl.enqueue_copy(self.device.queue, self.source, np.ascontiguousarray(planes, self.real))
+    def put(self, into: Any, place: Any, *, planes: int) -> None:
+        """Puts the source into a box; `into` is its buffer, `place` that of the cells' places."""
+        self.put_list(self.source, into, place, planes=planes, count=self.count)
 
-    def put(self, planes: NDArray[Any], into: Any, place: Any) -> None:
-        """Puts planes (M C, N) into a box, C at a time; the first C stay in `source`.
-
-        `into` is the box's buffer, and `place` the buffer of the cells' places in it.
-        """
-        for first in reversed(range(0, len(planes), self.components)):
-            self.take(planes[first : first + self.components])
-            self.run(
-                "set_source",
-                {"count": planes.shape[1]},
-                source=into,
-                listed=self.source,
-                place=place,
-                first=first,
-                planes=len(planes),
-            )
+    def put_list(self, listed: Any, into: Any, place: Any, *, planes: int, count: int) -> None:
+        """Puts a list (planes, count) into a box as `put`."""
+        arguments = {"source": into, "listed": listed, "place": place, "planes": planes}
+        self.run("set_source", {"count": count}, **arguments)
 
     def collect(
         self, out: Any, box: Any, place: Any, *, turned: bool, planes: int, count: int | None = None

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 from numpy.typing import NDArray
 
 from cldit.gpu.buffers import clear, download, unset, upload, zeros
@@ -22,6 +23,7 @@ from cldit.transport.discrete_ordinates.cell_packets import CellPackets
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gradients import Gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
+from cldit.transport.discrete_ordinates.krylov import KrylovSpace
 from cldit.transport.discrete_ordinates.quadrature import Ordinates
 from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
 from cldit.transport.discrete_ordinates.sweep_arrays import Real, SweepArrays
@@ -34,6 +36,7 @@ _MEAN_PATH = 2 / 3  # through a cell, in units of its edge: 4 V / S
 _TOGETHER = 32  # ordinates of a schedule; more would need more memory for rays
 _EDGE = 16  # largest number of rows and layers of a tile, for the cache of a CPU core
 _TILES = 4  # smallest mean number for each core in a launch
+_GROUP = 32  # rays of a row that a group of work-items follows
 
 
 class Sweeper:
@@ -81,13 +84,14 @@ class Sweeper:
         self.components = len(cells.needs.components)
         self.boundaries = cells.needs.boundaries
         self._sweep = sweep
-        self._vector = int(sweep.defines["SIMD_WIDTH"])
+        self._by_ray = sweep.defines["SIMD_WIDTH"] == 1
         self._planes = self.components * (MOMENTS if "MOMENT_SOURCE" in sweep.defines else 1)
         linear = "LINEAR_SOURCE" in sweep.defines
         self.linear_cells = np.flatnonzero(
             np.full(self.count, linear) if linear_cells is None else linear_cells
         )
         self.real: Real = np.float64 if "USE_FLOAT64" in sweep.defines else np.float32
+        self.sum_type: type[np.generic] = np.int64 if self._by_ray else self.real
         self._disc = disc.copy()
         self._disc[:3] -= self.box.low
         self._patches: dict[str, Any] = {}
@@ -105,6 +109,7 @@ class Sweeper:
                 real,
                 turned=turned,
                 linear_cells=self.linear_cells,
+                by_ray=self._by_ray,
             )
             for turned, packets in self.packets.items()
         }
@@ -116,16 +121,18 @@ class Sweeper:
         # RAY_PLANES of blurred_boundary.h: values of a ray.
         excesses = self.boundaries - 1 if "BLURRED_BOUNDARY" in sweep.defines else 0
         self.ray_planes = self.components + excesses
-        each = max(
-            layout.ray_rows * self.ray_planes * layout.slots
-            for layout in axis_orders(self.box.shape).values()
-        )
-        fit = device.info.largest_buffer_bytes // (each * np.dtype(real).itemsize)
-        self._together = max(1, min(_TOGETHER, fit))
-        self._edge = 1 if self._vector == 1 else self._tile_edge()
-        self._rays = zeros(device, "rays", self._together * each, real)
+        self._together, self._edge = device.info.largest_buffer_bytes, max(self.box.shape)
+        self._rays: dict[str, Any] = {}
+        if not self._by_ray:
+            each = max(
+                layout.ray_rows * self.ray_planes * layout.slots
+                for layout in axis_orders(self.box.shape).values()
+            )
+            fit = self._together // (each * np.dtype(real).itemsize)
+            self._together, self._edge = max(1, min(_TOGETHER, fit)), self._tile_edge()
+            self._rays = {"rays": zeros(device, "rays", self._together * each, real)}
         self.albedo = cells.albedo
-        self.opacity = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
+        self.opacity: NDArray[Any] = (1.0 - np.exp(-cells.depth[cells.address])).astype(real)
         self.thermal: NDArray[Any] = cells.thermal_source().astype(real)
         self.gradients = (
             Gradients.of(cells, self.box, self.tuning) if linear and linear_cells is None else None
@@ -141,10 +148,15 @@ class Sweeper:
         self._albedo = upload(device, "albedo", cells.albedo.astype(real))
         self._coalbedo = upload(device, "coalbedo", cells.coalbedo.astype(real))
         escapes = mean_transmission(_MEAN_PATH * cells.depth[cells.address])
-        self.one_minus_lambda = (cells.coalbedo + cells.albedo * escapes).astype(real)
+        self.one_minus_lambda: NDArray[Any] = (cells.coalbedo + cells.albedo * escapes).astype(real)
         self._one_minus_lambda = upload(device, "1 - Lambda*", self.one_minus_lambda)
         self._cells = ScatteringCells.of(
-            device, iterate, components=self.components, count=self.count, real=real
+            device,
+            iterate,
+            components=self.components,
+            planes=self._planes,
+            count=self.count,
+            real=real,
         )
         self._out = zeros(device, "answer", self.components * self.count, real)
         self.sweeps = 0
@@ -156,23 +168,30 @@ class Sweeper:
         return max(1, min(_EDGE, 2 * max(self.box.shape) // (_TILES * cores)))
 
     def set_source(
-        self, listed: NDArray[Any], *, shining: bool, gradient: NDArray[Any] | None = None
+        self,
+        listed: NDArray[Any] | None,
+        *,
+        shining: bool,
+        gradient: NDArray[Any] | None = None,
     ) -> None:
-        """Sets the source of the scattering cells; every sweep reads `listed` again.
+        """Sets the source of the scattering cells for every sweep that follows.
 
         Args:
-            listed: (C, N), with MOMENT_SOURCE (9 C, N).
+            listed: (C, N), with MOMENT_SOURCE (9 C, N); None: a kernel has put it into the list.
             shining: all other cells have their thermal source; else they are black.
             gradient: (3, C, K) of the isotropic part in `linear_cells`, unless neighbours give it.
         """
-        self._given, self._shining = listed, shining
-        orders = self._order.values()
+        self._shining = shining
+        if listed is not None:
+            self._given = np.ascontiguousarray(listed, self.real)
+            cl.enqueue_copy(self.device.queue, self._cells.source, self._given)
         if gradient is not None:
-            for order in orders:
-                planes = gradient.reshape(-1, len(self.linear_cells))
-                self._cells.put(planes, order.gradient, order.gradient_place)
+            planes = gradient.reshape(-1, len(self.linear_cells)).astype(self.real)
+            given = upload(self.device, "spatial gradient", planes)
+            for order in self._order.values():
+                place, (many, count) = order.gradient_place, planes.shape
+                self._cells.put_list(given, order.gradient, place, planes=many, count=count)
         if self._neighbours:
-            self._cells.take(listed[: self.components])
             straight, turned = self._order[False], self._order[True]
             self._cells.run(
                 "set_gradients",
@@ -187,19 +206,17 @@ class Sweeper:
 
     def _fill(self, order: SweepArrays, *, cavity: bool) -> None:
         """Puts the source into the box in one order of packets; `cavity`: all others emit 1."""
-        count, emitters = order.packets.cells, self.components - self.boundaries
-        thermal = order.thermal
-        if cavity and emitters:
-            ones = np.zeros((emitters, count), self.real)
-            ones[0] = 1.0
-            thermal = upload(self.device, "thermal sources", ones)
-        clear(self.device, self._source, self._planes * count, self.real)
-        if emitters and self._shining:
-            packets = {"packets": len(order.packets)}
+        clear(self.device, self._source, self._planes * order.packets.cells, self.real)
+        if self.components > self.boundaries and self._shining:
             self._cells.run(
-                "emit", packets, source=self._source, thermal=thermal, planes=self._planes
+                "emit",
+                {"packets": len(order.packets)},
+                source=self._source,
+                thermal=order.thermal,
+                cavity=int(cavity),
+                planes=self._planes,
             )
-        self._cells.put(self._given, self._source, order.place)
+        self._cells.put(self._source, order.place, planes=self._planes)
 
     def room(self, moments: int) -> tuple[Any, ...]:
         """Buffers for so many angular moments of I - S, in the box and in the list.
@@ -209,17 +226,17 @@ class Sweeper:
         planes = moments * self.components
         most = max(packets.cells for packets in self.packets.values())
         return (
-            unset(self.device, "I - S", planes * most, self.real),
+            unset(self.device, "I - S", planes * most, self.sum_type),
             unset(self.device, "list", planes * self.count, self.real),
         )
 
-    def _answer(self, kernel: str, *, collected: Any = None, **arguments: Any) -> NDArray[Any]:
+    def _answer(self, kernel: str, **arguments: Any) -> NDArray[Any]:
         """Result (C, N) of a kernel of source_update.cl on the source and I - S of the list."""
         self._cells.run(
             kernel,
             {"count": self.count},
             out=self._out,
-            i_minus_s=self._listed if collected is None else collected,
+            i_minus_s=self._listed,
             listed=self._cells.source,
             **arguments,
         )
@@ -236,7 +253,7 @@ class Sweeper:
             directions,
             starts,
             together=self._together,
-            edge=self._edge,
+            edge=None if self._by_ray else self._edge,
             real=self.real,
         )
 
@@ -282,7 +299,7 @@ class Sweeper:
             of_isotropic = discrete_to_moment(rays.directions.unit) @ weight / weight.sum()
             for moment, offset in zip(out[1:], of_isotropic, strict=True):
                 moment -= self.real(offset) * out[0]
-        out[0] += self.real(weight.sum()) * self._cells.read(self._cells.source)
+        out[0] += self.real(weight.sum()) * self._given[: self.components]
         return None if gradient is None else gradient * self.real(_PER_MOMENT / weight.sum())
 
     def _sweep_all(
@@ -307,11 +324,11 @@ class Sweeper:
         spatial = self._spatial_room() if "SPATIAL_MOMENTS" in program.defines else ()
         for turned, order in self._order.items():
             self._fill(order, cavity=cavity)
-            clear(self.device, i_minus_s, planes * order.packets.cells, self.real)
+            clear(self.device, i_minus_s, planes * order.packets.cells, self.sum_type)
             if spatial:
-                clear(self.device, spatial[0], 3 * order.linear_size, self.real)
+                clear(self.device, spatial[0], 3 * order.linear_size, self.sum_type)
             if camera is not None:
-                clear(self.device, camera.shares[turned], order.packets.cells, self.real)
+                clear(self.device, camera.shares[turned], order.packets.cells, self.sum_type)
             linear: dict[str, Any] = {}
             if "LINEAR_SOURCE" in program.defines:
                 linear["gradient"] = order.gradient
@@ -340,44 +357,51 @@ class Sweeper:
         """Buffers as of `room`, for the spatial moments of I - S in `linear_cells`."""
         most = 3 * max(order.linear_size for order in self._order.values())
         listed = 3 * self.components * len(self.linear_cells)
-        real = self.real
-        return unset(self.device, "I - S", most, real), unset(self.device, "list", listed, real)
+        return (
+            unset(self.device, "I - S", most, self.sum_type),
+            unset(self.device, "list", listed, self.real),
+        )
 
     def _launch(
         self, program: Program, schedule: SweepSchedule, shining: bool, arguments: dict[str, Any]
     ) -> None:
-        """Launches the kernel tile by tile; `arguments` are added to those of box and boundary."""
+        """Launches the kernel for all rays at once, or tile by tile.
+
+        `arguments` are added to those of box and boundary.
+        """
         layout = schedule.layout
         order = self._order[layout.turned]
         nu, nv, nl = (int(count) for count in layout.size)
-        lanes = 1
-        if self._vector == 1:
-            lanes = min(order.packets.widest, program.largest_group("sweep"))
+        shared = {
+            "slots": int(layout.slots),
+            "packets": order.rows,
+            "begins": order.begins,
+            "depth": order.depth,
+            "source": self._source,
+            "layout": int(layout.number),
+            "nu": nu,
+            "nv": nv,
+            "nl": nl,
+            "stride_v": int(layout.stride_v),
+            "stride_l": int(layout.stride_l),
+            "inflow": float(shining),
+            "disc": self._disc.astype(self.real),
+            **self._patches,
+            **arguments,
+        }
+        if self._by_ray:
+            size = (int(layout.slots), int(layout.ray_rows), len(schedule))
+            group = min(_GROUP, program.largest_group("sweep"))
+            shared["places"] = order.packets.number.shape[1]
+            program.launch("sweep", size, (group, 1, 1), shared)
+            return
         program.launch_each(
             "sweep",
-            [lanes * int(end - first) for first, end in schedule.launches],
-            lanes,
+            [int(end - first) for first, end in schedule.launches],
+            1,
             "first_tile",
             [int(first) for first, _ in schedule.launches],
-            {
-                "rays": self._rays,
-                "slots": int(layout.slots),
-                "ray_rows": int(layout.ray_rows),
-                "packets": order.first,
-                "begins": order.begins,
-                "depth": order.depth,
-                "source": self._source,
-                "layout": int(layout.number),
-                "nu": nu,
-                "nv": nv,
-                "nl": nl,
-                "stride_v": int(layout.stride_v),
-                "stride_l": int(layout.stride_l),
-                "inflow": float(shining),
-                "disc": self._disc.astype(self.real),
-                **self._patches,
-                **arguments,
-            },
+            {**self._rays, "ray_rows": int(layout.ray_rows), **shared},
         )
 
     def defect(self, listed: NDArray[Any], rays: DeviceOrdinates) -> NDArray[np.float64]:
@@ -433,20 +457,28 @@ class Sweeper:
         share = np.divide(1, shares, out=np.zeros_like(shares), where=shares > 0)
         return mean, self.real(_PER_MOMENT) * share * gradient
 
-    def residual(self, *, shining: bool, listed: Any = None) -> NDArray[Any]:
-        """Preconditioned residual (C, N) after a sweep of the present source.
+    def krylov(self) -> KrylovSpace:
+        """Empty Krylov space of the scattering cells, which sets the source."""
+        return KrylovSpace(self._cells, self.opacity)
 
-        With `shining` the emission counts. `listed` is the list of `room` with D; None: the
-        sweeper's own.
+    def residual(self, space: KrylovSpace, out: Any, *, shining: bool, listed: Any = None) -> None:
+        """Writes the preconditioned residual after a sweep of the present source to `out`.
+
+        With `shining` the emission counts. `out` is a vector of `space`; `listed` is the list of
+        `room` with D; None: the sweeper's own.
         """
-        return self._answer(
+        self._cells.run(
             "residual",
-            collected=listed,
+            {"count": self.count},
+            out=out,
+            i_minus_s=self._listed if listed is None else listed,
+            listed=self._cells.source,
             emission=self._emission,
             albedo=self._albedo,
             coalbedo=self._coalbedo,
             one_minus_lambda=self._one_minus_lambda,
             shine=float(shining),
+            stride=space.stride,
         )
 
     def next_order(self) -> NDArray[Any]:

@@ -18,7 +18,7 @@ Real = type[np.float32] | type[np.float64]
 class SweepArrays:
     """Cell packets of the box in one order of axes, and device arrays of them.
 
-    first, begins: packets of rows, and their cells, see kernels/sweep.cl.
+    rows, begins: packets of rows, and their cells, see kernels/sweep.cl.
     place: places of the N scattering cells among the cells of all packets.
     depth: optical depth of the cells' edges.
     thermal: thermal sources, [emitter][cell].
@@ -27,7 +27,7 @@ class SweepArrays:
     """
 
     packets: CellPackets
-    first: Any
+    rows: Any
     begins: Any
     place: Any
     depth: Any
@@ -47,8 +47,12 @@ class SweepArrays:
         *,
         turned: bool,
         linear_cells: NDArray[np.intp],
+        by_ray: bool,
     ) -> "SweepArrays":
-        """Uploads a box with K `linear_cells` among the scattering ones; `turned`: along y."""
+        """Uploads a box with K `linear_cells` among the scattering ones; `turned`: along y.
+
+        A sweep by ray looks up packets by their places, one by tile goes through those of a row.
+        """
 
         def packed(values: NDArray[np.float64]) -> NDArray[Any]:
             return packets.packed(turned_too(cells.dense(box, values.astype(real)))[turned])
@@ -64,7 +68,7 @@ class SweepArrays:
         linear_size = len(some) * PACKET * len(cells.needs.components)
         return cls(
             packets=packets,
-            first=upload(device, "packets of rows", packets.first),
+            rows=upload(device, "packets of rows", packets.number if by_ray else packets.first),
             begins=upload(device, "packets", np.column_stack([packets.along, number])),
             place=upload(device, "places", place),
             depth=upload(device, "optical depth", packed(cells.depth)),

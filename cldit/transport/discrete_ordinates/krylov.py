@@ -1,0 +1,122 @@
+"""Krylov space of GMRES on the device: vectors of all components, and sums over their cells.
+
+Products are means over the cells, so a vector has an RMS of 1. Only sums reach the host: a few
+numbers for each vector, once an iteration (kernels/source_update.cl).
+"""
+
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from cldit.arrays import Floats, Reals
+from cldit.gpu.buffers import download, unset, upload, zeros
+from cldit.transport.discrete_ordinates.cell_packets import PACKET
+from cldit.transport.discrete_ordinates.scattering_cells import ScatteringCells
+
+SLICES = 32  # of a sum, as in source_update.cl
+_LANES = 64  # work-items for a slice with SIMD_WIDTH 1
+_ROOM = 13  # vectors, at first
+_PASSES = 2  # of Gram-Schmidt: the second removes the rounding of the first
+
+
+class KrylovSpace:
+    """Vectors (C, N) on the device, and the sums from which they follow.
+
+    left: residual that is left. onto: sum of all corrections. image: the vector
+    that is orthogonalised next. A component of each has `stride` numbers, whole packets.
+    """
+
+    def __init__(self, cells: ScatteringCells, opacity: Reals) -> None:
+        """Vectors of the listed cells; `opacity` (N,) weights residuals for `measured`."""
+        self._cells = cells
+        self.stride = -(-cells.count // PACKET) * PACKET
+        self._size = cells.components * self.stride
+        self.left, self.onto, self.image = (self._unused(1) for _ in range(3))
+        padded = np.pad(opacity, (0, self.stride - cells.count)).astype(cells.real)
+        self._opacity = upload(cells.device, "opacity", padded)
+        self._resize(_ROOM)
+
+    def _unused(self, vectors: int) -> Any:
+        return zeros(self._cells.device, "vectors", vectors * self._size, self._cells.real)
+
+    def _resize(self, vectors: int) -> None:
+        kept = getattr(self, "_vectors", None)
+        self._room, self._vectors = vectors, self._unused(vectors)
+        if kept is not None:
+            cl.enqueue_copy(self._cells.device.queue, self._vectors, kept, byte_count=kept.size)
+        blocks = 2 + _PASSES * vectors
+        sums = blocks * self._cells.components * SLICES
+        self._sums = unset(self._cells.device, "sums", sums, self._cells.real)
+
+    def _run(self, kernel: str, deep: int = 1, **arguments: Any) -> None:
+        """Runs a kernel on all slices of all components, `deep` times."""
+        lanes = _LANES if self._cells.kernels.defines["SIMD_WIDTH"] == 1 else 1
+        size = (SLICES * lanes, self._cells.components, deep)
+        arguments |= {"vectors": self._vectors, "sums": self._sums, "stride": self.stride}
+        self._cells.kernels.launch(kernel, size, (lanes, 1, 1), arguments)
+
+    def _read_sums(self, blocks: int) -> Reals:
+        out = np.empty((blocks, self._cells.components, SLICES), self._cells.real)
+        return download(self._cells.device, self._sums, out)
+
+    def read(self, vector: Any) -> Reals:
+        """Downloads a vector (C, N)."""
+        out = np.empty((self._cells.components, self.stride), self._cells.real)
+        out = download(self._cells.device, vector, out)[:, : self._cells.count]
+        return np.ascontiguousarray(out)
+
+    def add(self, factors: Floats) -> tuple[Floats, float]:
+        """Adds vectors to `onto` and `left`; `factors` (2, K, C) of the first K vectors for each.
+
+        Returns:
+            RMS (C,) of `left`, and its largest magnitude times the opacity.
+        """
+        self._run(
+            "combine",
+            onto=self.onto,
+            left=self.left,
+            factors=upload(self._cells.device, "factors", factors.astype(self._cells.real)),
+            opacity=self._opacity,
+            number=factors.shape[1],
+        )
+        squares, peaks = self._read_sums(2)
+        return self._rms(squares), float(peaks.max())
+
+    def measured(self) -> tuple[Floats, float]:
+        """RMS and largest magnitude as `add` returns them."""
+        return self.add(np.zeros((2, 0, self._cells.components)))
+
+    def begin(self) -> None:
+        """Makes the measured residual, normalised, vector 0 and the present source."""
+        self._normalise(self.left, 0)
+
+    def extend(self, number: int) -> tuple[Floats, Floats]:
+        """Orthogonalises `image` to the first `number` vectors and makes it the next one.
+
+        It is the present source as well. Returns its products (`number`, C) with the vectors, and
+        the RMS (C,) of the rest.
+        """
+        if number == self._room:
+            self._resize(2 * self._room)
+        for again in range(_PASSES):
+            shared = {"image": self.image, "again": again}
+            self._run("overlaps", number, **shared)
+            self._run("orthogonalise", number=number, count=self._cells.count, **shared)
+        self._normalise(self.image, number)
+        sums = self._read_sums(2 + _PASSES * number)
+        products = sums[2:].reshape(number, -1, *sums.shape[1:]).sum(axis=(1, 3), dtype=np.float64)
+        return products / self._cells.count, self._rms(sums[0])
+
+    def _rms(self, squares: Reals) -> Floats:
+        total = squares.sum(axis=1, dtype=np.float64)
+        return np.asarray(np.sqrt(total / self._cells.count))
+
+    def _normalise(self, image: Any, number: int) -> None:
+        self._run(
+            "normalise",
+            listed=self._cells.source,
+            image=image,
+            number=number,
+            count=self._cells.count,
+        )
