@@ -144,7 +144,7 @@ def _weighted(values: Any) -> Sum:
 def _written(file: str, kernel: str) -> set[str]:
     """Arguments that a kernel writes: pointers that are not to constant memory."""
     source = re.sub(r"/\*.*?\*/", "", assemble(file), flags=re.DOTALL)
-    found = re.search(rf"\bvoid\s+{kernel}\s*\((.*?)\)\s*\{{", source, re.DOTALL)
+    found = re.search(rf"\b{kernel}\s*\(([^;{{}}]*?)\)\s*\{{", source)
     assert found is not None, f"{file}: {kernel}"
     pointers = [one for one in found[1].split(",") if "*" in one and "const" not in one]
     return {one.split()[-1].strip("*") for one in pointers} - {_SCRATCH}
