@@ -13,10 +13,10 @@ if TYPE_CHECKING:
     from cldit.api.series import run_series as run_series
     from cldit.comparison import compare as compare
     from cldit.gpu.device import list_devices as list_devices
-    from cldit.gpu.device import open_device as open_device
     from cldit.run import Run as Run
     from cldit.run import open_run as open_run
     from cldit.run import simulate as simulate
+    from cldit.run.trusted import open_device as open_device
     from cldit.scene import Scene as Scene
     from cldit.scene import dump_scene as dump_scene
     from cldit.scene import load_scene as load_scene
@@ -33,10 +33,11 @@ _HOMES = {
     "cldit.api.repeat": ("repeat",),
     "cldit.api.evaluated": ("evaluate",),
     "cldit.api.experiment": ("run_experiment",),
-    "cldit.gpu.device": ("list_devices", "open_device"),
+    "cldit.gpu.device": ("list_devices",),
     "cldit.api.progress_bars": ("progress_bar",),
     "cldit.show.figures.plot": ("plot",),
     "cldit.run": ("Run", "open_run", "simulate"),
+    "cldit.run.trusted": ("open_device",),
     "cldit.scene": ("Scene", "dump_scene", "load_scene", "parse_scene", "shipped_scenes"),
     "cldit.api.scripting": ("open_rig",),
     "cldit.api.series": ("run_series",),

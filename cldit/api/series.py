@@ -7,13 +7,14 @@ from pathlib import Path
 from cldit.acquisition.progress import Progress
 from cldit.api.experiment import Watch, run_experiment
 from cldit.errors import RunFolderError, SprayError
-from cldit.gpu.device import Device, open_device
+from cldit.gpu.device import Device
 from cldit.io.exclusive import exclusive, is_empty
 from cldit.io.files import write_text
 from cldit.run import Run, Say, StageLine, simulate
 from cldit.run.folder import ANOTHER_FOLDER, stored_run, stored_scene
 from cldit.run.series import SeriesTime, run_times
 from cldit.run.series_plan import SERIES_FILE, SeriesPlan, Times
+from cldit.run.trusted import open_device
 from cldit.scene import Scene, dump_scene
 from cldit.scene.load import chosen_scene
 from cldit.show.report.series_report import write_series

@@ -59,8 +59,8 @@ def bench(
     """Measure true and stated error of whole runs against their run time."""
     from cldit.bench.budget import budget, stored_rows  # slow imports, not for `--help`
     from cldit.bench.report import write_part
-    from cldit.gpu.device import open_device
     from cldit.run import default_cache
+    from cldit.run.trusted import open_device
 
     opened = open_device(device)
     OUT.print(f"OpenCL device {opened.info.index} {opened.info.name}: {opened.reason}")

@@ -18,8 +18,8 @@ from cldit.comparison.difference import (
     difference,
 )
 from cldit.comparison.modes import LARGE
-from cldit.gpu.device import open_device
 from cldit.io.images import words
+from cldit.run.trusted import open_device
 
 
 @click.command("compare")

@@ -26,10 +26,10 @@ def export_command(
     """Write an acquisition FOLDER's raw images, or a run's octree, for other programs."""
     if form == _OCTREE:
         # load OpenCL, which is not needed to export images
-        from cldit.gpu.device import open_device
         from cldit.io.caches import default_cache
         from cldit.run.folder import open_run
         from cldit.run.octree_export import export_octree
+        from cldit.run.trusted import open_device
 
         with ProgressBar() as bar:
             written = export_octree(

@@ -8,7 +8,7 @@ from cldit.cli.as_json import Outcome, json_option
 from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
 from cldit.cli.options import PATH, SCENE, device_option
 from cldit.cli.results import print_files, print_next
-from cldit.gpu.device import open_device
+from cldit.run.trusted import open_device
 from cldit.scene import load_scene
 from cldit.study.fit import Fit, Parameter, fit
 

@@ -23,13 +23,13 @@ from cldit.dit.design import (
     shot_time_s,
 )
 from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
-from cldit.gpu.device import open_device
 from cldit.io.files import write_text
 from cldit.io.plain_data import dump_yaml
 from cldit.rig.protocols import Stability
 from cldit.rig.simulated import simulated_rig_data
 from cldit.run import simulate
 from cldit.run.series_plan import SeriesPlan
+from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene
 from cldit.scene.delays import delay_text, scene_at
 from cldit.show.figures.curves import design_figure

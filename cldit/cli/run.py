@@ -39,11 +39,11 @@ from cldit.cli.results import (
     print_reach,
 )
 from cldit.errors import SceneError
-from cldit.gpu.device import open_device
 from cldit.io.extras import install_line
 from cldit.run import Run, simulate
 from cldit.run.folder import SCENE_FILE, free_folder
 from cldit.run.series_plan import SERIES_FILE
+from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene, parse_scene
 from cldit.scene.change import parse_change
 from cldit.scene.delays import alone, delay_folder, same_time, scene_at, spray_time_s

@@ -15,12 +15,12 @@ from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_tab
 from cldit.cli.options import PATH, SCENE, case_options, device_option, figures_option, spray_keys
 from cldit.cli.results import print_files, print_next
 from cldit.errors import SceneError
-from cldit.gpu.device import open_device
 from cldit.io.files import write_text
 from cldit.io.terminal import tell
 from cldit.prepare.fitted_scene import fitted_scene
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import default_cache
+from cldit.run.trusted import open_device
 from cldit.scene import load_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.show.figures.curves import life_figure

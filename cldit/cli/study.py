@@ -10,8 +10,8 @@ from cldit.cli.console import OUT, ProgressBar, escaped, plain_errors, print_tab
 from cldit.cli.options import PATH, device_option, figures_option
 from cldit.cli.results import print_files
 from cldit.errors import StudyError
-from cldit.gpu.device import open_device
 from cldit.run import RunCache, default_cache
+from cldit.run.trusted import open_device
 from cldit.scene import load_scene
 from cldit.study.grid import Grid
 from cldit.study.lab import QUICK, Lab

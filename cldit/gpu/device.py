@@ -1,7 +1,7 @@
 """OpenCL devices: the list of them, the choice of one, and the reason for it."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -44,6 +44,7 @@ class Device:
     reason: why it was chosen. others: further devices that share the pixels of an image. lease: of
     the context, which all uses of the device in a process share, threads included. poison: fresh
     buffers contain NaN, or the largest integer, so that tests find reads of unwritten memory.
+    watch: called after each launch with the program, the kernel and its arguments by name.
     """
 
     info: DeviceInfo
@@ -51,6 +52,7 @@ class Device:
     lease: Lease
     others: "tuple[Device, ...]" = ()
     poison: bool = False
+    watch: Callable[[Any, str, Mapping[str, Any]], None] | None = None
 
     @property
     def is_cpu(self) -> bool:
@@ -139,8 +141,13 @@ def list_devices() -> list[DeviceInfo]:
     return [info for info, _ in _found()]
 
 
-def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
-    """Number in `devices` of the one that `open_device` opens, and the reason."""
+def choose(
+    devices: list[DeviceInfo], wanted: str | None, failed: Collection[str] = ()
+) -> tuple[int, str]:
+    """Number in `devices` of the one that `open_device` opens, and the reason.
+
+    Without a name, none of the `failed` is chosen, indices of devices that failed their check.
+    """
     if wanted is not None:
         for number, info in enumerate(devices):
             if wanted == info.index:
@@ -150,28 +157,22 @@ def choose(devices: list[DeviceInfo], wanted: str | None) -> tuple[int, str]:
                 return number, f"the first whose name contains {wanted!r}"
         known = "; ".join(f"{info.index} {info.name}" for info in devices)
         raise DeviceError(f"device: {wanted!r} does not exist; allowed: {known}")
-    gpus = [number for number, info in enumerate(devices) if info.kind == "gpu"]
+    passed = [number for number, info in enumerate(devices) if info.index not in failed]
+    without = f"; failed their check: {', '.join(sorted(failed))}" if failed else ""
+    if not passed:
+        raise DeviceError(f"device: none is usable{without} (`cldit devices --check` says why)")
+    gpus = [number for number in passed if devices[number].kind == "gpu"]
     if gpus:
         best = max(gpus, key=lambda number: devices[number].memory_bytes)
-        return best, "the GPU with the most memory"
-    best = max(range(len(devices)), key=lambda number: devices[number].compute_units)
-    return best, "no GPU here; the device with the most compute units"
+        return best, f"the GPU with the most memory{without}"
+    best = max(passed, key=lambda number: devices[number].compute_units)
+    return best, f"no GPU here; the device with the most compute units{without}"
 
 
-def open_device(wanted: str | None = None) -> Device:
-    """Opens a device, or several that share the work.
+def open_device(wanted: str | None = None, failed: Collection[str] = ()) -> Device:
+    """Opens a device, or several that share the work, as `cldit.open_device` without its check.
 
-    A process opens each device once and keeps it until `Device.close`, so that many runs, also in
-    threads, share its programs.
-
-    Args:
-        wanted: `platform:device`, or part of a device's or platform's name; several with commas,
-            of which the first does all work that is not shared. None chooses the GPU with the most
-            memory, or else the device with the most compute units.
-
-    Raises:
-        DeviceError: there is no such device, it cannot be opened, or this process is a fork of one
-            that had used OpenCL.
+    `failed` are indices of devices that are not chosen without their name.
     """
     found = _found()
     if wanted is not None and "," in wanted:
@@ -181,7 +182,7 @@ def open_device(wanted: str | None = None) -> Device:
             raise DeviceError(f"device: {wanted!r} names one device more than once")
         first, *others = (_open(*found[number], f"requested in {wanted}") for number in numbers)
         return replace(first, others=tuple(others))
-    number, reason = choose([info for info, _ in found], wanted)
+    number, reason = choose([info for info, _ in found], wanted, failed)
     return _open(*found[number], reason)
 
 

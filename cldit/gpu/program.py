@@ -29,12 +29,13 @@ _OLD_POCL = (
 class Launch:
     """A kernel with its arguments, queued by each call; it belongs to the thread that made it."""
 
+    program: "Program"
     queue: Any
     kernel: Any
     signature: Signature
     size: tuple[int, ...]
     group: tuple[int, ...] | None
-    buffers: tuple[Any, ...]  # which OpenCL does not keep
+    arguments: Mapping[str, Any]  # whose buffers OpenCL does not keep
 
     def __call__(self, **changed: Any) -> None:
         """Queues the kernel, with new values of those arguments that it has."""
@@ -42,6 +43,8 @@ class Launch:
             if argument.name in changed:
                 self.kernel.set_arg(number, argument.value(changed[argument.name]))
         cl.enqueue_nd_range_kernel(self.queue, self.kernel, self.size, self.group)
+        if self.program.device.watch is not None:
+            self.program.watched(self.signature.kernel, {**self.arguments, **changed})
 
     def resized(self, size: tuple[int, ...]) -> "Launch":
         """The same launch, of so many work-items."""
@@ -98,6 +101,7 @@ class Program:
         if group is not None:
             whole = tuple(-(-items // each) * each for items, each in zip(size, group, strict=True))
         cl.enqueue_nd_range_kernel(self.device.queue, made, whole, group, offset)
+        self.watched(kernel, arguments)
 
     def launch_each(
         self,
@@ -122,6 +126,12 @@ class Program:
         for size, value in zip(sizes, values, strict=True):
             made.set_arg(number, takes(value))
             cl.enqueue_nd_range_kernel(queue, made, (size,), (group,))
+        self.watched(kernel, arguments)
+
+    def watched(self, kernel: str, arguments: Mapping[str, Any]) -> None:
+        """Reports a launch to `Device.watch`."""
+        if self.device.watch is not None:
+            self.device.watch(self, kernel, arguments)
 
     def takes(self, kernel: str) -> tuple[str, ...]:
         """Names of a kernel's arguments in order."""
@@ -137,12 +147,11 @@ class Program:
         """A launch that is repeated, with its arguments set once; see `launch`."""
         signature = self._kernel(kernel)[1]
         own = cl.Kernel(self.built.program, kernel)
-        values = signature.values(arguments)
-        own.set_args(*values)
+        own.set_args(*signature.values(arguments))
         whole = size
         if group is not None:
             whole = tuple(-(-items // each) * each for items, each in zip(size, group, strict=True))
-        return Launch(self.device.queue, own, signature, whole, group, tuple(values))
+        return Launch(self, self.device.queue, own, signature, whole, group, dict(arguments))
 
     def _kernel(self, name: str) -> tuple[Any, Signature]:
         """The kernel object of this thread (arguments stay set in it), and its signature."""

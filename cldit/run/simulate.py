@@ -15,7 +15,7 @@ from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
 from cldit.dit.traced_maps import evaluated, sensor_of
 from cldit.errors import EvaluationError, SprayError
-from cldit.gpu.device import Device, open_device
+from cldit.gpu.device import Device
 from cldit.io.caches import default_cache
 from cldit.io.exclusive import exclusive
 from cldit.io.progress import Watch, silent
@@ -30,6 +30,7 @@ from cldit.run.folder import save_run, stored_run
 from cldit.run.record import run_info
 from cldit.run.result import Run
 from cldit.run.spectral import Difference
+from cldit.run.trusted import open_device
 from cldit.scene import Scene
 from cldit.scene.load import chosen_scene
 from cldit.scene.scatter import members_of

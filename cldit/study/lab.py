@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cldit.gpu.device import Device, open_device
+from cldit.gpu.device import Device
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import Run, RunCache, Say
+from cldit.run.trusted import open_device
 from cldit.scene import Scene, load_scene
 from cldit.scene.spray import ConeSpray, LagrangianSpray
 from cldit.scene.vessel import PAPER_LEAF_M

@@ -23,12 +23,14 @@ from typing import Any, TypeVar
 from filelock import FileLock, Timeout
 
 from cldit.errors import ClditError, StudyError
-from cldit.gpu.device import Device, list_devices, open_device
+from cldit.gpu.checks import failed_devices
+from cldit.gpu.device import Device, list_devices
 from cldit.io.content import digest
 from cldit.io.exclusive import exclusive
 from cldit.prepare.spray_factory import make_spray
 from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
+from cldit.run.trusted import open_device
 from cldit.scene import Scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Spray
@@ -197,6 +199,13 @@ def _group(group: list[Point], spray: Spray | None, cache: Path | None) -> Finis
     return finished
 
 
+def _gpus() -> list[str]:
+    """Indices of the GPUs that have not failed their check."""
+    failed = failed_devices()
+    found = [info.index for info in list_devices() if info.kind == "gpu"]
+    return [index for index in found if index not in failed]
+
+
 @cache
 def worker_device() -> Device:
     """Device of this worker: workers of a machine take its GPUs in turn, whatever their names.
@@ -206,7 +215,7 @@ def worker_device() -> Device:
     threads = str(extra("distributed").get_worker().state.nthreads)
     for name in _THREADS:  # before the platform is asked; LocalCluster has set its own
         os.environ.setdefault(name, threads)
-    gpus = [info.index for info in list_devices() if info.kind == "gpu"]
+    gpus = _gpus()
     return open_device(gpus[worker_rank(gpus) % len(gpus)] if gpus else None)
 
 
@@ -229,7 +238,7 @@ def worker_rank(gpus: Sequence[str]) -> int:
 def local_workers(groups: int) -> tuple[int, int]:
     """Workers on this machine and threads of each: one worker for each GPU, else for each core."""
     cores = len(os.sched_getaffinity(0))
-    gpus = sum(info.kind == "gpu" for info in list_devices())
+    gpus = len(_gpus())
     count = max(1, min(gpus or cores, groups))
     return count, max(1, cores // count)
 

@@ -12,6 +12,8 @@ MEASUREMENTS = (
     "budget_reference",
     "calibration",
     "cost_cases",
+    "device_cost",
+    "device_reference",
     "devices",
     "drawn_pixels",
     "droplets",

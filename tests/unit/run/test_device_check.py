@@ -1,0 +1,298 @@
+"""Check of devices: it passes here, names the kernel that is wrong, and decides the choice."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import cldit
+from cldit.cli import main
+from cldit.errors import ClditError, DeviceError
+from cldit.gpu import checks, compilation, kernel_source
+from cldit.gpu.checks import Check, failed_devices, store_check, stored_check
+from cldit.gpu.device import Device, list_devices
+from cldit.prepare.spray_factory import make_spray
+from cldit.run import device_check
+from cldit.run.device_check import check_device
+from cldit.study.sweep import _gpus
+from tests.small_scenes import SCENE, TRANSPORT
+
+KERNELS = Path(cldit.__file__).parents[1] / "kernels"
+_KERNEL = r"(?:__kernel[^{;]*?\bvoid|SLICED)\s+(\w+)\("
+LLVMPIPE = 65_535  # rounds, after which it ends loops
+THROUGH = "source, order 2"  # without thick cells: the fewest kernels
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tables: Path) -> None:
+    """Results of checks are not those of other tests; fluids' tables are."""
+    monkeypatch.setattr(checks, "default_cache", lambda: tmp_path)
+    monkeypatch.setattr(device_check, "default_cache", lambda: tables)
+
+
+def test_every_kernel_has_a_reference() -> None:
+    """All but the one that only a measurement launches."""
+    declared = {
+        f"{path.relative_to(KERNELS).as_posix()} {name}"
+        for path in KERNELS.rglob("*.cl")
+        for name in re.findall(_KERNEL, path.read_text(encoding="utf-8"))
+    }
+    for precision in ("float32", "float64"):
+        known = {
+            key.rsplit(" ", 2)[0]
+            for name, sums in device_check._reference().items()
+            for key in sums
+            if name.startswith(precision)
+        }
+        assert known - {"image of all"} == declared - {"count.cl count"}
+
+
+def test_this_device_passes(device: Device) -> None:
+    """All kernels, those of traces in single precision; `--check` has the others too."""
+    names = [name for name, *_ in device_check.problems(device)]
+    found = check_device(device, only=[n for n in names if not n.startswith("float64 source")])
+    assert found.faults == ()
+    assert found.kernels == 52
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["cpu", "gpu"])
+def test_this_device_passes_the_whole_check(device: Device, kind: str) -> None:
+    """By the code for either kind of device."""
+    found = check_device(replace(device, info=replace(device.info, kind=kind)))
+    assert found.faults == ()
+    assert found.kernels == 52
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Fault of a device: it takes `old` for `new` in the sources.
+
+    problem, names: that show it, and how the first kernel with a wrong result is reported.
+    """
+
+    problem: str
+    old: str
+    new: str
+    names: str
+
+
+FAULTS = {
+    "emission in images is 5 % high": Fault(
+        f"float32 {THROUGH}",
+        "+= taken * source[c];",
+        "+= taken * source[c] * (FIRST_SOURCE + c >= BOUNDARIES ? R(1.05) : R(1));",
+        "image.cl image: planes is off by",
+    ),
+    "random words repeat": Fault(
+        "float32 path, isotropic", "(uint4)(x, y, z, w)", "(uint4)(x, x, x, x)", "path.cl scatter"
+    ),
+    "random words are constant": Fault(
+        "float64 path, forward", "(uint4)(x, y, z, w)", "(uint4)(1u << 30)", "path.cl scatter"
+    ),
+    "exp is 0.1 % low": Fault(
+        f"float32 {THROUGH}", "return two + two * rest;", "return R(0.999) * (two + two * rest);",
+        "sweep.cl sweep",
+    ),
+    "1 - exp is 2 % low": Fault(
+        f"float64 {THROUGH}", "return (R(1) - two) - two * rest;",
+        "return R(0.98) * ((R(1) - two) - two * rest);", "sweep.cl sweep",
+    ),
+    "loops over ordinates end after 2 rounds": Fault(
+        f"float32 {THROUGH}", "k < swept.y;", "k < smaller(swept.y, swept.x + 2);",
+        "sweep.cl sweep: i_minus_s is off by",
+    ),
+    "a list's sources are 3 % low": Fault(
+        f"float32 {THROUGH}", "+ SUM_OF(box[first_plane",
+        "+ R(0.97) * SUM_OF(box[first_plane", "source_update.cl collect_i_minus_s: out",
+    ),
+    "patches are not seen": Fault(
+        f"float32 {THROUGH}", "if (!(against > R(0))) continue;", "continue;", "sweep.cl sweep"
+    ),
+    "sums lose one addition in 16": Fault(
+        "float64 deposit", "const real share = row->share * (upto - before);",
+        "const real share = x % 16 ? row->share * (upto - before) : R(0);", "deposit.cl deposit",
+    ),
+    "a brick is not marked": Fault(
+        "float64 deposit", "line[x] = 1;", "line[x] = x > 0;", "deposit.cl mark_bricks"
+    ),
+    "boxes lose 1 % of a row": Fault(
+        "float64 deposit", "share_y = share_z *", "share_y = R(0.99) * share_z *",
+        "deposit.cl deposit_boxes: sums",
+    ),
+    "droplets evaporate 1 % too fast": Fault(
+        "float64 droplets, spalding", "sherwood * log1p_of(", "R(1.01) * sherwood * log1p_of(",
+        "droplets.cl",
+    ),
+    "gas mixes 1 % too much": Fault(
+        "float64 spray", "WRITE(viscosity, eddy + at);", "WRITE(R(1.01) * viscosity, eddy + at);",
+        "gas_eddies.cl eddies: eddy",
+    ),
+    "voxels have 1 % too little vapour": Fault(
+        "float64 spray", "*voxel = (real2)(mass", "*voxel = (real2)(R(0.99) * mass",
+        "vapour_lattice.cl vapour_lattice: voxels",
+    ),
+}  # fmt: skip
+
+
+def faulty(monkeypatch: pytest.MonkeyPatch, change: Callable[[str], str]) -> None:
+    """Compiles other sources from here on."""
+    monkeypatch.setattr(
+        "cldit.gpu.program.assemble",
+        lambda name, before="": change(kernel_source.assemble(name, before=before)),
+    )
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named(name: str, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    fault, hits = FAULTS[name], []
+
+    def change(source: str) -> str:
+        hits.append(source.count(fault.old))
+        return source.replace(fault.old, fault.new)
+
+    faulty(monkeypatch, change)
+    found = check_device(device, only=[fault.problem])
+    assert sum(hits)
+    assert re.match(f"{fault.problem}: .*{fault.names}", "\n".join(found.faults))
+
+
+def test_inexact_mathematics_are_named(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines of sight along an axis never reach the faces of others: their distance is infinite."""
+    options = (*compilation.OPTIONS, "-cl-fast-relaxed-math")
+    monkeypatch.setattr(compilation, "OPTIONS", options)
+    monkeypatch.setattr(device.opened, "programs", {})
+    [fault] = check_device(device, only=["float64 source, parallel rays"]).faults
+    assert re.search(r"(gather|image)\.cl \w+: \w+ is off by [\d.e+-]+; allowed", fault)
+
+
+def cut(source: str, rounds: int) -> str:
+    """The source with loops that end after so many rounds."""
+    source = re.sub(
+        r"for \((u?int) (\w+ = [^;]*); ([^;]+);", rf"for (\1 \2, n_ = 0; n_++ < {rounds} && (\3);",
+        source,
+    )  # fmt: skip
+    source = source.replace("for (;;)", f"for (int n_ = 0; n_ < {rounds}; ++n_)")
+    return re.sub(
+        r"\bwhile (\((?:[^()]|\((?:[^()]|\([^()]*\))*\))*\)) \{",
+        rf"for (int n_ = 0; n_ < {rounds} && \1; ++n_) {{",
+        source,
+    )
+
+
+@pytest.mark.parametrize(
+    ("problem", "kernel"),
+    [("float64 deposit", "deposit.cl"), ("float32 source, long paths", "gather.cl gather: means")],
+)
+def test_loops_cut_short_are_named(
+    problem: str, kernel: str, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by llvmpipe, in all kernels."""
+    faulty(monkeypatch, lambda source: cut(source, LLVMPIPE))
+    [fault] = check_device(device, only=[problem]).faults
+    assert kernel in fault
+    assert "is off by" in fault
+
+
+def test_a_run_ends_if_loops_are_cut_short(
+    device: Device, monkeypatch: pytest.MonkeyPatch, tables: Path
+) -> None:
+    """Rounds of the host are bounded, and a source that does not converge is refused."""
+    transport = {**TRANSPORT["source"], "audit": False, "phase": "isotropic"}
+    scene = cldit.parse_scene({**SCENE, "transport": transport})
+    spray = make_spray(scene.spray, device)
+    faulty(monkeypatch, lambda source: cut(source, 8))
+    with pytest.raises(ClditError, match=r"energy is not conserved|does not converge"):
+        cldit.simulate(scene, device=device, cache=tables, spray=spray)
+
+
+CPU = list_devices()[0]
+GPU = replace(CPU, index="9:0", platform="Other", name="Fast", kind="gpu", memory_bytes=2**40)
+
+
+@pytest.fixture
+def two(monkeypatch: pytest.MonkeyPatch, device: Device) -> list[str]:
+    """A second device, a GPU, whose check fails; the names of those that are checked."""
+    checked: list[str] = []
+
+    def check(one: Device, **_: object) -> Check:
+        checked.append(one.info.name)
+        return Check(("float32 x: path.cl scatter: means is off by 3e-01",), 45, 1.0)
+
+    found = [(device.info, device.opened.handle), (GPU, device.opened.handle)]
+    monkeypatch.setattr("cldit.gpu.device._found", lambda: found)
+    monkeypatch.setattr(
+        "cldit.gpu.device._open",
+        lambda info, handle, reason, **_: replace(device, info=info, reason=reason),
+    )
+    monkeypatch.setattr(Device, "close", lambda self: None)
+    monkeypatch.setattr(device_check, "check_device", check)
+    return checked
+
+
+def test_a_device_that_fails_is_not_chosen(
+    two: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    opened = cldit.open_device()
+    assert opened.info.kind == "cpu"
+    assert opened.reason.endswith("failed their check: 9:0")
+    assert failed_devices() == ["9:0"]
+    assert "Fast: is checked before its first use" in caplog.text
+    assert cldit.open_device().info.kind == "cpu"
+    assert two == ["Fast"]  # once
+
+
+def test_a_named_device_that_fails_is_refused(two: list[str]) -> None:
+    with pytest.raises(DeviceError, match=r"9:0 \(Fast\): .*path.cl scatter.*another version"):
+        cldit.open_device("9:0")
+
+
+def test_a_check_holds_for_a_driver_and_the_kernels(
+    two: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    passed = Check((), 45, 2.0)
+    store_check(GPU, passed)
+    assert stored_check(GPU) == passed
+    assert cldit.open_device().info.name == "Fast"
+    assert not two
+    assert stored_check(replace(GPU, driver="another")) is None
+    monkeypatch.setattr(checks, "code_digest", lambda _: "another")
+    assert stored_check(GPU) is None
+
+
+def test_nothing_is_chosen_if_all_fail(two: list[str]) -> None:
+    for info in list_devices():
+        store_check(info, Check(("wrong",), 45, 2.0))
+    with pytest.raises(DeviceError, match="none is usable"):
+        cldit.open_device()
+
+
+def test_a_damaged_result_is_none(two: list[str], tmp_path: Path) -> None:
+    store_check(GPU, Check((), 45, 2.0))
+    [path] = (tmp_path / "devices").iterdir()
+    path.write_text("faults: [", encoding="utf-8")
+    assert stored_check(GPU) is None
+
+
+def test_the_command_reports_a_fault(two: list[str]) -> None:
+    result = CliRunner().invoke(main, ["devices", "--check", "--device", "9:0"])
+    assert result.exit_code == 1
+    assert "9:0 Fast: float32 x: path.cl scatter: means is off by 3e-01" in result.output
+    listed = CliRunner().invoke(main, ["devices", "--json"])
+    assert listed.exit_code == 0
+    plain = json.loads(listed.stdout)
+    assert plain["reason"].endswith("failed their check: 9:0")
+    assert [one["check"] and one["check"]["kernels"] for one in plain["devices"]] == [None, 45]
+    assert two == ["Fast"]
+
+
+def test_workers_take_no_device_that_fails(two: list[str]) -> None:
+    assert _gpus() == ["9:0"]
+    store_check(GPU, Check(("wrong",), 45, 2.0))
+    assert _gpus() == []
