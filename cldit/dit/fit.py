@@ -215,8 +215,8 @@ def _in_design(lines: tuple[Floats, Floats], weighed: tuple[Floats, Floats]) -> 
 
 @dataclass(frozen=True)
 class _Steady:
-    """What steady errors change in an estimate without them, see the module; one after the other,
-    so that those that follow see what the earlier ones explain.
+    """Change of an estimate by steady errors, see the module, one after the other: those that follow
+    see what the earlier ones explain.
 
     weighed: V^-1 u of each, (K, N) of either kind. taken: (4, N) change of the lines by each.
     alone: (N,) its S. share: (M, N) of its q in those of all. covariance: (4, 4, N) added by all.
@@ -237,8 +237,8 @@ class _Steady:
         lines: tuple[Floats, Floats],
         covariance: Floats,
     ) -> "_Steady":
-        """Of errors u (K, N) of either kind. lines: (K, 1) radiance of the background. covariance:
-        of the estimate without them."""
+        """Eliminates errors u (K, N) of either kind. lines: (K, 1) radiance of the background.
+        covariance: of the estimate without them."""
         if not columns:
             return cls([], [], [], [], 0.0)
         in_design = [_in_design(lines, one) for one in weighed]
