@@ -215,8 +215,8 @@ def _in_design(lines: tuple[Floats, Floats], weighed: tuple[Floats, Floats]) -> 
 
 @dataclass(frozen=True)
 class _Steady:
-    """Change of an estimate by steady errors, see the module, one after the other: those that follow
-    see what the earlier ones explain.
+    """Change of an estimate by steady errors, see the module, one after the other: those that
+    follow see what the earlier ones explain.
 
     weighed: V^-1 u of each, (K, N) of either kind. taken: (4, N) change of the lines by each.
     alone: (N,) its S. share: (M, N) of its q in those of all. covariance: (4, 4, N) added by all.
