@@ -143,9 +143,9 @@ class PlacedBoxes:
         if self.device is not None:
             self._rasteriser.mark(mark)
             return
-        for _, cell, _ in self.overlaps():
-            x, y, z = np.minimum(cell // BRICK, len(mark) - 1).T
-            mark[z, y, x] = True
+        first, count = self.span()
+        for low, high in zip(first // BRICK, (first + count - 1) // BRICK + 1, strict=True):
+            mark[low[2] : high[2], low[1] : high[1], low[0] : high[0]] = True
 
     def add(self, touched: Touched, amounts: list[Floats], targets: list[Floats]) -> None:
         """Adds every amount (N,), spread uniformly over its box, to its target (S,)."""
