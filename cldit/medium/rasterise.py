@@ -21,15 +21,17 @@ REACH = 6.0**0.5  # half the width of a cloud's profile, in standard deviations
 _LEAST = 1e-8  # in cells squared: variance of a point
 _LAYERS_AT_ONCE = 4_000_000  # bounds the memory of the lists: 30 bytes a layer
 _SUMS_AT_ONCE = 2**19  # that are converted while they are in the cache
+_Counts = NDArray[np.int32]
 _SUM_BYTES = 2**30  # of the sums on the device; at least one kind is added at a time
 
 
 @dataclass(frozen=True)
 class Rasteriser(ABC):
-    """Clouds or boxes on a device. marks, deposits: names of their kernels."""
+    """Clouds or boxes on a device, in a cube of `cells` along an edge. marks, deposits: kernels."""
 
     device: Device
     program: Program
+    cells: int
     marks: ClassVar[str]
     deposits: ClassVar[str]
 
@@ -97,7 +99,7 @@ class CloudRasteriser(Rasteriser):
     """Clouds.
 
     cell: (N, 4) int32, x, y, z of the cell around each. shape: (N, 9), see deposit.cl. first, last:
-    (N,) lowest and highest layer, from the cloud's cell. cells: along an edge of the cube.
+    (N,) lowest and highest layer, from the cloud's cell.
     """
 
     marks, deposits = "mark_bricks", "deposit"
@@ -106,7 +108,6 @@ class CloudRasteriser(Rasteriser):
     first: NDArray[np.int32]
     last: NDArray[np.int32]
     order: NDArray[np.int64]
-    cells: int
 
     @classmethod
     def of(cls, device: Device, place: Floats, covariance: Floats, cells: int) -> CloudRasteriser:
@@ -141,10 +142,7 @@ class CloudRasteriser(Rasteriser):
             yield chosen, self._listed(chosen, count[part])
 
     def _listed(self, chosen: NDArray[np.int64], count: NDArray[np.int32]) -> dict[str, Any]:
-        number = np.repeat(np.arange(len(chosen), dtype=np.int32), count)
-        begin = np.cumsum(count) - count
-        layer = np.arange(len(number), dtype=np.int32)
-        layer += np.repeat((self.first[chosen] - begin).astype(np.int32), count)
+        number, layer = _layers(count, self.first[chosen])
         begins = np.arange(len(number) + 1, dtype=np.int32)
         if self.device.is_cpu:
             z = np.clip(layer + self.cell[chosen, 2][number], 0, self.cells - 1)
@@ -152,14 +150,13 @@ class CloudRasteriser(Rasteriser):
             number, layer = number[by_z], layer[by_z]
             filled = np.bincount(z, minlength=self.cells)
             begins = np.append(0, np.cumsum(filled)).astype(np.int32)
-        put = self.device
         return {
             "items": len(begins) - 1,
-            "begins": upload(put, "layers", begins),
-            "numbers": upload(put, "layers", number),
-            "layers": upload(put, "layers", layer),
-            "cells_of": upload(put, "clouds", self.cell[chosen]),
-            "shapes": upload(put, "clouds", self.shape[chosen]),
+            "begins": upload(self.device, "layers", begins),
+            "numbers": upload(self.device, "layers", number),
+            "layers": upload(self.device, "layers", layer),
+            "cells_of": upload(self.device, "clouds", self.cell[chosen]),
+            "shapes": upload(self.device, "clouds", self.shape[chosen]),
             "cells": self.cells,
         }
 
@@ -167,13 +164,12 @@ class CloudRasteriser(Rasteriser):
 @dataclass(frozen=True)
 class BoxRasteriser(Rasteriser):
     """Boxes. first, count: (N, 4) int32, the cells that each touches along x, y, z. within: (N, 6)
-    its lower and upper corner from the first of them. cells: along an edge of the cube."""
+    its lower and upper corner from the first of them."""
 
     marks, deposits = "mark_boxes", "deposit_boxes"
     first: NDArray[np.int32]
     count: NDArray[np.int32]
     within: NDArray[np.floating]
-    cells: int
 
     @classmethod
     def of(
@@ -185,21 +181,18 @@ class BoxRasteriser(Rasteriser):
         program = deposit_program(device)
         within = np.hstack([lower - first, upper - first]).astype(program.real)
         wide = [np.pad(values, ((0, 0), (0, 1))).astype(np.int32) for values in (first, count)]
-        return cls(device, program, wide[0], wide[1], within, cells)
+        return cls(device, program, cells, wide[0], wide[1], within)
 
     def _lists(self) -> Iterator[tuple[NDArray[np.int64], dict[str, Any]]]:
         put, layers = self.device, self.count[:, 2]
         for part in _parts(layers):
-            count = layers[part]
-            begin = np.cumsum(count) - count
-            number = np.repeat(np.arange(len(count), dtype=np.int32), count)
-            layer = np.arange(len(number)) - np.repeat(begin, count)
+            number, layer = _layers(layers[part])
             yield (
                 np.arange(part.start, part.stop),
                 {
                     "items": len(number),
                     "numbers": upload(put, "layers", number),
-                    "layers": upload(put, "layers", layer.astype(np.int32)),
+                    "layers": upload(put, "layers", layer),
                     "first_of": upload(put, "boxes", self.first[part]),
                     "count_of": upload(put, "boxes", self.count[part]),
                     "within_box": upload(put, "boxes", self.within[part]),
@@ -217,3 +210,10 @@ def _parts(layers: NDArray[np.signedinteger]) -> Iterator[slice]:
         stop = max(start + 1, int(np.searchsorted(ends, done + _LAYERS_AT_ONCE, "right")))
         yield slice(start, stop)
         start = stop
+
+
+def _layers(count: _Counts, first: _Counts | int = 0) -> tuple[_Counts, _Counts]:
+    """Object and layer of each of their layers, `count` (N,) of them from `first` (N,)."""
+    number = np.repeat(np.arange(len(count), dtype=np.int32), count)
+    layer = np.arange(len(number)) + np.repeat(first - (np.cumsum(count) - count), count)
+    return number, layer.astype(np.int32)

@@ -1,4 +1,4 @@
-"""What pixels see of the boundary, against the NumPy twin of lines and boundary."""
+"""Shares of the boundary that pixels see, against the NumPy twin of lines and boundary."""
 
 from __future__ import annotations
 

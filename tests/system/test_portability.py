@@ -71,7 +71,7 @@ def oclgrind(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
 
 def logged(environment: dict[str, str]) -> str:
-    """What Oclgrind logged, which is then deleted."""
+    """Lines that Oclgrind logged, which are then deleted."""
     log = Path(environment["OCLGRIND_LOG"])
     text = log.read_text() if log.exists() else ""
     log.unlink(missing_ok=True)

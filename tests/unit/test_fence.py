@@ -42,7 +42,7 @@ BUDGETS: dict[str, int] = {
     "run": 2594,
     "scene": 2092,
     "show": 6598,
-    "spray": 6241,
+    "spray": 6240,
     "study": 3281,
     "testing": 1328,
     "transport": 7317,

@@ -15,6 +15,7 @@ from cldit.spray.cone.fluid_properties import heptane_density_kg_m3
 from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.cone.underexpanded_jet import expand
 from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
 VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
@@ -31,6 +32,7 @@ class NozzleFlow:
     mixture: Mixture
     sizes: D2Law | None = None
     bulb: WetBulb | None = None
+    kernels: DropletKernels | None = None  # of droplets that evaporate
     disc: float = 0.0  # distance of the Mach disc, in diameters of the part that flows
     notes: Mapping[str, float] = field(default_factory=dict)
 
@@ -113,4 +115,4 @@ def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
             fuel_K=spec.fuel_temperature_K,
         )
     sizes = d2_law(classes, bulb)
-    return NozzleFlow(speed, density, density * speed, mixture, sizes, bulb)
+    return NozzleFlow(speed, density, density * speed, mixture, sizes, bulb, kernels)

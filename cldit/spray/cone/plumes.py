@@ -18,7 +18,6 @@ from cldit.spray.cone.fluid_properties import NITROGEN, GAS_CONSTANT_J_mol_K
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile
 from cldit.spray.cone.kinetics import ROUNDING, Kinetics, lag, plume_kinetics
 from cldit.spray.cone.nozzle import NozzleFlow, nozzle_flow, without_lattice
-from cldit.spray.cone.wet_bulb import droplet_kernels
 
 SOFTNESS = 0.1  # half the width of the tip, and of the droplets' tail, over the travel time
 TRAILING = 0.9  # that of the gas's tail: the slow edge and the last, thin jet stay behind
@@ -146,7 +145,7 @@ def _plumes(spec: ConeSpray, device: Device) -> tuple[Plume, ...]:
     paths = displaced_m(axes, jets, reaches)
     for axis, jet, path, reach_m in zip(axes, jets, paths, reaches, strict=True):
         if jet not in kinetics:
-            kinetics[jet] = _kinetics(spec, jet, source, device, oldest_s=oldest_s)
+            kinetics[jet] = _kinetics(spec, jet, source, oldest_s=oldest_s)
         if (droplets := kinetics[jet]) is not None:
             ahead = droplets.distance_m[droplets.age_s <= oldest_s][-1]
             reach_m = max(reach_m, float(ahead.max()))
@@ -160,13 +159,11 @@ def _axis(hole: Hole) -> Floats:
     return np.array([side * np.cos(azimuth), side * np.sin(azimuth), -np.cos(inclination)])
 
 
-def _kinetics(
-    spec: ConeSpray, jet: Jet, source: NozzleFlow, device: Device, *, oldest_s: float
-) -> Kinetics | None:
-    if source.bulb is None:
+def _kinetics(spec: ConeSpray, jet: Jet, source: NozzleFlow, *, oldest_s: float) -> Kinetics | None:
+    if source.kernels is None:
         return None
     last = oldest_s / float(lag(np.ones(())))
-    return plume_kinetics(spec, jet, source.mixture, droplet_kernels(device), oldest_s=last)
+    return plume_kinetics(spec, jet, source.mixture, source.kernels, oldest_s=last)
 
 
 def _evaporated(

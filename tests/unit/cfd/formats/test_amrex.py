@@ -42,7 +42,7 @@ def gas(box: Box, edge_m: float) -> np.ndarray[Any, Any]:
 
 @dataclass
 class Plot:
-    """What is written; `single`: precision of the particles; `float32`: of the gas."""
+    """Content to write; `single`: precision of the particles; `float32`: of the gas."""
 
     single: bool = False
     float32: bool = False
