@@ -271,7 +271,8 @@ def client_of(scheduler: str | None, groups: int, workers: int | None) -> Iterat
                 n_workers=count,
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                # No page; the port of its measurements is any free one, for several sweeps.
+                scheduler_kwargs={"dashboard": False, "dashboard_address": "localhost:0"},
                 silence_logs=logging.ERROR,  # a busy machine ends workers late, and warns
                 env={name: str(threads) for name in (*_THREADS, *_NUMPY_THREADS)},
                 # Others on this machine could send code to an open scheduler.

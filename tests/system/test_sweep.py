@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -50,7 +52,10 @@ def cluster() -> Iterator[Any]:
     """Two workers, as a user's cluster would be: only its address is given to the sweep."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        scheduler_kwargs={"dashboard": False, "dashboard_address": "localhost:0"},
     ) as started:
         yield started
 
@@ -224,7 +229,11 @@ def test_slurm_as_documented(scene: Scene, tmp_path: Path, monkeypatch: pytest.M
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     names: dict[str, Any] = {}
-    exec(script, names)
+    with socket.socket() as other:
+        with contextlib.suppress(OSError):  # taken already, which serves as well
+            other.bind(("", 8787))  # dask's usual port: another user of the node has it
+            other.listen()
+        exec(script, names)
     with names["cluster"] as started:
         grid = Grid.parse("walls.temperature_K=300,450")
         address = started.scheduler_address
