@@ -1,8 +1,8 @@
 """Rooms keep their size and their place in the data flow.
 
-`BUDGETS` has the raw lines that each room may have, `ARROWS` the rooms that each room may import
-from, deferred imports and imports for type checking included. Budgets and arrows only fall; one
-that must grow is changed in the same commit, with the reason in its message. `python
+`BUDGETS` has the raw lines that each room may have, in steps of 250, `ARROWS` the rooms that each
+room may import from, deferred imports and imports for type checking included. Budgets and arrows
+only fall; one that must grow is changed in the same commit, with the reason in its message. `python
 tests/unit/test_fence.py` prints lines, files, classes and imports by room.
 """
 
@@ -18,34 +18,35 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SUFFIXES = {".py", ".cl", ".h", ".js", ".html", ".css"}
 LARGEST_FOLDER = 26  # source files
+STEP = 250  # lines: a limit, not a line to edit in every commit
 
 BUDGETS: dict[str, int] = {
     "accuracy": 3750,
-    "acquisition": 5400,
-    "api": 1101,
-    "bench": 589,
-    "camera": 534,
-    "cfd": 9546,
-    "cldit": 180,
-    "cli": 2703,
-    "comparison": 2295,
-    "dit": 6648,
-    "drivers": 3776,
-    "gpu": 1216,
-    "io": 1865,
-    "kernels": 5608,
-    "medium": 1901,
-    "optics": 3294,
-    "prepare": 1009,
-    "radiance": 780,
-    "rig": 1852,
-    "run": 2594,
-    "scene": 2092,
-    "show": 6598,
-    "spray": 6240,
-    "study": 3281,
-    "testing": 1328,
-    "transport": 7317,
+    "acquisition": 5500,
+    "api": 1250,
+    "bench": 750,
+    "camera": 750,
+    "cfd": 9750,
+    "cldit": 250,
+    "cli": 2750,
+    "comparison": 2500,
+    "dit": 6750,
+    "drivers": 4000,
+    "gpu": 1250,
+    "io": 2000,
+    "kernels": 5750,
+    "medium": 2000,
+    "optics": 3500,
+    "prepare": 1250,
+    "radiance": 1000,
+    "rig": 2000,
+    "run": 2750,
+    "scene": 2250,
+    "show": 6750,
+    "spray": 6250,
+    "study": 3500,
+    "testing": 1500,
+    "transport": 7500,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
@@ -141,9 +142,9 @@ def test_a_room_imports_only_from_its_arrows(room: str) -> None:
 
 
 def test_budgets_and_arrows_follow_the_code() -> None:
-    """What fell stays down: a budget may lie 2 % and 20 lines above its room, an arrow is used."""
+    """What fell stays down: a budget is the next whole step above its room, an arrow is used."""
     loose = {room: (lines(room), most) for room, most in BUDGETS.items()
-             if most > 1.02 * lines(room) + 20}  # fmt: skip
+             if most != -(-lines(room) // STEP) * STEP}  # fmt: skip
     assert not loose
     unused = {room: sorted(set(names.split()) - arrows(room)) for room, names in ARROWS.items()}
     assert not any(unused.values()), unused
