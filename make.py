@@ -33,7 +33,7 @@ for name in cldit.shipped_scenes():
 data = cldit.load_scene("droplets-only").model_dump(mode="json")
 data["camera"]["pixels"] = [64, 64]
 data["domain"]["leaf_edge_m"] = 2e-3
-run = cldit.run_experiment(cldit.parse_scene(data), "run")
+run = cldit.simulate(cldit.Scene.from_dict(data), "run", record=True)
 assert np.nanmax(run.measured.emissivity) > 0.9
 assert (run.folder / "report.html").is_file()
 print("the wheel works outside the checkout:", cldit.__version__)

@@ -35,7 +35,7 @@ def weights(device: Device) -> dict[str, NDArray[Any]]:
     """Images (component, row, column) by method."""
     out = {}
     for method, transport in TRANSPORT.items():
-        scene = cldit.parse_scene({**SCENE, "transport": transport})
+        scene = cldit.Scene.from_dict({**SCENE, "transport": transport})
         run = cldit.simulate(scene, device=device)
         out[method] = np.stack(list(run.weights.images.values()))
     return out

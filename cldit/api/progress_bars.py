@@ -26,7 +26,7 @@ def progress_bar() -> AbstractContextManager[Watcher]:
     """Display of progress for a `with` statement:
 
     with cldit.progress_bar() as bar:
-        run = cldit.run_experiment("gdi", "runs/gdi", progress=bar.say, watch=bar.watch)
+        run = cldit.simulate("gdi", "runs/gdi", record=True, progress=bar.say, watch=bar.watch)
     """
     if in_notebook():
         return NotebookBar()

@@ -65,7 +65,14 @@ def _plan(plan: AnyPlan) -> Plan:
 
 
 def open_rig(file: str | Path | dict[str, Any], *, clock: Clock | None = None) -> ScriptRig:
-    """Opens the rig of a `file`, with its own `clock` or another; see `cldit.rig.load.open_rig`.
+    """Opens the instruments of a rig file; leaving the `with` block makes them safe.
+
+    Args:
+        file: rig.yaml, or its content.
+        clock: another clock than the system's, as in tests.
+
+    Returns:
+        The rig, whose `acquire` takes a plan.
 
     Raises:
         SceneError: names every invalid key and every missing driver.

@@ -76,7 +76,7 @@ def run_series(
     Raises:
         RunFolderError: the folder contains something else.
         SprayError: a time does not exist, or no time could be run.
-        ClditError: as `cldit.run_experiment`, for faults that concern all times.
+        ClditError: as `cldit.simulate`, for faults that concern all times.
     """
     scene = chosen_scene(scene, quick=quick, pixels=pixels)
     folder = Path(out)

@@ -52,6 +52,28 @@ def cfd_spray(keys: Mapping[str, object]) -> CfdSpray:
         raise SprayError(describe(CfdSpray, error.errors())) from error
 
 
+def import_case(
+    file: str | Path, out: str | Path | None = None, *, watch: Watch = silent, **keys: object
+) -> Spray:
+    """Checks a CFD result and reads its spray, as `cldit import`.
+
+    Args:
+        file: case, folder or file of any format that `cldit import` reads.
+        out: file of cldit, .npz, to keep the spray in; None writes none.
+        watch: receives the progress.
+        keys: of the section `spray` of a scene with `model: cfd`, such as time_s, cloud, nozzle_m,
+            axis, sector, symmetry, mapping, accept.
+
+    Returns:
+        The spray; its `notes` are figures of it, its `remarks` what was chosen.
+
+    Raises:
+        SprayError: a key is not allowed, or the case is refused.
+    """
+    spec = cfd_spray({"file": Path(file), **keys})
+    return imported(spec, None if out is None else Path(out), watch=watch)
+
+
 def list_case(spec: CfdSpray) -> list[str]:
     """Lists format, times, cell fields and clouds, a line each.
 

@@ -9,8 +9,7 @@ from cldit.cli.console import OUT, escaped, plain_errors, print_table, say
 from cldit.cli.options import PATH, SCENE, device_option
 from cldit.cli.results import print_files, print_next
 from cldit.run.trusted import open_device
-from cldit.scene import load_scene
-from cldit.study.fit import Fit, Parameter, fit
+from cldit.study.fit import Fit, fit
 
 
 @click.command("fit")
@@ -41,50 +40,42 @@ def fit_command(
 
     Every evaluation is a run that is stored, so the same command continues after an interruption.
     """
-    loaded = load_scene(scene)
-    folder = out or Path("runs") / f"{loaded.name}-fit"
-    found = fit(
-        measured,
-        loaded,
-        [Parameter.parse(text, loaded) for text in vary],
-        folder,
-        acquired=acquired,
-        device=open_device(device),
-        progress=say,
+    result = fit(
+        measured, scene, vary, out, acquired=acquired, device=open_device(device), progress=say
     )
-    _print(found)
-    print_files(folder / "best.yaml", folder / "fit.json")
-    print_next("cldit", "compare", measured, found.run.folder or folder)
-    return Outcome(found.to_dict())
+    _print(result)
+    print_files(result.folder / "best.yaml", result.folder / "fit.json")
+    print_next("cldit", "compare", measured, result.run.folder or result.folder)
+    return Outcome(result.to_dict())
 
 
-def _print(found: Fit) -> None:
+def _print(result: Fit) -> None:
     rows = []
-    for one in found.parameters:
+    for fitted in result.parameters:
         ends = [
             f"{'beyond ' if beyond else ''}{end:.4g}"
-            for end, beyond in zip(one.interval, one.open, strict=True)
+            for end, beyond in zip(fitted.interval, fitted.open, strict=True)
         ]
-        prior = one.parameter.prior
+        prior = fitted.parameter.prior
         values = (
-            one.parameter.key,
-            f"{one.value:.5g}",
-            f"{one.error:.2g}",
+            fitted.parameter.key,
+            f"{fitted.value:.5g}",
+            f"{fitted.error:.2g}",
             " .. ".join(ends),
             "" if prior is None else f"{prior[0]:g} ± {prior[1]:g}",
-            "" if one.determined else "not determined by the data",
+            "" if fitted.determined else "not determined by the data",
         )
         rows.append(values)
     print_table("", "value", "±", "68 %", "prior", "", rows=rows)
-    names = [one.parameter.key for one in found.parameters]
+    names = [fitted.parameter.key for fitted in result.parameters]
     for row, name in enumerate(names):
         for column in range(row):
-            share = found.correlation[row, column]
+            share = result.correlation[row, column]
             OUT.print(escaped(f"  correlation of {name} and {names[column]}: {share:+.2f}"))
-    if found.weak:
-        OUT.print(escaped(f"  hardly determined, in units of the ranges: {found.weak}"))
+    if result.weak:
+        OUT.print(escaped(f"  hardly determined, in units of the ranges: {result.weak}"))
     OUT.print(
-        f"reduced chi-square {found.chi2_reduced:.2f} in {found.pixels} pixels, p = "
-        f"{found.p_value:.2g}; {found.evaluations} evaluations",
+        f"reduced chi-square {result.chi2_reduced:.2f} in {result.pixels} pixels, p = "
+        f"{result.p_value:.2g}; {result.evaluations} evaluations",
         style="bold",
     )

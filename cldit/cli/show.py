@@ -1,19 +1,14 @@
 """`cldit show` and `cldit view`: maps of folders, and pages of them."""
 
 import webbrowser
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
+from cldit.api.viewing import view
 from cldit.cli.console import OUT, escaped, plain_errors
 from cldit.cli.options import PATH, figures_option
-from cldit.errors import FileError
-from cldit.io.caches import default_cache
-from cldit.io.content import digest
-from cldit.io.files import make_folder
 from cldit.show.report.folders import show_folder
-from cldit.show.view import Item, save_page, view_items
 from cldit.show.view.folders import unfinished
 
 
@@ -45,29 +40,11 @@ def view_command(folders: tuple[Path, ...], save: Path | None, no_open: bool) ->
     The page needs no server and no network. It is written into the first folder, or into cldit's
     cache if that is not possible.
     """
-    items = view_items(folders)
+    path = view(*folders, save=save)
     for folder in folders:
         for left in unfinished(folder):
             OUT.print(escaped(f"{left}: is not finished; omitted"))
-    if save is not None:
-        save_page(save, items)
-        OUT.print(escaped(f"{save} ({save.stat().st_size / 1e6:.1f} MB)"))
-        return
-    path = _written(folders[0], items)
-    OUT.print(escaped(str(path)))
-    if not no_open and not webbrowser.open(path.resolve().as_uri()):
+    size = "" if save is None else f" ({save.stat().st_size / 1e6:.1f} MB)"
+    OUT.print(escaped(f"{path}{size}"))
+    if save is None and not no_open and not webbrowser.open(path.resolve().as_uri()):
         OUT.print("no browser was found; open the file in one")
-
-
-def _written(folder: Path, items: Sequence[Item]) -> Path:
-    """Path of the page, written in the folder or else in the cache."""
-    place = folder if folder.is_dir() else folder.parent
-    path = place / "view.html"
-    try:
-        save_page(path, items)
-    except FileError:
-        name = f"{items[0].head['name']}-{digest(str(place.resolve()))[:8]}.html"
-        path = default_cache() / "view" / name.replace("/", "-")
-        make_folder(path.parent)
-        save_page(path, items)
-    return path

@@ -13,7 +13,6 @@ from cldit.errors import StudyError
 from cldit.run import RunCache, default_cache
 from cldit.run.trusted import open_device
 from cldit.scene import load_scene
-from cldit.study.grid import Grid
 from cldit.study.lab import QUICK, Lab
 from cldit.study.page import AGREES, DISAGREES, StudyPage, write_overview, write_page
 from cldit.study.paper import STUDIES, run_study, studies_of
@@ -112,7 +111,6 @@ def _sweep(
     base = load_scene(name)
     if quick:
         base = base.with_(**QUICK)
-    folder = out or Path("sweeps") / base.name
     start = time.perf_counter()
     with ProgressBar() as bar:
 
@@ -121,8 +119,8 @@ def _sweep(
 
         record = run_sweep(
             base,
-            Grid.parse(grid_text),
-            folder,
+            grid_text,
+            out,
             scheduler=scheduler,
             workers=workers,
             cache=cache,

@@ -24,7 +24,7 @@ _FORKED = (
     "start workers afresh: multiprocessing.get_context('spawn').Pool(), or ProcessPoolExecutor("
     "mp_context=multiprocessing.get_context('spawn')); allowed: 'spawn', 'forkserver', threads"
 )
-_CLOSED = "this device was closed; open it again: cldit.open_device()"
+_CLOSED = "this device was closed; open it again: cldit.opencl_device()"
 
 
 class Context:

@@ -170,7 +170,7 @@ def choose(
 
 
 def open_device(wanted: str | None = None, failed: Collection[str] = ()) -> Device:
-    """Opens a device, or several that share the work, as `cldit.open_device` without its check.
+    """Opens a device, or several that share the work, as `cldit.opencl_device` without its check.
 
     `failed` are indices of devices that are not chosen without their name.
     """

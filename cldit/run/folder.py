@@ -124,6 +124,9 @@ def _as_read(scene: Scene, run: Run) -> bool:
 def open_run(path: str | Path) -> Run:
     """Reads a run folder.
 
+    Args:
+        path: the folder, as `cldit run` or `cldit.simulate` leave it.
+
     Raises:
         RunFolderError: the folder is missing, holds no finished run, or is damaged.
     """

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cldit.errors import SceneError
-from cldit.io.plain_data import dump_yaml, parse_yaml, read_mapping
+from cldit.io.plain_data import parse_yaml, read_mapping
 from cldit.scene.change import merged
 from cldit.scene.checks import shortened
 from cldit.scene.schema import Scene
@@ -126,33 +126,5 @@ def _on_base(data: dict[str, Any], path: Path, above: tuple[Path, ...]) -> dict[
     return merged({**below, "name": path.stem}, over)
 
 
-def parse_scene(
-    data: dict[str, Any],
-    *,
-    source: str = "scene",
-    folder: Path | None = None,
-    finished: bool = False,
-) -> Scene:
-    """Checks plain data and returns the scene.
-
-    Args:
-        data: as read from YAML.
-        source: name of the scene in messages.
-        folder: start of its relative paths.
-        finished: True for a finished run, whose tables need not exist any more.
-
-    Raises:
-        SceneError: as in `load_scene`.
-    """
-    scene = Scene.checked(data, source=source, folder=folder, finished=finished)
-    for key in ("file", "mapping"):
-        file = getattr(scene.spray, key, None)
-        if file is not None and folder is not None and not file.is_absolute():
-            spray = scene.spray.model_copy(update={key: (folder / file).resolve()})
-            scene = scene.model_copy(update={"spray": spray})
-    return scene
-
-
-def dump_scene(scene: Scene) -> str:
-    """YAML of a scene with every default; `parse_scene` reads it back unchanged."""
-    return dump_yaml(scene.model_dump(mode="json"))
+parse_scene, dump_scene = Scene.from_dict, Scene.to_yaml
+"""The same as functions."""

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 
 from cldit.errors import SceneError
+from cldit.io.plain_data import dump_yaml
 from cldit.scene.camera import Camera
 from cldit.scene.change import changed
 from cldit.scene.checks import Section, describe
@@ -62,22 +63,40 @@ class Scene(Section):
         return changed({**data, "rig": {k: v for k, v in rig.items() if k not in old}}, moved)
 
     @classmethod
-    def checked(
-        cls, data: dict[str, Any], *, source: str, folder: Path | None, finished: bool
+    def from_dict(
+        cls,
+        data: dict[str, Any],
+        *,
+        source: str = "scene",
+        folder: Path | None = None,
+        finished: bool = False,
     ) -> "Scene":
-        """A scene from plain data; `cldit.scene.parse_scene` also resolves its paths.
+        """Checks plain data and returns the scene.
 
         Args:
-            data, source, folder, finished: as in `parse_scene`.
+            data: as read from YAML.
+            source: name of the scene in messages.
+            folder: start of its relative paths.
+            finished: True for a finished run, whose tables need not exist any more.
 
         Raises:
             SceneError: a value is not allowed; each line has the path, the value and what is
                 allowed.
         """
         try:
-            return cls.model_validate(data, context={"folder": folder, "finished": finished})
+            scene = cls.model_validate(data, context={"folder": folder, "finished": finished})
         except ValidationError as error:
             raise SceneError(f"{source}:\n{describe(cls, error.errors())}") from error
+        for key in ("file", "mapping"):
+            file = getattr(scene.spray, key, None)
+            if file is not None and folder is not None and not file.is_absolute():
+                spray = scene.spray.model_copy(update={key: (folder / file).resolve()})
+                scene = scene.model_copy(update={"spray": spray})
+        return scene
+
+    def to_yaml(self) -> str:
+        """YAML with every default; `cldit.load_scene` reads it back unchanged from a file."""
+        return dump_yaml(self.model_dump(mode="json"))
 
     def __repr__(self) -> str:
         columns, rows = self.camera.pixels
@@ -103,7 +122,7 @@ class Scene(Section):
             SceneError: a path or value is not allowed.
         """
         data = changed(self.model_dump(mode="json"), changes)
-        return type(self).checked(data, source=self.name, folder=None, finished=False)
+        return type(self).from_dict(data, source=self.name)
 
     @property
     def target_m(self) -> Point:

@@ -183,6 +183,9 @@ def open_study(path: str | Path) -> xarray.Dataset:
     mm; each variable has its unit in `attrs["units"]`. Data are read as they are used; scenes that
     are not done yet are NaN.
 
+    Args:
+        path: folder of the sweep.
+
     Raises:
         StudyError: the folder has no sweep, or the extra `studies` is not installed.
     """

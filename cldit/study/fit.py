@@ -32,6 +32,7 @@ from cldit.run import Run, Say, simulate
 from cldit.run.content import trace_content
 from cldit.run.simulate import reevaluated
 from cldit.scene import Scene, dump_scene
+from cldit.scene.load import chosen_scene
 from cldit.study.grid import ALIASES
 
 MOST = 6  # parameters
@@ -165,20 +166,42 @@ class Fit:
 
 def fit(
     measured: str | Path | Run | Shown,
-    scene: Scene,
-    parameters: Sequence[Parameter],
-    out: str | Path,
+    scene: Scene | str | Path,
+    vary: Sequence[Parameter | str],
+    out: str | Path | None = None,
     *,
     acquired: bool = False,
     device: Device | None = None,
     cache: Path | None = None,
     progress: Say | None = None,
 ) -> Fit:
-    """Fits values of a scene to a measurement; the same call continues a fit that was stopped."""
-    keys = [one.key for one in parameters]
+    """Fits values of a scene to a measurement, by least squares on radiance.
+
+    Every evaluation is a run that is stored, so the same call continues after an interruption.
+
+    Args:
+        measured: evaluated images: measured data, an acquisition, or a run.
+        scene: a scene, a shipped name, or a YAML file.
+        vary: up to six keys with bounds, `KEY=LOW:HIGH`, and a prior if there is one,
+            `KEY=LOW:HIGH:MEAN:DEVIATION`.
+        out: folder of the runs, best.yaml and fit.json; None: runs/SCENE-fit.
+        acquired: of a run, the recording of its rig is fitted.
+        device: OpenCL device; None chooses.
+        cache: as for `cldit.simulate`.
+        progress: called with a line for each evaluation.
+
+    Raises:
+        StudyError: a key, its bounds or its prior is not allowed, or it has no effect.
+        ClditError: as `cldit.simulate` and `cldit.compare`.
+    """
+    scene = chosen_scene(scene)
+    parameters = [
+        Parameter.parse(value, scene) if isinstance(value, str) else value for value in vary
+    ]
+    keys = [parameter.key for parameter in parameters]
     if not 1 <= len(keys) <= MOST or len(set(keys)) < len(keys):
         raise StudyError(f"--vary: {', '.join(keys) or 'none'}; allowed: 1..{MOST} different keys")
-    folder = Path(out)
+    folder = Path("runs") / f"{scene.name}-fit" if out is None else Path(out)
     with exclusive(folder, "fit"):
         model = _Model(
             scene, tuple(parameters), folder, device, cache, progress or (lambda text: None)

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from filelock import FileLock, Timeout
 
@@ -32,10 +32,14 @@ from cldit.run import RunCache, default_cache
 from cldit.run.content import trace_key
 from cldit.run.trusted import open_device
 from cldit.scene import Scene
+from cldit.scene.load import chosen_scene
 from cldit.scene.spray import LagrangianSpray
 from cldit.spray.result import Spray
-from cldit.study.dataset import Result, check_folder, extra, open_folder
+from cldit.study.dataset import Result, check_folder, extra, open_folder, open_study
 from cldit.study.grid import Grid, Point
+
+if TYPE_CHECKING:
+    import xarray
 
 _DEATHS = 10  # workers that may die at one task before it is abandoned
 _ONE_IMAGE = ("pixels", "field_m", "target_m")
@@ -65,15 +69,19 @@ class SweepRecord:
     seconds: float
     failed: tuple[tuple[int, str], ...] = ()
 
+    def to_xarray(self) -> xarray.Dataset:
+        """The scenes as one data set; raises as `cldit.open_study`."""
+        return open_study(self.folder)
+
 
 Watch = Callable[[Progress], None]
 T = TypeVar("T")
 
 
 def run_sweep(
-    base: Scene,
-    grid: Grid,
-    out: str | Path,
+    scene: Scene | str | Path,
+    grid: Grid | str,
+    out: str | Path | None = None,
     *,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -83,21 +91,31 @@ def run_sweep(
     """Traces and evaluates every scene of a grid; the same call resumes a sweep.
 
     Args:
-        base: scene whose values are changed.
-        grid: of the changes.
-        out: folder of the results.
+        scene: a scene, a shipped name, or a YAML file, whose values are changed.
+        grid: of the changes, as `"walls.temperature_K=300:600:25,spray.seed=1,2"`.
+        out: folder of the results; None: sweeps/SCENE.
         scheduler: address of a running dask scheduler; None starts workers on this machine.
         workers: on this machine; None: one for each GPU, or for each core without one.
         cache: folder of tables, sprays and traces of the workers; None: their default.
         watch: called after each trace.
+
+    Returns:
+        The record; its `to_xarray()` opens all scenes as one data set, NaN where a scene failed.
+
+    Raises:
+        StudyError: the grid is not allowed, the folder has another sweep, or no worker comes.
+        SceneError: a value of the grid is not allowed.
     """
+    scene = chosen_scene(scene)
+    grid = Grid.parse(grid) if isinstance(grid, str) else grid
+    out = Path("sweeps") / scene.name if out is None else Path(out)
     for name in ("xarray", "zarr", "dask.array", "distributed"):
         extra(name)  # before anything is written
-    points = list(grid.points(base))
+    points = list(grid.points(scene))
     _check_images(points)
-    check_folder(Path(out))
-    with exclusive(Path(out), "sweep"):
-        folder = open_folder(Path(out), points[0].scene, grid)
+    check_folder(out)
+    with exclusive(out, "sweep"):
+        folder = open_folder(out, points[0].scene, grid)
         done = folder.done()
         groups: dict[str, list[Point]] = defaultdict(list)
         for point in points:

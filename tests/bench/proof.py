@@ -81,6 +81,7 @@ def api_names(root: Path) -> list[str]:
 def one_run(name: str, accuracy_K: float, seed: int, cache: Path) -> Record:
     """One shipped scene, traced and stored; in this process, so that its core seconds are known."""
     import cldit
+    from cldit.scene import parse_scene
 
     data = cldit.load_scene(name).model_dump(mode="json")
     data["transport"]["accuracy_K"] = accuracy_K
@@ -90,7 +91,7 @@ def one_run(name: str, accuracy_K: float, seed: int, cache: Path) -> Record:
         data["spray"]["seed"] = seed
     with tempfile.TemporaryDirectory() as place:
         begun = time.process_time()
-        run = cldit.simulate(cldit.parse_scene(data), Path(place) / "run", cache=cache)
+        run = cldit.simulate(parse_scene(data), Path(place) / "run", cache=cache)
         core_s = time.process_time() - begun
         errors = run.errors
         return {
@@ -114,12 +115,14 @@ def set_free_memory(free_bytes: int) -> None:
 def experiment() -> Record:
     """One simulated acquisition from trace to evaluated maps."""
     import cldit
+    from cldit.api.experiment import run_experiment
+    from cldit.scene import parse_scene
 
     data = cldit.load_scene("gdi").model_dump(mode="json")
     data["camera"]["pixels"] = [PIXELS, PIXELS]
     data["transport"]["accuracy_K"] = 4.0
     with tempfile.TemporaryDirectory() as place:
-        cldit.run_experiment(cldit.parse_scene(data), Path(place) / "run")
+        run_experiment(parse_scene(data), Path(place) / "run")
         return {"arrays": arrays(Path(place) / "run")}
 
 

@@ -54,7 +54,7 @@ def test_figures_of_shipped_scenes(name: str, device: Device, tables: Path) -> N
     data = cldit.load_scene(shipped).model_dump(mode="json")
     data["camera"].update(SCENES[name])
     data["transport"].update(accuracy_K=1.0, audit=False, phase=phase.lower() or "isotropic")
-    found = figures(cldit.simulate(cldit.parse_scene(data), device=device, cache=tables))
+    found = figures(cldit.simulate(cldit.Scene.from_dict(data), device=device, cache=tables))
     kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     if os.environ.get("CLDIT_RENEW"):
         kept[name] = found

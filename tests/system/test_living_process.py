@@ -50,7 +50,7 @@ def droplets() -> Spray:
 
 
 def block(phase: str, pixels: int = 12) -> cldit.Scene:
-    return cldit.parse_scene(
+    return cldit.Scene.from_dict(
         {
             "name": "block",
             "spray": {"model": "none"},

@@ -207,7 +207,7 @@ def test_methane_runs_no_scattering_code() -> None:
     data = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["camera"]["pixels"] = [60, 60]
     data["domain"]["leaf_edge_m"] = 4e-3
-    run = cldit.simulate(cldit.parse_scene(data))
+    run = cldit.simulate(cldit.Scene.from_dict(data))
     assert set(run.info.defines) == {"image.cl"}
     assert "HAS_SCATTERING" not in run.info.defines["image.cl"]
     assert not np.any(run.weights.liquid)
@@ -221,12 +221,12 @@ def test_one_background_can_be_traced_but_not_evaluated(tmp_path: Path) -> None:
     data["camera"]["pixels"] = [20, 20]
     data["domain"]["leaf_edge_m"] = 5e-3
     data["background"]["temperatures_K"] = [450.0]
-    scene = cldit.parse_scene(data)
+    scene = cldit.Scene.from_dict(data)
     run = cldit.simulate(scene, tmp_path / "traced")
     assert np.nanmin(run.weights.background) < 0.5
     assert np.all(np.isnan(run.maps.emissivity))
     assert np.all(run.maps.reason == 1)
     assert np.all(np.isnan(cldit.open_run(tmp_path / "traced").maps.apparent_temperature_K))
     with pytest.raises(EvaluationError, match=r"background\.temperatures_K: \[450\.0\]"):
-        cldit.run_experiment(scene, tmp_path / "refused")
+        cldit.simulate(scene, tmp_path / "refused", record=True)
     assert not (tmp_path / "refused").exists()

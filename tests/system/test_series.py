@@ -152,7 +152,7 @@ def test_a_bad_time_is_named_and_the_others_run(scene: Path, tmp_path: Path) -> 
     shutil.copytree(Path(getattr(data.spray, "file")), case)  # noqa: B009
     (case / "0.00004" / "T").write_text("cut off")
     (tmp_path / "bad.yaml").write_text(
-        cldit.dump_scene(data.with_(**{"spray.file": str(case)})), encoding="utf-8"
+        data.with_(**{"spray.file": str(case)}).to_yaml(), encoding="utf-8"
     )
     out = tmp_path / "out"
     arguments = (tmp_path / "bad.yaml", "--times", "0.04ms,0.08ms", "--trace-only", "--out", out)

@@ -23,7 +23,7 @@ STEP = 250  # lines: a limit, not a line to edit in every commit
 BUDGETS: dict[str, int] = {
     "accuracy": 3750,
     "acquisition": 5500,
-    "api": 1250,
+    "api": 1750,
     "bench": 750,
     "camera": 750,
     "cfd": 9750,
@@ -51,11 +51,11 @@ BUDGETS: dict[str, int] = {
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
     "acquisition": "camera cldit io optics radiance rig scene",
-    "api": "acquisition camera cfd cldit cli comparison dit gpu io rig run scene show spray",
+    "api": "acquisition camera cfd cldit cli comparison dit gpu io rig run scene show spray study",
     "bench": "accuracy cldit gpu io run scene show",
     "camera": "cldit optics scene",
     "cfd": "cldit io scene spray",
-    "cldit": "api cli comparison gpu run scene show study",
+    "cldit": "api cfd cli comparison gpu run scene show study",
     "cli": (
         "accuracy acquisition api bench cfd cldit comparison dit gpu io prepare rig run "
         "scene show spray study testing"

@@ -51,5 +51,5 @@ class Blocks:
 
     def simulated(self, data: dict[str, Any], spray: Spray | None = None) -> Run:
         """Simulates a scene; `spray` is used as if it had been imported."""
-        scene = cldit.parse_scene({"name": "block", **data})
+        scene = cldit.Scene.from_dict({"name": "block", **data})
         return cldit.simulate(scene, device=self.device, cache=self.cache, spray=spray)

@@ -102,7 +102,7 @@ def test_paths_are_as_sharp_as_asked(seed: int) -> None:
     for asked_K in (0.3, 0.05):
         asked = {"accuracy_K": asked_K, "directions": 64, "audit": False, "seed": seed}
         data["transport"].update(asked, phase="mie")
-        error_K = cldit.simulate(cldit.parse_scene(data)).info.accuracy_K
+        error_K = cldit.simulate(cldit.Scene.from_dict(data)).info.accuracy_K
         assert error_K is not None
         squares.append(error_K**2)
     assert squares[0] - squares[1] < 0.15**2 + 3 * 2 * 0.3 * 0.15 / 50**0.5
@@ -121,7 +121,7 @@ def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
     data["camera"].update(pixels=[50, 50], rays_per_pixel=1)
     data["optics"]["compare_paper"] = False
     data["transport"]["accuracy_K"] = 0.5
-    run = cldit.simulate(cldit.parse_scene(data))
+    run = cldit.simulate(cldit.Scene.from_dict(data))
     found = by_name(run.errors)
     pixels, cells = found["pixel sampling"], found["cells"]
     assert pixels is not None and cells is not None and pixels > 2.0
@@ -142,7 +142,7 @@ def test_errors_are_kept(tmp_path: Path) -> None:
     data: dict[str, Any] = cldit.load_scene("methane-jet").model_dump(mode="json")
     data["camera"]["pixels"] = [32, 32]
     data["domain"]["leaf_edge_m"] = 8e-3
-    run = cldit.simulate(cldit.parse_scene(data), tmp_path / "run")
+    run = cldit.simulate(cldit.Scene.from_dict(data), tmp_path / "run")
     assert run.errors is not None and run.errors.unknown == ("order of the cells",)
     assert by_name(run.errors)["gas grid"]
     again = cldit.open_run(tmp_path / "run")

@@ -40,7 +40,7 @@ def picture(folder: Path, device: Device, **domain: Any) -> cldit.Run:
         "walls": {"temperature_K": 430.0},
         "transport": {"phase": "isotropic", "accuracy_K": 0.2, "audit": False},
     }
-    return cldit.simulate(cldit.parse_scene(scene), device=device)
+    return cldit.simulate(cldit.Scene.from_dict(scene), device=device)
 
 
 def test_voxels_are_enough(device: Device, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_seeds_of_gdi_flow_differ_by_4_kelvin_at_most(device: Device, tmp_path: 
     pictures, stated_K = [], []
     for seed in (1, 2, 3):
         data["spray"]["seed"] = seed
-        scene = cldit.parse_scene(data)
+        scene = cldit.Scene.from_dict(data)
         spray, _, _ = simulate_spray(scene.spray, device, cache=tmp_path)  # type: ignore[arg-type]
         pictures.append(picture(scene, spray))
         both = variants(spray, kernel=Kernel(), seed=1).halves

@@ -34,7 +34,7 @@ def plume(seed: int, spacing_m: float, *, audit: bool) -> Scene:
     data["domain"] = {"edge_m": 0.096, "centre_m": [0.0, 0.0, -0.04], "leaf_edge_m": 0.5e-3}
     data["transport"] |= {"accuracy_K": 1.0, "audit": audit}
     data["optics"]["compare_paper"] = False
-    return cldit.parse_scene(data)
+    return cldit.Scene.from_dict(data)
 
 
 def apart_K2(one: Any, other: Any) -> float:

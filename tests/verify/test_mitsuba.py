@@ -36,7 +36,7 @@ def test_weights_are_mitsubas(device: Device, tmp_path: Path) -> None:
         droplet_scattering_per_m=np.full((1, 1, 1), 0.7 * per_m),
         droplet_temperature_K=np.full((1, 1, 1), 400.0),
     )
-    scene = cldit.parse_scene(
+    scene = cldit.Scene.from_dict(
         {
             "name": "block",
             "spray": {"model": "grid", "file": str(file)},

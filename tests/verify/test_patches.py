@@ -174,7 +174,7 @@ def test_an_empty_vessel(device: Device, tmp_path: Path) -> None:
             window("back", centre_m=[0, -0.1, 0], facing="+y"),
         ],
     }  # fmt: skip
-    weights = cldit.simulate(cldit.parse_scene(data), device=device).weights
+    weights = cldit.simulate(cldit.Scene.from_dict(data), device=device).weights
     at = (np.arange(40) + 0.5) * 0.004 - 0.08
     x, z = at[None, :], -at[:, None]
     low = (np.abs(x + 0.04) < 0.02) & (np.abs(z + 0.05) < 0.01)
@@ -200,7 +200,7 @@ def test_a_run_with_a_cold_window_end_to_end(
     for name, kelvin in (("same", T), ("cold", 295.0)):
         data = {**base, "name": name, "patches": [window(temperature_K=kelvin)]}
         start = run_experiment if name == "cold" else cldit.simulate
-        seen[name] = start(cldit.parse_scene(data), tmp_path / name, device=device)
+        seen[name] = start(cldit.Scene.from_dict(data), tmp_path / name, device=device)
     plain = block(run_block, [])
     middle = (6, 6)
     same, cold = (seen[name].maps.apparent_temperature_K[middle] for name in ("same", "cold"))
@@ -243,4 +243,4 @@ def test_a_patch_in_the_spray_is_refused(run_block: Callable[..., Run]) -> None:
 )
 def test_what_is_not_allowed(patches: list[dict[str, Any]], message: str) -> None:
     with pytest.raises(SceneError, match=message):
-        cldit.parse_scene({"name": "x", "spray": {"model": "none"}, "patches": patches})
+        cldit.Scene.from_dict({"name": "x", "spray": {"model": "none"}, "patches": patches})

@@ -53,7 +53,7 @@ def vessel(device: Device, rays: Any, **camera: Any) -> Run:
         "background": {"radius_m": 0.0503},
         "transport": {"audit": False},
     }
-    return cldit.simulate(cldit.parse_scene(data), device=device)
+    return cldit.simulate(cldit.Scene.from_dict(data), device=device)
 
 
 def block(

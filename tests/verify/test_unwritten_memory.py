@@ -76,7 +76,7 @@ def traced(device: Device, cache: Path, case: dict[str, Any]) -> Run:
         "background": {"radius_m": 0.03},
     }
     data = {**scene, **case, "transport": transport}
-    return cldit.simulate(cldit.parse_scene(data), device=device, cache=cache, spray=droplets())
+    return cldit.simulate(cldit.Scene.from_dict(data), device=device, cache=cache, spray=droplets())
 
 
 def apart(thick: ThickRegion | None) -> ThickRegion | None:

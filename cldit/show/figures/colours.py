@@ -12,6 +12,7 @@ from matplotlib.colors import ListedColormap, hsv_to_rgb
 from numpy.typing import NDArray
 
 from cldit.dit.maps import Maps
+from cldit.errors import EvaluationError
 
 TEMPERATURE = "plasma"
 EMISSIVITY = "Blues"
@@ -50,6 +51,16 @@ class Scale:
         if not known:
             return cls((0.0, 0.0), full)
         return cls((min(low for low, _ in known), max(high for _, high in known)), full)
+
+    def ends_K(self, vmin: float | None, vmax: float | None) -> tuple[float, float]:
+        """The given ends of the range, or its own; raises EvaluationError if they do not rise."""
+        low, high = self.range_K
+        ends = (low if vmin is None else vmin, high if vmax is None else vmax)
+        if (vmin, vmax) != (None, None) and not ends[0] < ends[1]:
+            raise EvaluationError(
+                f"vmin {ends[0]:g} K, vmax {ends[1]:g} K; allowed: vmin below vmax"
+            )
+        return ends
 
     def opacity(self, emissivity: NDArray[np.floating], *, paper: bool) -> NDArray[np.float64]:
         """Opacity (H, W) of pixels over white: 1 from a tenth of the full emissivity.

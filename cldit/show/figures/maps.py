@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
+from matplotlib.colors import Colormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -26,6 +27,9 @@ from cldit.show.figures.colours import (
 )
 from cldit.show.figures.panels import GREY, Frame, Panel, Window, panels_figure, window_around
 
+Colours = str | Colormap
+"""A colour map of matplotlib, or its name."""
+
 
 def frame_of(scene: Scene, *, sensor: bool = False) -> Frame:
     """Axes of the traced images of a scene, or of those of its sensor."""
@@ -40,7 +44,9 @@ def spray_window(maps: Maps, frame: Frame) -> Window:
     return window_around(np.where(maps.reason == Reason.OK, maps.emissivity, 0.0), frame)
 
 
-def map_panel(maps: Maps, scale: Scale, *, title: str, paper: bool, **more: Any) -> Panel:
+def map_panel(
+    maps: Maps, scale: Scale, *, title: str, paper: bool, cmap: Colours | None = None, **more: Any
+) -> Panel:
     """Panel of T_app (H, W), paler where the emissivity is low, or in the paper's colours."""
     low, high = scale.range_K
     return Panel(
@@ -48,7 +54,7 @@ def map_panel(maps: Maps, scale: Scale, *, title: str, paper: bool, **more: Any)
         title,
         "apparent temperature / K",
         (low, high) if high > low else None,
-        HUE if paper else TEMPERATURE,
+        cmap or (HUE if paper else TEMPERATURE),
         opacity=scale.opacity(maps.emissivity, paper=paper),
         clear=maps.reason == Reason.EMISSIVITY_TOO_LOW,
         **more,
@@ -69,13 +75,16 @@ def reasons_in(maps: Maps, frame: Frame, window: Window) -> set[int]:
     return set(np.unique(maps.reason[frame.slices(maps.reason.shape, window)]).tolist())
 
 
-def map_legend(reasons: Iterable[int], scale: Scale, *, paper: bool) -> list[tuple[Any, str]]:
+def map_legend(
+    reasons: Iterable[int], scale: Scale, *, paper: bool, cmap: Colours | None = None
+) -> list[tuple[Any, str]]:
     """Colours that no colour bar shows, of pixels of these `reasons`, and their meaning."""
     found = set(reasons)
     legend: list[tuple[Any, str]] = []
     if Reason.OK in found:
         full = scale.emissivity if paper else 0.1 * scale.emissivity
-        shade = colormaps["hsv" if paper else TEMPERATURE](0.4, alpha=0.4)
+        colours = cmap or ("hsv" if paper else TEMPERATURE)
+        shade = (colormaps[colours] if isinstance(colours, str) else colours)(0.4, alpha=0.4)
         legend.append((shade, f"paler: emissivity below {full:g}"))
     if Reason.EMISSIVITY_TOO_LOW in found:
         legend.append(("white", "transparent: no apparent temperature"))
@@ -98,7 +107,9 @@ def map_figure(
     frame: Frame,
     *,
     title: str,
-    range_K: tuple[float, float] | None = None,
+    vmin: float | None = None,
+    vmax: float | None = None,
+    cmap: Colours | None = None,
     scale: float | None = None,
     window: Window | None = None,
     paper: bool = False,
@@ -108,7 +119,8 @@ def map_figure(
     """Figure of both maps (H, W), cropped to the spray.
 
     Args:
-        range_K: temperatures of the colours' ends; None: percentiles, see `temperature_range_K`.
+        vmin, vmax: T_app of the colours' ends, K; None: percentiles, see `temperature_range_K`.
+        cmap: colours of T_app, of matplotlib; None: cldit's, or the paper's.
         scale: emissivity of the full colour; None: see `emissivity_scale`.
         window: left, right, bottom and top of the part to show, mm; None: the spray.
         paper: colours of the paper (Section 3): hue is T_app, saturation emissivity.
@@ -116,10 +128,10 @@ def map_figure(
         reasons: of pixels in the legend; None: of those that are shown.
     """
     own = Scale.of([maps])
-    limits = Scale(range_K or own.range_K, scale or own.emissivity)
+    limits = Scale(own.ends_K(vmin, vmax), scale or own.emissivity)
     window = window or spray_window(maps, frame)
-    panels = map_panels(maps, limits, paper=paper, stamp=stamp)
-    legend = map_legend(reasons or reasons_in(maps, frame, window), limits, paper=paper)
+    panels = map_panels(maps, limits, paper=paper, cmap=cmap, stamp=stamp)
+    legend = map_legend(reasons or reasons_in(maps, frame, window), limits, paper=paper, cmap=cmap)
     return panels_figure(panels, frame, title=title, window=window, legend=legend)
 
 

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from cldit.dit.maps import Maps
 from cldit.dit.profile import Profile
 from cldit.show.figures.colours import EMISSIVITY, TEMPERATURE, Scale
-from cldit.show.figures.maps import spray_window
+from cldit.show.figures.maps import Colours, spray_window
 from cldit.show.figures.panels import Frame, Window, beyond
 
 
@@ -16,21 +16,26 @@ def draw_map(
     frame: Frame,
     *,
     emissivity: bool = False,
-    range_K: tuple[float, float] | None = None,
+    vmin: float | None = None,
+    vmax: float | None = None,
+    cmap: Colours | None = None,
     window: Window | None = None,
 ) -> None:
     """T_app, or emissivity, of maps (H, W) with its colour bar; pixels without one stay clear.
 
-    range_K: temperatures of the colours' ends; None: percentiles. window: left, right, bottom and
-    top, mm; None: the spray.
+    vmin, vmax: values of the colours' ends; None: percentiles. cmap: colours. window: left, right,
+    bottom and top, mm; None: the spray.
     """
     image = maps.emissivity if emissivity else maps.apparent_temperature_K
     scale = Scale.of([maps])
-    low, high = (0.0, scale.emissivity) if emissivity else range_K or scale.range_K
+    if emissivity:
+        low, high = vmin or 0.0, scale.emissivity if vmax is None else vmax
+    else:
+        low, high = scale.ends_K(vmin, vmax)
     left, right, bottom, top = window or spray_window(maps, frame)
     drawn = ax.imshow(
         image,
-        cmap=EMISSIVITY if emissivity else TEMPERATURE,
+        cmap=cmap or (EMISSIVITY if emissivity else TEMPERATURE),
         extent=frame.extent_mm(image.shape),
         vmin=low,
         vmax=high,

@@ -1,5 +1,6 @@
 """Figures and HTML of a run, an evaluation or a spray, for notebooks and scripts."""
 
+import warnings
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -59,14 +60,17 @@ def plot(
             `profile`; of an evaluation `maps`, `errors`, `budget` or `profile`; of a spray `maps`,
             its masses from the side and from below; of a profile `profile`.
         ax: axes of another figure, which get T_app alone, or with `emissivity=True` the emissivity:
-            of `maps` and `acquired` with range_K and window, of `profile`.
-        options: of `maps` and `acquired` range_K, scale, window and paper, as for
-            `cldit.show.figures.maps.map_figure`; of `profile` start_m and angle_deg, as for
+            of `maps` and `acquired` with vmin, vmax, cmap and window, of `profile`.
+        options: of `maps` and `acquired` vmin, vmax, cmap (of T_app), scale, window and paper, as
+            for `cldit.show.figures.maps.map_figure`; of `profile` start_m and angle_deg, as for
             `cldit.dit.profile.profile_of`.
 
     Raises:
         EvaluationError: there is no such figure of it.
     """
+    if "range_K" in options:
+        warnings.warn("plot: range_K is vmin and vmax now", DeprecationWarning, stacklevel=2)
+        options["vmin"], options["vmax"] = options.pop("range_K")
     kinds = _OF_RUN if isinstance(of, Run) else _OF_EVALUATION
     if isinstance(of, Spray):
         kinds = {"maps": _spray}

@@ -56,7 +56,7 @@ def scene_run(folder: Path, **transport: Any) -> Any:
         "domain": {"edge_m": 0.2},
         "transport": transport,
     }
-    run = cldit.simulate(cldit.parse_scene(scene))
+    run = cldit.simulate(cldit.Scene.from_dict(scene))
     assert run.errors is not None
     return run
 

@@ -22,7 +22,7 @@ WAVELENGTH_M = 3.4e-6
 
 
 def scene(**lens: Any) -> Scene:
-    return cldit.parse_scene(
+    return cldit.Scene.from_dict(
         {
             "name": "lens",
             "spray": {"model": "none"},
@@ -137,8 +137,8 @@ def test_samples_of_a_gaussian_blur_as_its_mtf(tmp_path: Path) -> None:
         got = PointSpread.of(scene(diffraction=False, **lens)).image(sharp)
         np.testing.assert_allclose(got, expected, atol=1e-3)
         assert got.sum() == pytest.approx(sharp.sum(), rel=1e-6)
-        written = cldit.dump_scene(scene(**lens))
-        assert cldit.parse_scene(yaml.safe_load(written)) == scene(**lens)
+        written = scene(**lens).to_yaml()
+        assert cldit.Scene.from_dict(yaml.safe_load(written)) == scene(**lens)
         even = PointSpread.of(scene(**lens)).image(np.full_like(sharp, 0.7))
         np.testing.assert_allclose(even, 0.7, rtol=1e-6)
 

@@ -205,7 +205,7 @@ def test_a_run_ends_if_loops_are_cut_short(
 ) -> None:
     """Rounds of the host are bounded, and a source that does not converge is refused."""
     transport = {**TRANSPORT["source"], "audit": False, "phase": "isotropic"}
-    scene = cldit.parse_scene({**SCENE, "transport": transport})
+    scene = cldit.Scene.from_dict({**SCENE, "transport": transport})
     spray = make_spray(scene.spray, device)
     faulty(monkeypatch, lambda source: cut(source, 8))
     with pytest.raises(ClditError, match=r"energy is not conserved|does not converge"):
@@ -239,18 +239,18 @@ def two(monkeypatch: pytest.MonkeyPatch, device: Device) -> list[str]:
 def test_a_device_that_fails_is_not_chosen(
     two: list[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    opened = cldit.open_device()
+    opened = cldit.opencl_device()
     assert opened.info.kind == "cpu"
     assert opened.reason.endswith("failed their check: 9:0")
     assert failed_devices() == ["9:0"]
     assert "Fast: is checked before its first use" in caplog.text
-    assert cldit.open_device().info.kind == "cpu"
+    assert cldit.opencl_device().info.kind == "cpu"
     assert two == ["Fast"]  # once
 
 
 def test_a_named_device_that_fails_is_refused(two: list[str]) -> None:
     with pytest.raises(DeviceError, match=r"9:0 \(Fast\): .*path.cl scatter.*another version"):
-        cldit.open_device("9:0")
+        cldit.opencl_device("9:0")
 
 
 def test_a_check_holds_for_a_driver_and_the_kernels(
@@ -259,7 +259,7 @@ def test_a_check_holds_for_a_driver_and_the_kernels(
     passed = Check((), 45, 2.0)
     store_check(GPU, passed)
     assert stored_check(GPU) == passed
-    assert cldit.open_device().info.name == "Fast"
+    assert cldit.opencl_device().info.name == "Fast"
     assert not two
     assert stored_check(replace(GPU, driver="another")) is None
     monkeypatch.setattr(checks, "code_digest", lambda _: "another")
@@ -270,7 +270,7 @@ def test_nothing_is_chosen_if_all_fail(two: list[str]) -> None:
     for info in list_devices():
         store_check(info, Check(("wrong",), 45, 2.0))
     with pytest.raises(DeviceError, match="none is usable"):
-        cldit.open_device()
+        cldit.opencl_device()
 
 
 def test_a_damaged_result_is_none(two: list[str], tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def run_of(parcels: Parcels, device: Device, tables: Path, tmp_path: Path, **cam
         "background": {"shape": "enclosure", "temperatures_K": [400.0, 500.0]},
         "transport": {"audit": False, "order": 0, "accuracy_K": 5.0},
     }
-    return cldit.simulate(cldit.parse_scene(data), device=device, cache=tables)
+    return cldit.simulate(cldit.Scene.from_dict(data), device=device, cache=tables)
 
 
 def test_smear_is_the_mean_of_times(device: Device, tables: Path, tmp_path: Path) -> None:
@@ -172,6 +172,6 @@ def test_cone_by_times(device: Device, tables: Path) -> None:
     ],
 )
 def test_refused(spray: dict[str, Any], exposure: str, message: str) -> None:
-    scene = cldit.parse_scene({"name": "a", "spray": spray, "camera": {"exposure": exposure}})
+    scene = cldit.Scene.from_dict({"name": "a", "spray": spray, "camera": {"exposure": exposure}})
     with pytest.raises(SceneError, match=message):
         cldit.simulate(scene)

@@ -113,9 +113,9 @@ def test_two_runs_into_one_folder(tmp_path: Path) -> None:
     thread.start()
     try:
         assert held.wait(60.0)
-        for second in (cldit.simulate, cldit.run_experiment):
+        for record in (False, True):
             with pytest.raises(RunFolderError, match="another run is running here"):
-                second("gdi", out)
+                cldit.simulate("gdi", out, record=record)
     finally:
         end.set()
         thread.join()

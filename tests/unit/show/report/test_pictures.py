@@ -146,14 +146,14 @@ def test_map_picture_shows_the_colours() -> None:
     temperature[:, :20] = 500.0
     maps = _maps(np.where(np.isfinite(temperature), 1.0, np.nan), temperature)
     window = FRAME.extent_mm((40, 40))
-    figure = map_figure(maps, FRAME, title="t", range_K=(300, 500), scale=1, window=window)
+    figure = map_figure(maps, FRAME, title="t", vmin=300, vmax=500, scale=1, window=window)
     picture = _pixels(png_of(figure))[:, : int(2.9 * DPI)]
     hot, grey = _has(picture, colormaps["plasma"](1.0)), _has(picture, (UNKNOWN,) * 3)
     assert hot > 100_000
     assert hot == pytest.approx(grey, rel=0.05)  # ticks, marker
     # in the paper's colours, half an emissivity is half a saturation
     half = replace(maps, emissivity=0.5 * maps.emissivity)
-    figure = map_figure(half, FRAME, title="t", range_K=(300, 500), scale=1, paper=True)
+    figure = map_figure(half, FRAME, title="t", vmin=300, vmax=500, scale=1, paper=True)
     picture = _pixels(png_of(figure))[:, : int(2.9 * DPI)]
     assert _has(picture, (1, 0.5, 0.5)) + _has(picture, (1, 128 / 255, 128 / 255)) > 100_000
 
@@ -164,11 +164,11 @@ def test_clipped_values_point_the_colour_bar() -> None:
     temperature[20, 20], temperature[0, 0] = 391.0, 600.0
     maps = _maps(np.ones((40, 40)), temperature)
     window = (-10.0, 10.0, -10.0, 10.0)
-    figure = map_figure(maps, FRAME, title="t", range_K=(420, 500), window=window)
+    figure = map_figure(maps, FRAME, title="t", vmin=420, vmax=500, window=window)
     keys = [axes for axes in figure.axes if axes.get_ylabel() == "apparent temperature / K"]
     [bar] = [axes._colorbar for axes in keys]  # type: ignore[attr-defined]
     assert bar.extend == "min"
-    figure = map_figure(maps, FRAME, title="t", range_K=(420, 500), window=(-20, 20, -20, 20))
+    figure = map_figure(maps, FRAME, title="t", vmin=420, vmax=500, window=(-20, 20, -20, 20))
     assert figure.axes[1]._colorbar.extend == "both"  # type: ignore[attr-defined]
 
 
@@ -178,7 +178,7 @@ def test_up_is_up() -> None:
     temperature[:10] = 500.0
     maps = _maps(np.ones((40, 40)), temperature)
     frame = Frame((1e-3, 1e-3), (0.01, -0.5))
-    picture = _pixels(png_of(map_figure(maps, frame, title="t", range_K=(300, 500), scale=1)))
+    picture = _pixels(png_of(map_figure(maps, frame, title="t", vmin=300, vmax=500, scale=1)))
     left = picture[:, : int(0.35 * WIDTH_IN * DPI)]
     hot, cold = (
         np.nonzero(np.all(np.abs(left - colormaps["plasma"](end)[:3]) < 1.1 / 255, axis=-1))[0]

@@ -155,3 +155,21 @@ def test_runs_are_saved_and_opened(run: Run, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.measured.emissivity, run.measured.emissivity)
     with pytest.raises(ClditError, match="is not empty"):
         run.save(tmp_path / "again")
+
+
+def test_colours_are_chosen_as_in_matplotlib(run: Run) -> None:
+    """vmin, vmax and cmap, in a figure of its own and in other axes; an end may be left out."""
+    (left, *_) = run.plot(vmin=300.0, vmax=600.0, cmap="cividis").axes
+    assert left.images[-1].get_clim() == (300.0, 600.0)
+    assert left.images[-1].get_cmap().name == "cividis"
+    figure, axes = pyplot.subplots()
+    try:
+        run.plot(ax=axes, vmin=310.0, cmap="magma")
+        low, high = axes.images[0].get_clim()
+        assert low == 310.0 and high > 310.0 and axes.images[0].get_cmap().name == "magma"
+        with pytest.raises(EvaluationError, match="vmin 600 K, vmax 300 K; allowed: vmin below"):
+            run.plot(vmin=600.0, vmax=300.0)
+        with pytest.warns(DeprecationWarning, match="range_K is vmin and vmax"):
+            run.plot(range_K=(300.0, 600.0))
+    finally:
+        pyplot.close(figure)

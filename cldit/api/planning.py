@@ -1,0 +1,241 @@
+"""Plans of measurements: backgrounds, injections and references for an error, or for a verdict."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cldit.acquisition.plan import Plan, plan_from_scene
+from cldit.dit.design import (
+    BlackBody,
+    Design,
+    Goal,
+    chosen,
+    designs,
+    error_against_time,
+    plan_of,
+    shot_time_s,
+)
+from cldit.dit.separation import Separation
+from cldit.dit.subject import Subject, coldest_K, opaque_errors_K
+from cldit.errors import EvaluationError
+from cldit.gpu.device import Device
+from cldit.io.files import write_text
+from cldit.io.plain_data import dump_yaml
+from cldit.rig.protocols import Stability
+from cldit.rig.simulated import simulated_rig_data
+from cldit.run import Say, simulate
+from cldit.run.series_plan import SeriesPlan, Times
+from cldit.scene import Scene
+from cldit.scene.delays import scene_at
+from cldit.scene.load import chosen_scene
+from cldit.show.figures.curves import design_figure
+from cldit.show.figures.style import write_figure
+from cldit.study.separate import separate as separations_of
+
+_OPAQUE_K = (300.0, 320.0, 340.0, 360.0, 380.0, 420.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedMeasurement:
+    """Designs that reach a goal, and the chosen one, which `plan` and its file contain.
+
+    coldest_opaque_K: temperature down to which the chosen design resolves an opaque spray.
+    opaque_errors_K: error by temperature of an opaque spray, of one reference and one injection in
+    front of each background of the scene. files: plan.yaml, rig.yaml (simulated), the figure.
+    """
+
+    goal: Goal
+    designs: tuple[Design, ...]
+    chosen: Design
+    plan: Plan
+    coldest_opaque_K: float
+    opaque_errors_K: dict[float, float]
+    folder: Path
+    files: tuple[Path, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "folder": self.folder,
+            "goal": asdict(self.goal),
+            "designs": [{**asdict(each), "chosen": each is self.chosen} for each in self.designs],
+            "coldest_opaque_K": self.coldest_opaque_K,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedSeparation:
+    """The nearest plan of each delay to tell two models apart.
+
+    plan: of the fastest delay; None, and no file, if no number of injections is enough.
+    """
+
+    separations: tuple[Separation, ...]
+    plan: Plan | None
+    folder: Path
+    files: tuple[Path, ...]
+
+    @property
+    def chosen(self) -> Separation:
+        """The fastest plan, or the one that comes nearest."""
+        return min(self.separations, key=lambda separation: separation.order)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        plans = [
+            {**asdict(each), "chosen": each is self.chosen, "verdict": each.text}
+            for each in self.separations
+        ]
+        return {"folder": self.folder, "plans": plans}
+
+
+def plan(
+    scene: Scene | str | Path,
+    error_K: float,
+    out: str | Path | None = None,
+    *,
+    emissivity_error: float = 0.02,
+    quantile: float = 0.9,
+    least_emissivity: float = 0.2,
+    limits_K: tuple[float, float] | None = None,
+    suffix: str = ".png",
+    device: Device | None = None,
+    progress: Say | None = None,
+) -> PlannedMeasurement:
+    """Designs the measurement of a scene: backgrounds, shots and references for an error.
+
+    Args:
+        scene: a scene, a shipped name, or a YAML file.
+        error_K: requested standard error of T_app.
+        out: folder of the run, plan.yaml, rig.yaml and the figure; None: runs/SCENE-plan.
+        emissivity_error: requested standard error of the emissivity.
+        quantile: share of the pixels that must reach both.
+        least_emissivity: pixels below it are ignored.
+        limits_K: of the black body; None: lowest and highest background of the scene.
+        suffix: of the figure: .png, .pdf or .svg.
+        device: OpenCL device; None chooses.
+        progress: called with lines of text.
+
+    Raises:
+        EvaluationError: a number is not allowed, or no design reaches the errors.
+        ClditError: as `cldit.simulate`.
+    """
+    for name, value, allowed in (
+        ("error_K", error_K, error_K > 0.0),
+        ("emissivity_error", emissivity_error, emissivity_error > 0.0),
+        ("quantile", quantile, 0.0 < quantile <= 1.0),
+        ("least_emissivity", least_emissivity, 0.0 < least_emissivity <= 1.0),
+    ):
+        if not allowed:
+            limit = "0 < value <= 1" if name in ("quantile", "least_emissivity") else "above 0"
+            raise EvaluationError(f"{name}: {value:g}; allowed: {limit}")
+    scene = chosen_scene(scene)
+    folder = Path("runs") / f"{scene.name}-plan" if out is None else Path(out)
+    run = simulate(scene, folder, device=device, progress=progress)
+    subject = Subject.of(
+        scene, run.quadrature, run.spectral, run.reference, least_emissivity=least_emissivity
+    )
+    goal = Goal(error_K=error_K, emissivity_error=emissivity_error, quantile=quantile)
+    shot_s = shot_time_s(scene)
+    candidates = designs(subject, _blackbody(scene, limits_K), goal, shot_s=shot_s)
+    best = chosen(candidates)
+    coldest = coldest_K(
+        subject,
+        best.backgrounds_K,
+        error_K=error_K,
+        emissivity=1.0,
+        shots=best.shots,
+        references=best.references,
+    )
+    backgrounds_K = scene.background.temperatures_K
+    opaque_errors: dict[float, float] = {}
+    if len(backgrounds_K) > 1:
+        opaque = opaque_errors_K(subject, np.array(_OPAQUE_K), backgrounds_K, emissivity=1.0)
+        opaque_errors = dict(zip(_OPAQUE_K, opaque.tolist(), strict=True))
+    measurement = plan_of(best, scene)
+    plan_file, rig_file = folder / "plan.yaml", folder / "rig.yaml"
+    write_text(plan_file, measurement.dump())
+    write_text(rig_file, dump_yaml(simulated_rig_data(scene, folder)))
+    lines = [
+        (design, *error_against_time(subject, design, goal, shot_s=shot_s)) for design in candidates
+    ]
+    figure = design_figure(lines, best, goal, title=f"{scene.name}: error against time")
+    return PlannedMeasurement(
+        goal=goal,
+        designs=tuple(candidates),
+        chosen=best,
+        plan=measurement,
+        coldest_opaque_K=float(coldest),
+        opaque_errors_K=opaque_errors,
+        folder=folder,
+        files=(plan_file, rig_file, write_figure(figure, folder / f"design{suffix}")),
+    )
+
+
+def separate(
+    one: Scene | str | Path,
+    other: Scene | str | Path,
+    out: str | Path | None = None,
+    *,
+    delays: Times | None = None,
+    least_emissivity: float = 0.2,
+    limits_K: tuple[float, float] | None = None,
+    device: Device | None = None,
+    progress: Say | None = None,
+) -> PlannedSeparation:
+    """Plans the measurement that tells two models of a spray apart; `cldit plan --separate`.
+
+    Args:
+        one, other: scenes, shipped names, or YAML files.
+        out: folder of the runs and of plan.yaml; None: runs/ONE-or-OTHER.
+        delays: to choose from, as `times` of `cldit.run_series`; None: those of the first scene.
+        least_emissivity, limits_K: as for `cldit.plan`.
+        device: OpenCL device; None chooses.
+        progress: called with lines of text.
+
+    Raises:
+        EvaluationError: the scenes are not seen alike.
+        ClditError: as `cldit.simulate`.
+    """
+    models: Sequence[Scene] = (chosen_scene(one), chosen_scene(other))
+    first, second = models
+    folder = Path("runs") / f"{first.name}-or-{second.name}" if out is None else Path(out)
+    delays_s = SeriesPlan.of(first, delays).scenes if delays else first.plan.delays_s
+    separations = separations_of(
+        first,
+        second,
+        folder,
+        _blackbody(first, limits_K),
+        delays_s=tuple(delays_s),
+        least_emissivity=least_emissivity,
+        device=device,
+        progress=progress,
+    )
+    planned = PlannedSeparation(separations=tuple(separations), plan=None, folder=folder, files=())
+    best = planned.chosen
+    if best.shots is None:
+        return planned
+    measurement = plan_from_scene(first if best.delay_s is None else scene_at(first, best.delay_s))
+    sizes = {"backgrounds_K": best.backgrounds_K, "shots": best.shots, "references": best.shots}
+    measurement = measurement.model_copy(update={**sizes, "delays_s": ()})
+    write_text(folder / "plan.yaml", measurement.dump())
+    return PlannedSeparation(
+        separations=planned.separations,
+        plan=measurement,
+        folder=folder,
+        files=(folder / "plan.yaml",),
+    )
+
+
+def _blackbody(scene: Scene, limits_K: tuple[float, float] | None) -> BlackBody:
+    """The black body of a scene's simulated rig."""
+    backgrounds_K = scene.background.temperatures_K
+    return BlackBody(
+        limits_K=limits_K or (min(backgrounds_K), max(backgrounds_K)),
+        start_K=scene.rig.background_start_K,
+        time_constant_s=scene.rig.background_time_constant_s,
+        stability=Stability(),
+    )
