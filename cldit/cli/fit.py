@@ -79,3 +79,8 @@ def _print(result: Fit) -> None:
         f"{result.p_value:.2g}; {result.evaluations} evaluations",
         style="bold",
     )
+    if not result.explained:
+        OUT.print(
+            "No values in these ranges explain the measurement: the errors above are too small.",
+            style="yellow",
+        )

@@ -40,6 +40,7 @@ _STEP = 0.02  # of a parameter's range, for derivatives
 _ENOUGH = 1e-3  # of a range, and of chi-square: steps smaller than that end the fit
 _MOST_STEPS = 15
 _UNIFORM = 12.0**-0.5  # standard deviation of a uniform distribution, of its range
+_LEAST_P = 0.01  # of chi-square: below it a fit explains nothing
 _NO_EFFECT = 0.05  # standard errors in any pixel, by the whole range: T_app in float32 has 0.02
 
 
@@ -132,6 +133,11 @@ class Fit:
     folder: Path
 
     @property
+    def explained(self) -> bool:
+        """False if chance alone hardly makes the residuals; the stated errors are then too small."""
+        return self.p_value >= _LEAST_P
+
+    @property
     def correlation(self) -> Floats:
         """Correlation (P, P) of the parameters."""
         sigma = np.sqrt(np.diag(self.covariance))
@@ -157,6 +163,7 @@ class Fit:
             "correlation": self.correlation.tolist(),
             "chi2_reduced": self.chi2_reduced,
             "p_value": self.p_value,
+            "explained": self.explained,
             "pixels": self.pixels,
             "evaluations": self.evaluations,
             "weak": self.weak,

@@ -29,7 +29,7 @@ def test_notebook(path: Path, tmp_path: Path) -> None:
 def test_notebooks_are_stored_with_their_results() -> None:
     """As `jupyter execute --inplace` leaves them: run in order, without errors or paths of here."""
     nbformat = pytest.importorskip("nbformat")
-    assert len(_BOOKS) == 6
+    assert len(_BOOKS) == 7
     for path in _BOOKS:
         cells = [each for each in nbformat.read(path, as_version=4).cells if "outputs" in each]
         assert [each.execution_count for each in cells] == [*range(1, len(cells) + 1)], path.name
