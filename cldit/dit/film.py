@@ -29,11 +29,14 @@ _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
 
 def damaged(sums: AllSums) -> dict[str, str]:
     """Images with lost lines, or with rows of an older image: what is wrong, by id."""
-    groups = [sums[key] for key in sorted(sums, key=lambda one: (one[0], one[1] == "injection"))]
+    groups = [
+        sums[key]
+        for key in sorted(sums, key=lambda group_key: (group_key[0], group_key[1] == "injection"))
+    ]
     frames = [frame for group in groups for frame in group.frames]
     ids = [name for group in groups for name in group.ids]
     variances = [float(np.median(group.variance())) for group in groups]
-    noise = np.sqrt(min((one for one in variances if one > 0.0), default=0.0))
+    noise = np.sqrt(min((variance for variance in variances if variance > 0.0), default=0.0))
     if not noise > 0.0:  # a simulation without noise, or single images
         return {}
     high, wide = groups[0].total.shape
@@ -42,24 +45,24 @@ def damaged(sums: AllSums) -> dict[str, str]:
     rows = np.stack([frame.rows for frame in frames])
     owner = np.tile(np.arange(len(ids))[:, None], high)
     for row in range(high // 8, high - high // 8):
-        _, first, inverse = np.unique(rows[:, row], return_index=True, return_inverse=True)
-        owner[:, row] = first[inverse]
+        _, first_image, inverse = np.unique(rows[:, row], return_index=True, return_inverse=True)
+        owner[:, row] = first_image[inverse]
     old = owner != np.arange(len(ids))[:, None]
     lost = np.stack([frame.runs for frame in frames]) >= max(fewest, _PART, wide // _PART)
     old &= ~lost & (old.mean(axis=0) < _USUAL)
     old &= np.stack([frame.free for frame in frames]) >= fewest
     lost &= lost.mean(axis=0) < _USUAL
     lost &= np.concatenate([_deviates(group, float(noise)) for group in groups])
-    found: dict[str, str] = {}
+    messages: dict[str, str] = {}
     for number, name in enumerate(ids):
         if lost[number].any():
-            found[name] = f"shot {name}: lost lines: {_listed(lost[number])} have one value"
+            messages[name] = f"shot {name}: lost lines: {_listed(lost[number])} have one value"
         elif old[number].any() and old[number].sum() < high - 2 * (high // 8):
             source = ids[np.bincount(owner[number, old[number]]).argmax()]
-            found[name] = (
+            messages[name] = (
                 f"shot {name}: half-old frame: {_listed(old[number])} are those of {source}"
             )
-    return found
+    return messages
 
 
 def _deviates(group: Sums, noise: float) -> Mask:
@@ -75,8 +78,8 @@ def _listed(rows: Mask) -> str:
     numbers = np.flatnonzero(rows)
     if numbers.size > 2 and np.ptp(numbers) == numbers.size - 1:
         return f"rows {numbers[0]} to {numbers[-1]}"
-    more = f", .. ({numbers.size} of {rows.size})" if numbers.size > _MOST else ""
-    return f"rows {', '.join(map(str, numbers[:_MOST]))}{more}"
+    remainder = f", .. ({numbers.size} of {rows.size})" if numbers.size > _MOST else ""
+    return f"rows {', '.join(map(str, numbers[:_MOST]))}{remainder}"
 
 
 def check_depths(sums: AllSums) -> None:
@@ -85,16 +88,16 @@ def check_depths(sums: AllSums) -> None:
     """
     frames = [(kind, name, frame) for (_, kind), group in sorted(sums.items(), reverse=True)
               for name, frame in zip(group.ids, group.frames, strict=True)]  # fmt: skip
-    for what, values in (
+    for template, values in (
         ("{} bits", [frame.bits for *_, frame in frames]),
         ("counts in steps of {}", [frame.step for *_, frame in frames]),
     ):
-        first = {value: frames[values.index(value)] for value in dict.fromkeys(values) if value}
-        if len(first) < 2 or (what == "{} bits" and min(first) > 8):
+        examples = {value: frames[values.index(value)] for value in dict.fromkeys(values) if value}
+        if len(examples) < 2 or (template == "{} bits" and min(examples) > 8):
             continue
         listed = [
-            f"{_whose(kind, value, values, frames)} {what.format(value)} (first {name})"
-            for value, (kind, name, _) in first.items()
+            f"{_whose(kind, value, values, frames)} {template.format(value)} (first {name})"
+            for value, (kind, name, _) in examples.items()
         ]
         raise EvaluationError(
             f"mixed depths: {', '.join(listed)}; export all images with one depth and alignment"
@@ -105,11 +108,15 @@ def _whose(
     kind: str, value: int, values: Sequence[int], frames: Sequence[tuple[str, str, Frame]]
 ) -> str:
     """Subject of a sentence: one whole kind, or some images."""
-    same = [other for (other, *_), one in zip(frames, values, strict=True) if one == value]
-    whole = {other for other in same} == {kind} and len(same) == sum(
-        other == kind for other, *_ in frames
+    same = [
+        frame_kind
+        for (frame_kind, *_), frame_value in zip(frames, values, strict=True)
+        if frame_value == value
+    ]
+    entire = {frame_kind for frame_kind in same} == {kind} and len(same) == sum(
+        frame_kind == kind for frame_kind, *_ in frames
     )
-    return f"{kind}s have" if whole else f"{len(same)} images have"
+    return f"{kind}s have" if entire else f"{len(same)} images have"
 
 
 def repeats(sums: AllSums) -> dict[str, str]:
@@ -120,13 +127,13 @@ def repeats(sums: AllSums) -> dict[str, str]:
         for name, frame in zip(group.ids, group.frames, strict=True):
             if not frame.flat:
                 same.setdefault(frame.digest, []).append((key, name))
-    found: dict[str, str] = {}
+    messages: dict[str, str] = {}
     for images in same.values():
-        apart = len({key for key, _ in images}) > 1
-        for _, name in images if apart else images[1:]:
-            other = next(one for _, one in images if one != name)
-            found[name] = f"shot {name}: repeats {other}: a frozen camera, or a copied file"
-    return found
+        across_groups = len({key for key, _ in images}) > 1
+        for _, name in images if across_groups else images[1:]:
+            twin = next(image_id for _, image_id in images if image_id != name)
+            messages[name] = f"shot {name}: repeats {twin}: a frozen camera, or a copied file"
+    return messages
 
 
 def lag(sums: AllSums) -> Witness | None:
@@ -140,19 +147,23 @@ def lag(sums: AllSums) -> Witness | None:
             for number, place in enumerate(sums[setpoint, kind].places)
         )
         pairs = [
-            (sums[setpoint, "reference"].thumbnails[number], sums[setpoint, before].thumbnails[n])
-            for (_, before, n), (_, kind, number) in pairwise(taken)
+            (
+                sums[setpoint, "reference"].thumbnails[number],
+                sums[setpoint, earlier_kind].thumbnails[earlier_number],
+            )
+            for (_, earlier_kind, earlier_number), (_, kind, number) in pairwise(taken)
             if kind == "reference"
         ]
         if len(pairs) > 2:
             image, earlier = (
-                np.array(one, float).reshape(len(pairs), -1) for one in zip(*pairs, strict=True)
+                np.array(stacked, float).reshape(len(pairs), -1)
+                for stacked in zip(*pairs, strict=True)
             )
             mean = image.mean(axis=0)
             common = np.linalg.qr(np.array([np.ones_like(mean), mean]).T)[0]  # of drifts
             off, change = (
-                one - one @ common @ common.T
-                for one in (image - mean, earlier - earlier.mean(axis=0))
+                deviation - deviation @ common @ common.T
+                for deviation in (image - mean, earlier - earlier.mean(axis=0))
             )
             product += float(np.sum(off * change))
             square += float(np.sum(change**2))
@@ -176,28 +187,34 @@ def check_turns(sums: AllSums) -> None:
     """
     for setpoint in sorted({setpoint for setpoint, _ in sums}):
         groups = [sums[setpoint, kind] for kind in KINDS]
-        one, two = (_step(np.array(group.thumbnails, float)) for group in groups)
-        if one is None or two is None:
+        reference_step, injection_step = (
+            _step(np.array(group.thumbnails, float)) for group in groups
+        )
+        if reference_step is None or injection_step is None:
             continue
-        (first, change), (second, other) = one, two
-        squares = float(np.sum(change**2) + np.sum(other**2))
-        if float(np.sum((change + other) ** 2)) < (1.0 - _EXPLAINED) * squares:
+        (reference_at, reference_change), (injection_at, injection_change) = (
+            reference_step,
+            injection_step,
+        )
+        squares = float(np.sum(reference_change**2) + np.sum(injection_change**2))
+        if float(np.sum((reference_change + injection_change) ** 2)) < (1.0 - _EXPLAINED) * squares:
             raise EvaluationError(
-                f"background {setpoint:g} K: from {groups[0].ids[first]} and "
-                f"{groups[1].ids[second]} on, references and injections are exchanged: a dropped "
-                "frame in a film that takes them in turns; select the parts before and after it"
+                f"background {setpoint:g} K: from {groups[0].ids[reference_at]} and "
+                f"{groups[1].ids[injection_at]} on, references and injections are exchanged: a "
+                "dropped frame in a film that takes them in turns; select the parts before and "
+                "after it"
             )
 
 
 def _step(images: Floats) -> tuple[int, Floats] | None:
     """Number of the image at which a sequence (n, ..) changes, and the change; None if nothing
     explains its squares."""
-    away = images - images.mean(axis=0)
+    deviations = images - images.mean(axis=0)
     best: tuple[float, int] = (0.0, 0)
     for number in range(1, len(images)):
-        before, after = away[:number].mean(axis=0), away[number:].mean(axis=0)
-        gained = number * np.sum(before**2) + (len(images) - number) * np.sum(after**2)
+        early, late = deviations[:number].mean(axis=0), deviations[number:].mean(axis=0)
+        gained = number * np.sum(early**2) + (len(images) - number) * np.sum(late**2)
         best = max(best, (float(gained), number))
-    if best[0] < _EXPLAINED * float(np.sum(away**2)) or not best[1]:
+    if best[0] < _EXPLAINED * float(np.sum(deviations**2)) or not best[1]:
         return None
     return best[1], images[best[1] :].mean(axis=0) - images[: best[1]].mean(axis=0)

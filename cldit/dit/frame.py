@@ -30,14 +30,14 @@ class Frame:
     @classmethod
     def of(cls, image: NDArray[Any]) -> "Frame":
         """Fingerprint of an image (h, w) of numbers."""
-        whole = image.dtype.kind in "iu"
+        integer = image.dtype.kind in "iu"
         middle = inner(image)
         columns = image[:, _margins(image.shape[1])]
-        words = columns.astype(np.uint64) if whole else columns.astype(float).view(np.uint64)
+        words = columns.astype(np.uint64) if integer else columns.astype(float).view(np.uint64)
         step = 0
-        if whole and np.unique(middle.ravel()[:: max(1, middle.size // 4096)]).size >= _VALUES:
-            every = int(np.bitwise_or.reduce(middle, axis=None))
-            step = every & -every
+        if integer and np.unique(middle.ravel()[:: max(1, middle.size // 4096)]).size >= _VALUES:
+            bits_set = int(np.bitwise_or.reduce(middle, axis=None))
+            step = bits_set & -bits_set
         return cls(
             rows=np.asarray(np.sum(words * _factors(words.shape[1]), axis=1, dtype=np.uint64)),
             free=np.sum(
@@ -45,7 +45,7 @@ class Frame:
             ),
             runs=_runs(columns),
             flat=bool(np.ptp(middle) == 0),
-            bits=8 * image.dtype.itemsize if whole else 0,
+            bits=8 * image.dtype.itemsize if integer else 0,
             step=step,
         )
 

@@ -10,7 +10,7 @@ from cldit.arrays import Floats
 from cldit.scene.values import ZERO_CELSIUS_K
 
 _CHANCE = 1e-4  # probability of a larger chi-square, up to which a cause fits
-_LEFT = 0.01  # share of chi-square without a cause that is left by one that fits, too
+_REMAINING = 0.01  # share of chi-square without a cause that is left by one that fits, too
 _WITHIN = 0.0027  # probability of a difference of chi-square by chance: three standard deviations
 
 UNITS: dict[str, Callable[[Floats], Floats]] = {
@@ -28,10 +28,10 @@ UNITS: dict[str, Callable[[Floats], Floats]] = {
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A cause in words, what its fit leaves, and its number of unknowns. severe: T_app would be
-    wrong by more than any error that is stated."""
+    """A cause in words, the chi-square that remains, and the number of unknowns. severe: T_app
+    would be wrong by more than any stated error."""
 
-    text: str
+    cause: str
     chi2: float
     unknowns: int
     severe: bool = False
@@ -52,31 +52,40 @@ def fitted(candidates: Sequence[Hypothesis], *, none: float, degrees: int) -> li
     none: chi-square without a cause, of so many `degrees` of freedom.
     """
 
-    def fits(one: Hypothesis) -> bool:
-        left = degrees - one.unknowns
-        return one.chi2 <= max(_LEFT * none, float(chdtri(left, _CHANCE)) if left > 0 else 0.0)
+    def fits(hypothesis: Hypothesis) -> bool:
+        remaining = degrees - hypothesis.unknowns
+        return hypothesis.chi2 <= max(
+            _REMAINING * none, float(chdtri(remaining, _CHANCE)) if remaining > 0 else 0.0
+        )
 
-    good = sorted((one for one in candidates if fits(one)), key=lambda one: one.score)
+    good = sorted(
+        (hypothesis for hypothesis in candidates if fits(hypothesis)),
+        key=lambda hypothesis: hypothesis.score,
+    )
     if not good:
         return []
     # Errors of the model count as chance, too.
     scale = max(1.0, good[0].chi2 / max(degrees - good[0].unknowns, 1))
-    return [one for one in good if one.score < good[0].score + _by_chance(1) * scale]
+    return [
+        hypothesis
+        for hypothesis in good
+        if hypothesis.score < good[0].score + _by_chance(1) * scale
+    ]
 
 
-def said(causes: Sequence[Hypothesis], *, none: float, tried: int) -> str:
+def describe(causes: Sequence[Hypothesis], *, none: float, tried: int) -> str:
     """Text of the causes that fit: by how much the best is better, and those within chance."""
     if not causes:
         return f"none of {tried} causes fits"
     better = none / max(causes[0].chi2, 1.0)
-    text = f"{causes[0].text} (chi-square {better:.2g} times smaller than without)"
-    others = list(dict.fromkeys(one.text for one in causes[1:]))
-    return f"{text}; within chance: {', or '.join(others)}" if others else text
+    message = f"{causes[0].cause} (chi-square {better:.2g} times smaller than without)"
+    alternatives = list(dict.fromkeys(hypothesis.cause for hypothesis in causes[1:]))
+    return f"{message}; within chance: {', or '.join(alternatives)}" if alternatives else message
 
 
-def line_chi2(x: Floats, y: Floats, variance: Floats, *more: Floats) -> float:
+def line_chi2(x: Floats, y: Floats, variance: Floats, *extra: Floats) -> float:
     """Chi-square of points (K,) about their line over `x`, with further columns (K,)."""
-    columns = np.array([x, np.ones_like(x), *more]).T / np.sqrt(variance)[:, None]
+    columns = np.array([x, np.ones_like(x), *extra]).T / np.sqrt(variance)[:, None]
     size = np.sqrt(np.sum(columns**2, axis=0))
     values = y / np.sqrt(variance)
     rest = values - columns / size @ np.linalg.lstsq(columns / size, values, rcond=None)[0]

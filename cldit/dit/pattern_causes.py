@@ -2,12 +2,13 @@
 camera's correction was renewed, or images moved, or were turned."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.dit.hypotheses import Hypothesis, fitted, said
+from cldit.dit.hypotheses import Hypothesis, describe, fitted
 
 if TYPE_CHECKING:
     from cldit.dit.witness.pixels import Patterns
@@ -25,66 +26,71 @@ _MODEL = 1.5  # largest chi-square by degree of freedom that a right cause leave
 _RENEWED = "the camera's correction (NUC) renewed {} {}"
 
 
-def between_kinds(patterns: "Patterns", here: Mask, *, offsets: bool, gains: bool) -> str:
+def between_kinds(patterns: "Patterns", selected: Mask, *, offsets: bool, gains: bool) -> str:
     """Text of the causes of patterns of injections that are not those of references.
 
-    here: (h, w) pixels. offsets, gains: which of them changed beyond doubt; what is left of the
+    selected: (h, w) pixels. offsets, gains: which of them changed beyond doubt; the rest of the
     other, as the slopes of thin spray, is no finding.
     """
     x, reference = patterns.source, patterns.high["reference"]
-    change = (patterns.high["injection"] - reference)[:, here]
-    each = [np.median(one[:, here], axis=1) for one in patterns.noise.values()]
+    change = (patterns.high["injection"] - reference)[:, selected]
+    variances = [np.median(noise[:, selected], axis=1) for noise in patterns.noise.values()]
     columns = {"offsets": np.ones_like(x), "gains": x}
     changed = [name for name, beyond in (("offsets", offsets), ("gains", gains)) if beyond]
-    own = {
+    per_pixel = {
         _RENEWED.format(" and ".join(names), "between the kinds"): [columns[name] for name in names]
         for names in dict.fromkeys([*((name,) for name in changed), tuple(changed)])
     }
     turned = {
-        f"injections look {text}": (np.array([turn(each) for each in reference]) - reference)[
-            :, here
-        ]
-        for text, turn in TURNS.items()
-        if turn(reference[0]).shape == here.shape
+        f"injections look {orientation}": (
+            np.array([turn(image) for image in reference]) - reference
+        )[:, selected]
+        for orientation, turn in TURNS.items()
+        if turn(reference[0]).shape == selected.shape
     }
-    moved = {"injections look moved": [[one[:, here]] for one in _steps(reference)]}
+    moved = {"injections look moved": [[step[:, selected]] for step in _steps(reference)]}
     base = [column for name, column in columns.items() if name not in changed]
-    return _said([(change, np.sum(each, axis=0))], base, own=own, moved=moved, turned=turned)
+    return _describe(
+        [(change, np.sum(variances, axis=0))], base, per_pixel=per_pixel, moved=moved, turned=turned
+    )
 
 
-def between_backgrounds(patterns: "Patterns", here: Mask, names: Sequence[str]) -> str:
-    """Text of the causes of patterns in the pixels `here` (h, w) that are not on the pixels' lines;
+def between_backgrounds(patterns: "Patterns", selected: Mask, names: Sequence[str]) -> str:
+    """Text of the causes of patterns in `selected` pixels (h, w) that are not on the pixels' lines;
     names: of the backgrounds."""
     x = patterns.source
-    own = {}
+    per_pixel = {}
     for k in range(1, len(x)):
         step = np.where(np.arange(len(x)) >= k, 1.0, 0.0)
-        own[_RENEWED.format("offsets", f"from {names[k]} on")] = [step]
-        own[_RENEWED.format("gains", f"from {names[k]} on")] = [step * x]
+        per_pixel[_RENEWED.format("offsets", f"from {names[k]} on")] = [step]
+        per_pixel[_RENEWED.format("gains", f"from {names[k]} on")] = [step * x]
     parts = [
-        (patterns.high[kind][:, here], np.median(noise[:, here], axis=1))
+        (patterns.high[kind][:, selected], np.median(noise[:, selected], axis=1))
         for kind, noise in patterns.noise.items()
     ]
     moved: dict[str, list[list[Floats]]] = {}
     for k, name in enumerate(names):
-        others, alone = np.arange(len(x)) != k, (np.arange(len(x)) == k)[:, None]
+        remaining, indicator = np.arange(len(x)) != k, (np.arange(len(x)) == k)[:, None]
         design = np.stack([x, np.ones_like(x)], axis=1)
-        weight = design[k] @ np.linalg.pinv(design[others])
+        weight = design[k] @ np.linalg.pinv(design[remaining])
         steps = {
-            kind: [alone * one[here] for one in _steps(np.tensordot(weight, high[others], 1))]
+            kind: [
+                indicator * gradient[selected]
+                for gradient in _steps(np.tensordot(weight, high[remaining], 1))
+            ]
             for kind, high in patterns.high.items()
         }
         zero = np.zeros_like(parts[0][0])
         moved[f"images at {name} look moved"] = [
-            list(both) for both in zip(*steps.values(), strict=True)
+            list(pair) for pair in zip(*steps.values(), strict=True)
         ]
         for number, (kind, own_steps) in enumerate(steps.items()):
             moved[f"{kind}s at {name} look moved"] = [
-                [zero] * number + [one] + [zero] * (1 - number) for one in own_steps
+                [zero] * number + [gradient] + [zero] * (1 - number) for gradient in own_steps
             ]
-    text = _said(parts, [x, np.ones_like(x)], own=own, moved=moved, turned={})
-    return text + (
-        ": was the correction (NUC) renewed more than once?" if text.startswith("none") else ""
+    message = _describe(parts, [x, np.ones_like(x)], per_pixel=per_pixel, moved=moved, turned={})
+    return message + (
+        ": was the correction (NUC) renewed more than once?" if message.startswith("none") else ""
     )
 
 
@@ -95,48 +101,61 @@ def _steps(image: Floats) -> list[Floats]:
     return [np.roll(image, move, axis=(-2, -1)) - image for move in moves]
 
 
-def _said(
+def _describe(
     parts: Sequence[tuple[Floats, Floats]],
     base: Sequence[Floats],
     *,
-    own: Mapping[str, Sequence[Floats]],
+    per_pixel: Mapping[str, Sequence[Floats]],
     moved: Mapping[str, Sequence[Sequence[Floats]]],
     turned: Mapping[str, Floats],
 ) -> str:
     """Text of the causes of patterns that the columns `base` (K,) of each pixel do not explain.
 
-    parts: patterns (K, N) and their variances (K,). own: further columns (K,) of each pixel. moved:
-    fields (K, N) of each part, with one factor each. turned: fields without one.
+    parts: patterns (K, N) and their variances (K,). per_pixel: further columns (K,) of each pixel.
+    moved: fields (K, N) of each part, with one factor each. turned: fields without one.
     """
 
-    def left(values: Floats, variance: Floats, columns: Sequence[Floats] = ()) -> Floats:
+    def residuals(values: Floats, variance: Floats, columns: Sequence[Floats] = ()) -> Floats:
         white = values / np.sqrt(variance)[:, None]
-        if not (all_of := [*base, *columns]):
+        if not (all_columns := [*base, *columns]):
             return white
-        basis = np.linalg.qr(np.array(all_of).T / np.sqrt(variance)[:, None])[0]
+        basis = np.linalg.qr(np.array(all_columns).T / np.sqrt(variance)[:, None])[0]
         return np.asarray(white - basis @ (basis.T @ white))
 
-    def chi2(columns: Sequence[Floats] = (), less: Floats | float = 0.0) -> float:
-        return float(sum(np.sum(left(one - less, var, columns) ** 2) for one, var in parts))
+    def chi2(columns: Sequence[Floats] = (), field: Floats | float = 0.0) -> float:
+        return float(
+            sum(
+                np.sum(residuals(values - field, variance, columns) ** 2)
+                for values, variance in parts
+            )
+        )
 
-    (count, _), pixels = parts[0][0].shape, sum(one.shape[1] for one, _ in parts)
+    (count, _), pixels = parts[0][0].shape, sum(values.shape[1] for values, _ in parts)
     degrees = pixels * (count - len(base))
-    tried = [(text, chi2(columns), pixels * len(columns)) for text, columns in own.items()]
-    for text, fields in moved.items():
+    tried = [
+        Hypothesis(cause, chi2(columns), pixels * len(columns))
+        for cause, columns in per_pixel.items()
+    ]
+    for cause, fields in moved.items():
         white = [
             np.concatenate(
-                [left(one, var).ravel() for one, (_, var) in zip(each, parts, strict=True)]
+                [
+                    residuals(values, variance).ravel()
+                    for values, (_, variance) in zip(by_part, parts, strict=True)
+                ]
             )
-            for each in (*fields, [one for one, _ in parts])
+            for by_part in (*fields, [values for values, _ in parts])
         ]
         design, rest = np.array(white[:-1]).T, white[-1]
         rest = rest - design @ np.linalg.lstsq(design, rest, rcond=None)[0]
-        tried.append((text, float(rest @ rest), len(fields)))
-    tried += [(text, chi2(less=field), 0) for text, field in turned.items()]
-    tried = [one for one in tried if one[2] < degrees]
+        tried.append(Hypothesis(cause, float(rest @ rest), len(fields)))
+    tried += [Hypothesis(cause, chi2(field=field), 0) for cause, field in turned.items()]
+    tried = [hypothesis for hypothesis in tried if hypothesis.unknowns < degrees]
     # Errors of the model of the noise, and odd pixels, count as chance.
-    least = min((left2 / (degrees - n) for _, left2, n in tried), default=1.0)
-    scale = float(np.clip(least, 1.0, _MODEL))
-    causes = [Hypothesis(text, left2 / scale, n) for text, left2, n in tried]
+    smallest = min(
+        (hypothesis.chi2 / (degrees - hypothesis.unknowns) for hypothesis in tried), default=1.0
+    )
+    scale = float(np.clip(smallest, 1.0, _MODEL))
+    causes = [replace(hypothesis, chi2=hypothesis.chi2 / scale) for hypothesis in tried]
     none = chi2() / scale
-    return said(fitted(causes, none=none, degrees=degrees), none=none, tried=len(causes))
+    return describe(fitted(causes, none=none, degrees=degrees), none=none, tried=len(causes))

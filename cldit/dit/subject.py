@@ -39,7 +39,7 @@ class Subject:
     spray: tuple[Weights, ...]
     reference: Weights
     boundaries: tuple[Boundary, ...]
-    whole: Boundary
+    filter_boundary: Boundary
     curve: Curve
     sensor: SensorModel
     scatter: float
@@ -73,14 +73,14 @@ class Subject:
                 f"more; the largest is {np.nanmax(emissivity, initial=0.0):.3g}"
             )
         chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(np.intp)]
-        around = Surroundings.from_scene(scene)
+        surroundings = Surroundings.from_scene(scene)
         nodes = quadrature.nodes
         return cls(
             spray=tuple(_pixels(weights, chosen) for weights in spray),
             reference=_pixels(bare, chosen),
-            boundaries=tuple(Boundary.of(around, n.radiance, n.pane) for n in nodes),
-            whole=Boundary.in_filter(
-                around, quadrature.filter_um, reference_K=quadrature.reference_K
+            boundaries=tuple(Boundary.of(surroundings, n.radiance, n.pane) for n in nodes),
+            filter_boundary=Boundary.in_filter(
+                surroundings, quadrature.filter_um, reference_K=quadrature.reference_K
             ),
             curve=Curve(filter_um=quadrature.filter_um),
             sensor=SensorModel.from_scene(scene),
@@ -140,9 +140,13 @@ class Subject:
         radiance, _ = apparent_radiance(lines)
         slope = self.curve.temperature_slope(np.maximum(radiance, 0.0))
         row = radiance_gradient(lines)[:, 2:] * slope[:, None]
-        both = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
-        x = self.whole.leaving(backgrounds_K)[:, None]
-        return np.asarray((both[:, 0] * x + both[:, 1]) / variance / self.whole.front.transmission)
+        covariances = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
+        x = self.filter_boundary.leaving(backgrounds_K)[:, None]
+        return np.asarray(
+            (covariances[:, 0] * x + covariances[:, 1])
+            / variance
+            / self.filter_boundary.front.transmission
+        )
 
     def depth_response(self, bare: Floats, spray: Floats) -> Floats:
         """Change (K, N) of the injections' signals by a relative change of the optical depth of 1.
@@ -170,12 +174,12 @@ class Subject:
             calibration.variance_counts2(calibration.counts(seen)) / scale**2
             for seen in (bare, spray)
         )
-        transmission = self.whole.front.transmission
-        source = self.whole.leaving(backgrounds_K)
+        transmission = self.filter_boundary.front.transmission
+        source = self.filter_boundary.leaving(backgrounds_K)
         calm, varied = calm / transmission**2, (varied + extra) / transmission**2
         lines = fit_pair(
             (source, source),
-            (self.whole.inside(bare), self.whole.inside(spray)),
+            (self.filter_boundary.inside(bare), self.filter_boundary.inside(spray)),
             variance=(calm, varied),
             usable=np.ones(bare.shape, bool),
         )
@@ -219,7 +223,7 @@ def opaque_errors_K(
         subject,
         spray=(spray,),
         reference=bare,
-        boundaries=(subject.whole,),
+        boundaries=(subject.filter_boundary,),
         scatter=0.0,
     )
     injections, bare_ones = grey.variances(backgrounds_K)[0]

@@ -12,7 +12,7 @@ import numpy as np
 
 from cldit.acquisition.witness_names import Acceptable
 from cldit.arrays import Floats, Mask
-from cldit.dit.hypotheses import UNITS, Hypothesis, fitted, line_chi2, said
+from cldit.dit.hypotheses import UNITS, Hypothesis, describe, fitted, line_chi2
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, refusal, sure
 from cldit.dit.witness.lines import OffLine, off_line
@@ -28,8 +28,8 @@ def references(evidence: Evidence, *, stated_K: Floats) -> tuple[Witness, OffLin
 
     The user states the standard deviation `stated_K` (K,) of each background.
     """
-    every = np.ones(evidence.blocks, bool)
-    return _judge(evidence, "reference", every, stated_K=stated_K)
+    all_blocks = np.ones(evidence.blocks, bool)
+    return _judge(evidence, "reference", all_blocks, stated_K=stated_K)
 
 
 def injections(evidence: Evidence, *, stated_K: Floats) -> Witness:
@@ -43,11 +43,11 @@ def fitted_over(as_stated: Evidence, lined: Witness, *, stated_K: Floats) -> Wit
     It is `lined`, that of the fitted filter, unless with the filter `as_stated` the deviation of
     one background is the only cause that fits: then it is severe.
     """
-    other, off = references(as_stated, stated_K=stated_K)
-    if off is None or off.lone is None or len(other.causes) != 1:
+    stated_witness, off = references(as_stated, stated_K=stated_K)
+    if off is None or off.lone is None or len(stated_witness.causes) != 1:
         return lined
-    says = f"{other.says}; no other filter explains that: use --calibration planck"
-    return replace(other, says=says, severe=True)
+    message = f"{stated_witness.says}; no other filter explains that: use --calibration planck"
+    return replace(stated_witness, says=message, severe=True)
 
 
 def clearest(evidence: Evidence, *, share: float = CLEAREST) -> Mask:
@@ -66,19 +66,19 @@ def slopes(evidence: Evidence) -> Floats:
 def _judge(
     evidence: Evidence, kind: str, chosen: Mask, *, stated_K: Floats
 ) -> tuple[Witness, OffLine | None]:
-    of = f"{kind}s against each other"
+    comparison = f"{kind}s against each other"
     name: Acceptable = "backgrounds" if kind == "reference" else "injections"
     if len(evidence.setpoints) < 3:
         return Witness(
             name=name,
-            compared=of,
+            compared=comparison,
             says="two backgrounds always lie on a line; this check needs a third",
         ), None
     x, y = evidence.source[kind], evidence.mean(kind)[:, chosen].mean(axis=1)
     variance = evidence.variance(kind, chosen)
     if kind == "injection":  # the noise of the blocks that were chosen for how they look
-        each = evidence.camera[kind][:, chosen].mean(axis=1) / evidence.number(kind)
-        variance = variance + CHOSEN * each
+        camera_variance = evidence.camera[kind][:, chosen].mean(axis=1) / evidence.number(kind)
+        variance = variance + CHOSEN * camera_variance
     variance = variance + (np.hypot(FLOOR_K, stated_K) * evidence.rise) ** 2
     off = off_line(x, y, rise=evidence.rise, variance=variance)
     beyond = off.beyond(sure(evidence.degrees(kind)))
@@ -90,15 +90,16 @@ def _judge(
     return (
         Witness(
             name=name,
-            compared=of,
-            says=said(causes, none=none, tried=len(tried)) if stands_out else "",
-            causes=tuple(one.text for one in causes),
+            compared=comparison,
+            says=describe(causes, none=none, tried=len(tried)) if stands_out else "",
+            causes=tuple(hypothesis.cause for hypothesis in causes),
             remedy=_remedy(evidence, off),
             setpoints=evidence.setpoints,
             kelvin=tuple(off.kelvin.tolist()),
             noise_K=tuple(off.noise_K.tolist()),
             stands_out=stands_out,
-            severe=beyond and (_size(off) > LIMIT_K or any(one.severe for one in causes[:1])),
+            severe=beyond
+            and (_size(off) > LIMIT_K or any(hypothesis.severe for hypothesis in causes[:1])),
         ),
         off,
     )
@@ -125,35 +126,41 @@ def _hypotheses(
     at, x = evidence.temperatures_K[kind], evidence.source[kind]
     names = [f"{setpoint:g} K" for setpoint in evidence.setpoints]
     count = len(names)
-    found: list[Hypothesis] = []
+    hypotheses: list[Hypothesis] = []
     for unit, to_kelvin in UNITS.items():
         real_K = to_kelvin(at)
         if real_K.min() > _COLD_K:
             chi2 = line_chi2(evidence.own_radiance(real_K), y, variance)
-            found.append(Hypothesis(f"the temperatures look like {unit}", chi2, 0, severe=True))
-    text = "counts are linear in temperature: are the images temperatures?"
-    found.append(Hypothesis(text, line_chi2(at, y, variance), 0, severe=True))
+            hypotheses.append(
+                Hypothesis(f"the temperatures look like {unit}", chi2, 0, severe=True)
+            )
+    cause = "counts are linear in temperature: are the images temperatures?"
+    hypotheses.append(Hypothesis(cause, line_chi2(at, y, variance), 0, severe=True))
     for i, j in combinations(range(count), 2):
         order = np.arange(count)
         order[[i, j]] = j, i
-        text = (
+        cause = (
             f"the {kind}s (or temperatures) of backgrounds {names[i]} and {names[j]} look swapped"
         )
-        found.append(Hypothesis(text, line_chi2(x, y[order], variance[order]), 0, severe=True))
+        hypotheses.append(
+            Hypothesis(cause, line_chi2(x, y[order], variance[order]), 0, severe=True)
+        )
     if count == 3:
-        text = "one of the three deviates, or filter or camera differ from those stated"
-        return [*found, Hypothesis(text, 0.0, 1)]
+        cause = "one of the three deviates, or filter or camera differ from those stated"
+        return [*hypotheses, Hypothesis(cause, 0.0, 1)]
     for k, name in enumerate(names):
-        alone = line_chi2(x, y, variance, np.eye(count)[k])
-        found.append(Hypothesis(f"background {name} deviates by {off.kelvin[k]:+.2f} K", alone, 1))
+        lone_chi2 = line_chi2(x, y, variance, np.eye(count)[k])
+        hypotheses.append(
+            Hypothesis(f"background {name} deviates by {off.kelvin[k]:+.2f} K", lone_chi2, 1)
+        )
     bent = line_chi2(x, y, variance, (x / x.max()) ** 2)
-    text = "the filter, or the camera's curve, differs from that stated"
-    found.append(Hypothesis(text, bent, 1))
+    cause = "the filter, or the camera's curve, differs from that stated"
+    hypotheses.append(Hypothesis(cause, bent, 1))
     for k in range(2, count - 1):
         change = np.where(np.arange(count) >= k, y, 0.0)
-        text = f"the camera's gain (exposure, range) changed from {names[k]} on"
-        found.append(Hypothesis(text, line_chi2(x, y, variance, change), 1))
-    return found
+        cause = f"the camera's gain (exposure, range) changed from {names[k]} on"
+        hypotheses.append(Hypothesis(cause, line_chi2(x, y, variance, change), 1))
+    return hypotheses
 
 
 def celsius(named_K: dict[str, float]) -> Witness | None:
@@ -162,5 +169,5 @@ def celsius(named_K: dict[str, float]) -> Witness | None:
     if not cold:
         return None
     listed = ", ".join(f"{name} {kelvin:g} K" for name, kelvin in cold.items())
-    says = f"temperatures that look like degrees Celsius: {listed}"
-    return refusal("celsius", says, "add 273.15")
+    message = f"temperatures that look like degrees Celsius: {listed}"
+    return refusal("celsius", message, "add 273.15")

@@ -57,11 +57,11 @@ def _stuck(sums: AllSums) -> Witness | None:
     ending: list[str] = []
     for (setpoint, kind), constant in sorted(still.items()):
         group = sums[setpoint, kind]
-        here = constant & ~dead & (group.largest < group.saturation_counts)
+        stuck = constant & ~dead & (group.largest < group.saturation_counts)
         chance = (0.4 / max(noise, 0.4)) ** group.spare()  # density of a normal distribution
-        if here.mean() > max(_STUCK, 10.0 * chance) and chance < _BY_CHANCE:
-            group.largest[here] = np.inf
-            ending.append(f"{100 * here.mean():.0f} % of the {kind}s at {setpoint:g} K")
+        if stuck.mean() > max(_STUCK, 10.0 * chance) and chance < _BY_CHANCE:
+            group.largest[stuck] = np.inf
+            ending.append(f"{100 * stuck.mean():.0f} % of the {kind}s at {setpoint:g} K")
     if not ending:
         return None
     return Witness(

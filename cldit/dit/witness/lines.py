@@ -38,15 +38,24 @@ def off_line(x: Floats, y: Floats, *, rise: Floats, variance: Floats) -> OffLine
     count = len(x)
     kelvin, noise = np.zeros(count), np.zeros(count)
     for k in range(count):
-        others = np.arange(count) != k
-        design = np.stack([x[others], np.ones(count - 1) * x.max()], axis=1) / rise[others][:, None]
+        remaining = np.arange(count) != k
+        design = (
+            np.stack([x[remaining], np.ones(count - 1) * x.max()], axis=1)
+            / rise[remaining][:, None]
+        )
         # (K - 1,) coefficients of the others' signals in the prediction
-        weight = np.array([x[k], x.max()]) @ np.linalg.pinv(design) / rise[others]
-        kelvin[k] = (y[k] - weight @ y[others]) / (gain * rise[k])
-        noise[k] = np.sqrt(variance[k] + weight**2 @ variance[others]) / (abs(gain) * rise[k])
-    whole = squares(x, y, rise)
-    alone = [squares(np.delete(x, k), np.delete(y, k), np.delete(rise, k)) for k in range(count)]
-    lone = int(np.argmin(alone)) if count >= 4 and min(alone) < _EXPLAINED * whole else None
+        weight = np.array([x[k], x.max()]) @ np.linalg.pinv(design) / rise[remaining]
+        kelvin[k] = (y[k] - weight @ y[remaining]) / (gain * rise[k])
+        noise[k] = np.sqrt(variance[k] + weight**2 @ variance[remaining]) / (abs(gain) * rise[k])
+    total = squares(x, y, rise)
+    without_each = [
+        squares(np.delete(x, k), np.delete(y, k), np.delete(rise, k)) for k in range(count)
+    ]
+    lone = (
+        int(np.argmin(without_each))
+        if count >= 4 and min(without_each) < _EXPLAINED * total
+        else None
+    )
     return OffLine(kelvin=kelvin, noise_K=noise, lone=lone)
 
 

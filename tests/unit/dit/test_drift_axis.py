@@ -41,7 +41,7 @@ def test_a_wait_takes_its_time_in_any_order_of_shots() -> None:
 def test_without_all_times_numbers_count(times_s: tuple[float | None, ...], why: str) -> None:
     axis = drift_axis([_Shot(time_s=one) for one in times_s])
     assert [place.at for place in axis.places] == [1.0, 2.0, 3.0]
-    assert why in axis.said(through=False)
+    assert why in axis.line(through=False)
 
 
 def test_a_break_takes_one_interval_and_is_said() -> None:
@@ -50,11 +50,11 @@ def test_a_break_takes_one_interval_and_is_said() -> None:
     assert [place.at for place in axis.places] == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert [place.part for place in axis.places] == [0, 0, 0, 1, 1]
     assert axis.places[3].lag == pytest.approx(3.0 * BREAK_s / 2.0 - 1.0)
-    assert axis.said(through=False).endswith("after a break (3 h) it restarts")
-    assert axis.said(through=True).endswith("it continues, as the references show")
+    assert axis.line(through=False).endswith("after a break (3 h) it restarts")
+    assert axis.line(through=True).endswith("it continues, as the references show")
     places = Places.of(axis.places)
     np.testing.assert_allclose(places.through().at, 1.0 + np.array(times_s) / 2.0)
-    np.testing.assert_allclose(places.away(places.at), [-1.0, 0.0, 1.0, -0.5, 0.5])
+    np.testing.assert_allclose(places.about_part_means(places.at), [-1.0, 0.0, 1.0, -0.5, 0.5])
 
 
 def test_a_wait_for_the_black_body_is_no_break() -> None:

@@ -81,12 +81,12 @@ def _rivals(scene: Scene, *, brighter: float, error_K: float) -> Rivals:
 
 def test_response_is_the_derivative_of_the_evaluation(tiny_scene: Scene) -> None:
     """Central differences of a fit with the same weights, to second order in a step of 1e-3."""
-    subject = _rivals(tiny_scene, brighter=0.0, error_K=0.0).one
+    subject = _rivals(tiny_scene, brighter=0.0, error_K=0.0).model
     backgrounds = (440.0, 455.0, 480.0)
     found = subject.response(backgrounds)
     lines, variance = subject._fitted(backgrounds)
     bare, spray = subject.both(backgrounds)
-    source = subject.whole.leaving(backgrounds)
+    source = subject.filter_boundary.leaving(backgrounds)
     for number in range(3):
         each = []
         for way in (1e-3, -1e-3):

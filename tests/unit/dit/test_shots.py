@@ -31,8 +31,8 @@ def test_variance_is_that_about_a_fit(steady: bool, apart: bool) -> None:
     fitted = np.linalg.lstsq(np.array(columns).T, values)[0]
     rest = np.sum((values - np.array(columns).T @ fitted) ** 2, axis=0)
     spare = 6.0 - steady - apart
-    assert sums.spare(steady=steady, apart=apart) == pytest.approx(spare)
-    found = sums.variance(steady=steady, apart=apart)
+    assert sums.spare(steady=steady, common_removed=apart) == pytest.approx(spare)
+    found = sums.variance(steady=steady, common_removed=apart)
     np.testing.assert_allclose(found.ravel(), rest / spare, rtol=1e-6)
     if apart:
         assert found.mean() == pytest.approx(25.0, rel=0.5)  # without the common part of 50
