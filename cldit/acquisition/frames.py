@@ -67,12 +67,12 @@ def open_stack(source: Source) -> "Images":
 
 def _reader(source: Source) -> Reader:
     """Reader of the file: an installed one for its ending, or by its content."""
-    if (own := own_reader(source.path)) is not None:
+    if (entry := own_reader(source.path)) is not None:
         try:
-            reader: Reader = own.load()
+            reader: Reader = entry.load()
         except (ImportError, AttributeError) as error:
             raise EvaluationError(
-                f"{source.path}: its reader {own.value} cannot be loaded: {error}"
+                f"{source.path}: its reader {entry.value} cannot be loaded: {error}"
             ) from error
         return reader
     kind = kind_of(source.path)
@@ -92,10 +92,10 @@ def _arranged(opened: Any, source: Source) -> Stack:
     if source.axes in (None, AXES) or isinstance(stack, ArrayStack):
         return stack
     try:  # pages that are no images: all of them are needed for one
-        whole = np.stack([stack.read(number) for number in range(len(stack))])
+        pages = np.stack([stack.read(number) for number in range(len(stack))])
     finally:
         stack.close()
-    return ArrayStack(whole, source.axes, unit=getattr(stack, "unit", ""))
+    return ArrayStack(pages, source.axes, unit=getattr(stack, "unit", ""))
 
 
 class Images:
@@ -123,9 +123,9 @@ class Images:
             )
         unit = (f"unit {self.unit}",) if self.unit else ()
         self.notes: tuple[str, ...] = (*getattr(stack, "notes", ()), *unit)
-        told = tuple(getattr(stack, "told", ()))
+        metadata = tuple(getattr(stack, "told", ()))
         self.told: tuple[Told, ...] = (
-            told[source.part] if len(told) == count else (Told(),) * len(self)
+            metadata[source.part] if len(metadata) == count else (Told(),) * len(self)
         )
 
     def __len__(self) -> int:

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.dit.frame import Frame
+from cldit.dit.frame import Fingerprint
 from cldit.dit.shots import AllSums, Sums, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
@@ -105,7 +105,7 @@ def check_depths(sums: AllSums) -> None:
 
 
 def _whose(
-    kind: str, value: int, values: Sequence[int], frames: Sequence[tuple[str, str, Frame]]
+    kind: str, value: int, values: Sequence[int], frames: Sequence[tuple[str, str, Fingerprint]]
 ) -> str:
     """Subject of a sentence: one whole kind, or some images."""
     same = [

@@ -11,7 +11,7 @@ _VALUES = 32  # distinct counts: all of them even by chance in 1 of 2^32 images
 
 
 @dataclass(frozen=True)
-class Frame:
+class Fingerprint:
     """Fingerprint of one image (h, w).
 
     rows: (h,) digests of the rows without their margins. free: (h,) number of their pixels between
@@ -28,7 +28,7 @@ class Frame:
     step: int
 
     @classmethod
-    def of(cls, image: NDArray[Any]) -> "Frame":
+    def of(cls, image: NDArray[Any]) -> "Fingerprint":
         """Fingerprint of an image (h, w) of numbers."""
         integer = image.dtype.kind in "iu"
         middle = inner(image)

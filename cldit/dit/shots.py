@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.dit.drift_axis import Place
-from cldit.dit.frame import Frame, inner
+from cldit.dit.frame import Fingerprint, inner
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
@@ -86,7 +86,7 @@ class Sums:
     saturation_counts: float
     thumbnails: list[NDArray[np.float32]]
     ids: list[str]
-    frames: list[Frame]
+    frames: list[Fingerprint]
     places: list[Place]
     levels: list[float]
     rounded: bool = True
@@ -115,7 +115,7 @@ class Sums:
         self.total += counts
         self.squares += counts**2
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
-        self.frames.append(Frame.of(image))
+        self.frames.append(Fingerprint.of(image))
         if image.dtype.kind == "f" and self.rounded:
             self.rounded = bool(np.all(image == np.rint(image)))
         self.temperatures_K.append(shot.background_K)

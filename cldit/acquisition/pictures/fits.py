@@ -23,9 +23,9 @@ class Fits(ArrayStack):
             images = {n: unit for n, unit in enumerate(_units(self._file)) if unit.is_image}
             units = {unit.name or str(n): unit for n, unit in images.items() if len(unit.shape) > 1}
             named = units | {str(n): unit for n, unit in images.items()}
-            found = pick(source, named, lambda: {n: u.shape for n, u in units.items()}, line=False)
-            head = found.header
-            super().__init__(found.section, source.axes, unit=str(head.get("BUNIT", "")))
+            image = pick(source, named, lambda: {n: u.shape for n, u in units.items()}, line=False)
+            head = image.header
+            super().__init__(image.section, source.axes, unit=str(head.get("BUNIT", "")))
             self._flipped = str(head.get("ROWORDER", "")).upper() == "BOTTOM-UP"
             self.notes += () if "ROWORDER" in head else ("no ROWORDER: first row at the top",)
             self.told = (self._told(head),) * len(self)

@@ -108,15 +108,15 @@ def _open(source: Source, *, line: bool) -> tuple[Any, Any]:
     file = h5py.File(source.path, "r")
 
     def shapes() -> dict[str, tuple[int, ...]]:
-        found: dict[str, tuple[int, ...]] = {}
+        by_name: dict[str, tuple[int, ...]] = {}
 
         def note(name: str, item: Any) -> None:
             numbers = isinstance(item, h5py.Dataset) and item.dtype.kind in "uif"
             if numbers and not name.startswith("#"):  # of MATLAB's own
-                found[name] = item.shape
+                by_name[name] = item.shape
 
         file.visititems(note)
-        return found
+        return by_name
 
     try:
         check_links(source.path, file, complete=False)

@@ -32,10 +32,10 @@ class Kind:
     def load(self, name: str) -> Callable[..., Any]:
         """Imports the function `module:name` of this package."""
         module, _, function = name.partition(":")
-        found: Callable[..., Any] = getattr(
+        loaded: Callable[..., Any] = getattr(
             import_module(f"cldit.acquisition.pictures.{module}"), function
         )
-        return found
+        return loaded
 
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -85,7 +85,9 @@ KINDS = (
     ),
     Kind("a film of a display", "avi mp4 mov", ((4, b"ftyp"),), way_out=EXPORT),
 )
-ALLOWED = ", ".join(f".{each}" for kind in KINDS if kind.reader for each in kind.endings.split())
+ALLOWED = ", ".join(
+    f".{ending}" for kind in KINDS if kind.reader for ending in kind.endings.split()
+)
 
 
 @cache
@@ -104,6 +106,6 @@ def kind_of(path: Path) -> Kind | None:
     except FileError:  # its reader reports it
         head = b""
     for kind in KINDS:
-        if any(head[at : at + len(text)] == text for at, text in kind.signatures):
+        if any(head[at : at + len(signature)] == signature for at, signature in kind.signatures):
             return kind
     return by_ending(path.suffix.lower().removeprefix("."))

@@ -37,14 +37,14 @@ class Tiff:
                 self._file = tifffile.TiffFile(self._stream)
                 self._imagej = self._file.imagej_metadata or {}
                 self._pages = self._images()
-                first = self._file.series[0]
+                series = self._file.series[0]
                 self._size = os.fstat(self._stream.fileno()).st_size
-                told = self._imagej.get("images", 1)
-                in_page = first.ndim > 2 and first.axes.endswith("YX")
-                if len(self._pages) == 1 and (in_page or (self._incomplete and told > 1)):
+                declared = self._imagej.get("images", 1)
+                in_page = series.ndim > 2 and series.axes.endswith("YX")
+                if len(self._pages) == 1 and (in_page or (self._incomplete and declared > 1)):
                     if not self._incomplete:
-                        self._check_end(first.dataoffset, first.nbytes)
-                    self._stack = self._of_one_page(first, told)
+                        self._check_end(series.dataoffset, series.nbytes)
+                    self._stack = self._of_one_page(series, declared)
                 elif self._incomplete:
                     self._pages = [n for n in self._pages if self._end(n) <= self._size]
                 if not self._incomplete:
@@ -72,14 +72,14 @@ class Tiff:
             return range(count)
         return [number for number in range(count) if not small(number)]
 
-    def _of_one_page(self, series: Any, told: int) -> NDArray[Any]:
+    def _of_one_page(self, series: Any, declared: int) -> NDArray[Any]:
         rows, columns = series.shape[-2:]
         if series.dataoffset is None:  # compressed
             return np.asarray(series.asarray()).reshape(-1, rows, columns)
-        count = max(series.size // (rows * columns), told if self._incomplete else 0)
+        count = max(series.size // (rows * columns), declared if self._incomplete else 0)
         if self._incomplete:
-            whole = rows * columns * series.dtype.itemsize
-            count = min(count, (self._size - series.dataoffset) // whole)
+            image_bytes = rows * columns * series.dtype.itemsize
+            count = min(count, (self._size - series.dataoffset) // image_bytes)
         flat: NDArray[Any] = np.memmap(
             self._path,
             self._file.byteorder + series.dtype.char,
@@ -101,9 +101,9 @@ class Tiff:
         A truncated file still opens: its readers stop at the last page that they find.
         """
         file = self._file
-        told = self._imagej.get("images", 1)
-        if len(self) < told:
-            raise ValueError(f"ImageJ says {told} images, {len(self)} are there; {CUT_OFF}")
+        declared = self._imagej.get("images", 1)
+        if len(self) < declared:
+            raise ValueError(f"ImageJ says {declared} images, {len(self)} are there; {CUT_OFF}")
         if self._follows(file.pages[-1].offset):
             raise ValueError(f"another page follows the last of {len(file.pages)}; {CUT_OFF}")
         if file.is_ome:
@@ -128,8 +128,8 @@ class Tiff:
 
     def _tag(self, number: int, code: int, default: Any) -> Any:
         page: Any = self._file.pages[self._pages[number]]
-        found = page.tags.get(code) if hasattr(page, "tags") else None
-        return default if found is None else found.value
+        tag = page.tags.get(code) if hasattr(page, "tags") else None
+        return default if tag is None else tag.value
 
     def _told_unit(self) -> str:
         try:
@@ -139,16 +139,16 @@ class Tiff:
         return str(info.get("unit", "")) if isinstance(info, dict) else ""
 
     def _notes(self) -> tuple[str, ...]:
-        found = []
+        notes = []
         if self._turn != 1:
-            found.append(f"turned as orientation tag {self._turn} says")
+            notes.append(f"turned as orientation tag {self._turn} says")
         if taken := self._tag(0, _TIME, ""):
-            found.append(f"file made {taken}")
+            notes.append(f"file made {taken}")
         series = self._file.series[0]
         if series.axes.endswith("CYX") and series.shape[-3] > 1:
             channels = series.shape[-3]
-            found.append(f"{channels} channels in turns; [0::{channels}] takes the first")
-        return tuple(found)
+            notes.append(f"{channels} channels in turns; [0::{channels}] takes the first")
+        return tuple(notes)
 
     def _told(self) -> tuple[Told, ...]:
         if self._file.is_ome:

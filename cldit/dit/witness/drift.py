@@ -32,7 +32,7 @@ _LONE = 0.1  # share of the explained squares that one background alone may leav
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class CommonErrors:
     """Drifts for the fit. cause: in words; empty if references are on their line. through: True if
     a drift continues through breaks."""
 
@@ -41,7 +41,7 @@ class Found:
     through: bool = False
 
 
-def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
+def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> CommonErrors:
     """Common errors of an acquisition.
 
     off: deviations of the references; None with two backgrounds. stated_K: (K,) standard deviation
@@ -91,7 +91,7 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Found:
         modes = np.zeros((count + 1, len(none)))
         modes[count] = np.sqrt(alike["curvature"])
         drifts["curvature"] = replace(drifts["curvature"], variance=none, modes=modes)
-    return Found(drifts=tuple(drifts.values()), cause=message, through=through)
+    return CommonErrors(drifts=tuple(drifts.values()), cause=message, through=through)
 
 
 def still(cause: Cause, backgrounds: int) -> Drift:
