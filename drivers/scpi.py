@@ -214,8 +214,8 @@ class ScpiLine:
         def ask() -> T:
             answer = str(self._visa.query(command)).strip()
             for _ in range(_STALE):
-                if (found := parse(answer)) is not None:
-                    return found
+                if (parsed := parse(answer)) is not None:
+                    return parsed
                 answer = str(self._visa.read()).strip()
             raise self._odd(command, answer, expected)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.pictures.kinds import ALLOWED, EXPORT, by_ending, kind_of
-from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack, Told
+from cldit.acquisition.pictures.source import AXES, ArrayStack, ImageMetadata, Source, Stack
 from cldit.errors import EvaluationError, FileError, reason
 
 GROUP = "cldit.readers"
@@ -99,10 +99,10 @@ def _arranged(opened: Any, source: Source) -> Stack:
 
 
 class Images:
-    """Images of a file that its source selects, and what the file says of them.
+    """Images of a file that its source selects, with the file's remarks.
 
-    unit: of their values. notes: remarks, a few words each. `told`: metadata of each image, as far
-    as the file has them.
+    unit: of their values. notes: remarks, a few words each. metadata: of each image, as far as the
+    file has them.
     """
 
     def __init__(self, stack: Stack, source: Source) -> None:
@@ -123,9 +123,9 @@ class Images:
             )
         unit = (f"unit {self.unit}",) if self.unit else ()
         self.notes: tuple[str, ...] = (*getattr(stack, "notes", ()), *unit)
-        metadata = tuple(getattr(stack, "told", ()))
-        self.told: tuple[Told, ...] = (
-            metadata[source.part] if len(metadata) == count else (Told(),) * len(self)
+        metadata = tuple(getattr(stack, "metadata", ()))
+        self.metadata: tuple[ImageMetadata, ...] = (
+            metadata[source.part] if len(metadata) == count else (ImageMetadata(),) * len(self)
         )
 
     def __len__(self) -> int:
@@ -151,9 +151,9 @@ class FrameReader:
         """Remarks of the file about its images, a few words each."""
         return self._open(source).notes
 
-    def told(self, source: Source) -> tuple[Told, ...]:
+    def metadata(self, source: Source) -> tuple[ImageMetadata, ...]:
         """Time and exposure of each image, as far as the file contains them."""
-        return self._open(source).told
+        return self._open(source).metadata
 
     def read(self, source: Source, number: int) -> NDArray[Any]:
         """Image `number` of the file `source`, (rows, columns); raises EvaluationError if it cannot

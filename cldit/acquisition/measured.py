@@ -12,13 +12,20 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, ValidationError, model_validator
 
 from cldit.acquisition.frames import FrameReader
-from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, find_sources, parse_source
-from cldit.acquisition.pictures.told import (
+from cldit.acquisition.pictures.metadata import (
     check_exposures,
     check_times,
+    metadata_lines,
     read_temperatures,
     read_times,
-    told_lines,
+)
+from cldit.acquisition.pictures.source import (
+    AXES,
+    Axis,
+    ImageMetadata,
+    Source,
+    find_sources,
+    parse_source,
 )
 from cldit.acquisition.plan import Kind
 from cldit.acquisition.record import Acquisition, open_acquisition
@@ -162,7 +169,7 @@ class MeasuredShot:
     background_K: float
     source: Source
     number: int
-    metadata: Told
+    metadata: ImageMetadata
     time_s: float | None
 
     @property
@@ -231,7 +238,7 @@ class Measured:
         ]
         if self.assumed:
             lines.append(f"not given, therefore assumed: {', '.join(self.assumed)}")
-        lines += told_lines([(shot.metadata, shot.time_s) for shot in self.shots])
+        lines += metadata_lines([(shot.metadata, shot.time_s) for shot in self.shots])
         pairs = pairwise(dict.fromkeys(shot.source.path for shot in self.shots))
         turned = [
             f"names by their numbers: {path.name} before {following.name}"
@@ -376,11 +383,11 @@ def _shots_of(
     patterns, kelvins, celsius, times = (
         getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
     )
-    images: list[tuple[Source, int, Told]] = []
+    images: list[tuple[Source, int, ImageMetadata]] = []
     with _named(file, key):
         for named in find_sources(folder, patterns, where, described.axes):
             source = replace(named, incomplete=described.incomplete)
-            of_file = reader.told(source)
+            of_file = reader.metadata(source)
             if times is None:
                 check_clock(of_file, source)
             images += [(source, number, metadata) for number, metadata in enumerate(of_file)]
@@ -429,7 +436,7 @@ def _name(source: Source, number: int, folder: Path) -> str:
     return f"{named.text}[{source.first + number * source.step}]"
 
 
-def check_clock(metadata: Sequence[Told], source: Source) -> None:
+def check_clock(metadata: Sequence[ImageMetadata], source: Source) -> None:
     """Raises EvaluationError if the clock of a file goes back from one of its images to the next:
     some are those of another time, or in another order.
     """

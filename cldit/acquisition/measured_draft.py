@@ -141,7 +141,7 @@ def _opened(reader: FrameReader, path: Path, name: str) -> list[Recording]:
 
 
 def _recording(reader: FrameReader, source: Source, name: str) -> Recording:
-    count = len(reader.told(source))
+    count = len(reader.metadata(source))
     ends = np.stack([reader.read(source, number) for number in {0, count - 1}])
     return Recording(
         source,

@@ -111,10 +111,10 @@ def _locked(path: Path) -> int:
             time.sleep(0.02)
     command = shlex.join([Path(sys.argv[0] or "python").name, *sys.argv[1:]])
     short = " ".join(command.split())[:_MOST_LETTERS]
-    text = f"process {os.getpid()} ({short}) since {time.strftime('%Y-%m-%d %H:%M:%S')}"
+    holder = f"process {os.getpid()} ({short}) since {time.strftime('%Y-%m-%d %H:%M:%S')}"
     with suppress(OSError):  # a full disk must not keep anybody from an instrument
         os.ftruncate(handle, 0)
-        os.write(handle, text.encode())
+        os.write(handle, holder.encode())
     return handle
 
 

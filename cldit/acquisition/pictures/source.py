@@ -55,7 +55,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Told:
+class ImageMetadata:
     """Metadata of one image; None if its file has none. time_s: since 1970, of the file's clock."""
 
     time_s: float | None = None
@@ -76,8 +76,8 @@ def moment_s(iso: str) -> float:
 
 
 class Stack(Protocol):
-    """Images of one file. `notes`, `unit` and `told`, a `Told` an image, may be there too: what
-    the file says of them."""
+    """Images of one file; optional attributes are `notes`, `unit` and `metadata`, an
+    `ImageMetadata` for each image."""
 
     def __len__(self) -> int: ...
 

@@ -99,5 +99,6 @@ def _number(source: Source, properties: dict[str, Any], names: tuple[str, ...]) 
         pass
     raise EvaluationError(
         f"{source.text}: no size of its images in the properties "
-        f"({', '.join(properties) or 'none'}); allowed: a number above 0 in one of {', '.join(names)}"
+        f"({', '.join(properties) or 'none'}); allowed: a number above 0 in one of "
+        f"{', '.join(names)}"
     )

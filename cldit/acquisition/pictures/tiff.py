@@ -14,7 +14,13 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import CUT_OFF, SECONDS_OF_UNIT, Source, Told, moment_s
+from cldit.acquisition.pictures.source import (
+    CUT_OFF,
+    SECONDS_OF_UNIT,
+    ImageMetadata,
+    Source,
+    moment_s,
+)
 from cldit.errors import EvaluationError
 from cldit.io.extras import install_line
 from cldit.io.files import open_regular
@@ -50,9 +56,9 @@ class Tiff:
                 if not self._incomplete:
                     self._check_whole()
             self._turn = self._tag(0, _ORIENTATION, 1)
-            self.unit = self._told_unit()
+            self.unit = self._info_unit()
             self.notes = self._notes()
-            self.told = self._told()
+            self.metadata = self._metadata()
         except BaseException:
             self._stream.close()
             raise
@@ -131,7 +137,7 @@ class Tiff:
         tag = page.tags.get(code) if hasattr(page, "tags") else None
         return default if tag is None else tag.value
 
-    def _told_unit(self) -> str:
+    def _info_unit(self) -> str:
         try:
             info = parse_json(self._imagej.get("Info", "{}"))
         except (ValueError, TypeError):
@@ -150,12 +156,12 @@ class Tiff:
             notes.append(f"{channels} channels in turns; [0::{channels}] takes the first")
         return tuple(notes)
 
-    def _told(self) -> tuple[Told, ...]:
+    def _metadata(self) -> tuple[ImageMetadata, ...]:
         if self._file.is_ome:
-            return told_by_ome(self._file.ome_metadata or "", len(self))
+            return ome_metadata(self._file.ome_metadata or "", len(self))
         if not self._tag(0, _EXIF, {}):
             return ()
-        return tuple(told_by_exif(self._tag(n, _EXIF, {})) for n in range(len(self)))
+        return tuple(exif_metadata(self._tag(n, _EXIF, {})) for n in range(len(self)))
 
     def __len__(self) -> int:
         return len(self._pages) if self._stack is None else len(self._stack)
@@ -192,7 +198,7 @@ class Tiff:
         self._stream.close()
 
 
-def told_by_ome(xml: str, count: int) -> tuple[Told, ...]:
+def ome_metadata(xml: str, count: int) -> tuple[ImageMetadata, ...]:
     """Time and exposure of each image, if the file's one OME image has a plane for each along one
     axis.
 
@@ -219,10 +225,10 @@ def told_by_ome(xml: str, count: int) -> tuple[Told, ...]:
         return ()
 
 
-def _of_plane(plane: Any, start_s: float | None) -> Told:
+def _of_plane(plane: Any, start_s: float | None) -> ImageMetadata:
     later_s, exposed_s = (_seconds(plane, name) for name in ("DeltaT", "ExposureTime"))
     taken_s = None if start_s is None or later_s is None else start_s + later_s
-    return Told(taken_s, exposed_s)
+    return ImageMetadata(taken_s, exposed_s)
 
 
 def _seconds(plane: Any, name: str) -> float | None:
@@ -232,7 +238,7 @@ def _seconds(plane: Any, name: str) -> float | None:
     return float(value) * SECONDS_OF_UNIT[unit]
 
 
-def told_by_exif(tags: dict[str, Any]) -> Told:
+def exif_metadata(tags: dict[str, Any]) -> ImageMetadata:
     """Exposure and original time from a page's Exif directory (Exif 2.3: `ExposureTime`,
     `DateTimeOriginal`).
     """
@@ -244,9 +250,9 @@ def told_by_exif(tags: dict[str, Any]) -> Told:
         within_s = float(f"0.{parts}") if parts else 0.0
         moment = datetime.strptime(taken, "%Y:%m:%d %H:%M:%S") if taken else None
     except (ValueError, ZeroDivisionError, IndexError):
-        return Told()
+        return ImageMetadata()
     time_s = None if moment is None else moment.replace(tzinfo=UTC).timestamp() + within_s
-    return Told(time_s, None if exposed_s is None else float(exposed_s))
+    return ImageMetadata(time_s, None if exposed_s is None else float(exposed_s))
 
 
 def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

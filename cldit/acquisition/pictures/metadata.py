@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.acquisition.pictures.kinds import kind_of
-from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
+from cldit.acquisition.pictures.source import ImageMetadata, Source, moment_s, parse_source
 from cldit.errors import EvaluationError, reason
 from cldit.io.text_tables import read_table_text, split_cells, split_line
 from cldit.scene.values import ZERO_CELSIUS_K
@@ -162,7 +162,9 @@ def read_times(
     return times
 
 
-def check_exposures(images: Iterable[tuple[str, Told]], stated_s: float | None) -> float | None:
+def check_exposures(
+    images: Iterable[tuple[str, ImageMetadata]], stated_s: float | None
+) -> float | None:
     """Common exposure of all images with a known one, in seconds; None if there is none.
 
     `images` pairs a name with the metadata of its image; `stated_s` is `integration_time_s` of the
@@ -190,7 +192,7 @@ def check_exposures(images: Iterable[tuple[str, Told]], stated_s: float | None) 
     return first_s
 
 
-def check_times(images: Iterable[tuple[str, Told, float | None]]) -> None:
+def check_times(images: Iterable[tuple[str, ImageMetadata, float | None]]) -> None:
     """Compares the times of the YAML with those of the files; both may start anywhere.
 
     `images` has for each image its name, its metadata and its time in the YAML in seconds. Raises
@@ -209,7 +211,7 @@ def check_times(images: Iterable[tuple[str, Told, float | None]]) -> None:
             )
 
 
-def told_lines(images: Sequence[tuple[Told, float | None]]) -> list[str]:
+def metadata_lines(images: Sequence[tuple[ImageMetadata, float | None]]) -> list[str]:
     """Summary of exposures and times of all images, a line each; `images` pairs the metadata of an
     image with the time that the evaluation uses.
     """
