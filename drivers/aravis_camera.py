@@ -22,7 +22,7 @@ from .genicam_client import GigeSettings, Image
 
 T = TypeVar("T")
 
-_GVCP = 3956
+_GVCP = 3956  # UDP port of the control protocol (GigE Vision 2.0)
 _SPARE = 4  # buffers beyond the requested images
 _ROOM, _LEAST_ROOM = 4, 2**20  # of the socket: images, bytes; limited by net.core.rmem_max
 _PIXELS = {8: "u1", 16: "<u2"}  # by the bits of a pixel in its format's code

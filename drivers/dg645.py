@@ -26,9 +26,9 @@ Pair = Literal["AB", "CD", "EF", "GH"]
 
 _EDGES = {"AB": (2, 3), "CD": (4, 5), "EF": (6, 7), "GH": (8, 9)}  # channels of DLAY
 _OUTPUTS = {"AB": 1, "CD": 2, "EF": 3, "GH": 4}  # of LAMP, LOFF, LPOL
-_SINGLE_SHOT = 5
-_LOWEST_V = 0.5
-_STEP_S = 1e-11  # largest difference between a delay written and read back
+_SINGLE_SHOT = 5  # of TSRC
+_LOWEST_V = 0.5  # level of an output, 0.5 to 5 V
+_STEP_S = 1e-11  # largest difference between a delay written and read back; resolution 5 ps
 _TRIGGERED, _RATE_ERROR = 1 << 0, 1 << 1  # of INSR?
 _BUSY, _IN_BURST = 1 << 1, 1 << 2  # of *STB?
 

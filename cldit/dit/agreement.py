@@ -14,8 +14,8 @@ from scipy.special import chdtrc
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.solve import DETECTION
 
-_SIDE = 7  # pixels of a neighbourhood
-_MORE = 1.5  # mean of chi-square over 49 pixels: 4 degrees each give 1 +- 0.1 by chance
+_SIDE = 7  # pixels: the mean of chi-square over 49 of them, 4 degrees each, is 1 +- 0.1
+_MORE = 1.5  # of that mean: five standard deviations
 _IMPROBABLE = (1e-3, 0.01)  # probability of a pixel, and share of such pixels, ten times chance
 
 

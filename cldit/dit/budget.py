@@ -33,8 +33,9 @@ from cldit.scene.vessel import Window
 
 PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels
-_MOST, _SEEN = 6, 1.0  # common errors, and their chi-square in all pixels together, at least
-_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which a and b are fitted
+_MOST = 6  # common errors
+_SEEN = 1.0  # their least chi-square in all pixels together: one standard deviation
+_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities of the fits; interpolation errs by f'' / 800
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.shots import AllSums
 from cldit.errors import EvaluationError
 
-_SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
+SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
 
 
 def stated_saturation(calibration: Mapping[str, Any]) -> float:
@@ -50,7 +50,7 @@ def seeing(sums: AllSums, setpoints: Sequence[float], bad: Mask) -> Mask:
     contrast = hot - cold
     if not good.any() or not np.percentile(contrast[good], 95) > 0.0:
         return good
-    return np.asarray(good & (contrast > _SEES * np.percentile(contrast[good], 95)))
+    return np.asarray(good & (contrast > SEES * np.percentile(contrast[good], 95)))
 
 
 def completed(stated: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats) -> Calibration:

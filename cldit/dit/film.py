@@ -18,10 +18,10 @@ from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 from cldit.errors import EvaluationError
 
-_CHANCE = 1e-3  # rows that are found by chance in all images
+_CHANCE = 1e-3  # number of rows that chance reports in a whole recording
 _PART = 8  # of the width, and pixels, that have one value at least
 _USUAL = 0.9  # share of the images in which such a row belongs to the camera
-_DEVIATES = 6.0  # standard deviations of a block
+_DEVIATES = 6.0  # standard deviations: by chance, one of 5e8 blocks
 _MOST = 5  # rows that are listed
 _LEAST_LAG = 0.002  # of the image before, that is worth a warning
 _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain

@@ -43,7 +43,7 @@ from scipy.ndimage import uniform_filter
 
 from cldit.arrays import Floats, Mask
 
-_NEARBY = 3  # pixels: edge of the neighbourhood whose scatter between shots is pooled
+_NEARBY = 3  # pixels: edge of the neighbourhood, nine times the degrees of freedom of a pixel
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from cldit.arrays import Floats
 from cldit.scene.values import ZERO_CELSIUS_K
 
 _CHANCE = 1e-4  # probability of a larger chi-square, up to which a cause fits
-_REMAINING = 0.01  # share of chi-square without a cause that is left by one that fits, too
+_REMAINING = 0.01  # of chi-square without a cause: a tenth of the deviations remains
 _WITHIN = 0.0027  # probability of a difference of chi-square by chance: three standard deviations
 
 UNITS: dict[str, Callable[[Floats], Floats]] = {

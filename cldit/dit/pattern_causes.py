@@ -22,7 +22,7 @@ TURNS: dict[str, Callable[[Floats], Floats]] = {
     "turned by 270 degrees": lambda image: np.rot90(image, 3),
     "with rows and columns exchanged and turned by 180 degrees": lambda image: image.T[::-1, ::-1],
 }
-_MODEL = 1.5  # largest chi-square by degree of freedom that a right cause leaves
+_MODEL = 1.5  # largest reduced chi-square of a right cause: the noise may be 22 % larger
 _RENEWED = "the camera's correction (NUC) renewed {} {}"
 
 

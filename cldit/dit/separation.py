@@ -40,7 +40,7 @@ from cldit.scene.schema import Scene
 LEVEL, POWER = 0.01, 0.95
 NEEDED = float(ndtri(1.0 - LEVEL) + ndtri(POWER))
 _LEVELS = 5  # of the lowest and of the highest background that are tried
-_FACTORS = np.geomspace(1e-4, 1e4, 25)
+_FACTORS = np.geomspace(1e-4, 1e4, 25)  # t
 _BETWEEN = np.geomspace(0.47, 2.15, 17)  # to the next of these: z to 5 %
 
 

@@ -14,7 +14,7 @@ from cldit.dit.frame import Fingerprint, inner
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
-_LEAST_PIXELS = 16  # fewer may be equal by chance
+_LEAST_PIXELS = 16  # with noise of one count they are equal in one of 10^6 images
 _ALL = 0.95  # share of saturated pixels at which a background is ignored
 _WHOLE = slice(None)  # all rows of an image
 

@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 _LEFT = 0.5  # part of the time for connecting that a second attempt needs
 _IDLE_s = 10.0  # no session is closed as idle earlier
-_REOPEN_s = 10.0  # time to open one anew
+_REOPEN_s = 10.0  # time to open one anew: the default of connect()
 _TRIES = 3  # a link that is only out of step recovers at the second
 
 
@@ -70,7 +70,9 @@ class Told:
 
     def __str__(self) -> str:
         confirmed, *written = self._words
-        return f"{self._setting} {confirmed}" + (f" ({written[-1]} written since)" if written else "")
+        return f"{self._setting} {confirmed}" + (
+            f" ({written[-1]} written since)" if written else ""
+        )
 
 
 def send_all(*commands: Callable[[], object]) -> None:

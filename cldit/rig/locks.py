@@ -27,7 +27,7 @@ except ImportError:  # Windows
 
 _FOLDERS = ("/run/lock", "/dev/shm", "/tmp")
 _SHARED = stat.S_ISVTX | stat.S_IWOTH  # all may write into it, none may remove another's file
-_MOST_LETTERS = 100  # of a command
+_MOST_LETTERS = 100  # of a command: one line of a terminal
 _WAIT_s = 0.5  # until the system has freed the lock of a process that was killed
 
 

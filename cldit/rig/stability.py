@@ -15,10 +15,10 @@ from cldit.rig.errors import Aborted, DeviceTimeout, NotSafe
 from cldit.rig.protocols import Limits, Stability
 
 _COLD_K = 5.0  # above the safe set point
+# A body with a time constant of 100 min falls by 1 % of its excess in 60 s. A fall of 0.5 K is five
+# standard deviations of a mean of ten readings with a noise of 0.3 K.
 _WATCH_s, _WATCH_POLL_s = 60.0, 0.5
-_FALL, _LEAST_FALL_K = 0.01, 0.5  # of the excess over the safe set point
-# A fall of 0.5 K is five standard deviations of a mean of ten readings with a noise of 0.3 K.
-_MEAN_OF = 10
+_FALL, _LEAST_FALL_K, _MEAN_OF = 0.01, 0.5, 10
 
 
 class Settled(Thermometer, Protocol):

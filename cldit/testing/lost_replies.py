@@ -23,7 +23,7 @@ from cldit.testing.replies import LINE_FAULTS, Fault
 # Time to wait for an answer, and delay of a late one. On a busy machine the first may lose another
 # answer, which the contract allows, but not three times in a row.
 _ANSWER_s, _LATE_s = 0.1, 0.15
-_DEAD_ANSWER_s, _REACH_s = 0.3, 20.0
+_DEAD_ANSWER_s, _REACH_s = 0.3, 20.0  # twice the time in which `Linked` tries to reach a device
 _SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
 _SAMPLES = 8
 

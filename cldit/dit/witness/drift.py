@@ -24,11 +24,11 @@ from cldit.dit.witness.lines import OffLine
 from cldit.dit.witness.trend import Trends, steady, unit, without
 
 _BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
-_TOLD = 1e-4  # of the best determined direction: less is undetermined
+_DETERMINED = 1e-4  # of the best determined direction: less is undetermined
 _SAME = 1e-12  # variance of parts of Delta I if all shots are equal
 _ALIKE = 1.3  # ratio of remainders up to which causes are not distinguished
 _BENT = 2.0  # the same for the curvature, since no camera bends by signal^2 exactly
-_LONE = 0.1  # share of the explained squares that one background alone may leave
+_LONE = 0.1  # of the explained squares: one background alone leaves a third of the deviation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,8 +223,8 @@ def _fitted(
         remainder = total - float(right[y] @ back[:, count]) - single_z * float(side.sum())
         return remainder, np.full(count, (single_z * unit / size) ** 2)
     # Lines absorb some directions of the errors: the smallest solution is taken.
-    amount = np.linalg.pinv(kept, rcond=_TOLD, hermitian=True) @ side
-    rank = int(np.linalg.matrix_rank(kept, tol=_TOLD * np.max(np.diag(kept)), hermitian=True))
+    amount = np.linalg.pinv(kept, rcond=_DETERMINED, hermitian=True) @ side
+    rank = int(np.linalg.matrix_rank(kept, tol=_DETERMINED * np.max(np.diag(kept)), hermitian=True))
     gained = float(side @ amount)
     scale = unit / size
     separate_gains = side**2 / np.diag(kept)

@@ -11,7 +11,7 @@ from cldit.dit.witness.finding import Witness, refusal
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
 _STUCK = 0.01  # share of pixels with the same count in every exposure at one background
 _BY_CHANCE = 1e-3  # probability of that in one pixel
-_STEADIER = 4.0  # variance between images over that along an axis that holds frames
+_STEADIER = 4.0  # variance between images over that along an axis that holds frames: twice its sd
 
 
 def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, float]:

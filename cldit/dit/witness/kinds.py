@@ -19,9 +19,9 @@ from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 _THIN = 0.3  # largest emissivity of the pixels with the least spray, as a cause
-_DENSE = 0.3  # share of the blocks, those with the most spray, that give its temperature
+_DENSE = 0.3  # share of the blocks, those with the most spray, as `CLEAREST` those with the least
 _FREE = 0.005  # emissivity of the clearest pixels, up to which they are free of spray
-_MORE = 0.05  # of the background's contrast
+_MORE = 0.05  # of the background's contrast: as `_check_not_swapped` of recorded.py
 _LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
 

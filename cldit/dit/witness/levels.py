@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats, Mask
+from cldit.dit.camera_of_shots import SEES
 from cldit.dit.shots import AllSums, Sums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.backgrounds import clearest, slopes
@@ -13,7 +14,6 @@ from cldit.dit.witness.finding import LIMIT_K, Witness, refusal
 
 _INJECTIONS = 3.0  # the amount of spray scatters too
 _THIN = 0.9  # share of the background behind spray that cannot change the level much
-_SEES = 0.5  # share of the strongest change at which a pixel sees the background
 _FALLS = 0.02  # of the span of levels: more than noise and drift
 _ENDS = 0.03  # of the range of an integer: close to either end
 _PIXELS = 0.005  # share of pixels that fall by half of that range
@@ -38,7 +38,7 @@ def brightness(
     if not used.any() or np.any(np.diff(kelvin) <= 0.0) or np.any(np.diff(source) <= 0.0):
         return None
     change = np.abs(groups[-1].mean() - groups[0].mean())
-    used &= change >= _SEES * np.percentile(change[used], 95)
+    used &= change >= SEES * np.percentile(change[used], 95)
     means = np.array([group.mean()[used] for group in groups])
     levels = np.median(means, axis=1)
     message = (

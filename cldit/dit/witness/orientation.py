@@ -17,10 +17,10 @@ from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness, refusal
 from cldit.dit.witness.pixels import neighbours
 
-_LEAST = 8  # pixels along an axis
+_LEAST = 8  # pixels along an axis: 64 give a correlation of noise of 1/8
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
 _ALIKE = 0.8  # least correlation of two images of one spray
-_CLIP = 3.0  # usual deviations at which bad pixels and edges are clipped
+_CLIP = 3.0  # standard deviations: 0.3 % of normal pixels are clipped, bad pixels and edges too
 
 
 def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:

@@ -25,14 +25,14 @@ from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 
-_BLOCKS = 32  # along either axis, at most
-_EDGE = 6  # pixels along a block, at least
+_BLOCKS = 32  # along either axis, at most: as thumbnails
+_EDGE = 6  # pixels along a block, at least: 36 give a variance to 24 %
 _HIGH = np.sqrt(64.0 / 169.0)  # of fourth differences, for the variance of white noise
 _SURE = 6.0  # standard deviations of moments that are no chance
-_MORE = 0.1  # excess of the variance that is worth widening
+_MORE = 0.1  # excess of the variance: errors are 5 % larger
 _PART = 0.02  # share of the blocks that is worth a warning
 _LONE = 0.5  # of the unexplained squares, for one background alone
-_CLIP = 4.0  # usual deviations
+_CLIP = 4.0  # standard deviations: one of 16,000 normal pixels is clipped
 _WIDE = 2.5  # standard deviations from which errors are widened without a warning
 _SPREAD = 0.3  # of the warmest radiance: spread of the temperatures of thin sprays
 _UNLUCKY = 10.0  # variance of few shots over that found from them
