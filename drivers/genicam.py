@@ -52,7 +52,6 @@ class Features:
 
     @property
     def _exposure(self) -> str:
-        """Name of the exposure time in microseconds."""
         return self.named("ExposureTime", "ExposureTimeAbs")
 
     def sensor_pixels(self) -> tuple[int, int]:

@@ -39,8 +39,7 @@ class VivaClient:
         loopback = "127.0.0.1" if settings.address.startswith("127.") else None
         try:
             devices = viva.discover(
-                timeout_ms=round(1e3 * _DISCOVERY_s),
-                iface=settings.interface or loopback,
+                timeout_ms=round(1e3 * _DISCOVERY_s), iface=settings.interface or loopback
             )
             matching = [device for device in devices if device.ip == settings.address]
             if not matching:

@@ -163,7 +163,6 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
         self._tell(self._settings.set, from_kelvin(temperature_K, self._settings.unit))
 
     def _tell(self, command: Command, value: float = 0.0) -> None:
-        """Sends a command, and checks its answer."""
         sent, expected = command.text(value), command.answer
         if expected is None:
             self._line.write(sent)

@@ -184,8 +184,6 @@ class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
         return register.encode(from_kelvin(temperature_K, self._known_unit))
 
     def _get(self, register: Register) -> float:
-        """Temperature in a register [K]."""
-
         def kelvin(words: list[int]) -> float:
             query = f"register {register.address}"
             return self._plausible(query, to_kelvin(register.decode(words), self._known_unit))

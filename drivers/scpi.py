@@ -104,7 +104,6 @@ class ScpiLine:
             ) from error
 
     def _drain(self) -> None:
-        """Discards answers to earlier programs."""
         import pyvisa
 
         usual, self._visa.timeout = self._visa.timeout, round(1e3 * self._quiet_s)

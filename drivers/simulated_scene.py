@@ -238,7 +238,6 @@ class _Loaded:
 
 
 def _check_times(runs: Sequence[Path], scenes: Sequence[Scene]) -> None:
-    """Checks that several runs are of one scene, at different times of the spray."""
     common = scenes[0].model_dump(exclude=_OF_A_TIME)
     times_s: list[float] = []
     for run, scene in zip(runs, scenes, strict=True):

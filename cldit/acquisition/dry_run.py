@@ -71,11 +71,7 @@ def dry_run(rig: Rig, plan: Plan, folder: Path) -> DryRun:
     injected_s = plan.trigger.injector_delay_s + plan.trigger.injector_width_s
     shots_s = sum(
         plan.pause_s
-        + max(
-            plan.frames * period_s,
-            plan.integration_time_s + plan.delays[shot.delay],
-            injected_s,
-        )
+        + max(plan.frames * period_s, plan.integration_time_s + plan.delays[shot.delay], injected_s)
         for shot in missing
     )
     return DryRun(

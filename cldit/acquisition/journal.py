@@ -127,7 +127,6 @@ def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]
 
 
 def _lacks(entry: Entry) -> str:
-    """Fields of its event that an `entry` lacks, in words."""
     missing = [name for name in _NEEDED.get(entry["event"], ()) if name not in entry]
     return f"has no {' and no '.join(missing)}" if missing else ""
 

@@ -320,7 +320,6 @@ def _patterns(names: Sequence[str], all_names: Sequence[str]) -> str | list[str]
 
 
 def _common(names: Sequence[str]) -> str:
-    """Beginning that all names share."""
     lowest, highest = min(names), max(names)
     pairs = enumerate(zip(lowest, highest, strict=False))
     return lowest[: next((n for n, (a, b) in pairs if a != b), len(lowest))]

@@ -118,7 +118,6 @@ class References:
 
 
 def _place(shot: Shot) -> tuple[int, int]:
-    """The background and delay whose references a shot is held against."""
     return shot.background, shot.delay
 
 

@@ -259,7 +259,6 @@ def _verified(folder: Path, content: FolderContent) -> bool:
 
 
 def _damage(folder: Path, content: FolderContent) -> Iterator[str]:
-    """Everything that is damaged, a line each."""
     if content.damage is not None:
         yield str(content.damage)
     for name in content.torn:

@@ -145,7 +145,6 @@ class Sequence:
                 write_text(self._folder / name, content)
 
     def _reconcile(self, journal: Journal, content: FolderContent) -> None:
-        """Brings the journal up to what a kill left behind."""
         for shot_id in content.torn:
             path = shot_path(self._folder, shot_id)
             path.replace(path.with_name(path.name + ".torn"))
@@ -156,7 +155,6 @@ class Sequence:
             self._note_lost(journal, fired, "the acquisition ended between trigger and image")
 
     def _note_lost(self, journal: Journal, fired: Entry, reason: str) -> None:
-        """Notes why a shot that has its `fired` entry has no image."""
         repeated = {name: fired[name] for name in ("shot", "attempt", "inject")}
         journal.append("lost", time=self._rig.clock.wall_time(), **repeated, reason=reason)
 
@@ -172,8 +170,7 @@ class Sequence:
         shooter = Shooter(self._rig, self._plan, ready, journal, self._interrupts, references)
         missing = [shot for shot in self._steps if shot.id not in self._done]
         order = self._plan.background_order(
-            {shot.background for shot in missing},
-            present_K=read_temperature(self._rig.background),
+            {shot.background for shot in missing}, present_K=read_temperature(self._rig.background)
         )
         self._eta.plan(backgrounds=len(order), shots=len(missing))
         self._rig.camera.prepare(ready.trigger)

@@ -78,11 +78,7 @@ class Shooter:
         clock = self._rig.clock
         clock.sleep(max(self._next_s - clock.now_s(), 0.0))
         self._journal.append(
-            "fired",
-            time=clock.wall_time(),
-            shot=shot.id,
-            attempt=attempt,
-            inject=burst.inject,
+            "fired", time=clock.wall_time(), shot=shot.id, attempt=attempt, inject=burst.inject
         )
         try:
             frames, uncertain = self._fired()

@@ -113,7 +113,6 @@ class Watch:
         return "recording" if self._event else "preparing"
 
     def _take(self, plan: Plan, entry: Entry, *, in_session: bool) -> None:
-        """Processes one more entry; `in_session` if it is of this session."""
         event = entry["event"]
         if event == "saved":
             self._saved.add(entry["shot"])

@@ -38,16 +38,14 @@ def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
     error = maps.emissivity_standard_error * wider
     faint = (maps.reason == Reason.OK) & ~(maps.emissivity > DETECTION * error)
 
-    def seen(image: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.where(faint, np.float32(np.nan), image)
-
+    nothing = np.float32(np.nan)
     chance = np.where(tested, chdtrc(degrees, reduced * degrees), np.nan).astype(np.float32)
     widened = replace(
         maps,
         emissivity_standard_error=error,
-        apparent_temperature_K=seen(maps.apparent_temperature_K),
-        apparent_temperature_standard_error_K=seen(
-            maps.apparent_temperature_standard_error_K * wider
+        apparent_temperature_K=np.where(faint, nothing, maps.apparent_temperature_K),
+        apparent_temperature_standard_error_K=np.where(
+            faint, nothing, maps.apparent_temperature_standard_error_K * wider
         ),
         reason=np.where(faint, np.uint8(Reason.EMISSIVITY_TOO_LOW), maps.reason),
         reduced_chi2=reduced,

@@ -240,7 +240,6 @@ class _Variation:
 
 
 def _variations(surroundings: Surroundings, curve: Curve) -> Iterator[_Variation]:
-    """A variation for each stated quantity."""
     stated = _Variation(name="", surroundings=surroundings, curve=curve)
     unsure = surroundings.uncertainty
 

@@ -46,10 +46,8 @@ class Places:
         at, lag, part, since = np.array(places, float).T
         return cls(at, lag, part.astype(int), since)
 
-    def __getitem__(self, selection: slice | Mask) -> "Places":
-        return Places(
-            self.at[selection], self.lag[selection], self.part[selection], self.since[selection]
-        )
+    def __getitem__(self, chosen: slice | Mask) -> "Places":
+        return Places(self.at[chosen], self.lag[chosen], self.part[chosen], self.since[chosen])
 
     @property
     def parts(self) -> int:
@@ -89,16 +87,14 @@ def drift_axis(shots: Sequence[Any]) -> DriftAxis:
     A shot may have `time_s`, seconds of any clock, and `stable_s`, the time by that clock at which
     its background became stable.
     """
-    stated_s = [getattr(shot, "time_s", None) for shot in shots]
-    times_s = [time_s for time_s in stated_s if time_s is not None]
-    lacking = len(stated_s) - len(times_s)
+    times = [getattr(shot, "time_s", None) for shot in shots]
+    times_s = [time_s for time_s in times if time_s is not None]
+    lacking = len(times) - len(times_s)
     if lacking or len(set(times_s)) < len(times_s):
         cause = (
-            f"{lacking} of {len(stated_s)} shots have no time"
-            if lacking
-            else "some times are equal"
+            f"{lacking} of {len(times)} shots have no time" if lacking else "some times are equal"
         )
-        if lacking == len(stated_s):
+        if lacking == len(times):
             cause = "no shot has a time"
         at = np.arange(1.0, len(shots) + 1.0)
         return DriftAxis(

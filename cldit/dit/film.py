@@ -29,10 +29,7 @@ _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
 
 def damaged(sums: AllSums) -> dict[str, str]:
     """Images with lost lines, or with rows of an older image: what is wrong, by id."""
-    groups = [
-        sums[key]
-        for key in sorted(sums, key=lambda group_key: (group_key[0], group_key[1] == "injection"))
-    ]
+    groups = [sums[key] for key in sorted(sums, key=lambda at: (at[0], at[1] == "injection"))]
     frames = [frame for group in groups for frame in group.frames]
     ids = [name for group in groups for name in group.ids]
     variances = [float(np.median(group.variance())) for group in groups]
@@ -108,14 +105,8 @@ def _whose(
     kind: str, value: int, values: Sequence[int], frames: Sequence[tuple[str, str, Fingerprint]]
 ) -> str:
     """Subject of a sentence: one whole kind, or some images."""
-    same = [
-        frame_kind
-        for (frame_kind, *_), frame_value in zip(frames, values, strict=True)
-        if frame_value == value
-    ]
-    entire = {frame_kind for frame_kind in same} == {kind} and len(same) == sum(
-        frame_kind == kind for frame_kind, *_ in frames
-    )
+    same = [k for (k, *_), v in zip(frames, values, strict=True) if v == value]
+    entire = {k for k in same} == {kind} and len(same) == sum(k == kind for k, *_ in frames)
     return f"{kind}s have" if entire else f"{len(same)} images have"
 
 
@@ -147,17 +138,13 @@ def lag(sums: AllSums) -> Witness | None:
             for number, place in enumerate(sums[setpoint, kind].places)
         )
         pairs = [
-            (
-                sums[setpoint, "reference"].thumbnails[number],
-                sums[setpoint, earlier_kind].thumbnails[earlier_number],
-            )
-            for (_, earlier_kind, earlier_number), (_, kind, number) in pairwise(taken)
+            (sums[setpoint, "reference"].thumbnails[number], sums[setpoint, previous].thumbnails[n])
+            for (_, previous, n), (_, kind, number) in pairwise(taken)
             if kind == "reference"
         ]
         if len(pairs) > 2:
             image, earlier = (
-                np.array(stacked, float).reshape(len(pairs), -1)
-                for stacked in zip(*pairs, strict=True)
+                np.array(stack, float).reshape(len(pairs), -1) for stack in zip(*pairs, strict=True)
             )
             mean = image.mean(axis=0)
             common = np.linalg.qr(np.array([np.ones_like(mean), mean]).T)[0]  # of drifts
@@ -187,17 +174,12 @@ def check_turns(sums: AllSums) -> None:
     """
     for setpoint in sorted({setpoint for setpoint, _ in sums}):
         groups = [sums[setpoint, kind] for kind in KINDS]
-        reference_step, injection_step = (
-            _step(np.array(group.thumbnails, float)) for group in groups
-        )
-        if reference_step is None or injection_step is None:
+        steps = [_step(np.array(group.thumbnails, float)) for group in groups]
+        if steps[0] is None or steps[1] is None:
             continue
-        (reference_at, reference_change), (injection_at, injection_change) = (
-            reference_step,
-            injection_step,
-        )
-        squares = float(np.sum(reference_change**2) + np.sum(injection_change**2))
-        if float(np.sum((reference_change + injection_change) ** 2)) < (1.0 - _EXPLAINED) * squares:
+        (reference_at, change), (injection_at, opposite) = steps[0], steps[1]
+        squares = float(np.sum(change**2) + np.sum(opposite**2))
+        if float(np.sum((change + opposite) ** 2)) < (1.0 - _EXPLAINED) * squares:
             raise EvaluationError(
                 f"background {setpoint:g} K: from {groups[0].ids[reference_at]} and "
                 f"{groups[1].ids[injection_at]} on, references and injections are exchanged: a "

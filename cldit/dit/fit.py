@@ -168,12 +168,7 @@ class _Weight:
 
     @classmethod
     def of(
-        cls,
-        variance: _ByKind,
-        common: Sequence[CommonError],
-        usable: Mask,
-        *,
-        unit: float,
+        cls, variance: _ByKind, common: Sequence[CommonError], usable: Mask, *, unit: float
     ) -> "_Weight":
         """The weight in units of `unit`^-2; 0 where a mean is not `usable` (K, N)."""
         a, b = (np.where(values > 0.0, values / unit**2, 1.0) for values in variance)
@@ -268,12 +263,7 @@ class _Steady:
 
     @classmethod
     def of(
-        cls,
-        columns: Sequence[_ByKind],
-        weight: _Weight,
-        *,
-        lines: _ByKind,
-        covariance: Floats,
+        cls, columns: Sequence[_ByKind], weight: _Weight, *, lines: _ByKind, covariance: Floats
     ) -> "_Steady":
         """Eliminates errors u, the `columns`. lines: (K, 1) radiance of the background.
         covariance: of the estimate without them."""
@@ -385,12 +375,7 @@ def radiance_gradient(lines: Pair) -> Floats:
 
 
 def shot_scatter(
-    change: Floats,
-    observed: Floats,
-    *,
-    camera: Floats,
-    degrees: Floats,
-    shape: tuple[int, ...],
+    change: Floats, observed: Floats, *, camera: Floats, degrees: Floats, shape: tuple[int, ...]
 ) -> Floats:
     """Variance (K, ...) of one injection beyond the camera's noise, due to differences of shots.
 

@@ -31,7 +31,7 @@ class Hypothesis:
     """A cause in words, the chi-square that remains, and the number of unknowns. severe: T_app
     would be wrong by more than any stated error."""
 
-    cause: str
+    text: str
     chi2: float
     unknowns: int
     severe: bool = False
@@ -52,25 +52,18 @@ def fitted(candidates: Sequence[Hypothesis], *, none: float, degrees: int) -> li
     none: chi-square without a cause, of so many `degrees` of freedom.
     """
 
-    def fits(hypothesis: Hypothesis) -> bool:
-        remaining = degrees - hypothesis.unknowns
-        return hypothesis.chi2 <= max(
+    def fits(cause: Hypothesis) -> bool:
+        remaining = degrees - cause.unknowns
+        return cause.chi2 <= max(
             _REMAINING * none, float(chdtri(remaining, _CHANCE)) if remaining > 0 else 0.0
         )
 
-    good = sorted(
-        (hypothesis for hypothesis in candidates if fits(hypothesis)),
-        key=lambda hypothesis: hypothesis.score,
-    )
+    good = sorted((cause for cause in candidates if fits(cause)), key=lambda cause: cause.score)
     if not good:
         return []
     # Errors of the model count as chance, too.
     scale = max(1.0, good[0].chi2 / max(degrees - good[0].unknowns, 1))
-    return [
-        hypothesis
-        for hypothesis in good
-        if hypothesis.score < good[0].score + _by_chance(1) * scale
-    ]
+    return [cause for cause in good if cause.score < good[0].score + _by_chance(1) * scale]
 
 
 def describe(causes: Sequence[Hypothesis], *, none: float, tried: int) -> str:
@@ -78,8 +71,8 @@ def describe(causes: Sequence[Hypothesis], *, none: float, tried: int) -> str:
     if not causes:
         return f"none of {tried} causes fits"
     better = none / max(causes[0].chi2, 1.0)
-    message = f"{causes[0].cause} (chi-square {better:.2g} times smaller than without)"
-    alternatives = list(dict.fromkeys(hypothesis.cause for hypothesis in causes[1:]))
+    message = f"{causes[0].text} (chi-square {better:.2g} times smaller than without)"
+    alternatives = list(dict.fromkeys(cause.text for cause in causes[1:]))
     return f"{message}; within chance: {', or '.join(alternatives)}" if alternatives else message
 
 

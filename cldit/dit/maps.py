@@ -95,13 +95,9 @@ class Maps:
 
     def __repr__(self) -> str:
         rows, columns = self.emissivity.shape
-        temperatures_K = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
-        warm = (
-            f", {temperatures_K.min():.4g} to {temperatures_K.max():.4g} K"
-            if temperatures_K.size
-            else ""
-        )
-        return f"<Maps: {columns} x {rows} pixels, {temperatures_K.size} with T_app{warm}>"
+        kelvin = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
+        warm = f", {kelvin.min():.4g} to {kelvin.max():.4g} K" if kelvin.size else ""
+        return f"<Maps: {columns} x {rows} pixels, {kelvin.size} with T_app{warm}>"
 
     def count(self) -> dict[Reason, int]:
         """Number of pixels for each reason that occurs, OK first."""

@@ -77,8 +77,7 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
             parts |= dict(zip(group.ids, worst, strict=True))
         usual = 1.4826 * float(np.median(list(distance.values()))) if distance else 0.0
         usual_part = max(
-            _LEAST_PART / _PART,
-            float(np.median([largest for largest, _ in parts.values()] or [0.0])),
+            _LEAST_PART / _PART, float(np.median([peak for peak, _ in parts.values()] or [0.0]))
         )
         for name, off in distance.items():
             ratio = off / usual if usual > 0.0 else 0.0
@@ -101,11 +100,9 @@ def _worst(
     strong = np.abs(pattern) >= _FAINT * np.max(np.abs(pattern))
     share = np.median(deviations[:, strong] / pattern[strong], axis=1) if pattern.any() else 0.0
     rest = np.abs(deviations - np.multiply.outer(share, pattern))
-    surrounding = maximum_filter(np.abs(pattern), 3)
-    spread = (
-        1.4826 * float(np.median(rest[:, strong] / surrounding[strong])) if pattern.any() else 0.0
-    )
-    relative = rest / np.hypot(noise, spread * surrounding)
+    nearby = maximum_filter(np.abs(pattern), 3)
+    spread = 1.4826 * float(np.median(rest[:, strong] / nearby[strong])) if pattern.any() else 0.0
+    relative = rest / np.hypot(noise, spread * nearby)
     rows, columns = (np.append(thumbnail_edges(n), n) for n in shape)
     worst: list[tuple[float, str]] = []
     for image in relative:

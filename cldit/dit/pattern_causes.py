@@ -70,14 +70,11 @@ def between_backgrounds(patterns: "Patterns", selected: Mask, names: Sequence[st
     ]
     moved: dict[str, list[list[Floats]]] = {}
     for k, name in enumerate(names):
-        remaining, indicator = np.arange(len(x)) != k, (np.arange(len(x)) == k)[:, None]
+        remaining, mask = np.arange(len(x)) != k, (np.arange(len(x)) == k)[:, None]
         design = np.stack([x, np.ones_like(x)], axis=1)
         weight = design[k] @ np.linalg.pinv(design[remaining])
         steps = {
-            kind: [
-                indicator * gradient[selected]
-                for gradient in _steps(np.tensordot(weight, high[remaining], 1))
-            ]
+            kind: [mask * g[selected] for g in _steps(np.tensordot(weight, high[remaining], 1))]
             for kind, high in patterns.high.items()
         }
         zero = np.zeros_like(parts[0][0])
@@ -86,7 +83,7 @@ def between_backgrounds(patterns: "Patterns", selected: Mask, names: Sequence[st
         ]
         for number, (kind, own_steps) in enumerate(steps.items()):
             moved[f"{kind}s at {name} look moved"] = [
-                [zero] * number + [gradient] + [zero] * (1 - number) for gradient in own_steps
+                [zero] * number + [g] + [zero] * (1 - number) for g in own_steps
             ]
     message = _describe(parts, [x, np.ones_like(x)], per_pixel=per_pixel, moved=moved, turned={})
     return message + (
@@ -141,21 +138,19 @@ def _describe(
             np.concatenate(
                 [
                     residuals(values, variance).ravel()
-                    for values, (_, variance) in zip(by_part, parts, strict=True)
+                    for values, (_, variance) in zip(of_parts, parts, strict=True)
                 ]
             )
-            for by_part in (*fields, [values for values, _ in parts])
+            for of_parts in (*fields, [values for values, _ in parts])
         ]
         design, rest = np.array(white[:-1]).T, white[-1]
         rest = rest - design @ np.linalg.lstsq(design, rest, rcond=None)[0]
         tried.append(Hypothesis(cause, float(rest @ rest), len(fields)))
     tried += [Hypothesis(cause, chi2(field=field), 0) for cause, field in turned.items()]
-    tried = [hypothesis for hypothesis in tried if hypothesis.unknowns < degrees]
+    tried = [h for h in tried if h.unknowns < degrees]
     # Errors of the model of the noise, and odd pixels, count as chance.
-    smallest = min(
-        (hypothesis.chi2 / (degrees - hypothesis.unknowns) for hypothesis in tried), default=1.0
-    )
+    smallest = min((h.chi2 / (degrees - h.unknowns) for h in tried), default=1.0)
     scale = float(np.clip(smallest, 1.0, _MODEL))
-    causes = [replace(hypothesis, chi2=hypothesis.chi2 / scale) for hypothesis in tried]
+    causes = [replace(h, chi2=h.chi2 / scale) for h in tried]
     none = chi2() / scale
     return describe(fitted(causes, none=none, degrees=degrees), none=none, tried=len(causes))

@@ -37,12 +37,8 @@ class Profile(Presented):
     emissivity_standard_error: Floats
 
     def __repr__(self) -> str:
-        temperatures_K = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
-        warm = (
-            f", {temperatures_K.min():.4g} to {temperatures_K.max():.4g} K"
-            if temperatures_K.size
-            else ", no T_app"
-        )
+        kelvin = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
+        warm = f", {kelvin.min():.4g} to {kelvin.max():.4g} K" if kelvin.size else ", no T_app"
         long = 1e3 * float(self.distance_m[-1])
         return f"<Profile: {self.distance_m.size} points over {long:.4g} mm{warm}>"
 

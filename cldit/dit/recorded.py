@@ -20,14 +20,7 @@ from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
-from cldit.dit.shots import (
-    Acquisition,
-    AllSums,
-    accumulate,
-    check_shots,
-    exclude,
-    ignore_saturated,
-)
+from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, exclude, ignore_saturated
 from cldit.dit.solve import KINDS, Signals, Solution, solve
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse

@@ -125,13 +125,11 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
             "the model with the camera of the measurement"
         )
     radiance, error = apparent(maps, curve)
-    emitted_share = 1.0 - scattered.share
+    emitted = 1.0 - scattered.share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = (radiance - scattered.radiance) / emitted_share
+        medium = (radiance - scattered.radiance) / emitted
         mean = np.where(scattered.share > 0.0, scattered.radiance / scattered.share, 0.0)
-        variance = (error / emitted_share) ** 2 + (
-            (medium - mean) / emitted_share * scattered.share_error
-        ) ** 2
+        variance = (error / emitted) ** 2 + ((medium - mean) / emitted * scattered.share_error) ** 2
     return _medium(
         curve,
         medium,
@@ -229,11 +227,11 @@ def medium_of_enclosures(
     line = _line(maps, enclosures, curve, set(enclosures[0]))
     share = line.shares.sum(axis=0)
     of_share = line.gradients[:-1].sum(axis=0)
-    emitted_share = 1.0 - share
+    emitted = 1.0 - share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = line.rest / emitted_share
+        medium = line.rest / emitted
         # d medium / d radiance_k = (d rest + medium d share) / own
         change = line.gradients[-1][:, None, None] + medium * of_share[:, None, None]
-        error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / emitted_share
+        error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / emitted
     share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
     return _medium(curve, medium, error=error, share=share, share_error=share_error)

@@ -101,11 +101,7 @@ class Rivals:
     delay_s: float | None = None
 
     def best(
-        self,
-        blackbody: BlackBody,
-        *,
-        shot_s: float,
-        counts: Sequence[int] = (2, 3, 5, 7),
+        self, blackbody: BlackBody, *, shot_s: float, counts: Sequence[int] = (2, 3, 5, 7)
     ) -> Separation:
         """The fastest of all sets of backgrounds within the limits."""
         low_K, high_K = blackbody.limits_K
@@ -121,13 +117,11 @@ class Rivals:
             raise EvaluationError(
                 f"backgrounds: {low_K:g} K alone; two models are separated with two or more"
             )
-        separations = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
-        best = min(separations, key=lambda separation: separation.order)
+        plans = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
+        best = min(plans, key=lambda plan: plan.order)
         test, shots = self._test(best.backgrounds_K), best.shots or MOST_SHOTS
-        distances = {
-            name: test.without(name).distance(shots) for name in (*test.setup, *test.models)
-        }
-        return replace(best, largest=max(distances, key=lambda name: distances[name], default=""))
+        z = {name: test.without(name).distance(shots) for name in (*test.setup, *test.models)}
+        return replace(best, largest=max(z, key=lambda name: z[name], default=""))
 
     def distance(self, backgrounds_K: tuple[float, ...], shots: int) -> float:
         """z with so many injections, and references, at each background."""
@@ -135,7 +129,7 @@ class Rivals:
 
     def rms_K(self, backgrounds_K: tuple[float, ...]) -> float:
         """RMS of the difference of T_app."""
-        return float(np.sqrt(np.mean(self._test(backgrounds_K).change_K ** 2)))
+        return self._test(backgrounds_K).rms_K
 
     def at(
         self, backgrounds_K: tuple[float, ...], blackbody: BlackBody, *, shot_s: float
@@ -154,7 +148,7 @@ class Rivals:
             distance=test.distance(taken),
             of_noise=replace(test, setup={}, models={}).distance(taken),
             time_s=shots and waiting_s + 2 * shots * len(backgrounds_K) * shot_s,
-            rms_K=float(np.sqrt(np.mean(test.change_K**2))),
+            rms_K=test.rms_K,
         )
 
     def _test(self, backgrounds_K: tuple[float, ...]) -> "_Test":
@@ -222,6 +216,10 @@ class _Test:
     setup: Mapping[str, Floats]
     models: Mapping[str, Floats]
 
+    @property
+    def rms_K(self) -> float:
+        return float(np.sqrt(np.mean(self.change_K**2)))
+
     def without(self, name: str) -> "_Test":
         """The same without one error of setup or simulations."""
         setup, models = (
@@ -246,12 +244,10 @@ class _Test:
             """
             stacked = np.vstack([z, np.clip(factors[:, None] * self.change_K, -size, size) / noise])
             sizes = np.linalg.solve(inner, b @ stacked.T)
-            residuals = np.hstack([stacked - sizes.T @ b, sizes.T])
-            images = residuals[1:]
-            best = (images @ residuals[0]) / (1.0 + np.sum(images**2, axis=1))
-            return np.asarray(
-                np.sum((residuals[0] - best[:, None] * images) ** 2, axis=1) + best**2
-            )
+            rest = np.hstack([stacked - sizes.T @ b, sizes.T])
+            images = rest[1:]
+            best = (images @ rest[0]) / (1.0 + np.sum(images**2, axis=1))
+            return np.asarray(np.sum((rest[0] - best[:, None] * images) ** 2, axis=1) + best**2)
 
         nearest = _FACTORS[np.argmin(squares(_FACTORS))]
         return math.sqrt(float(np.min(squares(nearest * _BETWEEN))))

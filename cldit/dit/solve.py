@@ -41,10 +41,10 @@ class Drift:
         signal^2, or the amount of spray, of injections alone.
     variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
     modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
-        variance 1 for all backgrounds and causes. injection_excess: (M, K) by how much larger it
-        is in the injections; None: equal. course: (K,) of that drift, as estimated.
-    exposure_variance: (K,) of one exposure about that mean. jitter: (K,) the part of it that
-        differs between successive exposures; the slow rest cancels if the kinds alternate.
+        variance 1 for all backgrounds and causes. excess: (M, K) by how much larger it is in
+        the injections; None: equal. course: (K,) of that drift, as estimated.
+    scatter: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
+        between successive exposures; the slow rest cancels if the kinds alternate.
     band: share of the filter in which the spray absorbs, of an amount.
     """
 
@@ -52,9 +52,9 @@ class Drift:
     variance: Floats
     modes: Floats
     course: Floats
-    exposure_variance: Floats
+    scatter: Floats
     jitter: Floats
-    injection_excess: Floats | None = None
+    excess: Floats | None = None
     band: float = 1.0
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
@@ -328,7 +328,7 @@ class _Fit:
             for drift, (_, factor) in zip(drifts, factors, strict=True):
                 # Its part of this pixel may differ from that of the mean.
                 if not injection.common_removed:
-                    observed = observed - drift.exposure_variance[:, None] * factor**2
+                    observed = observed - drift.scatter[:, None] * factor**2
             spare = injection.exposures - 1.0 if injection.spare is None else injection.spare
             scatter[1] = shot_scatter(
                 change,
@@ -360,11 +360,7 @@ def _modes(
 ) -> list[list[tuple[Floats, Floats, _ByKind]]]:
     """Courses (K,) in both kinds and their factors, by mode and cause."""
     steady = [
-        (
-            drift.modes,
-            drift.modes + (0.0 if drift.injection_excess is None else drift.injection_excess),
-            by_kind,
-        )
+        (drift.modes, drift.modes + (0.0 if drift.excess is None else drift.excess), by_kind)
         for drift, by_kind in zip(drifts, factors, strict=True)
         if drift.modes.any()
     ]

@@ -11,13 +11,7 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
-from cldit.dit.fit import (
-    Pair,
-    apparent_radiance,
-    emissivity_gradient,
-    fit_pair,
-    radiance_gradient,
-)
+from cldit.dit.fit import Pair, apparent_radiance, emissivity_gradient, fit_pair, radiance_gradient
 from cldit.errors import EvaluationError
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
@@ -140,12 +134,10 @@ class Subject:
         radiance, _ = apparent_radiance(lines)
         slope = self.curve.temperature_slope(np.maximum(radiance, 0.0))
         row = radiance_gradient(lines)[:, 2:] * slope[:, None]
-        covariances = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
+        cov = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
         x = self.filter_boundary.leaving(backgrounds_K)[:, None]
         return np.asarray(
-            (covariances[:, 0] * x + covariances[:, 1])
-            / variance
-            / self.filter_boundary.front.transmission
+            (cov[:, 0] * x + cov[:, 1]) / variance / self.filter_boundary.front.transmission
         )
 
     def depth_response(self, bare: Floats, spray: Floats) -> Floats:
@@ -220,11 +212,7 @@ def opaque_errors_K(
     )
     bare = Weights(background=image(1.0), wall=image(0.0), vapour=image(0.0), liquid=image(0.0))
     grey = replace(
-        subject,
-        spray=(spray,),
-        reference=bare,
-        boundaries=(subject.filter_boundary,),
-        scatter=0.0,
+        subject, spray=(spray,), reference=bare, boundaries=(subject.filter_boundary,), scatter=0.0
     )
     injections, bare_ones = grey.variances(backgrounds_K)[0]
     return np.asarray(np.sqrt(injections / shots + bare_ones / references))
@@ -242,12 +230,7 @@ def coldest_K(
     """The coldest spray [K] with a standard error of T_app up to `error_K`; NaN: none."""
     sprays_K = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(
-        subject,
-        sprays_K,
-        backgrounds_K,
-        emissivity=emissivity,
-        shots=shots,
-        references=references,
+        subject, sprays_K, backgrounds_K, emissivity=emissivity, shots=shots, references=references
     )
     resolved = np.flatnonzero(errors <= error_K)
     return float(sprays_K[resolved[0]]) if resolved.size else math.nan

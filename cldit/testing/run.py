@@ -50,11 +50,7 @@ class Result:
 
 
 def on_emulators(
-    driver: str,
-    kind: str,
-    settings: Mapping[str, Any] | None = None,
-    *,
-    all_faults: bool = False,
+    driver: str, kind: str, settings: Mapping[str, Any] | None = None, *, all_faults: bool = False
 ) -> Iterator[Result]:
     """Runs the contract on all emulators of a driver, with lost and damaged replies.
 
@@ -136,8 +132,6 @@ def _alone(
 def _lines(
     make: Make, kind: str, settings: Mapping[str, Any] | None, all_faults: bool
 ) -> dict[str, Callable[[], object]]:
-    """Checks with faults of the line, by name."""
-
     def replies(numbers: lost_replies.Numbers, faults: lost_replies.Faults) -> Callable[[], str]:
         return lambda: f"{lost_replies.check_replies(make, numbers, faults, settings)} sessions"
 

@@ -78,10 +78,7 @@ KINDS = (
     Kind("a film of InfraTec", "irb", ((0, b"\xffIRB\0"),), way_out=f"{EXPORT} with IRBIS"),
     Kind("a film of Optris", "ravi", way_out=f"{EXPORT} with PIX Connect"),
     Kind(
-        "JPEG, which loses what it compresses",
-        "jpg jpeg",
-        ((0, b"\xff\xd8\xff"),),
-        way_out=EXPORT,
+        "JPEG, which loses what it compresses", "jpg jpeg", ((0, b"\xff\xd8\xff"),), way_out=EXPORT
     ),
     Kind("a film of a display", "avi mp4 mov", ((4, b"ftyp"),), way_out=EXPORT),
 )

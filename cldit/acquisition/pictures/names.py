@@ -19,8 +19,7 @@ _BARE = re.compile(
     rf"{_APART}(?:T|(?i:tbb|bb|temp|temperature|blackbody|black_body))[ _=-]?{_NUMBER}{_END}"
 )
 _DELAY = re.compile(
-    rf"{_APART}(?:delay|asoi|soi|t|d)?[ _+-]?{_NUMBER}[ _-]?(?P<unit>ms|us|µs){_END}",
-    re.IGNORECASE,
+    rf"{_APART}(?:delay|asoi|soi|t|d)?[ _+-]?{_NUMBER}[ _-]?(?P<unit>ms|us|µs){_END}", re.IGNORECASE
 )
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _WORDS: tuple[tuple[Role, str], ...] = (

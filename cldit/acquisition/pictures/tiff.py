@@ -118,7 +118,6 @@ class Tiff:
                 raise ValueError(f"OME lists {missing} images that are not there; {CUT_OFF}")
 
     def _end(self, number: int) -> int:
-        """Byte at which the pixels of a page end."""
         page: Any = self._file.pages[number]
         ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
         return max(ends, default=0)

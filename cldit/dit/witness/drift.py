@@ -17,10 +17,9 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.dit.solve import KINDS, Cause, Drift
-from cldit.dit.witness.backgrounds import references, slopes
+from cldit.dit.witness.backgrounds import OffLine, references, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
-from cldit.dit.witness.lines import OffLine
 from cldit.dit.witness.trend import Trends, steady, unit, without
 
 _BETTER = 1.1  # ratio of remainders from which a less likely cause is accepted
@@ -70,20 +69,13 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Common
             cause = next(iter(alike))
             variance = alike[cause]
             message = _said(alike)
-    exposure_variance, jitter = _wander(evidence, cause, trends)
+    scatter, jitter = _wander(evidence, cause, trends)
     drifts = {
-        cause: replace(
-            still(cause, len(none)),
-            variance=variance,
-            exposure_variance=exposure_variance,
-            jitter=jitter,
-        )
+        cause: replace(still(cause, len(none)), variance=variance, scatter=scatter, jitter=jitter)
     }
     for of, trend in trends.items():
         drift = drifts.get(of, still(of, len(none)))
-        drifts[of] = replace(
-            drift, modes=trend.modes, course=trend.course, injection_excess=trend.injection_excess
-        )
+        drifts[of] = replace(drift, modes=trend.modes, course=trend.course, excess=trend.excess)
     count = max(len(trend.modes) for trend in drifts.values())
     for of, variance in list(alike.items())[1:]:
         drifts[of] = replace(drifts.get(of, still(of, len(none))), variance=variance)
@@ -98,12 +90,7 @@ def still(cause: Cause, backgrounds: int) -> Drift:
     """Drift of this cause without any change, at so many backgrounds."""
     none = np.zeros(backgrounds)
     return Drift(
-        cause=cause,
-        variance=none,
-        modes=none[None, :],
-        course=none,
-        exposure_variance=none,
-        jitter=none,
+        cause=cause, variance=none, modes=none[None, :], course=none, scatter=none, jitter=none
     )
 
 
@@ -129,7 +116,6 @@ _SAYS: dict[Cause, str] = {
 
 
 def _said(causes: Iterable[Cause]) -> str:
-    """Causes that fit alike, in words."""
     phrases = [_SAYS[cause] for cause in causes]
     return f"as if {' or '.join(phrases)}" + (": these fit alike" if len(phrases) > 1 else "")
 
@@ -159,7 +145,7 @@ def _causes(evidence: Evidence) -> dict[Cause, Floats]:
     """The causes that fit alike, the likeliest first, and their variances (K,): radiance^2, of
     gain and curvature relative."""
     fits = {
-        cause: _fitted(evidence, factors, single=cause == "curvature")
+        cause: _fitted(evidence, factors, fixed=cause == "curvature")
         for cause, factors in _factors(evidence).items()
     }
     # A lone deviation suggests another temperature, several another offset. Scatter of the spray is
@@ -177,9 +163,7 @@ def _causes(evidence: Evidence) -> dict[Cause, Floats]:
     }
 
 
-def _fitted(
-    evidence: Evidence, factors: dict[str, Floats], *, single: bool
-) -> tuple[float, Floats]:
+def _fitted(evidence: Evidence, factors: dict[str, Floats], *, fixed: bool) -> tuple[float, Floats]:
     """Remaining chi2 with common errors of these `factors` (K, B) by kind, and variance (K,).
     With `single` the error is one number for all backgrounds.
 
@@ -195,16 +179,13 @@ def _fitted(
     }
     size = max(float(np.max(np.abs(factor))) for factor in factors.values())
     normal, right, total = np.zeros((2 * count, 2 * count)), np.zeros(2 * count), 0.0
-    contrast = (_on_line(evidence, "injection") - _on_line(evidence, "reference")) / unit
+    delta = (_on_line(evidence, "injection") - _on_line(evidence, "reference")) / unit
     for kind in KINDS:
         signal = evidence.mean(kind) / unit
         weight = _about_lines(evidence.source[kind] / unit, variance[kind] / unit**2)
         off = np.einsum("bkl,lb->bk", weight, signal)
         total += float(np.einsum("kb,bk->", signal, off))
-        columns = [
-            factors[kind] / size,
-            contrast if kind == "injection" else np.zeros_like(contrast),
-        ]
+        columns = [factors[kind] / size, delta if kind == "injection" else np.zeros_like(delta)]
         for i, column in enumerate(columns):
             right[i * count : (i + 1) * count] += np.einsum("kb,bk->k", column, off)
             for j, partner in enumerate(columns):
@@ -218,7 +199,7 @@ def _fitted(
     back = np.linalg.solve(normal[y, y], np.column_stack([normal[y, z], right[y]]))
     kept = normal[z, z] - normal[z, y] @ back[:, :count]
     side = right[z] - normal[z, y] @ back[:, count]
-    if single:
+    if fixed:
         single_z = float(side.sum() / kept.sum())
         remainder = total - float(right[y] @ back[:, count]) - single_z * float(side.sum())
         return remainder, np.full(count, (single_z * unit / size) ** 2)
@@ -271,8 +252,8 @@ def _wander(evidence: Evidence, cause: Cause, trends: Trends) -> tuple[Floats, F
     ]
     total = np.array([np.var(values, ddof=1) if len(values) > 1 else 0.0 for values in series])
     moved = unit(evidence, cause)
-    exposure_variance, jitter = (
+    scatter, jitter = (
         np.maximum(variance - noise, 0.0) / moved**2
         for variance in (total, evidence.jitter("reference", all_blocks))
     )
-    return exposure_variance, np.minimum(jitter, exposure_variance)
+    return scatter, np.minimum(jitter, scatter)

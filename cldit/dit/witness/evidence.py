@@ -211,13 +211,10 @@ class Evidence:
         It is the independent variance (K, B) of each block's mean, and the variance of the relative
         change of Delta I that all blocks of a shot share.
         """
-        difference = self.change
-        amount = self.amount(difference)
-        block_variance, amount_variance = amount.block_variance, amount.variance
-        n = self.number("injection")[:, None]
-        return np.asarray(
-            (self.camera["injection"] + block_variance * difference**2) / n
-        ), amount_variance
+        change = self.change
+        amount = self.amount(change)
+        blocks = self.camera["injection"] + amount.block_variance * change**2
+        return np.asarray(blocks / self.number("injection")[:, None]), amount.variance
 
     def amount(self, pattern: Floats, *, drifting: bool = False) -> Amount:
         """Scatter of injections in units of `pattern` (K, B), their derivative by an amount.

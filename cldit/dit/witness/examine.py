@@ -170,12 +170,7 @@ def _of_pixels(
 
 
 def _amount(
-    evidence: Evidence,
-    sums: AllSums,
-    setpoints: Sequence[float],
-    *,
-    scale: float,
-    drifting: bool,
+    evidence: Evidence, sums: AllSums, setpoints: Sequence[float], *, scale: float, drifting: bool
 ) -> tuple[Drift, ...]:
     """Scatter of the amount of spray between injections, an error that all pixels share.
 
@@ -204,7 +199,7 @@ def _amount(
         replace(
             drift.still("amount", len(setpoints)),
             variance=variance / evidence.number("injection"),
-            exposure_variance=amounts[band].shot_variance,
+            scatter=amounts[band].shot_variance,
             band=band,
         ),
     )

@@ -63,7 +63,7 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     if stands_out:
         none = nnls(((_own(evidence, x) - x) / noise)[:, None], seen / noise)[1] ** 2
         good = fitted([cause.fit for cause in causes], none=none, degrees=len(x))
-        likely = tuple(cause.cause for cause in good)
+        likely = tuple(cause.text for cause in good)
         message = (
             f"{describe(good, none=none, tried=len(causes))}, or there is spray in the whole image"
         )
@@ -136,20 +136,19 @@ def _causes(
         ("gain", [x, np.ones_like(x)]),  # of an unknown dark level
         ("curve", [bend, signal]),
     ):
-        for spray_columns in ([], [spray]):
+        for extra in ([], [spray]):
             design = (
-                np.array([*columns, *(-column for column in columns), *spray_columns]).T
-                / noise[:, None]
+                np.array([*columns, *(-column for column in columns), *extra]).T / noise[:, None]
             )
             scale = np.max(np.abs(design), axis=0)
             share, remainder = nnls(design / scale, seen / noise)
             share = share / scale
-            if spray_columns and share[-1] > _THIN:
+            if extra and share[-1] > _THIN:
                 continue
             size = float(share[0] - share[len(columns)]) * (100.0 if name == "gain" else 1.0)
             description = f"as if {_SAYS[name].format(size)} between the kinds"
-            fit = Hypothesis(description, float(remainder**2), len(columns) + len(spray_columns))
-            beside = np.asarray(seen - (share[-1] * spray if spray_columns else 0.0))
+            fit = Hypothesis(description, float(remainder**2), len(columns) + len(extra))
+            beside = np.asarray(seen - (share[-1] * spray if extra else 0.0))
             if name not in causes or fit.score < causes[name].fit.score:
                 causes[name] = _Cause(name, size, beside, fit)
     return list(causes.values())

@@ -69,7 +69,7 @@ def _level(image: Floats) -> Floats:
 
 
 def _changed(image: Floats, expected: Floats, *, threshold: float, shifts: bool) -> str | None:
-    """Turn or shift of `own` that correlates with `others` far better than none, in words."""
+    """Turn or shift of `image` that correlates with `expected` far better than none, in words."""
     length = float(np.sqrt(np.sum(expected**2)))
     if not length > 0.0:
         return None

@@ -150,7 +150,7 @@ def between_backgrounds(
         return None, {}
     # Residuals of whitened signals, in an orthonormal basis
     basis = np.linalg.svd(patterns.design / usual[:, None])[0][:, 2:].T / usual  # (spare, K)
-    residuals = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
+    rest = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
     noise = {kind: np.array([blocks.mean(v) for v in patterns.noise[kind]]) for kind in KINDS}
     level = {kind: np.array([blocks.mean(v) for v in patterns.mean[kind]]) for kind in KINDS}
     contrast = {kind: (patterns.source - patterns.source.mean()) @ level[kind] for kind in KINDS}
@@ -159,9 +159,7 @@ def between_backgrounds(
     noise["injection"] += stated[:, None] * through**2
     moments: dict[tuple[str, str], Floats] = {}
     for kind_a, kind_b in ((KINDS[0], KINDS[0]), (KINDS[1], KINDS[1]), KINDS):
-        moment = np.array(
-            [[blocks.mean(a * b) for b in residuals[kind_b]] for a in residuals[kind_a]]
-        )
+        moment = np.array([[blocks.mean(a * b) for b in rest[kind_b]] for a in rest[kind_a]])
         if kind_a == kind_b:
             moment -= np.einsum("ik,kb,jk->ijb", basis, noise[kind_a], basis)
         moments[kind_a, kind_b] = moment
@@ -318,20 +316,18 @@ class _Difference:
     gain: float
 
     @classmethod
-    def of(cls, patterns: Patterns, selected: Mask) -> "_Difference | None":
+    def of(cls, patterns: Patterns, chosen: Mask) -> "_Difference | None":
         """The difference in `selected` pixels (h, w); None where they are few or without noise."""
-        if np.count_nonzero(selected) < 8 * _EDGE:
+        if np.count_nonzero(chosen) < 8 * _EDGE:
             return None
-        change = patterns.high["injection"][:, selected] - patterns.high["reference"][:, selected]
-        variances = (
-            patterns.noise["reference"][:, selected] + patterns.noise["injection"][:, selected]
-        )
-        usual = np.sqrt(np.median(variances, axis=1))
+        change = patterns.high["injection"][:, chosen] - patterns.high["reference"][:, chosen]
+        noise = patterns.noise["reference"][:, chosen] + patterns.noise["injection"][:, chosen]
+        usual = np.sqrt(np.median(noise, axis=1))
         if not np.all(usual > 0.0):
             return None
         to_line = np.linalg.pinv(patterns.design / usual[:, None]) / usual
-        gain = float(np.mean(to_line[0] @ patterns.mean["reference"][:, selected]))
-        return cls(to_line, change, variances.mean(axis=1), gain)
+        gain = float(np.mean(to_line[0] @ patterns.mean["reference"][:, chosen]))
+        return cls(to_line, change, noise.mean(axis=1), gain)
 
     def beyond(self, slope: float, start: float) -> tuple[float, float]:
         """Variance beyond the noise of so much of the slope and of the start, and its error."""

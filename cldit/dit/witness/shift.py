@@ -111,11 +111,7 @@ def _fit(slope: Floats, residuals: Floats, where: Mask) -> tuple[Floats, Floats,
 
 
 def _wander(
-    sums: AllSums,
-    setpoints: Sequence[float],
-    *,
-    keep: Floats,
-    counts_per_kelvin: Floats,
+    sums: AllSums, setpoints: Sequence[float], *, keep: Floats, counts_per_kelvin: Floats
 ) -> tuple[Floats, int]:
     """Standard errors (K, 2) of the shift due to scatter of the shots, and degrees of freedom.
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.dit.solve import Cause, Drift
+from cldit.dit.witness.backgrounds import squares
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
-from cldit.dit.witness.lines import squares
 
 _AGAIN = 3  # iterations; each reduces the error by the relative drift, a tenth at most
 _NEAR = 0.5  # largest relative deviation of a course from that of the rates
@@ -37,13 +37,13 @@ class Trend:
 
     rate: (K,) per interval of the axis at each background. course: (K,) of the references' means.
     modes: (M, K) parts of the course, each of variance 1 and common to all trends.
-    injection_excess: (M, K) excess of each mode in the injections' means.
+    excess: (M, K) excess of each mode in the injections' means.
     """
 
     rate: Floats
     course: Floats
     modes: Floats
-    injection_excess: Floats | None = None
+    excess: Floats | None = None
 
 
 Trends = Mapping[Cause, Trend]
@@ -67,10 +67,8 @@ def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
     if not beyond:
         return blackbody
     x, rise = evidence.source["reference"], evidence.rise
-    remainders = [
-        squares(x, signal(without(evidence, trends)), rise) for trends in (camera, blackbody)
-    ]
-    return camera if remainders[0] < remainders[1] else blackbody
+    sums = [squares(x, signal(without(evidence, trends)), rise) for trends in (camera, blackbody)]
+    return camera if sums[0] < sums[1] else blackbody
 
 
 def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
@@ -83,9 +81,7 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
     first_part = min(int(places.part.min()) for places in evidence.places["reference"])
     breaks = first_part + np.arange(evidence.breaks)
     share = {  # (breaks, K) of a kind's shots that are after each
-        kind: np.stack(
-            [(kind_places.part[:, None] > breaks).mean(axis=0) for kind_places in places], axis=1
-        )
+        kind: np.stack([(p.part[:, None] > breaks).mean(axis=0) for p in places], axis=1)
         for kind, places in evidence.places.items()
     }
     still = without(evidence, trends)
@@ -116,7 +112,7 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
             rate=old.rate,
             course=old.course + course - course.mean(),
             modes=np.concatenate([old.modes, new]),
-            injection_excess=np.concatenate([np.zeros_like(old.modes), excess]),
+            excess=np.concatenate([np.zeros_like(old.modes), excess]),
         ),
     }
 
