@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
@@ -160,7 +159,8 @@ def evaluate_shots(
     shots = _read(acquisition, accept=accept, progress=progress)
     checked = _check(shots, acquisition, curve=curve, accept=accept)
     maps, common, degrees = _solved(shots, checked)
-    maps, widened = agreeing(maps, shots.backgrounds)
+    backgrounds = sum(~shots.full(setpoint) for setpoint in shots.setpoints)
+    maps, widened = agreeing(maps, np.asarray(backgrounds))
     if shots.bad.any():
         maps = _without(maps, shots.bad)
     _check_not_swapped(maps)
@@ -210,11 +210,6 @@ class _Shots:
         """(H, W) pixels that are saturated in one image of this background or more."""
         return self.sums[setpoint, "reference"].full | self.sums[setpoint, "injection"].full
 
-    @property
-    def backgrounds(self) -> NDArray[np.int_]:
-        """(H, W) number of backgrounds at which a pixel is not saturated."""
-        return np.asarray(sum(~self.full(setpoint) for setpoint in self.setpoints))
-
 
 def _read(acquisition: Acquisition, *, accept: Collection[str], progress: Watch | None) -> _Shots:
     """Reads and averages the shots; refuses images that are no counts of one camera."""
@@ -252,11 +247,8 @@ def _read(acquisition: Acquisition, *, accept: Collection[str], progress: Watch 
 
 @dataclass(frozen=True, kw_only=True)
 class _Checked:
-    """Camera and boundary of the shots, and their checks.
-
-    curve: as used. fitted: the same if it was fitted to the references. sources: (K,) radiance of
-    the background by kind.
-    """
+    """Checked camera and boundary of the shots. fitted: the curve, if fitted to the references.
+    sources: (K,) radiance of the background by kind."""
 
     curve: Curve
     fitted: CurveFit | None

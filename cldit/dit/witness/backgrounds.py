@@ -142,21 +142,19 @@ def _judge(
     none = line_chi2(x, y, variance)
     tried = _hypotheses(evidence, kind, off, y, variance) if stands_out else []
     causes = fitted(tried, none=none, degrees=len(x) - 2)
-    return (
-        Witness(
-            name=name,
-            compared=comparison,
-            says=describe(causes, none=none, tried=len(tried)) if stands_out else "",
-            causes=tuple(cause.text for cause in causes),
-            remedy=_remedy(evidence, off),
-            setpoints=evidence.setpoints,
-            kelvin=tuple(off.kelvin.tolist()),
-            noise_K=tuple(off.noise_K.tolist()),
-            stands_out=stands_out,
-            severe=beyond and (_size(off) > LIMIT_K or any(cause.severe for cause in causes[:1])),
-        ),
-        off,
+    witness = Witness(
+        name=name,
+        compared=comparison,
+        says=describe(causes, none=none, tried=len(tried)) if stands_out else "",
+        causes=tuple(cause.text for cause in causes),
+        remedy=_remedy(evidence, off),
+        setpoints=evidence.setpoints,
+        kelvin=tuple(off.kelvin.tolist()),
+        noise_K=tuple(off.noise_K.tolist()),
+        stands_out=stands_out,
+        severe=beyond and (_size(off) > LIMIT_K or any(cause.severe for cause in causes[:1])),
     )
+    return witness, off
 
 
 def _remedy(evidence: Evidence, off: OffLine) -> str:

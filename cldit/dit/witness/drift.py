@@ -12,6 +12,7 @@ for all backgrounds), over all blocks. All with nearly the smallest remainder wi
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -70,15 +71,13 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Common
             variance = alike[cause]
             message = _said(alike)
     scatter, jitter = _wander(evidence, cause, trends)
-    drifts = {
-        cause: replace(still(cause, len(none)), variance=variance, scatter=scatter, jitter=jitter)
-    }
+    drifts = {cause: still(cause, none, variance=variance, scatter=scatter, jitter=jitter)}
     for of, trend in trends.items():
-        drift = drifts.get(of, still(of, len(none)))
+        drift = drifts.get(of, still(of, none))
         drifts[of] = replace(drift, modes=trend.modes, course=trend.course, excess=trend.excess)
     count = max(len(trend.modes) for trend in drifts.values())
     for of, variance in list(alike.items())[1:]:
-        drifts[of] = replace(drifts.get(of, still(of, len(none))), variance=variance)
+        drifts[of] = replace(drifts.get(of, still(of, none)), variance=variance)
     if "curvature" in alike:  # one number of its own for all backgrounds
         modes = np.zeros((count + 1, len(none)))
         modes[count] = np.sqrt(alike["curvature"])
@@ -86,12 +85,12 @@ def find(evidence: Evidence, off: OffLine | None, *, stated_K: Floats) -> Common
     return CommonErrors(drifts=tuple(drifts.values()), cause=message, through=through)
 
 
-def still(cause: Cause, backgrounds: int) -> Drift:
-    """Drift of this cause without any change, at so many backgrounds."""
-    none = np.zeros(backgrounds)
-    return Drift(
+def still(cause: Cause, none: Floats, **changes: Any) -> Drift:
+    """Drift of this cause with these `changes`, the others `none`, zeros (K,)."""
+    drift = Drift(
         cause=cause, variance=none, modes=none[None, :], course=none, scatter=none, jitter=none
     )
+    return replace(drift, **changes)
 
 
 def _beyond(evidence: Evidence, off: OffLine) -> bool:

@@ -101,20 +101,12 @@ def examine(
     if unfitted is not None:
         lined = backgrounds.fitted_over(seen_as(unfitted), lined, stated_K=stated_K)
     between, systematic = kinds(evidence)
+    x = evidence.source["reference"]
     moved, widened = shift(
-        sums,
-        setpoints,
-        sees=sees,
-        source=evidence.source["reference"],
-        counts_per_kelvin=evidence.rise * scale,
+        sums, setpoints, sees=sees, source=x, counts_per_kelvin=evidence.rise * scale
     )
     patterns = Patterns.of(
-        sums,
-        setpoints,
-        sees=sees,
-        source=evidence.source["reference"],
-        calibration=calibration,
-        amount2=evidence.scatter()[1],
+        sums, setpoints, sees=sees, source=x, calibration=calibration, amount2=evidence.scatter()[1]
     )
     lying, renewed, extra = _of_pixels(evidence, patterns, stated_K2=stated_K2, scale=scale)
     if widened:
@@ -195,14 +187,9 @@ def _amount(
     variance = amounts[band].variance
     if not variance > 0.0:
         return ()
-    return (
-        replace(
-            drift.still("amount", len(setpoints)),
-            variance=variance / evidence.number("injection"),
-            scatter=amounts[band].shot_variance,
-            band=band,
-        ),
-    )
+    variances, scatter = variance / evidence.number("injection"), amounts[band].shot_variance
+    none = np.zeros(len(setpoints))
+    return (drift.still("amount", none, variance=variances, scatter=scatter, band=band),)
 
 
 def stated(
@@ -227,7 +214,7 @@ def stated(
         "gain": none + surroundings.camera_gain_error**2,
     }
     return tuple(
-        replace(drift.still(cause, len(setpoints)), variance=variance)
+        drift.still(cause, none, variance=variance)
         for cause, variance in variances.items()
         if variance.any()
     )

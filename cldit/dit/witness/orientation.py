@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.dit.pattern_causes import TURNS
+from cldit.dit.hypotheses import TURNS
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness, refusal

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
-from cldit.dit import pattern_causes
+from cldit.dit import hypotheses
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
@@ -186,7 +186,7 @@ def between_backgrounds(
     if everywhere or share > _PART:
         factor = 1.0 + (overall if everywhere else float(np.median(ratio[wide])))
         deviating = patterns.sees & wide[blocks.number]
-        causes = pattern_causes.between_backgrounds(patterns, deviating, names)
+        causes = hypotheses.between_backgrounds(patterns, deviating, names)
         witness = Witness(
             name="pixels",
             says=f"in {100.0 * share:.0f} % of the image the pixels lie off their lines by "
@@ -290,7 +290,7 @@ def between_kinds(
         sure = max(sure, slopes2 / slopes_doubt)
     if sure < _SURE:
         return renewed
-    causes = pattern_causes.between_kinds(
+    causes = hypotheses.between_kinds(
         patterns, thin_around, offsets=renewed.offset_counts > 0.0, gains=renewed.gain > 0.0
     )
     witness = Witness(

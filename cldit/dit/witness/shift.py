@@ -68,20 +68,18 @@ def shift(
         )
         rows, columns = np.gradient(delta[at])
         widened[setpoints[at]] = (moved[at, 0] * rows + moved[at, 1] * columns) ** 2
-    return (
-        Witness(
-            name="shift",
-            compared=_COMPARED,
-            says=message,
-            setpoints=tuple(setpoints),
-            kelvin=tuple(kelvin.tolist()),
-            noise_K=tuple(noise_K.tolist()),
-            remedy=f"remove the images of background {setpoints[at]:g} K",
-            stands_out=stands_out,
-            severe=stands_out and float(kelvin[at]) > LIMIT_K,
-        ),
-        widened,
+    witness = Witness(
+        name="shift",
+        compared=_COMPARED,
+        says=message,
+        setpoints=tuple(setpoints),
+        kelvin=tuple(kelvin.tolist()),
+        noise_K=tuple(noise_K.tolist()),
+        remedy=f"remove the images of background {setpoints[at]:g} K",
+        stands_out=stands_out,
+        severe=stands_out and float(kelvin[at]) > LIMIT_K,
     )
+    return witness, widened
 
 
 def _fit(slope: Floats, residuals: Floats, where: Mask) -> tuple[Floats, Floats, float]:
