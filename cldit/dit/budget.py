@@ -35,7 +35,7 @@ PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels
 _MOST = 6  # common errors
 _SEEN = 1.0  # their least chi-square in all pixels together: one standard deviation
-_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities of the fits; interpolation errs by f'' / 800
+_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities of the fits; between them, an error of f'' / 800
 
 
 @dataclass(frozen=True, kw_only=True)
