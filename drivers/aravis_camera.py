@@ -22,7 +22,7 @@ from .genicam_client import GigeSettings, Image
 
 T = TypeVar("T")
 
-_GVCP = 3956
+_GVCP = 3956  # UDP port of the control protocol (GigE Vision 2.0)
 _SPARE = 4  # buffers beyond the requested images
 _ROOM, _LEAST_ROOM = 4, 2**20  # of the socket: images, bytes; limited by net.core.rmem_max
 _PIXELS = {8: "u1", 16: "<u2"}  # by the bits of a pixel in its format's code
@@ -53,14 +53,14 @@ class AravisClient:
         self._stream: Any = None
         self._lost = False
         self._link_errors = {int(getattr(Aravis.DeviceError, name)) for name in _LINK_ERRORS}
-        here, there = (
-            Gio.InetAddress.new_from_string(text)
-            for text in (settings.interface or _way_to(settings.address), settings.address)
+        local, remote = (
+            Gio.InetAddress.new_from_string(ip_address)
+            for ip_address in (settings.interface or _way_to(settings.address), settings.address)
         )
-        if here is None or there is None:
+        if local is None or remote is None:
             raise NotConnected("address, interface: allowed: IP addresses")
         try:
-            self._device = Aravis.GvDevice.new(here, there)
+            self._device = Aravis.GvDevice.new(local, remote)
         except GLib.Error as error:
             raise NotConnected(f"no such camera on the network ({error.message})") from error
         try:
@@ -177,13 +177,13 @@ class AravisClient:
             self._under_control()
             return None
         pixels = None
-        whole = got.get_status() == self._aravis.BufferStatus.SUCCESS
-        if whole:  # Aravis returns no data of others
+        complete = got.get_status() == self._aravis.BufferStatus.SUCCESS
+        if complete:  # Aravis returns no data of others
             kind = _PIXELS[(got.get_image_pixel_format() >> 16) & 0xFF]
             shape = got.get_image_height(), got.get_image_width()
             flat = np.frombuffer(got.get_image_data(), kind, shape[0] * shape[1])
             pixels = flat.astype(np.uint16).reshape(shape)
-        image = Image(pixels, got.get_frame_id(), got.get_timestamp(), whole)
+        image = Image(pixels, got.get_frame_id(), got.get_timestamp(), complete)
         self._stream.push_buffer(got)
         return image
 
@@ -214,10 +214,13 @@ def _make_room(port: int, size: int) -> None:
         try:
             if not entry.is_socket():
                 continue
-            with socket.socket(fileno=os.dup(int(entry.name))) as found:
-                inet = found.family == socket.AF_INET and found.type == socket.SOCK_DGRAM
-                if inet and found.getsockname()[1] == port:
-                    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
+            with socket.socket(fileno=os.dup(int(entry.name))) as stream_socket:
+                inet = (
+                    stream_socket.family == socket.AF_INET
+                    and stream_socket.type == socket.SOCK_DGRAM
+                )
+                if inet and stream_socket.getsockname()[1] == port:
+                    stream_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
         except OSError:  # closed meanwhile
             continue
 

@@ -107,8 +107,8 @@ class BlackBody(Settling, Generic[S]):
         """Text of the units in which the same number is a temperature that `fits`, by default a
         usual one: ` (fahrenheit: 295 K)`; empty if there is none."""
         number = from_kelvin(got_K, self._known_unit)
-        known = {unit: to_kelvin(number, unit) for unit in UNITS if unit != self._known_unit}
-        texts = [f"{unit}: {at:.0f} K" for unit, at in known.items() if (fits or self._usual)(at)]
+        kelvins = {unit: to_kelvin(number, unit) for unit in UNITS if unit != self._known_unit}
+        texts = [f"{unit}: {at:.0f} K" for unit, at in kelvins.items() if (fits or self._usual)(at)]
         return f" ({', '.join(texts)})" if texts else ""
 
     def _check_unit_by(self, temperature_K: float) -> None:
@@ -117,13 +117,13 @@ class BlackBody(Settling, Generic[S]):
         In a body at the temperature of a room, this finds each unit in which it would become
         hotter than its set point.
         """
-        other = self._other_unit(temperature_K)
-        if other and not self._usual(temperature_K):
+        fitting = self._other_unit(temperature_K)
+        if fitting and not self._usual(temperature_K):
             raise ConfigRejected(
                 f"background.settings.{self._unit_key}: {self._unit}: in it the reading "
                 f"{from_kelvin(temperature_K, self._known_unit):.1f} is {temperature_K:.0f} K, "
                 "neither a room's nor within limits_K; allowed: the unit at its front panel, which "
-                f"the reading fits{other}"
+                f"the reading fits{fitting}"
             )
 
     def _confirmed(self, wanted_K: float, got_K: float) -> float:

@@ -49,24 +49,30 @@ def set_features(client: Client, stated: Mapping[str, Value]) -> None:
                 "written"
             )
     for name in (*_BY_ITSELF, *_NEUTRAL, *_TEMPERATURES):
-        now = None if name in stated else _read(client, name)
-        if now is None or (wanted := _instead(name, now)) is None or _set(client, name, wanted):
+        present = None if name in stated else _read(client, name)
+        if (
+            present is None
+            or (neutral := _instead(name, present)) is None
+            or _set(client, name, neutral)
+        ):
             continue
-        allowed = f"; wanted: {' or '.join(wanted)}" if wanted else ""
+        allowed = f"; wanted: {' or '.join(neutral)}" if neutral else ""
         raise ConfigRejected(
-            f"camera: {name} is {now}, which changes its counts, and cannot be set{allowed}; set "
-            f"it with the maker's program, or state it as camera.settings.features.{name}"
+            f"camera: {name} is {present}, which changes its counts, and cannot be set{allowed}; "
+            f"set it with the maker's program, or state it as camera.settings.features.{name}"
         )
 
 
-def _instead(name: str, now: str) -> tuple[str, ...] | None:
+def _instead(name: str, present: str) -> tuple[str, ...] | None:
     """Values that leave the counts as they are; None if the present one does."""
     if name in _NEUTRAL:
         neutral = _NEUTRAL[name]
-        return None if any(_same(now, value) for value in neutral) else neutral
+        return None if any(_same(present, value) for value in neutral) else neutral
     if name in _TEMPERATURES:
-        return () if now in _TEMPERATURES[name] else None
-    adjusts = now.lower() in _ADJUSTS or ("Auto" in name and now.lower() in ("on", "true", "1"))
+        return () if present in _TEMPERATURES[name] else None
+    adjusts = present.lower() in _ADJUSTS or (
+        "Auto" in name and present.lower() in ("on", "true", "1")
+    )
     return _FIXED if adjusts else None
 
 
@@ -99,11 +105,11 @@ def _read(client: Client, name: str) -> str | None:
     return client.get_text(name) if client.has(name) else None
 
 
-def _same(got: str | None, wanted: str) -> bool:
+def _same(got: str | None, written: str) -> bool:
     if got is None:
         return False
     try:
-        number = float(wanted)
+        number = float(written)
         return abs(float(got) - number) <= _SAME * max(abs(number), _SAME)
     except ValueError:
-        return got.lower() == wanted.lower()
+        return got.lower() == written.lower()

@@ -26,9 +26,9 @@ Pair = Literal["AB", "CD", "EF", "GH"]
 
 _EDGES = {"AB": (2, 3), "CD": (4, 5), "EF": (6, 7), "GH": (8, 9)}  # channels of DLAY
 _OUTPUTS = {"AB": 1, "CD": 2, "EF": 3, "GH": 4}  # of LAMP, LOFF, LPOL
-_SINGLE_SHOT = 5
-_LOWEST_V = 0.5
-_STEP_S = 1e-11  # largest difference between a delay written and read back
+_SINGLE_SHOT = 5  # of TSRC
+_LOWEST_V = 0.5  # level of an output, 0.5 to 5 V
+_STEP_S = 1e-11  # largest difference between a delay written and read back; resolution 5 ps
 _TRIGGERED, _RATE_ERROR = 1 << 0, 1 << 1  # of INSR?
 _BUSY, _IN_BURST = 1 << 1, 1 << 2  # of *STB?
 
@@ -128,8 +128,8 @@ class Dg645(ScpiInstrument):
         injector_width = float(f"{burst.widths_s[1]:.12f}")
         level_V = _LOWEST_V
         if burst.inject:
-            first, second = _EDGES[injector]
-            injector_width = self._edge(second, first, burst.widths_s[1])
+            begin, end = _EDGES[injector]
+            injector_width = self._edge(end, begin, burst.widths_s[1])
             level_V = self._settings.injector_V
         self._set("LAMP", _OUTPUTS[camera], self._settings.camera_V)
         self._set("LAMP", _OUTPUTS[injector], level_V)
@@ -196,18 +196,18 @@ class Dg645(ScpiInstrument):
     def _write_safe(self) -> None:
         self._inhibited = True
         injector = self._settings.injector
-        first, second = _EDGES[injector]
+        begin, end = _EDGES[injector]
         self._line.write(
-            f"*CLS;DLAY {second},{first},0;LAMP {_OUTPUTS[injector]},{_LOWEST_V:g};BURM 0;"
+            f"*CLS;DLAY {end},{begin},0;LAMP {_OUTPUTS[injector]},{_LOWEST_V:g};BURM 0;"
             f"TSRC {_SINGLE_SHOT}"
         )
 
     def _check_safe(self) -> str:
         injector = self._settings.injector
-        first, second = _EDGES[injector]
+        begin, end = _EDGES[injector]
         self._set("TSRC", None, _SINGLE_SHOT)
         self._set("BURM", None, 0)
-        self._edge(second, first, 0.0)
+        self._edge(end, begin, 0.0)
         self._set("LAMP", _OUTPUTS[injector], _LOWEST_V)
         self._no_error("being inhibited")
         self._told = f"inhibited, output {injector} still"
@@ -231,11 +231,11 @@ class Dg645(ScpiInstrument):
             raise ConfigRejected(f"trigger: {command} {index} reads back {got:g} after {value:g}")
         return got
 
-    def _no_error(self, what: str) -> None:
+    def _no_error(self, action: str) -> None:
         code = self._line.integer("LERR?", once=True)
         if code:
             self._line.write("*CLS")
-            raise ConfigRejected(f"trigger: error {code} at {what}; see the DG645's manual")
+            raise ConfigRejected(f"trigger: error {code} at {action}; see the DG645's manual")
 
 
 def open_dg645(settings: dict[str, Any], context: RigContext) -> Dg645:

@@ -48,5 +48,5 @@ def open_fluke418x(settings: dict[str, Any], context: RigContext) -> LineBlackBo
     """The driver `fluke418x`."""
     line = check_settings(FlukeSettings, settings).model_dump()
     begin = ("UNIT:TEMP C", f"SOUR:STAB:LIM {line.pop('stable_within_K'):g}")
-    commands = {**_COMMANDS, "begin": [{"send": text} for text in begin]}
+    commands = {**_COMMANDS, "begin": [{"send": command} for command in begin]}
     return LineBlackBody(check_settings(LineSettings, {**commands, **line}), context)

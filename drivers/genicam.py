@@ -6,7 +6,7 @@ from cldit.rig.errors import ConfigRejected, OddAnswer, RigError
 
 from .genicam_client import TIMESTAMP, TIMESTAMP_CONTROL, Client, nanoseconds_a_tick
 
-_LATCH = 2
+_LATCH = 2  # bit of the timestamp control register (GigE Vision 2.0)
 _RATES = (  # first those that the camera can reach
     "ResultingFrameRate",
     "ResultingFrameRateAbs",
@@ -52,7 +52,6 @@ class Features:
 
     @property
     def _exposure(self) -> str:
-        """Name of the exposure time in microseconds."""
         return self.named("ExposureTime", "ExposureTimeAbs")
 
     def sensor_pixels(self) -> tuple[int, int]:

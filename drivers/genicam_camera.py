@@ -89,28 +89,28 @@ class GenicamCamera(Linked):
                 time.sleep(0.2)
 
     def _begin(self) -> None:
-        wanted = self._settings
-        self._client = self._take_control(wanted)
+        settings = self._settings
+        self._client = self._take_control(settings)
         features = self._features = Features(watched(self._client, self._asking))
         if features.has("GevHeartbeatTimeout"):
-            features.client.set_integer("GevHeartbeatTimeout", round(1e3 * wanted.heartbeat_s))
+            features.client.set_integer("GevHeartbeatTimeout", round(1e3 * settings.heartbeat_s))
 
     def _identify(self) -> None:
         self.disarm()  # before anything is read that could be impossible
 
     def _prepare(self) -> None:
-        wanted, features = self._settings, self._connected()
+        settings, features = self._settings, self._connected()
         names = ("DeviceVendorName", "DeviceModelName", "DeviceSerialNumber", "DeviceVersion")
         maker, model, serial, firmware = (features.text(name) for name in names)
         self._info = DeviceInfo("camera", maker, model, serial, firmware, tested_on_hardware=False)
-        rate_Hz = wanted.maximum_rate_Hz or features.maximum_rate_Hz()
+        rate_Hz = settings.maximum_rate_Hz or features.maximum_rate_Hz()
         if not rate_Hz > 0.0:
             raise NotConnected(f"camera: its frame rate is {rate_Hz:g} Hz, expected more than 0")
         self._period_s = 1.0 / rate_Hz
         self._clock_offset_ns = features.clock_offset_ns()
-        set_features(features.client, wanted.features)
-        features.choose("PixelFormat", wanted.pixel_format)
-        self.configure(wanted.calibration.integration_time_s)
+        set_features(features.client, settings.features)
+        features.choose("PixelFormat", settings.pixel_format)
+        self.configure(settings.calibration.integration_time_s)
 
     def _drop(self) -> None:
         client, self._client, self._features = self._client, None, None
@@ -279,7 +279,7 @@ class GenicamCamera(Linked):
             host_timestamp_ns=(
                 now_ns if self._clock_offset_ns is None else got.device_ns + self._clock_offset_ns
             ),
-            complete=got.whole,
+            complete=got.complete,
             meta={} if got.missing_packets is None else {"missing_packets": got.missing_packets},
         )
 
@@ -301,9 +301,9 @@ class GenicamCamera(Linked):
         return Settings(self._connected().exposure_s(), roi, pixel_format)
 
     def _calibration(self, integration_time_s: float) -> Calibration:
-        given = self._settings.calibration
-        values = given.model_dump(exclude={"integration_time_s"})
-        values["counts_per_radiance"] *= integration_time_s / given.integration_time_s
+        stated = self._settings.calibration
+        values = stated.model_dump(exclude={"integration_time_s"})
+        values["counts_per_radiance"] *= integration_time_s / stated.integration_time_s
         return Calibration(**values)
 
     def _connected(self) -> Features:

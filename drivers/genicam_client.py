@@ -51,7 +51,7 @@ class Image:
     pixels: NDArray[np.uint16] | None
     block: int
     device_ns: int
-    whole: bool
+    complete: bool
     missing_packets: int | None = None
 
 

@@ -38,15 +38,14 @@ class VivaClient:
         self._stream: Any = None
         loopback = "127.0.0.1" if settings.address.startswith("127.") else None
         try:
-            found = viva.discover(
-                timeout_ms=round(1e3 * _DISCOVERY_s),
-                iface=settings.interface or loopback,
+            devices = viva.discover(
+                timeout_ms=round(1e3 * _DISCOVERY_s), iface=settings.interface or loopback
             )
-            here = [device for device in found if device.ip == settings.address]
-            if not here:
-                others = ", ".join(f"{d.ip} ({d.model})" for d in found) or "none"
-                raise NotConnected(f"no such camera on the network; found: {others}")
-            self._camera = viva.connect_gige(here[0], iface=settings.interface)
+            matching = [device for device in devices if device.ip == settings.address]
+            if not matching:
+                listed = ", ".join(f"{d.ip} ({d.model})" for d in devices) or "none"
+                raise NotConnected(f"no such camera on the network; found: {listed}")
+            self._camera = viva.connect_gige(matching[0], iface=settings.interface)
         except viva.GenicamError as error:
             raise NotConnected(str(error)) from error
         try:
@@ -127,12 +126,12 @@ class VivaClient:
         self._ask(lambda c: c.acquisition_stop())
 
     def open_stream(self, frames: int) -> None:
-        wanted = self._settings
-        options = {} if wanted.packet_size is None else {"packet_size": wanted.packet_size}
+        settings = self._settings
+        options = {} if settings.packet_size is None else {"packet_size": settings.packet_size}
         if self._stream is not None:
             self._stream.close()
         self._stream = self._ask(
-            lambda c: c.stream(iface=wanted.interface, deliver_incomplete=True, **options)
+            lambda c: c.stream(iface=settings.interface, deliver_incomplete=True, **options)
         )
 
     def next_image(self, timeout_s: float) -> Image | None:
@@ -152,7 +151,7 @@ class VivaClient:
             pixels,
             block=int(got.block_id),
             device_ns=round(int(got.ts_dev or 0) * self._ns_per_tick),
-            whole=bool(got.is_complete) and pixels is not None,
+            complete=bool(got.is_complete) and pixels is not None,
             missing_packets=got.missing_packets or 0,
         )
 

@@ -41,26 +41,32 @@ class Heater:
 
     def temperature_K(self, time_s: float) -> float:
         """True temperature of the cavity at a time of the clock [s]."""
-        how = self._dynamics
-        swing = how.swing_K * sin(2.0 * pi * time_s / how.swing_period_s) if how.swing_K else 0.0
+        dynamics = self._dynamics
+        swing = (
+            dynamics.swing_K * sin(2.0 * pi * time_s / dynamics.swing_period_s)
+            if dynamics.swing_K
+            else 0.0
+        )
         return self._without_swing(time_s) + swing
 
     def _without_swing(self, time_s: float) -> float:
-        how = self._dynamics
+        dynamics = self._dynamics
         since_s = max(time_s - self._since_s, 0.0)
-        drift_K = how.drift_K_per_hour * since_s / 3600.0
+        drift_K = dynamics.drift_K_per_hour * since_s / 3600.0
         step_K = self._from_K - self.setpoint_K
-        tau_s = how.time_constant_s
+        tau_s = dynamics.time_constant_s
         left_K = step_K
         # dT/dt = (setpoint - T) / tau, but no faster than the slew rate: a ramp, then a decay.
-        if how.slew_K_per_s is not None:
-            ramp_K = max(abs(step_K) - how.slew_K_per_s * tau_s, 0.0)
-            ramp_s = ramp_K / how.slew_K_per_s
-            gone_K = min(since_s, ramp_s) * how.slew_K_per_s
+        if dynamics.slew_K_per_s is not None:
+            ramp_K = max(abs(step_K) - dynamics.slew_K_per_s * tau_s, 0.0)
+            ramp_s = ramp_K / dynamics.slew_K_per_s
+            gone_K = min(since_s, ramp_s) * dynamics.slew_K_per_s
             left_K = step_K - gone_K if step_K > 0.0 else step_K + gone_K
             since_s = max(since_s - ramp_s, 0.0)
         if tau_s == 0.0:
-            return self.setpoint_K + (left_K if how.slew_K_per_s is not None else 0.0) + drift_K
+            return (
+                self.setpoint_K + (left_K if dynamics.slew_K_per_s is not None else 0.0) + drift_K
+            )
         late = since_s / tau_s - _BUMP_FROM
-        bump_K = -how.overshoot * step_K * late * exp(1.0 - late) if late > 0.0 else 0.0
+        bump_K = -dynamics.overshoot * step_K * late * exp(1.0 - late) if late > 0.0 else 0.0
         return self.setpoint_K + left_K * exp(-since_s / tau_s) + bump_K + drift_K

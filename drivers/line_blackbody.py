@@ -87,11 +87,11 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
         identity = self._settings.identity
         if identity is not None and identity.answer is not None:
             fits = pattern(identity.answer).fullmatch
-            said = self._line.first(
-                identity.text(), lambda text: text if fits(text) else None, identity.answer
+            reply = self._line.first(
+                identity.text(), lambda answer: answer if fits(answer) else None, identity.answer
             )
-            self._info = replace(self._info, firmware=said)
-            parts = [part.strip() for part in said.split(",")]
+            self._info = replace(self._info, firmware=reply)
+            parts = [part.strip() for part in reply.split(",")]
             if len(parts) == 4:  # as *IDN? is answered
                 maker, model, serial, firmware = parts
                 self._info = replace(
@@ -121,8 +121,8 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
         if off is not None:
             self._heater.written("off")
         switches = () if off is None else (off,)
-        first = [partial(self._tell, command) for command in (*switches, *self._settings.begin)]
-        send_all(*first, partial(self._set, safe_K))
+        commands = [partial(self._tell, command) for command in (*switches, *self._settings.begin)]
+        send_all(*commands, partial(self._set, safe_K))
 
     def _check_safe(self) -> str:
         heater = self._check_heater("off", self._settings.heater_off)
@@ -163,17 +163,16 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
         self._tell(self._settings.set, from_kelvin(temperature_K, self._settings.unit))
 
     def _tell(self, command: Command, value: float = 0.0) -> None:
-        """Sends a command, and checks its answer."""
-        text, expected = command.text(value), command.answer
+        sent, expected = command.text(value), command.answer
         if expected is None:
-            self._line.write(text)
+            self._line.write(sent)
             return
 
         def check(answer: str) -> None:
             if not pattern(expected).fullmatch(answer):
-                raise OddAnswer(f"background: answered {answer!r} to {text}, expected {expected}")
+                raise OddAnswer(f"background: answered {answer!r} to {sent}, expected {expected}")
 
-        self._line.ask(text, check)
+        self._line.ask(sent, check)
 
     def _flag(self, ask: Ask) -> bool:
         def parse(answer: str) -> bool:
@@ -191,13 +190,13 @@ class LineBlackBody(BlackBody[LineSettings], ScpiInstrument):
         return self._line.ask(ask.text(), parse)
 
     def _in(self, ask: Ask, answer: str) -> float:
-        found = pattern(ask.answer).fullmatch(answer)
-        if found is None:
+        match = pattern(ask.answer).fullmatch(answer)
+        if match is None:
             raise OddAnswer(
                 f"background: answered {answer!r} to {ask.send}, expected {ask.answer}; is another "
                 "program using it?"
             )
-        return check_answer("background", ask.send, found[1].replace(" ", ""))
+        return check_answer("background", ask.send, match[1].replace(" ", ""))
 
 
 def open_line_blackbody(settings: dict[str, Any], context: RigContext) -> LineBlackBody:

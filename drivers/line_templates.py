@@ -17,9 +17,9 @@ _NUMBER = r"\s*([-+]? *(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*"  # may be padde
 def pattern(template: str) -> re.Pattern[str]:
     """Regular expression of a template; its groups are the numbers."""
     parts = _FIELD.split(template)
-    text = [re.sub(r"(?:\\?\s)+", r"\\s+", re.escape(part)) for part in parts[::2]]
+    literals = [re.sub(r"(?:\\?\s)+", r"\\s+", re.escape(part)) for part in parts[::2]]
     fields = [".*?" if name == "any" else _NUMBER for name in parts[1::2]]
-    woven = "".join(a + b for a, b in zip(text, [*fields, ""], strict=True))
+    woven = "".join(a + b for a, b in zip(literals, [*fields, ""], strict=True))
     return re.compile(rf"\s*{woven}\s*", re.IGNORECASE | re.DOTALL)
 
 

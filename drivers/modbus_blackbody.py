@@ -116,9 +116,9 @@ class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
 
     def _identify(self) -> None:
         # No other request has so many registers, so the size of a late answer gives it away.
-        many = 2 * max(self._map.temperature.words, self._map.setpoint.words)
+        count = 2 * max(self._map.temperature.words, self._map.setpoint.words)
         with suppress(ConfigRejected):  # a rejection is an answer, too
-            self._registers(self._map.temperature, many)
+            self._registers(self._map.temperature, count)
         self._check_unit()
 
     def _check_unit(self) -> None:
@@ -184,27 +184,25 @@ class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
         return register.encode(from_kelvin(temperature_K, self._known_unit))
 
     def _get(self, register: Register) -> float:
-        """Temperature in a register [K]."""
-
         def kelvin(words: list[int]) -> float:
-            what = f"register {register.address}"
-            return self._plausible(what, to_kelvin(register.decode(words), self._known_unit))
+            query = f"register {register.address}"
+            return self._plausible(query, to_kelvin(register.decode(words), self._known_unit))
 
         return self._read(register, register.words, kelvin)
 
-    def _registers(self, first: Register, count: int) -> list[int]:
-        return self._read(first, count, list)
+    def _registers(self, start: Register, count: int) -> list[int]:
+        return self._read(start, count, list)
 
-    def _read(self, first: Register, count: int, parse: Callable[[list[int]], T]) -> T:
+    def _read(self, start: Register, count: int, parse: Callable[[list[int]], T]) -> T:
         def parsed(answer: Any) -> T:
             if len(answer.registers) != count:
                 raise NotConnected(
                     f"background: answered {len(answer.registers)} registers to register "
-                    f"{first.address}, expected {count}"
+                    f"{start.address}, expected {count}"
                 )
             return parse(answer.registers)
 
-        return self._ask(f"read_{first.table}_registers", first.address, {"count": count}, parsed)
+        return self._ask(f"read_{start.table}_registers", start.address, {"count": count}, parsed)
 
     def _write(self, address: int, words: list[int]) -> None:
         def written(answer: Any) -> None:
@@ -230,8 +228,10 @@ class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
         for at in range(len(data)):
             for code, length in ((function, size), (function | _REJECTED, 5)):
                 frame = data[at : at + length]
-                whole = frame[:2] == bytes((unit, code)) and len(frame) == length
-                if whole and FramerRTU.compute_CRC(frame[:-2]) == int.from_bytes(frame[-2:], "big"):
+                complete = frame[:2] == bytes((unit, code)) and len(frame) == length
+                if complete and FramerRTU.compute_CRC(frame[:-2]) == int.from_bytes(
+                    frame[-2:], "big"
+                ):
                     return frame
         return b""
 
@@ -244,12 +244,16 @@ class ModbusBlackBody(BlackBody[ModbusSettings], Linked):
             return "; the request itself came back: does the adapter echo, is the controller off?"
         return f"; {len(heard)} bytes came, no whole answer of unit {unit}: {heard[:12].hex(' ')}"
 
-    def _ask(self, what: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]) -> T:
+    def _ask(
+        self, request: str, address: int, named: dict[str, Any], parse: Callable[[Any], T]
+    ) -> T:
         """One exchange; every request may be sent twice."""
 
         def sent() -> Any:
             try:
-                return getattr(self._client, what)(address, device_id=self._settings.unit, **named)
+                return getattr(self._client, request)(
+                    address, device_id=self._settings.unit, **named
+                )
             except Exception as error:  # of pymodbus, of pyserial, of damaged bytes
                 raise NotConnected(
                     f"background: no answer at register {address} ({error}{self._strange()}); "

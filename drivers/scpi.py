@@ -104,7 +104,6 @@ class ScpiLine:
             ) from error
 
     def _drain(self) -> None:
-        """Discards answers to earlier programs."""
         import pyvisa
 
         usual, self._visa.timeout = self._visa.timeout, round(1e3 * self._quiet_s)
@@ -214,8 +213,8 @@ class ScpiLine:
         def ask() -> T:
             answer = str(self._visa.query(command)).strip()
             for _ in range(_STALE):
-                if (found := parse(answer)) is not None:
-                    return found
+                if (parsed := parse(answer)) is not None:
+                    return parsed
                 answer = str(self._visa.read()).strip()
             raise self._odd(command, answer, expected)
 

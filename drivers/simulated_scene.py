@@ -92,7 +92,7 @@ class SimulatedScene:
         with self._lock:
             if not self._loaded:
                 loaded = tuple(_Loaded.read(run, self._settings) for run in self._runs)
-                _check_times(self._runs, [one.scene for one in loaded])
+                _check_times(self._runs, [run_data.scene for run_data in loaded])
                 self._loaded = loaded
 
     @property
@@ -102,7 +102,7 @@ class SimulatedScene:
     @property
     def spray_times_s(self) -> tuple[float, ...]:
         """Times of the runs after the start of injection; none for sprays without a time."""
-        times = (spray_time_s(one.scene) for one in self._opened)
+        times = (spray_time_s(run.scene) for run in self._opened)
         return tuple(time_s for time_s in times if time_s is not None)
 
     @property
@@ -119,10 +119,10 @@ class SimulatedScene:
         if len(self._opened) > 1:
             off_s = [abs(time_s - pulse.after_injection_s) for time_s in self.spray_times_s]
             place = off_s.index(min(off_s))
-        found = self._opened[place]
-        members = members_of(found.scene)
+        nearest = self._opened[place]
+        members = members_of(nearest.scene)
         if members == 1 or not pulse.injected:
-            return found
+            return nearest
         return self._member(place, 1 + (self._first_member + pulse.injection) % members)
 
     def attach_blackbody(self, temperature_K: Callable[[float], float]) -> None:
@@ -151,14 +151,14 @@ class SimulatedScene:
 
     def radiance(self, pulse: Pulse) -> Floats:
         """Photon radiance on the sensor (h, w) at the pulse, photons s-1 m-2 sr-1."""
-        here = self._at(pulse)
-        background_K = here.scene.rig.background_start_K
+        run = self._at(pulse)
+        background_K = run.scene.rig.background_start_K
         if self._temperature is not None:
             background_K = self._temperature(pulse.time_s)
-        weights: Sequence[Weights] = [here.reference] * len(here.boundaries)
+        weights: Sequence[Weights] = [run.reference] * len(run.boundaries)
         if pulse.injected:
-            weights = here.shot(self.random(pulse.time_s, 1, pulse.number))
-        seen = camera_radiance(weights, here.boundaries, background_K=background_K)
+            weights = run.shot(self.random(pulse.time_s, 1, pulse.number))
+        seen = camera_radiance(weights, run.boundaries, background_K=background_K)
         return np.maximum(seen, 0.0)
 
 
@@ -190,11 +190,11 @@ class _Loaded:
         quadrature, folders = node_folders(run / "weights", grey)
         spray = tuple(_on_sensor(folder, scene, view) for folder in folders)
         reference = _on_sensor(run / "weights_reference", scene, view)
-        around = Surroundings.from_scene(scene)
+        surroundings = Surroundings.from_scene(scene)
         return cls(
             scene=scene,
             boundaries=tuple(
-                Boundary.of(around, node.radiance, node.pane) for node in quadrature.nodes
+                Boundary.of(surroundings, node.radiance, node.pane) for node in quadrature.nodes
             ),
             spray=spray,
             reference=reference,
@@ -231,25 +231,24 @@ class _Loaded:
         bare = self.reference.images
         return Weights.of(
             {
-                name: (bare[name] + scale * (there - bare[name])).astype(np.float32)
-                for name, there in spray.images.items()
+                name: (bare[name] + scale * (image - bare[name])).astype(np.float32)
+                for name, image in spray.images.items()
             }
         )
 
 
 def _check_times(runs: Sequence[Path], scenes: Sequence[Scene]) -> None:
-    """Checks that several runs are of one scene, at different times of the spray."""
-    first = scenes[0].model_dump(exclude=_OF_A_TIME)
-    seen: list[float] = []
+    common = scenes[0].model_dump(exclude=_OF_A_TIME)
+    times_s: list[float] = []
     for run, scene in zip(runs, scenes, strict=True):
         time_s = spray_time_s(scene)
         if len(scenes) > 1 and time_s is None:
             raise SceneError(f"bench: runs: {run}: its spray has no time_s; give one `run` alone")
-        if scene.model_dump(exclude=_OF_A_TIME) != first:
+        if scene.model_dump(exclude=_OF_A_TIME) != common:
             raise SceneError(f"bench: runs: {run}: differs from {runs[0]} in more than its spray")
-        if time_s is not None and any(abs(time_s - one) < SAME_s for one in seen):
+        if time_s is not None and any(abs(time_s - earlier_s) < SAME_s for earlier_s in times_s):
             raise SceneError(f"bench: runs: {run}: another run is at {delay_text(time_s)} too")
-        seen += [] if time_s is None else [time_s]
+        times_s += [] if time_s is None else [time_s]
 
 
 _OF_A_TIME = {"name": True, "spray": True, "plan": True}
@@ -275,10 +274,10 @@ def _transmission(spray: Weights, reference: Weights) -> Floats:
     """Transmission of the boundary that fills most of each pixel."""
     names = ("background", "wall", *reference.patches)
     bare = np.stack([reference.images[name] for name in names])
-    most = np.argmax(bare, axis=0)[None]
-    seen = np.take_along_axis(bare, most, axis=0)[0]
-    there = np.stack([spray.images[name] for name in names])
-    through = np.take_along_axis(there, most, axis=0)[0]
+    largest = np.argmax(bare, axis=0)[None]
+    seen = np.take_along_axis(bare, largest, axis=0)[0]
+    images = np.stack([spray.images[name] for name in names])
+    through = np.take_along_axis(images, largest, axis=0)[0]
     safe = np.where(seen > 0.0, seen, 1.0)
     return np.where(seen > 0.0, np.maximum(through, 0.0) / safe, 1.0)
 
@@ -319,11 +318,11 @@ def _scatter(
     fx = np.fft.rfftfreq(columns, pixel_m[0])
     fy = np.fft.fftfreq(rows, pixel_m[1])
     amplitude = np.exp(-((np.pi * length_m) ** 2) * (fx[None, :] ** 2 + fy[:, None] ** 2) / 2.0)
-    whole = np.full(len(fx), 2.0)  # rfft keeps one of each pair of columns
-    whole[0] = 1.0
+    multiplicity = np.full(len(fx), 2.0)  # rfft keeps one of each pair of columns
+    multiplicity[0] = 1.0
     if columns % 2 == 0:
-        whole[-1] = 1.0
-    variance = float(np.sum(amplitude**2 * whole)) / (rows * columns)
+        multiplicity[-1] = 1.0
+    variance = float(np.sum(amplitude**2 * multiplicity)) / (rows * columns)
     white = np.fft.rfft2(rng.standard_normal((rows, columns)))
     smooth = np.fft.irfft2(white * amplitude, s=(rows, columns)) / np.sqrt(variance)
     exponent = sigma * (smooth + rng.standard_normal()) - sigma**2

@@ -23,6 +23,7 @@ from cldit.rig.simulated import simulated_rig_data
 from cldit.scene import Scene, dump_scene, parse_scene
 from cldit.scene.delays import delay_folder
 from cldit.scene.spray import ConeSpray
+from tests.wrapped import Mission
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -154,3 +155,9 @@ def plan_of_three(tiny_scene: Scene) -> Plan:
 def tiny_plan(tiny_scene: Scene) -> Plan:
     """References first, so that tests of faults know which shot is the nth."""
     return plan_from_scene(tiny_scene).model_copy(update={"interleave": False})
+
+
+@pytest.fixture
+def mission(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> Mission:
+    """That rig and plan, and a folder for the acquisition."""
+    return Mission(tiny_rig, tiny_plan, tmp_path / "a")

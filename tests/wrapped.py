@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cldit.acquisition import Plan, Progress, Record, acquire
 from cldit.rig.load import Rig, open_rig
 from cldit.rig.protocols import Safety
 from tests.journals import read_journal
@@ -38,6 +39,38 @@ def wrapped(data: dict[str, Any], **devices: Callable[[Any], dict[str, Any]]) ->
         for name, device in rig.devices.items()
     }
     return replace(rig, **changed)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A simulated rig by its file, a plan, and the folder of the acquisition."""
+
+    data: dict[str, Any]
+    plan: Plan
+    folder: Path
+
+    def rig(self, **devices: Callable[[Any], dict[str, Any]]) -> Rig:
+        """The rig, wrapped."""
+        return wrapped(self.data, **devices)
+
+    def acquire(
+        self,
+        rig: Rig | None = None,
+        plan: Plan | None = None,
+        *,
+        stop_after: int | None = None,
+        **options: Any,
+    ) -> Record:
+        """Acquires, by default with a new rig; stops when so many shots are saved."""
+        done = 0
+
+        def count(progress: Progress) -> None:
+            nonlocal done
+            done = progress.done
+
+        if stop_after is not None:
+            options |= {"progress": count, "should_stop": lambda: done >= stop_after}
+        return acquire(rig or open_rig(self.data), plan or self.plan, self.folder, **options)
 
 
 def pulses(data: dict[str, Any]) -> list[dict[str, Any]]:

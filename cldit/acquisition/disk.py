@@ -54,8 +54,8 @@ def checked_stream(path: Path) -> Iterator[DataStream]:
         part.replace(path)
         with ThreadPoolExecutor(1) as pool:
             folder = pool.submit(fsync_folder, path.parent)
-            with path.open("r+b") as whole:
-                os.fsync(whole.fileno())
+            with path.open("r+b") as stream_file:
+                os.fsync(stream_file.fileno())
             folder.result()
     except OSError:
         for name in (part, path):

@@ -46,13 +46,13 @@ def dry_run(rig: Rig, plan: Plan, folder: Path) -> DryRun:
     """
     check_folder(folder)
     done = survey(folder, plan).done if folder.exists() else set()
-    left = [shot for shot in plan.steps() if shot.id not in done]
+    missing = [shot for shot in plan.steps() if shot.id not in done]
     problems: list[str] = []
     unstated: list[str] = []
     present_K, picture_bytes, period_s = plan.backgrounds_K[0], 0, 0.0
     try:
-        if left:
-            ready = preflight(rig, plan, folder, shots_left=len(left), inject=False)
+        if missing:
+            ready = preflight(rig, plan, folder, shots_left=len(missing), inject=False)
             picture_bytes, period_s = ready.picture_bytes, ready.minimum_period_s
             present_K = read_temperature(rig.background)
             camera = ready.configuration["devices"]["camera"]["configuration"]
@@ -63,27 +63,23 @@ def dry_run(rig: Rig, plan: Plan, folder: Path) -> DryRun:
             can = rig.camera.capabilities
             picture_bytes = 2 * plan.frames * math.prod(can.sensor_pixels)
             period_s = can.minimum_period_s
-    order = plan.background_order({shot.background for shot in left}, present_K=present_K)
-    stops = [present_K, *(plan.backgrounds_K[index] for index in order)]
-    way_K = float(np.sum(np.abs(np.diff(stops))))
+    order = plan.background_order({shot.background for shot in missing}, present_K=present_K)
+    stops_K = [present_K, *(plan.backgrounds_K[index] for index in order)]
+    way_K = float(np.sum(np.abs(np.diff(stops_K))))
     stable = plan.stability
     background_s = way_K * SECONDS_PER_KELVIN + len(order) * (stable.hold_s + stable.settle_s)
     injected_s = plan.trigger.injector_delay_s + plan.trigger.injector_width_s
     shots_s = sum(
         plan.pause_s
-        + max(
-            plan.frames * period_s,
-            plan.integration_time_s + plan.delays[shot.delay],
-            injected_s,
-        )
-        for shot in left
+        + max(plan.frames * period_s, plan.integration_time_s + plan.delays[shot.delay], injected_s)
+        for shot in missing
     )
     return DryRun(
-        shots=len(left),
-        backgrounds_K=tuple(stops[1:]),
+        shots=len(missing),
+        backgrounds_K=tuple(stops_K[1:]),
         time_s=background_s + shots_s,
         background_s=background_s,
-        disk_bytes=needed_bytes(len(left), picture_bytes=picture_bytes),
+        disk_bytes=needed_bytes(len(missing), picture_bytes=picture_bytes),
         free_bytes=free_bytes(folder),
         problems=tuple(problems),
         unstated=tuple(unstated),

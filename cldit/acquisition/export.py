@@ -143,15 +143,15 @@ def _put_nexus(acquisition: Acquisition, file: Any, check: Callable[[], None]) -
     file.attrs["default"] = "entry"
 
     def group(parent: Any, name: str, kind: str) -> Any:
-        made = parent.create_group(name)
-        made.attrs["NX_class"] = kind
-        return made
+        child = parent.create_group(name)
+        child.attrs["NX_class"] = kind
+        return child
 
     def put(parent: Any, name: str, values: Any, units: str | None = None) -> Any:
-        made = parent.create_dataset(name, data=values)
+        dataset = parent.create_dataset(name, data=values)
         if units is not None:
-            made.attrs["units"] = units
-        return made
+            dataset.attrs["units"] = units
+        return dataset
 
     entry = group(file, "entry", "NXentry")
     entry.attrs["default"] = "data"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cldit.acquisition.pictures.kinds import ALLOWED, EXPORT, by_ending, kind_of
-from cldit.acquisition.pictures.source import AXES, ArrayStack, Source, Stack, Told
+from cldit.acquisition.pictures.source import AXES, ArrayStack, ImageMetadata, Source, Stack
 from cldit.errors import EvaluationError, FileError, reason
 
 GROUP = "cldit.readers"
@@ -67,12 +67,12 @@ def open_stack(source: Source) -> "Images":
 
 def _reader(source: Source) -> Reader:
     """Reader of the file: an installed one for its ending, or by its content."""
-    if (own := own_reader(source.path)) is not None:
+    if (entry := own_reader(source.path)) is not None:
         try:
-            reader: Reader = own.load()
+            reader: Reader = entry.load()
         except (ImportError, AttributeError) as error:
             raise EvaluationError(
-                f"{source.path}: its reader {own.value} cannot be loaded: {error}"
+                f"{source.path}: its reader {entry.value} cannot be loaded: {error}"
             ) from error
         return reader
     kind = kind_of(source.path)
@@ -92,17 +92,17 @@ def _arranged(opened: Any, source: Source) -> Stack:
     if source.axes in (None, AXES) or isinstance(stack, ArrayStack):
         return stack
     try:  # pages that are no images: all of them are needed for one
-        whole = np.stack([stack.read(number) for number in range(len(stack))])
+        pages = np.stack([stack.read(number) for number in range(len(stack))])
     finally:
         stack.close()
-    return ArrayStack(whole, source.axes, unit=getattr(stack, "unit", ""))
+    return ArrayStack(pages, source.axes, unit=getattr(stack, "unit", ""))
 
 
 class Images:
-    """Images of a file that its source selects, and what the file says of them.
+    """Images of a file that its source selects, with the file's remarks.
 
-    unit: of their values. notes: remarks, a few words each. `told`: metadata of each image, as far
-    as the file has them.
+    unit: of their values. notes: remarks, a few words each. metadata: of each image, as far as the
+    file has them.
     """
 
     def __init__(self, stack: Stack, source: Source) -> None:
@@ -123,9 +123,9 @@ class Images:
             )
         unit = (f"unit {self.unit}",) if self.unit else ()
         self.notes: tuple[str, ...] = (*getattr(stack, "notes", ()), *unit)
-        told = tuple(getattr(stack, "told", ()))
-        self.told: tuple[Told, ...] = (
-            told[source.part] if len(told) == count else (Told(),) * len(self)
+        metadata = tuple(getattr(stack, "metadata", ()))
+        self.metadata: tuple[ImageMetadata, ...] = (
+            metadata[source.part] if len(metadata) == count else (ImageMetadata(),) * len(self)
         )
 
     def __len__(self) -> int:
@@ -151,9 +151,9 @@ class FrameReader:
         """Remarks of the file about its images, a few words each."""
         return self._open(source).notes
 
-    def told(self, source: Source) -> tuple[Told, ...]:
+    def metadata(self, source: Source) -> tuple[ImageMetadata, ...]:
         """Time and exposure of each image, as far as the file contains them."""
-        return self._open(source).told
+        return self._open(source).metadata
 
     def read(self, source: Source, number: int) -> NDArray[Any]:
         """Image `number` of the file `source`, (rows, columns); raises EvaluationError if it cannot

@@ -110,8 +110,8 @@ def watch(stream: IO[bytes], folder: Path) -> int:
     rig_file = stream.read(int(stream.readline() or 0))
     if stream.read() == _SAFE or not rig_file:
         return 0
-    now = time.strftime("%Y-%m-%dT%H:%M:%S%z")
-    log = [f"{now} the acquisition ended unsafe; making the rig safe"]
+    ended = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    log = [f"{ended} the acquisition ended unsafe; making the rig safe"]
     safety = RigSafety({}, [])
     for attempt, pause_s in enumerate(_PAUSES_s, start=1):
         time.sleep(pause_s)

@@ -57,26 +57,26 @@ def read_entries(path: Path) -> tuple[list[Entry], int, RunFolderError | None]:
                 data = stream.read()
         except OSError as error:
             raise RunFolderError(str(error)) from error
-    whole = data.rfind(b"\n") + 1  # what follows the last newline was never finished
+    complete = data.rfind(b"\n") + 1  # what follows the last newline was never finished
     entries: list[Entry] = []
-    last: Entry = {}
-    for number, line in enumerate(data[:whole].splitlines()):
+    previous: Entry = {}
+    for number, line in enumerate(data[:complete].splitlines()):
         problem, entry = parse_entry(line, number)
-        if not problem and not ("check" in entry or "check" in last):
+        if not problem and not ("check" in entry or "check" in previous):
             problem = _lacks(entry)
-        elif not problem and entry.get("check") != _check(entry, last):
+        elif not problem and entry.get("check") != _check(entry, previous):
             problem = _lacks(entry) or "differs from what was written"
         if problem:
-            return entries, whole, _damaged(path, number, problem)
+            return entries, complete, _damaged(path, number, problem)
         entries.append(entry)
-        last = entry
-    return entries, whole, None
+        previous = entry
+    return entries, complete, None
 
 
-def _check(entry: Entry, last: Entry) -> str:
+def _check(entry: Entry, previous: Entry) -> str:
     """Digest of an entry and of the check of the one before; lines of 0.2.0 have none."""
     values = {name: value for name, value in entry.items() if name != "check"}
-    return digest(values, last.get("check", ""))
+    return digest(values, previous.get("check", ""))
 
 
 def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
@@ -97,10 +97,10 @@ def parse_entry(line: bytes, number: int) -> tuple[str, Entry]:
     if time.tzinfo is None or not _FIRST_YEAR <= time.year <= _LAST_YEAR:
         return f"has the time {entry['time']}, without a zone or of another century", {}
     for name, kind in _TYPES.items():
-        known = entry.get(name)
-        wrong = isinstance(known, bool) and kind is not bool  # True is an int to Python
-        if name in entry and (wrong or not isinstance(known, kind)):
-            return f"holds {name}: {known!r}, which is of another type", {}
+        value = entry.get(name)
+        boolean = isinstance(value, bool) and kind is not bool  # True is an int to Python
+        if name in entry and (boolean or not isinstance(value, kind)):
+            return f"holds {name}: {value!r}, which is of another type", {}
     return "", entry
 
 
@@ -109,7 +109,7 @@ def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]
     seconds since 1970. Empty if the time of any shot is not later than that of the one before: the
     clock was set.
     """
-    found: dict[str, tuple[float, float | None]] = {}
+    times: dict[str, tuple[float, float | None]] = {}
     stable_s: float | None = None
     last_s = -math.inf
     for entry in entries:
@@ -122,19 +122,18 @@ def shot_times(entries: Sequence[Entry]) -> dict[str, tuple[float, float | None]
         if not time_s > last_s:
             return {}
         last_s = time_s
-        found[entry["shot"]] = (time_s, stable_s)
-    return found
+        times[entry["shot"]] = (time_s, stable_s)
+    return times
 
 
 def _lacks(entry: Entry) -> str:
-    """Fields of its event that an `entry` lacks, in words."""
     missing = [name for name in _NEEDED.get(entry["event"], ()) if name not in entry]
     return f"has no {' and no '.join(missing)}" if missing else ""
 
 
-def _damaged(path: Path, number: int, what: str) -> RunFolderError:
+def _damaged(path: Path, number: int, problem: str) -> RunFolderError:
     return RunFolderError(
-        f"{path}: line {number + 1} {what}; the journal was edited or damaged: restore it, or "
+        f"{path}: line {number + 1} {problem}; the journal was edited or damaged: restore it, or "
         "acquire into another folder"
     )
 

@@ -12,13 +12,20 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, ValidationError, model_validator
 
 from cldit.acquisition.frames import FrameReader
-from cldit.acquisition.pictures.source import AXES, Axis, Source, Told, find_sources, parse_source
-from cldit.acquisition.pictures.told import (
+from cldit.acquisition.pictures.metadata import (
     check_exposures,
     check_times,
+    metadata_lines,
     read_temperatures,
     read_times,
-    told_lines,
+)
+from cldit.acquisition.pictures.source import (
+    AXES,
+    Axis,
+    ImageMetadata,
+    Source,
+    find_sources,
+    parse_source,
 )
 from cldit.acquisition.plan import Kind
 from cldit.acquisition.record import Acquisition, open_acquisition
@@ -116,7 +123,7 @@ def _filled(data: Any) -> Any:
         return data
     backgrounds = data.get("backgrounds", ())
     if isinstance(backgrounds, list):
-        backgrounds = [{} if one is None else one for one in backgrounds]
+        backgrounds = [{} if background is None else background for background in backgrounds]
     empty: dict[str, Any] = {
         name: {} for name in ("setup", "sensor") if name in data and data[name] is None
     }
@@ -162,7 +169,7 @@ class MeasuredShot:
     background_K: float
     source: Source
     number: int
-    told: Told
+    metadata: ImageMetadata
     time_s: float | None
 
     @property
@@ -207,41 +214,41 @@ class Measured:
         forms: list[str] = []
         notes: dict[str, list[str]] = {}
         ends: list[float] = []
-        for first in (group[0] for group in groups.values()):
-            picture = self.load(first)
+        for shot in (group[0] for group in groups.values()):
+            picture = self.load(shot)
             rows, columns = picture.shape if picture.ndim == 2 else (0, 0)
-            ending = first.source.path.suffix.removeprefix(".").lower()
+            ending = shot.source.path.suffix.removeprefix(".").lower()
             forms.append(f"{columns} x {rows} {picture.dtype} ({ending})")
-            for note in self.reader.notes(first.source):
-                notes.setdefault(note, []).append(first.source.path.name)
+            for note in self.reader.notes(shot.source):
+                notes.setdefault(note, []).append(shot.source.path.name)
             if picture.size and picture.dtype.kind in "uif":
                 ends += [float(picture.min()), float(picture.max())]
         kelvin = [shot.background_K for shot in self.shots]
         setpoints = dict.fromkeys(setpoint for setpoint, _ in groups)
         counts = {
-            kind: [len(group) for (_, each), group in groups.items() if each == kind]
+            kind: [len(group) for (_, group_kind), group in groups.items() if group_kind == kind]
             for kind in get_args(Kind)
         }
         lines = [
             f"{len(setpoints)} backgrounds ({', '.join(f'{k:g}' for k in setpoints)} K, readings "
             f"{min(kelvin):g}..{max(kelvin):g} K); "
-            f"{', '.join(f'{_span(each)} {kind}s' for kind, each in counts.items())} each; "
+            f"{', '.join(f'{_span(numbers)} {kind}s' for kind, numbers in counts.items())} each; "
             f"{', '.join(dict.fromkeys(forms))}; first images "
             f"{min(ends, default=np.inf):g}..{max(ends, default=-np.inf):g}"
         ]
         if self.assumed:
             lines.append(f"not given, therefore assumed: {', '.join(self.assumed)}")
-        lines += told_lines([(shot.told, shot.time_s) for shot in self.shots])
+        lines += metadata_lines([(shot.metadata, shot.time_s) for shot in self.shots])
         pairs = pairwise(dict.fromkeys(shot.source.path for shot in self.shots))
         turned = [
-            f"names by their numbers: {one.name} before {two.name}"
-            for one, two in pairs
-            if str(one) > str(two) and natural_order(one) < natural_order(two)
+            f"names by their numbers: {path.name} before {following.name}"
+            for path, following in pairs
+            if str(path) > str(following) and natural_order(path) < natural_order(following)
         ]
         lines += turned[:1]
         for note, names in notes.items():
-            more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-            lines.append(f"{names[0]}{more}: {note}")
+            further = f" and {len(names) - 1} more" if len(names) > 1 else ""
+            lines.append(f"{names[0]}{further}: {note}")
         return tuple(lines)
 
     def close(self) -> None:
@@ -250,7 +257,7 @@ class Measured:
 
 
 def _span(counts: list[int]) -> str:
-    return "..".join(str(one) for one in dict.fromkeys((min(counts), max(counts))))
+    return "..".join(str(number) for number in dict.fromkeys((min(counts), max(counts))))
 
 
 def is_measured(path: str | Path) -> bool:
@@ -277,48 +284,52 @@ def open_measured(path: str | Path) -> Measured:
     folder = file.resolve().parent
     try:
         data = _filled(read_mapping(file))
-        given = MeasuredFile.model_validate(data, context={"folder": folder})
+        described = MeasuredFile.model_validate(data, context={"folder": folder})
     except ValidationError as error:
-        missing = any(one["type"] == "missing" for one in error.errors())
+        missing = any(item["type"] == "missing" for item in error.errors())
         hint = " is incomplete; complete and uncomment what is missing:" if missing else ""
         raise SceneError(f"{file}:{hint}\n{describe(MeasuredFile, error.errors())}") from error
     with _named(file, "sensor"):
-        calibration = _calibration(given)
+        calibration = _calibration(described)
     reader = FrameReader()
-    shots = tuple(_shots(file, given, reader))
+    shots = tuple(_shots(file, described, reader))
     with _named(file, "backgrounds"):
-        check_times((shot.id, shot.told, shot.time_s) for shot in shots)
+        check_times((shot.id, shot.metadata, shot.time_s) for shot in shots)
     with _named(file, "integration_time_s"):
-        check_exposures(((shot.id, shot.told) for shot in shots), given.integration_time_s)
+        check_exposures(((shot.id, shot.metadata) for shot in shots), described.integration_time_s)
     with _named(file, "bad_pixels"):
-        bad_pixels = _bad_pixels(folder, given.bad_pixels, reader)
-    centre_m = given.setup.centre_m
-    if bad_pixels is not None or given.setup.injector_pixel is not None:
+        bad_pixels = _bad_pixels(folder, described.bad_pixels, reader)
+    centre_m = described.setup.centre_m
+    if bad_pixels is not None or described.setup.injector_pixel is not None:
         with _named(file, "backgrounds"):
             shape = reader.read(shots[0].source, shots[0].number).shape
         with _named(file, "setup.injector_pixel"):
-            centre_m = given.setup.centre_of(shape)
+            centre_m = described.setup.centre_of(shape)
         if bad_pixels is not None and bad_pixels.shape != shape:
             raise EvaluationError(
-                f"{file}: bad_pixels: {given.bad_pixels} has shape {bad_pixels.shape}; allowed: "
-                f"{shape}, that of {shots[0].id}"
+                f"{file}: bad_pixels: {described.bad_pixels} has shape {bad_pixels.shape}; "
+                f"allowed: {shape}, that of {shots[0].id}"
             )
     reader.close()
     return Measured(
         folder=folder,
-        name=given.name,
+        name=described.name,
         calibration=calibration,
-        surroundings=given.setup.surroundings,
-        pixel_m=given.setup.pixel_m,
+        surroundings=described.setup.surroundings,
+        pixel_m=described.setup.pixel_m,
         centre_m=centre_m,
         bad_pixels=bad_pixels,
         shots=shots,
-        accept=given.accept,
-        inputs=(file, *_files(folder, given), *dict.fromkeys(shot.source.path for shot in shots)),
+        accept=described.accept,
+        inputs=(
+            file,
+            *_files(folder, described),
+            *dict.fromkeys(shot.source.path for shot in shots),
+        ),
         assumed=tuple(
-            f"{name} {getattr(given.setup, name):g}"
+            f"{name} {getattr(described.setup, name):g}"
             for name in ("wall_temperature_K", "background_emissivity")
-            if name not in given.setup.model_fields_set
+            if name not in described.setup.model_fields_set
         ),
         reader=reader,
     )
@@ -333,28 +344,30 @@ def _named(file: Path, key: str) -> Iterator[None]:
         raise EvaluationError(f"{file}: {key}: {error}") from error
 
 
-def _shots(file: Path, given: MeasuredFile, reader: FrameReader) -> Iterator[MeasuredShot]:
+def _shots(file: Path, described: MeasuredFile, reader: FrameReader) -> Iterator[MeasuredShot]:
     """All images in the order of `file`, each once."""
-    setpoints = [background.temperature_K for background in given.backgrounds]
+    setpoints = [background.temperature_K for background in described.backgrounds]
     for setpoint_K in setpoints:
         if setpoints.count(setpoint_K) > 1:
             raise EvaluationError(
                 f"{file}: backgrounds: {setpoint_K:g} K is given twice; list its files together"
             )
     owners: dict[tuple[Source, int], MeasuredShot] = {}
-    for (place, background), kind in product(enumerate(given.backgrounds), get_args(Kind)):
+    for (place, background), kind in product(enumerate(described.backgrounds), get_args(Kind)):
         key = f"backgrounds[{place}].{kind}s"
-        for shot in _shots_of(file, given, background, kind, reader, key=key):
+        for shot in _shots_of(file, described, background, kind, reader, key=key):
             owner = owners.setdefault((shot.source, shot.number), shot)
             if owner is not shot:
-                both = f"named as {owner.where} and as {shot.where}"
-                raise EvaluationError(f"{file}: {key}: {shot.source.text}: {both}; remove one")
+                owners_text = f"named as {owner.where} and as {shot.where}"
+                raise EvaluationError(
+                    f"{file}: {key}: {shot.source.text}: {owners_text}; remove one"
+                )
             yield shot
 
 
 def _shots_of(
     file: Path,
-    given: MeasuredFile,
+    described: MeasuredFile,
     background: MeasuredBackground,
     kind: Kind,
     reader: FrameReader,
@@ -366,24 +379,24 @@ def _shots_of(
     folder = file.resolve().parent
     setpoint_K = background.temperature_K
     where = f"{kind}s at {setpoint_K:g} K"
-    count = given.references if kind == "reference" else given.shots
+    count = described.references if kind == "reference" else described.shots
     patterns, kelvins, celsius, times = (
         getattr(background, f"{kind}s{unit}") for unit in ("", "_K", "_C", "_s")
     )
-    images: list[tuple[Source, int, Told]] = []
+    images: list[tuple[Source, int, ImageMetadata]] = []
     with _named(file, key):
-        for found in find_sources(folder, patterns, where, given.axes):
-            source = replace(found, incomplete=given.incomplete)
-            of_file = reader.told(source)
+        for named in find_sources(folder, patterns, where, described.axes):
+            source = replace(named, incomplete=described.incomplete)
+            of_file = reader.metadata(source)
             if times is None:
                 check_clock(of_file, source)
-            images += [(source, number, told) for number, told in enumerate(of_file)]
+            images += [(source, number, metadata) for number, metadata in enumerate(of_file)]
         if not images or (count is not None and len(images) != count):
             raise EvaluationError(
                 f"{where}: {len(images)} images, expected {count or 'some'}; shots are missing, or "
                 "too many files match"
             )
-    kelvin, taken_s = [setpoint_K] * len(images), [told.time_s for _, _, told in images]
+    kelvin, taken_s = [setpoint_K] * len(images), [metadata.time_s for _, _, metadata in images]
     if kelvins is not None or celsius is not None:
         with _named(file, f"{key}_{'C' if kelvins is None else 'K'}"):
             kelvin = read_temperatures(
@@ -397,9 +410,13 @@ def _shots_of(
     if times is not None:
         with _named(file, f"{key}_s"):
             taken_s = [*read_times(folder, times, where=where, count=len(images))]
-    elif any(one.references_s or one.injections_s for one in given.backgrounds):  # another clock
+    elif any(
+        group.references_s or group.injections_s for group in described.backgrounds
+    ):  # another clock
         taken_s = [None] * len(images)
-    for (source, number, told), background_K, time_s in zip(images, kelvin, taken_s, strict=True):
+    for (source, number, metadata), background_K, time_s in zip(
+        images, kelvin, taken_s, strict=True
+    ):
         yield MeasuredShot(
             id=_name(source, number, folder),
             kind=kind,
@@ -407,7 +424,7 @@ def _shots_of(
             background_K=background_K,
             source=source,
             number=number,
-            told=told,
+            metadata=metadata,
             time_s=time_s,
         )
 
@@ -419,33 +436,37 @@ def _name(source: Source, number: int, folder: Path) -> str:
     return f"{named.text}[{source.first + number * source.step}]"
 
 
-def check_clock(told: Sequence[Told], source: Source) -> None:
+def check_clock(metadata: Sequence[ImageMetadata], source: Source) -> None:
     """Raises EvaluationError if the clock of a file goes back from one of its images to the next:
     some are those of another time, or in another order.
     """
-    for number, (before, after) in enumerate(pairwise(told), start=1):
-        if before.time_s is not None and after.time_s is not None and after.time_s < before.time_s:
+    for number, (earlier, later) in enumerate(pairwise(metadata), start=1):
+        if (
+            earlier.time_s is not None
+            and later.time_s is not None
+            and later.time_s < earlier.time_s
+        ):
             raise EvaluationError(
                 f"{source.text}: frame {source.first + number * source.step}: the clock goes back "
-                f"by {before.time_s - after.time_s:.3g} s; are frames in another order, or of "
+                f"by {earlier.time_s - later.time_s:.3g} s; are frames in another order, or of "
                 "another film? Select those of one with [first:last], or give references_s and "
                 "injections_s"
             )
 
 
-def _files(folder: Path, given: MeasuredFile) -> Iterator[Path]:
+def _files(folder: Path, described: MeasuredFile) -> Iterator[Path]:
     """Logs of temperatures and times, and the image of defective pixels."""
     names = [f"{kind}_{unit}" for unit in "KCs" for kind in ("references", "injections")]
-    logs = [getattr(background, name) for background in given.backgrounds for name in names]
-    for text in (*logs, given.bad_pixels):
-        if isinstance(text, str):
-            yield folder / parse_source(text)[0]
+    logs = [getattr(background, name) for background in described.backgrounds for name in names]
+    for log in (*logs, described.bad_pixels):
+        if isinstance(log, str):
+            yield folder / parse_source(log)[0]
 
 
-def _calibration(given: MeasuredFile) -> dict[str, Any]:
-    known = given.filter_um
-    filter_um = Response(known) if isinstance(known[0], tuple) else known
-    sensor = given.sensor.model_dump(exclude_none=True)
+def _calibration(described: MeasuredFile) -> dict[str, Any]:
+    stated = described.filter_um
+    filter_um = Response(stated) if isinstance(stated[0], tuple) else stated
+    sensor = described.sensor.model_dump(exclude_none=True)
     data = {"filter_um": to_plain(filter_um), **sensor}
     filled = {
         "offset_counts": 0.0,

@@ -92,10 +92,11 @@ class Plan(Section):
     def _apart(cls, delays_s: tuple[float, ...]) -> tuple[float, ...]:
         if len(delays_s) > 100:
             raise ValueError(f"{len(delays_s)} delays, allowed: 0..100")
-        for one, other in pairwise(sorted(delays_s)):
-            if other - one < SAME_s:
+        for earlier_s, later_s in pairwise(sorted(delays_s)):
+            if later_s - earlier_s < SAME_s:
                 raise ValueError(
-                    f"{one:g} and {other:g} are closer than {SAME_s:g} s; give each delay once"
+                    f"{earlier_s:g} and {later_s:g} are closer than {SAME_s:g} s; "
+                    "give each delay once"
                 )
         return delays_s
 
@@ -158,22 +159,22 @@ class Plan(Section):
 
     def _kinds(self) -> tuple[tuple[Kind, int], ...]:
         """Kind and number of each shot before one background and at one delay."""
-        wanted: tuple[tuple[Kind, int], ...] = (
+        counts: tuple[tuple[Kind, int], ...] = (
             ("reference", self.references),
             ("injection", self.shots),
         )
-        order: list[Kind] = [kind for kind, count in wanted for _ in range(count)]
+        order: list[Kind] = [kind for kind, count in counts for _ in range(count)]
         if self.interleave and self.references and self.shots:
             order = _interleaved(self.references, self.shots)
-        numbers = {kind: iter(range(count)) for kind, count in wanted}
+        numbers = {kind: iter(range(count)) for kind, count in counts}
         return tuple((kind, next(numbers[kind])) for kind in order)
 
-    def background_order(self, wanted: Iterable[int], *, present_K: float) -> tuple[int, ...]:
-        """The order in which to visit the backgrounds `wanted` (indices), from `present_K` on.
+    def background_order(self, missing: Iterable[int], *, present_K: float) -> tuple[int, ...]:
+        """The order in which to visit the backgrounds `missing` (indices), from `present_K` on.
 
         `fastest` goes to the nearer end of the range first and from there through it once.
         """
-        indices = sorted(set(wanted))
+        indices = sorted(set(missing))
         if self.order == "given" or not indices or not math.isfinite(present_K):
             return tuple(indices)
         upwards = sorted(indices, key=lambda index: self.backgrounds_K[index])
@@ -208,16 +209,16 @@ def _interleaved(references: int, injections: int) -> list[Kind]:
     numbers). A reference comes first, because injections are compared with it.
     """
     total = references + injections
-    few = min(references, injections)
-    even = (np.arange(few) + 0.5) * total / few - 0.5
-    down = np.arange(few) % 2 == (0 if references <= injections else 1)
+    smaller = min(references, injections)
+    even = (np.arange(smaller) + 0.5) * total / smaller - 0.5
+    down = np.arange(smaller) % 2 == (0 if references <= injections else 1)
     at = np.where(down, np.floor(even), np.ceil(even))
     if references <= injections and at[0] > 0:
-        at = np.rint(np.linspace(0.0, total - 1.0, few)) if few > 1 else np.zeros(1)
-    fewer: Kind = "reference" if references <= injections else "injection"
-    more: Kind = "injection" if references <= injections else "reference"
+        at = np.rint(np.linspace(0.0, total - 1.0, smaller)) if smaller > 1 else np.zeros(1)
+    rarer: Kind = "reference" if references <= injections else "injection"
+    frequent: Kind = "injection" if references <= injections else "reference"
     chosen = set(at.astype(int).tolist())
-    return [fewer if number in chosen else more for number in range(total)]
+    return [rarer if number in chosen else frequent for number in range(total)]
 
 
 def parse_plan(data: dict[str, Any], *, source: str = "plan") -> Plan:

@@ -18,13 +18,13 @@ def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
 
     Without `connected` instruments the camera is not asked.
     """
-    found: list[RigError] = []
+    problems: list[RigError] = []
 
     def asked(check: Callable[[], object]) -> None:
         try:
             check()
         except RigError as error:
-            found.append(error)
+            problems.append(error)
 
     asked(lambda: _check_backgrounds(rig.background.limits, plan))
     for shot in {shot.delay: shot for shot in plan.steps()}.values():
@@ -36,8 +36,8 @@ def impossible(rig: Rig, plan: Plan, *, connected: bool) -> list[RigError]:
         asked(lambda: check_exposure(can, plan.integration_time_s))
         asked(lambda: external_trigger(can.trigger_modes, plan.frames))
         if plan.frames > 1 and plan.frame_timeout_s < can.minimum_period_s:
-            found.append(_too_short("the camera's period", can.minimum_period_s, plan))
-    return found
+            problems.append(_too_short("the camera's period", can.minimum_period_s, plan))
+    return problems
 
 
 def together(problems: list[RigError]) -> RigError:
@@ -77,20 +77,20 @@ def _celsius(temperature: float, limits: Limits) -> str:
 
 def _check_spray(rig: Rig, plan: Plan) -> None:
     """A simulated scene has its spray at some times only, which its generator says."""
-    known = rig.trigger.read_configuration().get("spray_times_s")
-    if known is None or plan.shots == 0 or len(plan.delays) == len(known) == 1:
+    available = rig.trigger.read_configuration().get("spray_times_s")
+    if available is None or plan.shots == 0 or len(plan.delays) == len(available) == 1:
         return
-    if len(plan.delays) == 1 and not known:
+    if len(plan.delays) == 1 and not available:
         return
     start_s = plan.trigger.injector_delay_s
     lacking = [
         delay_text(delay_s)
         for delay_s in plan.delays
-        if not any(abs(delay_s - start_s - time_s) < SAME_s for time_s in known)
+        if not any(abs(delay_s - start_s - time_s) < SAME_s for time_s in available)
     ]
     if lacking:
-        times = ", ".join(map(delay_text, known)) or "one time"
-        only = " only" if len(known) < 2 else ""
+        times = ", ".join(map(delay_text, available)) or "one time"
+        only = " only" if len(available) < 2 else ""
         raise ConfigRejected(
             f"delays_s: the simulated scene has its spray at {times}{only}, not at "
             f"{', '.join(lacking)} after the injector; trace a run at each delay (`plan.delays_s` "
@@ -109,9 +109,9 @@ def _check_times(plan: Plan, shot: Shot) -> None:
         raise _too_short("a shot", shot_s, plan)
 
 
-def _too_short(what: str, needed_s: float, plan: Plan) -> OutOfLimits:
+def _too_short(subject: str, needed_s: float, plan: Plan) -> OutOfLimits:
     return OutOfLimits(
-        f"frame_timeout_s: {plan.frame_timeout_s:g} is shorter than {what}, {needed_s:g}; every "
+        f"frame_timeout_s: {plan.frame_timeout_s:g} is shorter than {subject}, {needed_s:g}; every "
         "image would count as missing"
     )
 

@@ -111,15 +111,15 @@ def preflight(rig: Rig, plan: Plan, folder: Path, *, shots_left: int, inject: bo
     )
 
 
-def _agree(what: str, wanted: float, got: float, *, least: float = 0.0) -> None:
-    if not abs(got - wanted) <= max(_AGREE * abs(wanted), least):
-        raise ConfigRejected(f"{what}: reads back {got:g} after {wanted:g} was written")
+def _agree(setting: str, written: float, read: float, *, tolerance: float = 0.0) -> None:
+    if not abs(read - written) <= max(_AGREE * abs(written), tolerance):
+        raise ConfigRejected(f"{setting}: reads back {read:g} after {written:g} was written")
 
 
 def _check_trigger(rig: Rig, plan: Plan, *, inject: bool) -> None:
     """Configures the generator with the plan's burst at every delay, and leaves it inhibited."""
-    last = {shot.delay: shot for shot in plan.steps()}
-    for shot in last.values():
+    by_delay = {shot.delay: shot for shot in plan.steps()}
+    for shot in by_delay.values():
         asked = plan.burst(shot)
         asked = replace(asked, inject=asked.inject and inject)
         try:
@@ -129,7 +129,7 @@ def _check_trigger(rig: Rig, plan: Plan, *, inject: bool) -> None:
         if got.n != 1 or got.inject != asked.inject:
             raise ConfigRejected(f"trigger: reads back {got} after {asked} was written")
         for name in ("camera_delay_s", "injector_delay_s"):
-            _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), least=1e-6)
+            _agree(f"trigger: {name}", getattr(asked, name), getattr(got, name), tolerance=1e-6)
 
 
 def _test_picture(
@@ -146,36 +146,36 @@ def _test_picture(
         frames = list(camera.read_frames(1, timeout_s))
     finally:
         camera.disarm()
-    whole = [frame for frame in frames if frame.complete]
-    if not whole:
+    complete = [frame for frame in frames if frame.complete]
+    if not complete:
         raise MissingFrames(1, 0, incomplete=len(frames))
-    return whole[0].data
+    return complete[0].data
 
 
-def check_same_rig(before: dict[str, Any], now: dict[str, Any], folder: Path) -> None:
+def check_same_rig(begun: dict[str, Any], present: dict[str, Any], folder: Path) -> None:
     """Raises RunFolderError if the rig differs from the one that `folder` was begun with.
 
-    Images of one folder are evaluated together, so they must mean the same. `before` and `now` are
-    configurations as in `configuration.json`.
+    Images of one folder are evaluated together, so they must mean the same. `begun` and `present`
+    are configurations as in `configuration.json`.
     """
 
     def meaning(data: dict[str, Any]) -> dict[str, Any]:
         camera = data["devices"]["camera"]["configuration"]
         counting = camera.get("features", {})
-        features = {name: value for name, value in counting.items() if name in known}
+        features = {name: value for name, value in counting.items() if name in counting_names}
         setup = {name: value for name, value in data["setup"].items() if name not in _HOW_WELL}
         return {"shape": data["shape"], **setup, **features, **camera["calibration"]}
 
     try:
-        known = before["devices"]["camera"]["configuration"].get("features", {})
-        old = meaning(before)
+        counting_names = begun["devices"]["camera"]["configuration"].get("features", {})
+        old = meaning(begun)
     except (KeyError, TypeError) as error:
         raise RunFolderError(
             f"{folder / CONFIGURATION}: is damaged ({error}); restore it"
         ) from error
     changed = [
         f"{name}: {old.get(name)} before, {value} now"
-        for name, value in meaning(now).items()
+        for name, value in meaning(present).items()
         if old.get(name) != value
     ]
     if changed:

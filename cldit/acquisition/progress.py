@@ -58,15 +58,15 @@ class Eta:
         """Sets how many backgrounds and shots are left."""
         self._left = {"background": backgrounds, "shot": shots}
 
-    def add(self, what: Literal["background", "shot"], took_s: float) -> None:
+    def add(self, stage: Literal["background", "shot"], took_s: float) -> None:
         """Counts one more background that was reached, or shot that was taken, after `took_s`."""
-        self._took_s[what].append(took_s)
-        self._left[what] = max(self._left[what] - 1, 0)
+        self._took_s[stage].append(took_s)
+        self._left[stage] = max(self._left[stage] - 1, 0)
 
     def left_s(self) -> float | None:
         """Seconds left; None before there is one of each."""
         if not all(self._took_s.values()):
             return None
         return sum(
-            self._left[what] * sum(times) / len(times) for what, times in self._took_s.items()
+            self._left[stage] * sum(times) / len(times) for stage, times in self._took_s.items()
         )

@@ -23,10 +23,10 @@ def frame_problem(
     """Problem of the frames of one shot, in the order of arrival, that forbids keeping it; None if
     there is none. `expected_id` is that of the first frame, None if unknown.
     """
-    first = frames[0].frame_id if expected_id is None else expected_id
-    for wanted, frame in enumerate(frames, start=first):
-        if frame.frame_id != wanted:
-            return f"missing frame: frame {frame.frame_id} came in place of {wanted}"
+    start = frames[0].frame_id if expected_id is None else expected_id
+    for expected, frame in enumerate(frames, start=start):
+        if frame.frame_id != expected:
+            return f"missing frame: frame {frame.frame_id} came in place of {expected}"
         if frame.data.shape != ready.shape or frame.data.dtype != np.uint16:
             return (
                 f"damaged frame: {frame.data.dtype} of shape {frame.data.shape}, expected uint16 "
@@ -107,18 +107,17 @@ class References:
             float(band_radiance(end_K, filter_um=camera.filter_um))
             for end_K in (background_K - half_K, background_K + half_K)
         )
-        most = self._side**2 * camera.counts_per_radiance * (high - low)
+        limit = self._side**2 * camera.counts_per_radiance * (high - low)
         weight = deviation**-2
         total = float(weight.sum())
-        around = reference - float((weight * reference).sum()) / total
+        centred = reference - float((weight * reference).sum()) / total
         mean = float((weight * change).sum()) / total
-        spread = float((weight * around**2).sum())
-        slope = float((weight * around * change).sum()) / spread if spread > 0.0 else 0.0
-        return np.clip(mean + slope * around, -most, most)
+        spread = float((weight * centred**2).sum())
+        slope = float((weight * centred * change).sum()) / spread if spread > 0.0 else 0.0
+        return np.clip(mean + slope * centred, -limit, limit)
 
 
 def _place(shot: Shot) -> tuple[int, int]:
-    """The background and delay whose references a shot is held against."""
     return shot.background, shot.delay
 
 

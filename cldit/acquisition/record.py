@@ -15,7 +15,7 @@ from cldit.acquisition.storage import (
     CONFIGURATION,
     JOURNAL,
     PLAN,
-    Found,
+    FolderContent,
     load_shot,
     shot_path,
     survey,
@@ -106,11 +106,11 @@ class Acquisition:
 
     def at_delay(self, delay: int) -> "Acquisition":
         """Copy with the shots of one delay only, number `delay` of the plan's."""
-        here = {shot.id for shot in self.plan.steps() if shot.delay == delay}
+        planned = {shot.id for shot in self.plan.steps() if shot.delay == delay}
         return replace(
             self,
             shots=tuple(shot for shot in self.shots if shot.delay == delay),
-            missing=tuple(name for name in self.missing if name in here),
+            missing=tuple(name for name in self.missing if name in planned),
         )
 
     def whole(self) -> "Acquisition":
@@ -182,7 +182,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
     plan = load_plan(folder / PLAN)
     if not 0 <= frame < plan.frames:
         raise RunFolderError(f"{folder}: frame {frame}: allowed: 0..{plan.frames - 1}")
-    found = survey(folder, plan, salvage=True)
+    content = survey(folder, plan, salvage=True)
     configuration = read_json(folder / CONFIGURATION)
     if configuration.get("plan_hash") != plan.hash():
         raise RunFolderError(f"{folder / CONFIGURATION}: belongs to another plan; restore it")
@@ -197,15 +197,15 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         for row, column in camera.get("bad_pixels", []):
             bad[row, column] = True
     except (KeyError, TypeError, ValueError, IndexError, ClditError) as error:
-        what = str(error)
+        problem = str(error)
         if isinstance(error, ValidationError):
-            what = describe(Setup, error.errors())
+            problem = describe(Setup, error.errors())
         raise RunFolderError(
-            f"{folder / CONFIGURATION}: is damaged ({what}); restore it"
+            f"{folder / CONFIGURATION}: is damaged ({problem}); restore it"
         ) from error
-    verified = _verified(folder, found)
-    known = {**found.adoptable, **found.saved}
-    times = shot_times(found.entries)
+    verified = _verified(folder, content)
+    entries = {**content.adoptable, **content.saved}
+    times = shot_times(content.entries)
     unknown = (None, None)
     shots = tuple(
         Picture(
@@ -222,7 +222,7 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
             sha256=entry.get("file_sha256", ""),
         )
         for shot in plan.steps()
-        if (entry := known.get(shot.id)) is not None
+        if (entry := entries.get(shot.id)) is not None
     )
     return Acquisition(
         folder=folder,
@@ -235,17 +235,17 @@ def open_acquisition(folder: str | Path, *, frame: int = 0) -> Acquisition:
         bad_pixels=bad,
         shape=shape,
         shots=shots,
-        missing=tuple(shot.id for shot in plan.steps() if shot.id not in known),
+        missing=tuple(shot.id for shot in plan.steps() if shot.id not in entries),
         frame=frame,
-        damage=(*_damage(folder, found), *(() if verified else (f"{folder}: {UNVERIFIED}",))),
+        damage=(*_damage(folder, content), *(() if verified else (f"{folder}: {UNVERIFIED}",))),
     )
 
 
-def _verified(folder: Path, found: Found) -> bool:
+def _verified(folder: Path, content: FolderContent) -> bool:
     """False if the journal has no digests; RunFolderError if plan, rig or configuration differ from
     those in it.
     """
-    starts = [entry.get("files") for entry in found.entries if entry["event"] == "start"]
+    starts = [entry.get("files") for entry in content.entries if entry["event"] == "start"]
     digests = starts[-1] if starts else None
     for name, digest in (digests or {}).items():
         try:
@@ -258,11 +258,10 @@ def _verified(folder: Path, found: Found) -> bool:
     return digests is not None
 
 
-def _damage(folder: Path, found: Found) -> Iterator[str]:
-    """Everything that is damaged, a line each."""
-    if found.damage is not None:
-        yield str(found.damage)
-    for name in found.torn:
+def _damage(folder: Path, content: FolderContent) -> Iterator[str]:
+    if content.damage is not None:
+        yield str(content.damage)
+    for name in content.torn:
         yield f"{shot_path(folder, name)}: is damaged, and the journal does not know it"
-    for name in found.gone:
+    for name in content.gone:
         yield f"{shot_path(folder, name)}: the journal has it, but the file is missing"

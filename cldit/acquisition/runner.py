@@ -88,5 +88,5 @@ def _end_safe(guard: Guard, cause: BaseException | None = None) -> None:
     """Raises RigError that names what is still on, behind the error that ended the acquisition."""
     problems = guard.make_safe()
     if problems:
-        before = f"{cause}\nand " if isinstance(cause, Exception) else ""
-        raise RigError(f"{before}the rig was not made safe:\n" + "\n".join(problems)) from cause
+        cause_text = f"{cause}\nand " if isinstance(cause, Exception) else ""
+        raise RigError(f"{cause_text}the rig was not made safe:\n" + "\n".join(problems)) from cause

@@ -44,7 +44,7 @@ from cldit.acquisition.storage import (
     PLAN,
     RIG,
     SHOTS,
-    Found,
+    FolderContent,
     load_shot,
     save_shot,
     shot_path,
@@ -106,29 +106,29 @@ class Sequence:
 
     def run(self) -> Generator[SavedShot, None, Record]:
         """Takes the missing shots of the plan, and yields each one after it is saved."""
-        found = survey(self._folder, self._plan)
-        self._done = found.done
-        if found.entries:
-            times = [datetime.fromisoformat(entry["time"]) for entry in found.entries]
+        content = survey(self._folder, self._plan)
+        self._done = content.done
+        if content.entries:
+            times = [datetime.fromisoformat(entry["time"]) for entry in content.entries]
             self._rig.clock.catch_up(max(times).timestamp() + 1.0)
-        left = len(self._steps) - len(self._done)
+        missing = len(self._steps) - len(self._done)
         ready: Ready | None = None
-        if left:
+        if missing:
             self._say("preflight")
             with self._interrupts.abortable():
-                ready = preflight(self._rig, self._plan, self._folder, shots_left=left)
+                ready = preflight(self._rig, self._plan, self._folder, shots_left=missing)
             self._picture_bytes = ready.picture_bytes
             with written(self._folder, needed_bytes=self._room_bytes()):
                 self._prepare_folder(ready)
         with Journal(self._folder / JOURNAL, self._room_bytes) as journal:
-            self._reconcile(journal, found)
+            self._reconcile(journal, content)
             if ready is not None:
                 yield from self._measure(journal, ready)
             return self._record(journal.entries)
 
     def _room_bytes(self) -> int:
-        left = len(self._steps) - len(self._done)
-        return needed_bytes(left, picture_bytes=self._picture_bytes)
+        missing = len(self._steps) - len(self._done)
+        return needed_bytes(missing, picture_bytes=self._picture_bytes)
 
     def _prepare_folder(self, ready: Ready) -> None:
         """Writes what the images need beside them, and is not there yet."""
@@ -140,23 +140,21 @@ class Sequence:
             CONFIGURATION: json.dumps(ready.configuration, indent=2, allow_nan=False),
             PLAN: self._plan.dump(),  # last: with it, the folder belongs to this plan
         }
-        for name, text in texts.items():
+        for name, content in texts.items():
             if not begun or not (self._folder / name).exists():
-                write_text(self._folder / name, text)
+                write_text(self._folder / name, content)
 
-    def _reconcile(self, journal: Journal, found: Found) -> None:
-        """Brings the journal up to what a kill left behind."""
-        for shot_id in found.torn:
+    def _reconcile(self, journal: Journal, content: FolderContent) -> None:
+        for shot_id in content.torn:
             path = shot_path(self._folder, shot_id)
             path.replace(path.with_name(path.name + ".torn"))
-        for meta in found.adoptable.values():
+        for meta in content.adoptable.values():
             digest = sha256_of(shot_path(self._folder, meta["shot"]))
             journal.append("saved", **_saved(meta), file_sha256=digest, adopted=True)
-        for fired in found.lost:
+        for fired in content.lost:
             self._note_lost(journal, fired, "the acquisition ended between trigger and image")
 
     def _note_lost(self, journal: Journal, fired: Entry, reason: str) -> None:
-        """Notes why a shot that has its `fired` entry has no image."""
         repeated = {name: fired[name] for name in ("shot", "attempt", "inject")}
         journal.append("lost", time=self._rig.clock.wall_time(), **repeated, reason=reason)
 
@@ -170,12 +168,11 @@ class Sequence:
         )
         references = References(self._plan, ready)
         shooter = Shooter(self._rig, self._plan, ready, journal, self._interrupts, references)
-        left = [shot for shot in self._steps if shot.id not in self._done]
+        missing = [shot for shot in self._steps if shot.id not in self._done]
         order = self._plan.background_order(
-            {shot.background for shot in left},
-            present_K=read_temperature(self._rig.background),
+            {shot.background for shot in missing}, present_K=read_temperature(self._rig.background)
         )
-        self._eta.plan(backgrounds=len(order), shots=len(left))
+        self._eta.plan(backgrounds=len(order), shots=len(missing))
         self._rig.camera.prepare(ready.trigger)
         try:
             for background in order:
@@ -185,7 +182,7 @@ class Sequence:
                     if kept and shot.kind == "reference":  # of an earlier run
                         image, _ = load_shot(self._folder, shot.id, plan_hash=self._plan.hash())
                         references.learn(shot, image)
-                for shot in left:
+                for shot in missing:
                     if shot.background == background:
                         saved = self._shoot(journal, shooter, shot)
                         if shot.kind == "reference":
@@ -250,13 +247,13 @@ class Sequence:
 
     def _shoot(self, journal: Journal, shooter: Shooter, shot: Shot) -> SavedShot:
         clock = self._rig.clock
-        first = 1 + max(
+        next_attempt = 1 + max(
             (entry["attempt"] for entry in journal.entries if entry.get("shot") == shot.id),
             default=-1,
         )
         start = clock.now_s()
         reason = ""
-        for attempt in range(first, first + self._plan.retakes + 1):
+        for attempt in range(next_attempt, next_attempt + self._plan.retakes + 1):
             self._say(self._plan.describe(shot))
             if not clock.sleep(self._plan.pause_s, self._interrupts.should_stop):
                 raise _Stopped
@@ -307,10 +304,10 @@ class Sequence:
 
     def _lose(self, journal: Journal, shot: Shot, attempt: int, error: Exception) -> None:
         """Notes the error of a shot that may have been fired and has no image."""
-        last = journal.entries[-1]
-        if last["event"] == "fired" and (last["shot"], last["attempt"]) == (shot.id, attempt):
+        newest = journal.entries[-1]
+        if newest["event"] == "fired" and (newest["shot"], newest["attempt"]) == (shot.id, attempt):
             with suppress(ClditError):  # the `fired` line says it too, and the next resume notes it
-                self._note_lost(journal, last, str(error))
+                self._note_lost(journal, newest, str(error))
 
     def _record(self, entries: list[Entry]) -> Record:
         wasted = [entry for entry in entries if entry["event"] in ("lost", "rejected")]

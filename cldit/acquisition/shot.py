@@ -78,37 +78,12 @@ class Shooter:
         clock = self._rig.clock
         clock.sleep(max(self._next_s - clock.now_s(), 0.0))
         self._journal.append(
-            "fired",
-            time=clock.wall_time(),
-            shot=shot.id,
-            attempt=attempt,
-            inject=burst.inject,
+            "fired", time=clock.wall_time(), shot=shot.id, attempt=attempt, inject=burst.inject
         )
-        self._last_id = None  # until a frame says so
-        uncertain: FireUncertain | None = None
         try:
-            with self._interrupts.abortable():
-                try:
-                    trigger.fire()
-                    busy_s = 1.05 * self._plan.frames * self._ready.minimum_period_s
-                    self._next_s = clock.now_s() + busy_s
-                    trigger.wait_done(self._plan.frame_timeout_s)
-                except FireUncertain as error:
-                    uncertain = error
-                frames = self._read()
+            frames, uncertain = self._fired()
         except MissingFrames as error:
-            if uncertain is not None:
-                _then(uncertain, camera.disarm)
-                raise uncertain from error
-            camera.disarm()
             return Rejected(f"missing frame: {error}", fired=True)
-        except Aborted as error:
-            _then(error, trigger.abort, camera.disarm)
-            raise
-        except BaseException as error:
-            _then(error, camera.disarm)
-            raise
-        camera.disarm()
         self._last_id = frames[-1].frame_id
         after_K = read_temperature(background)
         problem = frame_problem(frames, self._ready, expected_id=expected_id)
@@ -116,8 +91,8 @@ class Shooter:
             return Rejected(problem, fired=True)
         if not abs(after_K - shot.background_K) <= self._plan.drift_K:
             return Rejected(f"drift: {after_K:.2f} K after the shot", fired=True, drifted=True)
-        first = frames[0]
-        image = first.data if len(frames) == 1 else np.stack([frame.data for frame in frames])
+        start_frame = frames[0]
+        image = start_frame.data if len(frames) == 1 else np.stack([frame.data for frame in frames])
         problem = self._references.problem(shot, image)
         if problem is not None:
             return Rejected(problem, fired=True)
@@ -134,26 +109,56 @@ class Shooter:
                 "background_before_K": before_K,
                 "background_after_K": after_K,
                 "time": clock.wall_time(),
-                "frame_id": first.frame_id,
-                "device_timestamp_ns": first.device_timestamp_ns,
-                "host_timestamp_ns": first.host_timestamp_ns,
+                "frame_id": start_frame.frame_id,
+                "device_timestamp_ns": start_frame.device_timestamp_ns,
+                "host_timestamp_ns": start_frame.host_timestamp_ns,
                 **({"frame_timestamps_ns": several} if len(several) > 1 else {}),
                 "integration_time_s": self._ready.integration_time_s,
                 "saturation_counts": self._ready.saturation_counts,
                 "saturated_percent": saturated_percent(image, self._ready.saturation_counts),
-                "fire_uncertain": uncertain is not None,
+                "fire_uncertain": uncertain,
                 "plan_hash": self._plan_hash,
                 "sha256": checksum(image),
             },
         )
 
+    def _fired(self) -> tuple[list[Frame], bool]:
+        """Fires once and reads the frames; True if the generator does not know whether it fired."""
+        camera, trigger = self._rig.camera, self._rig.trigger
+        self._last_id = None  # until a frame says so
+        uncertain: FireUncertain | None = None
+        try:
+            with self._interrupts.abortable():
+                try:
+                    trigger.fire()
+                    busy_s = 1.05 * self._plan.frames * self._ready.minimum_period_s
+                    self._next_s = self._rig.clock.now_s() + busy_s
+                    trigger.wait_done(self._plan.frame_timeout_s)
+                except FireUncertain as error:
+                    uncertain = error
+                frames = self._read()
+        except MissingFrames as error:
+            if uncertain is not None:
+                _then(uncertain, camera.disarm)
+                raise uncertain from error
+            camera.disarm()
+            raise
+        except Aborted as error:
+            _then(error, trigger.abort, camera.disarm)
+            raise
+        except BaseException as error:
+            _then(error, camera.disarm)
+            raise
+        camera.disarm()
+        return frames, uncertain is not None
+
     def _read(self) -> list[Frame]:
-        wanted = self._plan.frames
-        frames = list(self._rig.camera.read_frames(wanted, self._plan.frame_timeout_s))
-        whole = [frame for frame in frames if frame.complete]
-        if len(whole) != wanted:
-            raise MissingFrames(wanted, len(whole), incomplete=len(frames) - len(whole))
-        return whole
+        expected = self._plan.frames
+        frames = list(self._rig.camera.read_frames(expected, self._plan.frame_timeout_s))
+        complete = [frame for frame in frames if frame.complete]
+        if len(complete) != expected:
+            raise MissingFrames(expected, len(complete), incomplete=len(frames) - len(complete))
+        return complete
 
 
 def _then(error: BaseException, *actions: Callable[[], None]) -> None:

@@ -29,7 +29,7 @@ class DamagedPicture(RunFolderError):
 
 
 @dataclass(frozen=True)
-class Found:
+class FolderContent:
     """Content of an acquisition folder.
 
     saved: shot id -> the `saved` entry of its journal, for every shot whose file exists. adoptable:
@@ -113,7 +113,7 @@ def load_shot(
     return image, meta
 
 
-def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
+def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> FolderContent:
     """Lists the part of `plan` that is in `folder`, without changing anything.
 
     With `salvage` it continues where the journal is damaged, because images carry their own
@@ -126,17 +126,17 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
         raise damage
     pictures = sorted((folder / SHOTS).glob("*.tif"))
     if (folder / PLAN).exists():
-        here = load_plan(folder / PLAN).hash()
-        if here != plan.hash():
+        plan_hash = load_plan(folder / PLAN).hash()
+        if plan_hash != plan.hash():
             raise RunFolderError(
-                f"{folder}: holds another plan ({here[:12]}, not {plan.hash()[:12]}); resume with "
-                f"{folder / PLAN}, or choose another folder"
+                f"{folder}: holds another plan ({plan_hash[:12]}, not {plan.hash()[:12]}); resume "
+                f"with {folder / PLAN}, or choose another folder"
             )
     elif entries or pictures:
         raise RunFolderError(f"{folder}: holds images but no {PLAN}; choose another folder")
-    known = {shot.id for shot in plan.steps()}
+    planned = {shot.id for shot in plan.steps()}
     for path in pictures:
-        if path.stem not in known:
+        if path.stem not in planned:
             raise RunFolderError(f"{path}: is no shot of this plan; move it out of the folder")
     present = {path.stem for path in pictures}
     keyed = [((entry.get("shot", ""), entry.get("attempt", -1)), entry) for entry in entries]
@@ -156,4 +156,4 @@ def survey(folder: Path, plan: Plan, *, salvage: bool = False) -> Found:
         ended.add((shot_id, int(meta["attempt"])))
     lost = [entry for key, entry in fired.items() if key not in ended]
     gone = tuple(sorted(set(recorded) - present))
-    return Found(entries, saved, adoptable, tuple(torn), lost, gone, damage)
+    return FolderContent(entries, saved, adoptable, tuple(torn), lost, gone, damage)

@@ -91,7 +91,7 @@ class Watch:
                 raise RunFolderError(f"{path}: line {self._lines + 1} {problem}")
             self._at += len(line)
             self._lines += 1
-            self._take(plan, entry, here=self._at > self._known_bytes)
+            self._take(plan, entry, in_session=self._at > self._known_bytes)
         return bool(new)
 
     def seen(self, *, ended: bool = False) -> Seen:
@@ -112,18 +112,17 @@ class Watch:
             return "approaching"
         return "recording" if self._event else "preparing"
 
-    def _take(self, plan: Plan, entry: Entry, *, here: bool) -> None:
-        """Processes one more entry; `here` if it is of this session."""
+    def _take(self, plan: Plan, entry: Entry, *, in_session: bool) -> None:
         event = entry["event"]
         if event == "saved":
             self._saved.add(entry["shot"])
             self._note(last=entry)
         if event in ("rejected", "lost"):
             self._note(**{event: getattr(self._seen, event) + 1})
-        if not here:
+        if not in_session:
             return
         if event in ("unsafe", "made safe"):
-            self._note(alarms=tuple(str(each) for each in entry.get("problems", ())))
+            self._note(alarms=tuple(str(problem) for problem in entry.get("problems", ())))
             return
         self._event = event
         now_s = datetime.fromisoformat(entry["time"]).timestamp()
@@ -131,8 +130,10 @@ class Watch:
             self._begin_s = self._before_s = now_s
         time_s = now_s - self._begin_s
         if event == "start":
-            left = [shot for name, shot in self._shots.items() if name not in self._saved]
-            self._eta.plan(backgrounds=len({shot.background for shot in left}), shots=len(left))
+            missing = [shot for name, shot in self._shots.items() if name not in self._saved]
+            self._eta.plan(
+                backgrounds=len({shot.background for shot in missing}), shots=len(missing)
+            )
         elif event in ("approaching", "stable") and {"background_K", "reading_K"} <= set(entry):
             setpoint_K = entry["background_K"]
             does = "is stable at" if event == "stable" else "goes to"

@@ -14,8 +14,8 @@ from scipy.special import chdtrc
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.solve import DETECTION
 
-_SIDE = 7  # pixels of a neighbourhood
-_MORE = 1.5  # mean of chi-square over 49 pixels: 4 degrees each give 1 +- 0.1 by chance
+_SIDE = 7  # pixels: the mean of chi-square over 49 of them, 4 degrees each, is 1 +- 0.1
+_MORE = 1.5  # of that mean: five standard deviations
 _IMPROBABLE = (1e-3, 0.01)  # probability of a pixel, and share of such pixels, ten times chance
 
 
@@ -24,12 +24,12 @@ def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
 
     backgrounds: (H, W) number of backgrounds with a signal in each pixel.
     """
-    known = np.isfinite(maps.fit_probability)
-    if not known.any() or np.mean(maps.fit_probability[known] < _IMPROBABLE[0]) < _IMPROBABLE[1]:
+    tested = np.isfinite(maps.fit_probability)
+    if not tested.any() or np.mean(maps.fit_probability[tested] < _IMPROBABLE[0]) < _IMPROBABLE[1]:
         return maps, ""
-    total = uniform_filter(np.where(known, maps.reduced_chi2, 0.0).astype(float), _SIDE)
-    mean = total / np.maximum(uniform_filter(known.astype(float), _SIDE), 1.0 / _SIDE**2)
-    factor = np.where(known & (mean > _MORE), mean, 1.0)
+    total = uniform_filter(np.where(tested, maps.reduced_chi2, 0.0).astype(float), _SIDE)
+    mean = total / np.maximum(uniform_filter(tested.astype(float), _SIDE), 1.0 / _SIDE**2)
+    factor = np.where(tested & (mean > _MORE), mean, 1.0)
     if not np.any(factor > 1.0):
         return maps, ""
     wider = np.sqrt(factor).astype(np.float32)
@@ -38,23 +38,21 @@ def agreeing(maps: Maps, backgrounds: NDArray[np.int_]) -> tuple[Maps, str]:
     error = maps.emissivity_standard_error * wider
     faint = (maps.reason == Reason.OK) & ~(maps.emissivity > DETECTION * error)
 
-    def seen(image: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.where(faint, np.float32(np.nan), image)
-
-    chance = np.where(known, chdtrc(degrees, reduced * degrees), np.nan).astype(np.float32)
-    found = replace(
+    nothing = np.float32(np.nan)
+    chance = np.where(tested, chdtrc(degrees, reduced * degrees), np.nan).astype(np.float32)
+    widened = replace(
         maps,
         emissivity_standard_error=error,
-        apparent_temperature_K=seen(maps.apparent_temperature_K),
-        apparent_temperature_standard_error_K=seen(
-            maps.apparent_temperature_standard_error_K * wider
+        apparent_temperature_K=np.where(faint, nothing, maps.apparent_temperature_K),
+        apparent_temperature_standard_error_K=np.where(
+            faint, nothing, maps.apparent_temperature_standard_error_K * wider
         ),
         reason=np.where(faint, np.uint8(Reason.EMISSIVITY_TOO_LOW), maps.reason),
         reduced_chi2=reduced,
         fit_probability=chance,
     )
-    share = float(np.mean(factor[known] > 1.0))
-    return found, (
+    share = float(np.mean(factor[tested] > 1.0))
+    return widened, (
         f"no cause explains the residuals in {100.0 * share:.0f} % of the pixels: their errors are "
         f"widened by {float(np.median(wider[factor > 1.0])):.2g} (median) until they agree"
     )

@@ -13,8 +13,8 @@ part of gain and offset of the pixel.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,9 @@ from cldit.scene.vessel import Window
 
 PARTS = "budget"  # folder of the parts, in that of the maps
 COMMON = "common error"  # of all pixels
-_MOST, _SEEN = 6, 1.0  # common errors, and their chi-square in all pixels together, at least
-_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities for which a and b are fitted
+_MOST = 6  # common errors
+_SEEN = 1.0  # their least chi-square in all pixels together: one standard deviation
+_SHARES = np.linspace(0.0, 1.0, 11)  # emissivities of the fits; between them, an error of f'' / 800
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,12 +65,12 @@ class Budget:
     @property
     def kelvin(self) -> Floats:
         """Systematic standard error of T_app: root of the sum of squares."""
-        return np.asarray(np.sqrt(np.sum([one.kelvin**2 for one in self.parts], axis=0)))
+        return np.asarray(np.sqrt(np.sum([part.kelvin**2 for part in self.parts], axis=0)))
 
     @property
     def emissivity(self) -> Floats:
         """Systematic standard error of the emissivity."""
-        return np.asarray(np.sqrt(np.sum([one.emissivity**2 for one in self.parts], axis=0)))
+        return np.asarray(np.sqrt(np.sum([part.emissivity**2 for part in self.parts], axis=0)))
 
     @property
     def total_K(self) -> Floats:
@@ -89,7 +90,7 @@ class Budget:
                 stated.apparent_temperature_standard_error_K.astype(float),
                 stated.emissivity_standard_error.astype(float),
             ),
-            *((one.name, one.kelvin, one.emissivity) for one in self.parts),
+            *((part.name, part.kelvin, part.emissivity) for part in self.parts),
             ("total", self.total_K, self.total_emissivity),
         ]
 
@@ -137,13 +138,13 @@ class Budget:
 
 def part_file(name: str, of: str) -> str:
     """Path of the map of a part below the maps, without suffix; `of` is `K` or `emissivity`."""
-    words = "".join(one if one.isalnum() or one == "." else "_" for one in name)
+    words = "".join(letter if letter.isalnum() or letter == "." else "_" for letter in name)
     return f"{PARTS}/{words.replace('__', '_')}_{of}"
 
 
 def load_parts(folder: Path) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
     """Systematic and common parts that `Budget.save` wrote; empty for maps of older versions."""
-    found = [
+    parts = [
         Part(
             name=meta.get("name", path.stem),
             kelvin=kelvin.astype(float),
@@ -152,8 +153,8 @@ def load_parts(folder: Path) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
         for path in sorted((folder / PARTS).glob("*_K.tif"))
         for kelvin, meta in (read_image(path),)
     ]
-    common = tuple(one for one in found if one.name.startswith(COMMON))
-    return tuple(one for one in found if one not in common), common
+    common = tuple(part for part in parts if part.name.startswith(COMMON))
+    return tuple(part for part in parts if part not in common), common
 
 
 def common_parts(maps: Maps, kelvin: Floats, emissivity: Floats) -> tuple[Part, ...]:
@@ -177,13 +178,13 @@ def common_parts(maps: Maps, kelvin: Floats, emissivity: Floats) -> tuple[Part, 
 
 
 def _median(image: Floats) -> float | None:
-    known = np.abs(image[np.isfinite(image)])
-    return float(np.median(known)) if known.size else None
+    magnitudes = np.abs(image[np.isfinite(image)])
+    return float(np.median(magnitudes)) if magnitudes.size else None
 
 
 def budget(
     maps: Maps,
-    around: Surroundings,
+    surroundings: Surroundings,
     *,
     curve: Curve,
     backgrounds_K: Sequence[float],
@@ -192,121 +193,122 @@ def budget(
 ) -> Budget:
     """Error budget of the `maps` of an evaluation, with `common` errors of their pixels.
 
-    It takes the uncertainty of the setup `around`, the `curve` that was used, K black-body
+    It takes the uncertainty of the `surroundings`, the `curve` that was used, K black-body
     temperatures, and the `calibration` of the camera, whose noise weights the backgrounds.
     """
-    unsure = around.uncertainty
-    stated = _boundary(around, curve, backgrounds_K)
-    middle_um = float(np.mean(edges_um(curve.filter_um)))
-    less = max(around.background_emissivity - unsure.background_emissivity, 1e-3)
-    change_um = unsure.filter_um / middle_um
-    stretched = replace(curve, stretch=curve.stretch * (1.0 + change_um))
-
-    def other(
-        name: str,
-        around: Surroundings = around,
-        *,
-        curve: Curve = curve,
-        dimmed: dict[str, float] | None = None,
-        warmer_K: float = 0.0,
-    ) -> tuple[str, Boundary, Curve, float]:
-        return name, _boundary(around, curve, backgrounds_K, dimmed=dimmed), curve, warmer_K
-
-    changed = [
-        *(
-            other(f"black body's {name} by {kelvin:g} K", warmer_K=kelvin)
-            for name, kelvin in (
-                ("calibration", unsure.background_calibration_K),
-                ("uniformity", unsure.background_uniformity_K),
-            )
-        ),
-        other(
-            f"background emissivity by {around.background_emissivity - less:g}",
-            replace(around, background_emissivity=less),
-        ),
-        other(
-            f"walls by {unsure.wall_temperature_K:g} K",
-            replace(
-                around, wall_temperature_K=around.wall_temperature_K + unsure.wall_temperature_K
-            ),
-        ),
-        other(f"filter by {unsure.filter_um:g} um", curve=stretched),
-    ]
-    for window in around.windows:
-        kelvin = window.temperature_K + unsure.window_temperature_K
-        warmer = window.model_copy(update={"temperature_K": kelvin})
-        windows = tuple(warmer if one is window else one for one in around.windows)
-        changed += [
-            other(
-                f"{window.side} window by {unsure.window_temperature_K:g} K",
-                replace(around, windows=windows),
-            ),
-            other(
-                f"{window.side} window's transmission by {unsure.window_transmission:g}",
-                dimmed={window.side: unsure.window_transmission},
-            ),
-        ]
+    stated = curve_boundary(surroundings, curve, backgrounds_K)
     apparent_K = maps.apparent_temperature_K.astype(float)
     emissivity = maps.emissivity.astype(float)
     radiance = curve.radiance(np.nan_to_num(apparent_K, nan=300.0))
     x = stated.leaving(np.asarray(backgrounds_K))
     through = 1.0 - emissivity
-    known = np.isfinite(apparent_K)
-    spray = float(np.median(radiance[known])) if known.any() else float(x[0])
+    evaluated = np.isfinite(apparent_K)
+    spray = float(np.median(radiance[evaluated])) if evaluated.any() else float(x[0])
+    weights = [_weight(share, x, spray, stated, calibration) for share in _SHARES]
     parts: list[Part] = []
-    for name, boundary, changed_curve, warmer_K in changed:
-        leaving = boundary.leaving(np.asarray(backgrounds_K) + warmer_K)
-        lines = np.array(
-            [
-                _affine(leaving, x, _weight(share, x, spray, stated, calibration))
-                for share in _SHARES
-            ]
+    for change in _variations(surroundings, curve):
+        boundary = curve_boundary(
+            change.surroundings, change.curve, backgrounds_K, dimmed=change.dimmed
         )
+        leaving = boundary.leaving(np.asarray(backgrounds_K) + change.warmer_K)
+        lines = np.array([_affine(leaving, x, weight) for weight in weights])
         a, b = lines[0]
         a_inj, b_inj = (np.interp(emissivity, _SHARES, column) for column in lines.T)
         with np.errstate(divide="ignore", invalid="ignore"):  # without spray
-            own = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
-        other_K = changed_curve.temperature(np.maximum(np.where(known, own, 0.0), 0.0))
+            changed = (radiance * emissivity + through * b_inj - b) / (a - through * a_inj)
+        changed_K = change.curve.temperature(np.maximum(np.where(evaluated, changed, 0.0), 0.0))
         parts.append(
             Part(
-                name=name,
-                kelvin=np.where(known, other_K - apparent_K, np.nan),
+                name=change.name,
+                kelvin=np.where(evaluated, changed_K - apparent_K, np.nan),
                 emissivity=through * (1.0 - a_inj / a),
             )
         )
     return Budget(parts=tuple(parts), maps=maps, common=common)
 
 
-def _boundary(
-    around: Surroundings,
+@dataclass(frozen=True, kw_only=True)
+class _Variation:
+    """The setup with one quantity changed by its uncertainty. dimmed: reduction of the transmission
+    of windows, by side. warmer_K: of the black body."""
+
+    name: str
+    surroundings: Surroundings
+    curve: Curve
+    dimmed: Mapping[str, float] = field(default_factory=dict)
+    warmer_K: float = 0.0
+
+
+def _variations(surroundings: Surroundings, curve: Curve) -> Iterator[_Variation]:
+    stated = _Variation(name="", surroundings=surroundings, curve=curve)
+    unsure = surroundings.uncertainty
+
+    def other(name: str, **changes: Any) -> _Variation:
+        return replace(stated, name=name, surroundings=replace(surroundings, **changes))
+
+    for cause, kelvin in (
+        ("calibration", unsure.background_calibration_K),
+        ("uniformity", unsure.background_uniformity_K),
+    ):
+        yield replace(stated, name=f"black body's {cause} by {kelvin:g} K", warmer_K=kelvin)
+    lower = max(surroundings.background_emissivity - unsure.background_emissivity, 1e-3)
+    yield other(
+        f"background emissivity by {surroundings.background_emissivity - lower:g}",
+        background_emissivity=lower,
+    )
+    wall_K = surroundings.wall_temperature_K + unsure.wall_temperature_K
+    yield other(f"walls by {unsure.wall_temperature_K:g} K", wall_temperature_K=wall_K)
+    change_um = unsure.filter_um / float(np.mean(edges_um(curve.filter_um)))
+    yield replace(
+        stated,
+        name=f"filter by {unsure.filter_um:g} um",
+        curve=replace(curve, stretch=curve.stretch * (1.0 + change_um)),
+    )
+    for window in surroundings.windows:
+        kelvin = window.temperature_K + unsure.window_temperature_K
+        warmer = window.model_copy(update={"temperature_K": kelvin})
+        yield other(
+            f"{window.side} window by {unsure.window_temperature_K:g} K",
+            windows=tuple(warmer if pane is window else pane for pane in surroundings.windows),
+        )
+        yield replace(
+            stated,
+            name=f"{window.side} window's transmission by {unsure.window_transmission:g}",
+            dimmed={window.side: unsure.window_transmission},
+        )
+
+
+def curve_boundary(
+    surroundings: Surroundings,
     curve: Curve,
     backgrounds_K: Sequence[float],
     *,
-    dimmed: dict[str, float] | None = None,
+    dimmed: Mapping[str, float] | None = None,
 ) -> Boundary:
-    """Measurement equation, with the transmission of windows reduced by `dimmed`, by side."""
+    """Measurement equation of radiances by the `curve`, with the transmission of windows reduced
+    by `dimmed`, by side."""
     middle_K = reference_temperature_K(list(backgrounds_K))
 
     def pane(window: Window) -> Pane:
         shares = band_pane(window, curve.filter_um, reference_K=middle_K)
-        less = (dimmed or {}).get(window.side, 0.0)
-        return replace(shares, transmission=shares.transmission - less)
+        dimming = (dimmed or {}).get(window.side, 0.0)
+        return replace(shares, transmission=shares.transmission - dimming)
 
-    return Boundary.of(around, curve.radiance, pane)
+    return Boundary.of(surroundings, curve.radiance, pane)
 
 
 def _weight(
-    emissivity: float, x: Floats, own: float, stated: Boundary, calibration: Calibration
+    emissivity: float, x: Floats, spray_radiance: float, stated: Boundary, calibration: Calibration
 ) -> Floats:
     """Inverse variance (K,) of the camera for a spray of this emissivity and radiance."""
-    seen = stated.seen((1.0 - emissivity) * x + emissivity * own)
+    seen = stated.seen((1.0 - emissivity) * x + emissivity * spray_radiance)
     return np.asarray(1.0 / calibration.variance_counts2(calibration.counts(seen)))
 
 
-def _affine(other: Floats, x: Floats, weight: Floats) -> tuple[float, float]:
+def _affine(changed_x: Floats, x: Floats, weight: Floats) -> tuple[float, float]:
     """a and b of x = a x' + b, by weighted least squares over the backgrounds."""
     unit = float(np.max(np.abs(x)))
-    a, b = np.polyfit(other / unit, x / unit, 1, w=np.sqrt(weight))
+    a, b = np.polyfit(changed_x / unit, x / unit, 1, w=np.sqrt(weight))
     if not math.isfinite(a):
         return 1.0, 0.0
     return float(a), float(b) * unit

@@ -12,7 +12,7 @@ from cldit.camera.photon_transfer import photon_transfer
 from cldit.dit.shots import AllSums
 from cldit.errors import EvaluationError
 
-_SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
+SEES = 0.5  # share of the strongest contrast at which a pixel sees the background
 
 
 def stated_saturation(calibration: Mapping[str, Any]) -> float:
@@ -45,18 +45,18 @@ def seeing(sums: AllSums, setpoints: Sequence[float], bad: Mask) -> Mask:
     """Pixels with a high contrast between references of two backgrounds, never saturated."""
     cold, hot = (sums[k, "reference"].mean() for k in (setpoints[0], setpoints[-1]))
     good = np.asarray(~np.any([sums[k, "reference"].full for k in setpoints], axis=0) & ~bad)
-    both = good & ~np.any([sums[k, "injection"].full for k in setpoints], axis=0)
-    good = both if both.any() else good
+    unsaturated = good & ~np.any([sums[k, "injection"].full for k in setpoints], axis=0)
+    good = unsaturated if unsaturated.any() else good
     contrast = hot - cold
     if not good.any() or not np.percentile(contrast[good], 95) > 0.0:
         return good
-    return np.asarray(good & (contrast > _SEES * np.percentile(contrast[good], 95)))
+    return np.asarray(good & (contrast > SEES * np.percentile(contrast[good], 95)))
 
 
-def completed(given: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats) -> Calibration:
+def completed(stated: Mapping[str, Any], sums: AllSums, sees: Mask, seen: Floats) -> Calibration:
     """The calibration, with missing values from references that show radiances `seen` (K,)."""
     rounded = all(group.rounded for group in sums.values())
-    data = {"step_counts": 1.0 if rounded else 0.0, **given}
+    data = {"step_counts": 1.0 if rounded else 0.0, **stated}
     groups = [group for (_, kind), group in sorted(sums.items()) if kind == "reference"]
     missing = {"counts_per_radiance", "electrons_per_count", "read_noise_electrons"} - set(data)
     if missing and not sees.any():

@@ -25,16 +25,16 @@ class DelayRow:
     @classmethod
     def of(cls, delay_s: float, maps: Maps) -> "DelayRow":
         """The row of the `maps` at `delay_s`."""
-        known = np.isfinite(maps.apparent_temperature_K)
+        evaluated = np.isfinite(maps.apparent_temperature_K)
         return cls(
             delay_s=delay_s,
-            pixels=int(known.sum()),
-            apparent_temperature_K=_median(maps.apparent_temperature_K[known]),
+            pixels=int(evaluated.sum()),
+            apparent_temperature_K=_median(maps.apparent_temperature_K[evaluated]),
             apparent_temperature_standard_error_K=_median(
-                maps.apparent_temperature_standard_error_K[known]
+                maps.apparent_temperature_standard_error_K[evaluated]
             ),
-            emissivity=_median(maps.emissivity[known]),
-            emissivity_standard_error=_median(maps.emissivity_standard_error[known]),
+            emissivity=_median(maps.emissivity[evaluated]),
+            emissivity_standard_error=_median(maps.emissivity_standard_error[evaluated]),
         )
 
     @property
@@ -49,10 +49,10 @@ class DelayRow:
 
 
 def _median(values: NDArray[np.float32]) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
 
 
 def table_csv(rows: Iterable[DelayRow]) -> str:
     """CSV of the table, with a heading and a line per delay."""
-    return csv_text((one.name for one in fields(DelayRow)), (astuple(row) for row in rows))
+    return csv_text((column.name for column in fields(DelayRow)), (astuple(row) for row in rows))

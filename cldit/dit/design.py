@@ -30,7 +30,7 @@ from cldit.scene.schema import Scene
 MOST_SHOTS = 10_000  # of a kind, per background
 LEAST_SHOTS = 3  # needed to detect an outlier
 LEAST_BACKGROUNDS = 3  # needed for a goodness of fit
-_LEVELS = 7  # of the lowest and of the highest background that are tried
+_LEVELS = 7  # of the lowest and of the highest background: steps of 100 K over 253..873 K
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,12 +47,12 @@ class BlackBody:
         stops = sorted(backgrounds_K)
         if abs(stops[-1] - self.start_K) < abs(stops[0] - self.start_K):
             stops.reverse()
-        total, here = 0.0, self.start_K
-        for stop in stops:
-            far = abs(stop - here) / self.stability.tolerance_K
-            total += self.time_constant_s * math.log(max(far, 1.0))
+        total, current_K = 0.0, self.start_K
+        for background_K in stops:
+            tolerances = abs(background_K - current_K) / self.stability.tolerance_K
+            total += self.time_constant_s * math.log(max(tolerances, 1.0))
             total += self.stability.hold_s + self.stability.settle_s
-            here = stop
+            current_K = background_K
         return total
 
 
@@ -140,7 +140,7 @@ def designs(
     """
     low_K, high_K = blackbody.limits_K
     levels = np.linspace(low_K, high_K, _LEVELS)
-    found: list[Design] = []
+    fastest: list[Design] = []
     smallest = np.array([np.inf, np.inf])
     for count in counts:
         best: Design | None = None
@@ -170,8 +170,8 @@ def designs(
                         waiting_s=waiting_s,
                     )
         if best is not None:
-            found.append(best)
-    if not found:
+            fastest.append(best)
+    if not fastest:
         raise EvaluationError(
             f"error: {goal.error_K:g} K in T_app and {goal.emissivity_error:g} in emissivity are "
             f"not reached with {MOST_SHOTS} shots of either kind at backgrounds from "
@@ -179,13 +179,13 @@ def designs(
             f"{smallest[1]:.2g}. Allow a longer integration time, a wider filter, hotter "
             "backgrounds, or a larger error"
         )
-    return sorted(found, key=lambda design: design.time_s)
+    return sorted(fastest, key=lambda design: design.time_s)
 
 
-def chosen(found: Sequence[Design]) -> Design:
+def chosen(fastest: Sequence[Design]) -> Design:
     """The fastest design with enough backgrounds for a goodness of fit, if any."""
-    fitting = [one for one in found if len(one.backgrounds_K) >= LEAST_BACKGROUNDS]
-    return (fitting or list(found))[0]
+    fitting = [design for design in fastest if len(design.backgrounds_K) >= LEAST_BACKGROUNDS]
+    return (fitting or list(fastest))[0]
 
 
 def plan_of(design: Design, scene: Scene) -> Plan:

@@ -46,8 +46,8 @@ class Places:
         at, lag, part, since = np.array(places, float).T
         return cls(at, lag, part.astype(int), since)
 
-    def __getitem__(self, which: slice | Mask) -> "Places":
-        return Places(self.at[which], self.lag[which], self.part[which], self.since[which])
+    def __getitem__(self, chosen: slice | Mask) -> "Places":
+        return Places(self.at[chosen], self.lag[chosen], self.part[chosen], self.since[chosen])
 
     @property
     def parts(self) -> int:
@@ -58,10 +58,10 @@ class Places:
         """The positions with breaks in full length."""
         return Places(self.at + self.lag, np.zeros_like(self.lag), self.part, self.since)
 
-    def away(self, values: Floats) -> Floats:
+    def about_part_means(self, values: Floats) -> Floats:
         """Values (n,) minus the mean of their part."""
-        means = {one: values[self.part == one].mean() for one in np.unique(self.part)}
-        return np.asarray(values - np.array([means[one] for one in self.part]))
+        means = {part: values[self.part == part].mean() for part in np.unique(self.part)}
+        return np.asarray(values - np.array([means[part] for part in self.part]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,13 +72,13 @@ class DriftAxis:
     breaks_s: tuple[float, ...]
     text: str
 
-    def said(self, *, through: bool) -> str:
+    def line(self, *, through: bool) -> str:
         """Line for the report; `through`: the references show that drift continues over breaks."""
         if not self.breaks_s:
             return self.text
-        hours = ", ".join(f"{one / 3600.0:.3g} h" for one in self.breaks_s)
-        made = "it continues, as the references show" if through else "it restarts"
-        return f"{self.text}; after a break ({hours}) {made}"
+        hours = ", ".join(f"{break_s / 3600.0:.3g} h" for break_s in self.breaks_s)
+        course = "it continues, as the references show" if through else "it restarts"
+        return f"{self.text}; after a break ({hours}) {course}"
 
 
 def drift_axis(shots: Sequence[Any]) -> DriftAxis:
@@ -88,54 +88,56 @@ def drift_axis(shots: Sequence[Any]) -> DriftAxis:
     its background became stable.
     """
     times = [getattr(shot, "time_s", None) for shot in shots]
-    known = [one for one in times if one is not None]
-    lacking = len(times) - len(known)
-    if lacking or len(set(known)) < len(known):
-        why = f"{lacking} of {len(times)} shots have no time" if lacking else "some times are equal"
+    times_s = [time_s for time_s in times if time_s is not None]
+    lacking = len(times) - len(times_s)
+    if lacking or len(set(times_s)) < len(times_s):
+        cause = (
+            f"{lacking} of {len(times)} shots have no time" if lacking else "some times are equal"
+        )
         if lacking == len(times):
-            why = "no shot has a time"
+            cause = "no shot has a time"
         at = np.arange(1.0, len(shots) + 1.0)
         return DriftAxis(
             places=_placed(shots, at, at, np.zeros(len(shots), int), unit_s=None),
             breaks_s=(),
-            text=f"drift fitted against the shot number: {why}",
+            text=f"drift fitted against the shot number: {cause}",
         )
-    order = np.argsort(known)
-    gaps = np.diff(np.array(known)[order])
+    order = np.argsort(times_s)
+    gaps = np.diff(np.array(times_s)[order])
     unit_s = float(np.median(gaps))
     broken = (gaps > BREAK_s) & (unit_s <= BREAK_s)  # a shot a day has no breaks
-    at, whole, part = np.empty(len(known)), np.empty(len(known)), np.empty(len(known), int)
+    at, through, part = np.empty(len(times_s)), np.empty(len(times_s)), np.empty(len(times_s), int)
     closed = np.where(broken, unit_s, gaps) / unit_s
     at[order] = 1.0 + np.concatenate([[0.0], np.cumsum(closed)])
-    whole[order] = 1.0 + np.concatenate([[0.0], np.cumsum(gaps / unit_s)])
+    through[order] = 1.0 + np.concatenate([[0.0], np.cumsum(gaps / unit_s)])
     part[order] = np.concatenate([[0], np.cumsum(broken)])
-    text = f"drift fitted against time; median shot interval {unit_s:.3g} s"
+    description = f"drift fitted against time; median shot interval {unit_s:.3g} s"
     if (longest_s := float(gaps[~broken].max())) > unit_s:
-        text += f", longest {longest_s:.3g} s"
+        description += f", longest {longest_s:.3g} s"
     return DriftAxis(
-        places=_placed(shots, at, whole, part, unit_s=unit_s),
+        places=_placed(shots, at, through, part, unit_s=unit_s),
         breaks_s=tuple(gaps[broken].tolist()),
-        text=text,
+        text=description,
     )
 
 
 def _placed(
     shots: Sequence[Any],
     at: Floats,
-    whole: Floats,
+    through: Floats,
     part: NDArray[np.int_],
     *,
     unit_s: float | None,
 ) -> tuple[Place, ...]:
-    first: dict[tuple[float, int], float] = {}
+    start: dict[tuple[float, int], float] = {}
     for shot, place, run in zip(shots, at, part, strict=True):
         key = (shot.background_setpoint_K, int(run))
-        first[key] = min(first.get(key, np.inf), float(place))
-    found = []
-    for shot, place, all_in, run in zip(shots, at, whole, part, strict=True):
+        start[key] = min(start.get(key, np.inf), float(place))
+    places = []
+    for shot, place, full, run in zip(shots, at, through, part, strict=True):
         stable_s = getattr(shot, "stable_s", None)
-        since = float(place) - first[shot.background_setpoint_K, int(run)]
+        since = float(place) - start[shot.background_setpoint_K, int(run)]
         if unit_s is not None and stable_s is not None:
             since = (shot.time_s - stable_s) / unit_s
-        found.append(Place(float(place), float(all_in - place), int(run), since))
-    return tuple(found)
+        places.append(Place(float(place), float(full - place), int(run), since))
+    return tuple(places)

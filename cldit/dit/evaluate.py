@@ -18,7 +18,7 @@ from cldit.radiance.boundary import Boundary, Surroundings, camera_radiances
 from cldit.radiance.weights import Weights
 
 _BLOCK = 1 << 16  # pixels times backgrounds solved at once: 20 MB, twice as fast as 16 times that
-_TOGETHER = 2  # blocks at a time, one a thread
+_TOGETHER = 2  # blocks at a time, one a thread: 40 MB
 
 
 def check_span(source: Floats, temperatures_K: Sequence[float]) -> None:
@@ -92,28 +92,30 @@ def evaluate_radiance(
         raise EvaluationError(f"{shots} shots and {references} references; at least one each")
     temperatures = list(background_temperatures_K)
     reference_K = reference_temperature_K(temperatures)
-    whole = Boundary.in_filter(surroundings, filter_um, reference_K=reference_K)
+    boundary = Boundary.in_filter(surroundings, filter_um, reference_K=reference_K)
     parts = (
-        [whole] if nodes is None else [Boundary.of(surroundings, n.radiance, n.pane) for n in nodes]
+        [boundary]
+        if nodes is None
+        else [Boundary.of(surroundings, n.radiance, n.pane) for n in nodes]
     )
-    source = whole.leaving(temperatures)
+    source = boundary.leaving(temperatures)
     check_span(source, temperatures)
     calibration = None if sensor is None else sensor.calibration()
 
     def camera(inside: Floats) -> Floats:
         if calibration is None:
             return np.zeros_like(inside)
-        variance = calibration.variance_counts2(calibration.counts(whole.seen(inside)))
+        variance = calibration.variance_counts2(calibration.counts(boundary.seen(inside)))
         return np.asarray(
-            variance / (calibration.counts_per_radiance * whole.front.transmission) ** 2
+            variance / (calibration.counts_per_radiance * boundary.front.transmission) ** 2
         )
 
     def signals(traced: Sequence[Weights], rows: slice, exposures: int) -> Signals:
-        cut = [one.map(lambda image: image[rows]) for one in traced]
+        cut = [node_weights.map(lambda image: image[rows]) for node_weights in traced]
         seen = camera_radiances(cut, parts, backgrounds_K=temperatures)
         return Signals(
             source=source,
-            mean=whole.inside(seen),
+            mean=boundary.inside(seen),
             camera=camera,
             exposures=np.full(len(source), float(exposures)),
         )

@@ -12,16 +12,16 @@ from itertools import pairwise
 import numpy as np
 
 from cldit.arrays import Floats, Mask
-from cldit.dit.frame import Frame
+from cldit.dit.frame import Fingerprint
 from cldit.dit.shots import AllSums, Sums, thumbnail_edges
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 from cldit.errors import EvaluationError
 
-_CHANCE = 1e-3  # rows that are found by chance in all images
+_CHANCE = 1e-3  # number of rows that chance reports in a whole recording
 _PART = 8  # of the width, and pixels, that have one value at least
 _USUAL = 0.9  # share of the images in which such a row belongs to the camera
-_DEVIATES = 6.0  # standard deviations of a block
+_DEVIATES = 6.0  # standard deviations: by chance, one of 5e8 blocks
 _MOST = 5  # rows that are listed
 _LEAST_LAG = 0.002  # of the image before, that is worth a warning
 _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
@@ -29,11 +29,11 @@ _EXPLAINED = 0.8  # least share of the squares that two kinds of images explain
 
 def damaged(sums: AllSums) -> dict[str, str]:
     """Images with lost lines, or with rows of an older image: what is wrong, by id."""
-    groups = [sums[key] for key in sorted(sums, key=lambda one: (one[0], one[1] == "injection"))]
+    groups = [sums[key] for key in sorted(sums, key=lambda at: (at[0], at[1] == "injection"))]
     frames = [frame for group in groups for frame in group.frames]
     ids = [name for group in groups for name in group.ids]
     variances = [float(np.median(group.variance())) for group in groups]
-    noise = np.sqrt(min((one for one in variances if one > 0.0), default=0.0))
+    noise = np.sqrt(min((variance for variance in variances if variance > 0.0), default=0.0))
     if not noise > 0.0:  # a simulation without noise, or single images
         return {}
     high, wide = groups[0].total.shape
@@ -42,24 +42,24 @@ def damaged(sums: AllSums) -> dict[str, str]:
     rows = np.stack([frame.rows for frame in frames])
     owner = np.tile(np.arange(len(ids))[:, None], high)
     for row in range(high // 8, high - high // 8):
-        _, first, inverse = np.unique(rows[:, row], return_index=True, return_inverse=True)
-        owner[:, row] = first[inverse]
+        _, first_image, inverse = np.unique(rows[:, row], return_index=True, return_inverse=True)
+        owner[:, row] = first_image[inverse]
     old = owner != np.arange(len(ids))[:, None]
     lost = np.stack([frame.runs for frame in frames]) >= max(fewest, _PART, wide // _PART)
     old &= ~lost & (old.mean(axis=0) < _USUAL)
     old &= np.stack([frame.free for frame in frames]) >= fewest
     lost &= lost.mean(axis=0) < _USUAL
     lost &= np.concatenate([_deviates(group, float(noise)) for group in groups])
-    found: dict[str, str] = {}
+    messages: dict[str, str] = {}
     for number, name in enumerate(ids):
         if lost[number].any():
-            found[name] = f"shot {name}: lost lines: {_listed(lost[number])} have one value"
+            messages[name] = f"shot {name}: lost lines: {_listed(lost[number])} have one value"
         elif old[number].any() and old[number].sum() < high - 2 * (high // 8):
             source = ids[np.bincount(owner[number, old[number]]).argmax()]
-            found[name] = (
+            messages[name] = (
                 f"shot {name}: half-old frame: {_listed(old[number])} are those of {source}"
             )
-    return found
+    return messages
 
 
 def _deviates(group: Sums, noise: float) -> Mask:
@@ -75,8 +75,8 @@ def _listed(rows: Mask) -> str:
     numbers = np.flatnonzero(rows)
     if numbers.size > 2 and np.ptp(numbers) == numbers.size - 1:
         return f"rows {numbers[0]} to {numbers[-1]}"
-    more = f", .. ({numbers.size} of {rows.size})" if numbers.size > _MOST else ""
-    return f"rows {', '.join(map(str, numbers[:_MOST]))}{more}"
+    remainder = f", .. ({numbers.size} of {rows.size})" if numbers.size > _MOST else ""
+    return f"rows {', '.join(map(str, numbers[:_MOST]))}{remainder}"
 
 
 def check_depths(sums: AllSums) -> None:
@@ -85,16 +85,16 @@ def check_depths(sums: AllSums) -> None:
     """
     frames = [(kind, name, frame) for (_, kind), group in sorted(sums.items(), reverse=True)
               for name, frame in zip(group.ids, group.frames, strict=True)]  # fmt: skip
-    for what, values in (
+    for template, values in (
         ("{} bits", [frame.bits for *_, frame in frames]),
         ("counts in steps of {}", [frame.step for *_, frame in frames]),
     ):
-        first = {value: frames[values.index(value)] for value in dict.fromkeys(values) if value}
-        if len(first) < 2 or (what == "{} bits" and min(first) > 8):
+        examples = {value: frames[values.index(value)] for value in dict.fromkeys(values) if value}
+        if len(examples) < 2 or (template == "{} bits" and min(examples) > 8):
             continue
         listed = [
-            f"{_whose(kind, value, values, frames)} {what.format(value)} (first {name})"
-            for value, (kind, name, _) in first.items()
+            f"{_whose(kind, value, values, frames)} {template.format(value)} (first {name})"
+            for value, (kind, name, _) in examples.items()
         ]
         raise EvaluationError(
             f"mixed depths: {', '.join(listed)}; export all images with one depth and alignment"
@@ -102,14 +102,12 @@ def check_depths(sums: AllSums) -> None:
 
 
 def _whose(
-    kind: str, value: int, values: Sequence[int], frames: Sequence[tuple[str, str, Frame]]
+    kind: str, value: int, values: Sequence[int], frames: Sequence[tuple[str, str, Fingerprint]]
 ) -> str:
     """Subject of a sentence: one whole kind, or some images."""
-    same = [other for (other, *_), one in zip(frames, values, strict=True) if one == value]
-    whole = {other for other in same} == {kind} and len(same) == sum(
-        other == kind for other, *_ in frames
-    )
-    return f"{kind}s have" if whole else f"{len(same)} images have"
+    same = [k for (k, *_), v in zip(frames, values, strict=True) if v == value]
+    entire = {k for k in same} == {kind} and len(same) == sum(k == kind for k, *_ in frames)
+    return f"{kind}s have" if entire else f"{len(same)} images have"
 
 
 def repeats(sums: AllSums) -> dict[str, str]:
@@ -120,13 +118,13 @@ def repeats(sums: AllSums) -> dict[str, str]:
         for name, frame in zip(group.ids, group.frames, strict=True):
             if not frame.flat:
                 same.setdefault(frame.digest, []).append((key, name))
-    found: dict[str, str] = {}
+    messages: dict[str, str] = {}
     for images in same.values():
-        apart = len({key for key, _ in images}) > 1
-        for _, name in images if apart else images[1:]:
-            other = next(one for _, one in images if one != name)
-            found[name] = f"shot {name}: repeats {other}: a frozen camera, or a copied file"
-    return found
+        across_groups = len({key for key, _ in images}) > 1
+        for _, name in images if across_groups else images[1:]:
+            twin = next(image_id for _, image_id in images if image_id != name)
+            messages[name] = f"shot {name}: repeats {twin}: a frozen camera, or a copied file"
+    return messages
 
 
 def lag(sums: AllSums) -> Witness | None:
@@ -140,19 +138,19 @@ def lag(sums: AllSums) -> Witness | None:
             for number, place in enumerate(sums[setpoint, kind].places)
         )
         pairs = [
-            (sums[setpoint, "reference"].thumbnails[number], sums[setpoint, before].thumbnails[n])
-            for (_, before, n), (_, kind, number) in pairwise(taken)
+            (sums[setpoint, "reference"].thumbnails[number], sums[setpoint, previous].thumbnails[n])
+            for (_, previous, n), (_, kind, number) in pairwise(taken)
             if kind == "reference"
         ]
         if len(pairs) > 2:
             image, earlier = (
-                np.array(one, float).reshape(len(pairs), -1) for one in zip(*pairs, strict=True)
+                np.array(stack, float).reshape(len(pairs), -1) for stack in zip(*pairs, strict=True)
             )
             mean = image.mean(axis=0)
             common = np.linalg.qr(np.array([np.ones_like(mean), mean]).T)[0]  # of drifts
             off, change = (
-                one - one @ common @ common.T
-                for one in (image - mean, earlier - earlier.mean(axis=0))
+                deviation - deviation @ common @ common.T
+                for deviation in (image - mean, earlier - earlier.mean(axis=0))
             )
             product += float(np.sum(off * change))
             square += float(np.sum(change**2))
@@ -176,28 +174,29 @@ def check_turns(sums: AllSums) -> None:
     """
     for setpoint in sorted({setpoint for setpoint, _ in sums}):
         groups = [sums[setpoint, kind] for kind in KINDS]
-        one, two = (_step(np.array(group.thumbnails, float)) for group in groups)
-        if one is None or two is None:
+        steps = [_step(np.array(group.thumbnails, float)) for group in groups]
+        if steps[0] is None or steps[1] is None:
             continue
-        (first, change), (second, other) = one, two
-        squares = float(np.sum(change**2) + np.sum(other**2))
-        if float(np.sum((change + other) ** 2)) < (1.0 - _EXPLAINED) * squares:
+        (reference_at, change), (injection_at, opposite) = steps[0], steps[1]
+        squares = float(np.sum(change**2) + np.sum(opposite**2))
+        if float(np.sum((change + opposite) ** 2)) < (1.0 - _EXPLAINED) * squares:
             raise EvaluationError(
-                f"background {setpoint:g} K: from {groups[0].ids[first]} and "
-                f"{groups[1].ids[second]} on, references and injections are exchanged: a dropped "
-                "frame in a film that takes them in turns; select the parts before and after it"
+                f"background {setpoint:g} K: from {groups[0].ids[reference_at]} and "
+                f"{groups[1].ids[injection_at]} on, references and injections are exchanged: a "
+                "dropped frame in a film that takes them in turns; select the parts before and "
+                "after it"
             )
 
 
 def _step(images: Floats) -> tuple[int, Floats] | None:
     """Number of the image at which a sequence (n, ..) changes, and the change; None if nothing
     explains its squares."""
-    away = images - images.mean(axis=0)
+    deviations = images - images.mean(axis=0)
     best: tuple[float, int] = (0.0, 0)
     for number in range(1, len(images)):
-        before, after = away[:number].mean(axis=0), away[number:].mean(axis=0)
-        gained = number * np.sum(before**2) + (len(images) - number) * np.sum(after**2)
+        early, late = deviations[:number].mean(axis=0), deviations[number:].mean(axis=0)
+        gained = number * np.sum(early**2) + (len(images) - number) * np.sum(late**2)
         best = max(best, (float(gained), number))
-    if best[0] < _EXPLAINED * float(np.sum(away**2)) or not best[1]:
+    if best[0] < _EXPLAINED * float(np.sum(deviations**2)) or not best[1]:
         return None
     return best[1], images[best[1] :].mean(axis=0) - images[: best[1]].mean(axis=0)

@@ -43,7 +43,7 @@ from scipy.ndimage import uniform_filter
 
 from cldit.arrays import Floats, Mask
 
-_NEARBY = 3  # pixels: edge of the neighbourhood whose scatter between shots is pooled
+_NEARBY = 3  # pixels: edge of the neighbourhood, nine times the degrees of freedom of a pixel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,99 +117,132 @@ def fit_pair(
         with_shared: compute `Pair.shared`, of common errors of all pixels and of steady ones.
     """
     unit = float(np.max(np.abs(source)))
-    x_ref, x_inj = (one[:, None] / unit for one in source)
-    noisy = any(bool(np.any(one)) for one in variance)
-    a, b = (np.where(one > 0.0, one / unit**2, 1.0) for one in variance)
-    present = [one for one in common if np.any(one.variance > 0.0)]
-    together = bool(present)
-    if together:
-        # a b - c^2 in a form in which nothing cancels where a common error is far above the noise
-        determinant, both = a * b, np.zeros_like(a)
-        whole_a, whole_b = a.copy(), b.copy()
+    lines = source[0][:, None] / unit, source[1][:, None] / unit
+    signals = mean[0] / unit, mean[1] / unit
+    noisy = any(bool(np.any(values)) for values in variance)
+    weight = _Weight.of(variance, common, usable, unit=unit)
+    determined = _determined(lines, usable)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        covariance = _inverse(*weight.normal(lines))
+    covariance[:, :, ~determined] = np.nan
+    ref, inj = weight.times(signals)
+    right = np.stack([lines[0].T[0] @ ref, ref.sum(0), lines[1].T[0] @ inj, inj.sum(0)])
+    values = np.einsum("ijn,jn->in", covariance, right)
+    residuals = _residuals(signals, lines, values)
+    chi2 = weight.chi2(residuals)
+    columns = [
+        tuple(np.where(usable, part, 0.0) / unit for part in (error.reference, error.injection))
+        for error in (steady if noisy else ())
+    ]
+    eliminated = _Steady.of(columns, weight, lines=lines, covariance=covariance)
+    values, decrease = eliminated.values(values, residuals)
+    shared = []
+    for error in (*_deviations(common, unit), *columns) if with_shared and noisy else ():
+        change = np.einsum("ijn,jn->in", covariance, _in_design(lines, weight.times(error)))
+        shared.append(eliminated.values(change, _residuals(error, lines, change))[0])
+    covariance, chi2 = covariance + eliminated.covariance, np.maximum(chi2 - decrease, 0.0)
+    if not noisy:
+        covariance = np.where(determined, np.zeros((4, 4, 1)), np.nan)
+        chi2 = np.full_like(chi2, np.nan)
+    units = np.array([1.0, unit, 1.0, unit])[:, None]
+    return Pair(
+        values=(values * units).T,
+        covariance=(covariance * units[:, None] * units).transpose(2, 0, 1),
+        chi2=np.where(determined, chi2, np.nan),
+        shared=np.stack([(change * units).T for change in shared]) if shared else None,
+    )
+
+
+_ByKind = tuple[Floats, ...]
+"""Arrays (K, N) or (K, 1) of references and of injections."""
+
+
+@dataclass(frozen=True)
+class _Weight:
+    """Inverse V^-1 of the covariance of the means: (K, N) of references, of injections, and between
+    them; None if they are independent."""
+
+    reference: Floats
+    injection: Floats
+    between: Floats | None = None
+
+    @classmethod
+    def of(
+        cls, variance: _ByKind, common: Sequence[CommonError], usable: Mask, *, unit: float
+    ) -> "_Weight":
+        """The weight in units of `unit`^-2; 0 where a mean is not `usable` (K, N)."""
+        a, b = (np.where(values > 0.0, values / unit**2, 1.0) for values in variance)
         scaled = [
-            (one.variance.reshape(len(x_ref), -1) / unit**2, one.reference, one.injection)
-            for one in present
+            (error.variance.reshape(len(usable), -1) / unit**2, error.reference, error.injection)
+            for error in common
+            if np.any(error.variance > 0.0)
         ]
+        if not scaled:
+            return cls(*(np.where(usable, 1.0 / values, 0.0) for values in (a, b)))
+        # a b - c^2 in a form in which nothing cancels where a common error is far above the noise
+        determinant, c, total_a, total_b = a * b, np.zeros_like(a), a, b
         for number, (d, p, q) in enumerate(scaled):
             determinant = determinant + d * (a * q**2 + b * p**2)
             for e, r, t in scaled[:number]:
                 determinant = determinant + d * e * (p * t - q * r) ** 2
-            whole_a, whole_b, both = whole_a + d * p**2, whole_b + d * q**2, both + d * p * q
-        p_ref, p_inj, p_both = (
-            np.where(usable, part / determinant, 0.0) for part in (whole_b, whole_a, -both)
-        )
-    else:  # two fits that know nothing of each other
-        p_ref, p_inj = (np.where(usable, 1.0 / one, 0.0) for one in (a, b))
-    y_ref, y_inj = (one / unit for one in mean)
-    known = np.ones(p_ref.shape[1], bool)
-    for line in (x_ref, x_inj):
-        spread = np.where(usable, line, -np.inf).max(axis=0) - np.where(usable, line, np.inf).min(
-            axis=0
-        )
-        known &= spread > 1e-12
-    before, after = _moments(p_ref, x_ref, x_ref), _moments(p_inj, x_inj, x_inj)
-    if together:
-        across = _moments(p_both, x_ref, x_inj)
-        right_ref, right_inj = p_ref * y_ref + p_both * y_inj, p_inj * y_inj + p_both * y_ref
-    else:
-        across = np.zeros((2, 2, 1))
-        right_ref, right_inj = p_ref * y_ref, p_inj * y_inj
-    right = np.stack(
-        [x_ref.T[0] @ right_ref, right_ref.sum(0), x_inj.T[0] @ right_inj, right_inj.sum(0)]
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        covariance = _inverse(before, across, after)
-    covariance[:, :, ~known] = np.nan
-    values = np.einsum("ijn,jn->in", covariance, right)
-    off_ref = y_ref - values[0] * x_ref - values[1]
-    off_inj = y_inj - values[2] * x_inj - values[3]
-    squares = p_ref * off_ref**2 + p_inj * off_inj**2
-    if together:
-        squares += 2.0 * p_both * off_ref * off_inj
-    chi2 = squares.sum(axis=0)
+            total_a, total_b, c = total_a + d * p**2, total_b + d * q**2, c + d * p * q
+        return cls(*(np.where(usable, part / determinant, 0.0) for part in (total_b, total_a, -c)))
 
-    def weighed(ref: Floats, inj: Floats) -> tuple[Floats, Floats]:
-        if together:
-            return p_ref * ref + p_both * inj, p_inj * inj + p_both * ref
-        return p_ref * ref, p_inj * inj
+    def times(self, values: _ByKind) -> _ByKind:
+        """V^-1 y (K, N) by kind, of the `values` y."""
+        ref, inj = values
+        if self.between is None:
+            return self.reference * ref, self.injection * inj
+        return (
+            self.reference * ref + self.between * inj,
+            self.injection * inj + self.between * ref,
+        )
 
-    columns = [
-        (np.where(usable, one.reference, 0.0) / unit, np.where(usable, one.injection, 0.0) / unit)
-        for one in (steady if noisy else ())
-    ]
-    weighed_columns = [weighed(*one) for one in columns]
-    lines = (x_ref, x_inj)
-    alone, shared = covariance, []
-    known_by = _Steady.of(columns, weighed_columns, lines=lines, covariance=alone)
-    values, less = known_by.values(values, (off_ref, off_inj))
-    covariance, chi2 = alone + known_by.covariance, np.maximum(chi2 - less, 0.0)
-    for ref, inj in (*_deviations(common, unit), *columns) if with_shared and noisy else ():
-        change = np.einsum("ijn,jn->in", alone, _in_design(lines, weighed(ref, inj)))
-        off = ref - change[0] * x_ref - change[1], inj - change[2] * x_inj - change[3]
-        shared.append(known_by.values(change, off)[0])
-    units = np.array([1.0, unit, 1.0, unit])[:, None]
-    if not noisy:
-        covariance = np.where(known, np.zeros((4, 4, 1)), np.nan)
-        chi2 = np.full_like(chi2, np.nan)
-    return Pair(
-        values=(values * units).T,
-        covariance=(covariance * units[:, None] * units).transpose(2, 0, 1),
-        chi2=np.where(known, chi2, np.nan),
-        shared=np.stack([(one * units).T for one in shared]) if shared else None,
+    def normal(self, lines: _ByKind) -> tuple[Floats, Floats, Floats]:
+        """Blocks (2, 2, N) of the normal matrix of both lines: upper, corner and lower."""
+        ref, inj = lines
+        corner = np.zeros((2, 2, 1))
+        if self.between is not None:
+            corner = _moments(self.between, ref, inj)
+        return _moments(self.reference, ref, ref), corner, _moments(self.injection, inj, inj)
+
+    def chi2(self, residuals: _ByKind) -> Floats:
+        """(N,) weighted sum of squares of the `residuals`."""
+        ref, inj = residuals
+        squares = self.reference * ref**2 + self.injection * inj**2
+        if self.between is not None:
+            squares += 2.0 * self.between * ref * inj
+        return np.asarray(squares.sum(axis=0))
+
+
+def _determined(lines: _ByKind, usable: Mask) -> Mask:
+    """(N,) True where both lines have two usable backgrounds of different radiance."""
+    determined = np.ones(usable.shape[1], bool)
+    for line in lines:
+        highest = np.where(usable, line, -np.inf).max(axis=0)
+        determined &= highest - np.where(usable, line, np.inf).min(axis=0) > 1e-12
+    return determined
+
+
+def _residuals(signals: _ByKind, lines: _ByKind, values: Floats) -> _ByKind:
+    """(K, N) by kind, of the `signals` about lines with these `values` (4, N)."""
+    return (
+        signals[0] - values[0] * lines[0] - values[1],
+        signals[1] - values[2] * lines[1] - values[3],
     )
 
 
-def _deviations(common: Sequence[CommonError], unit: float) -> Iterator[tuple[Floats, Floats]]:
+def _deviations(common: Sequence[CommonError], unit: float) -> Iterator[_ByKind]:
     """One standard deviation (K, N) in both kinds of each error that is common to all pixels."""
-    for one in common:
-        for k in np.flatnonzero(one.variance) if one.variance.ndim == 1 else ():
-            at = (np.arange(len(one.variance)) == k)[:, None] * np.sqrt(one.variance[k]) / unit
-            yield at * one.reference, at * one.injection
+    for error in common:
+        for k in np.flatnonzero(error.variance) if error.variance.ndim == 1 else ():
+            at = (np.arange(len(error.variance)) == k)[:, None] * np.sqrt(error.variance[k]) / unit
+            yield at * error.reference, at * error.injection
 
 
-def _in_design(lines: tuple[Floats, Floats], weighed: tuple[Floats, Floats]) -> Floats:
-    """X' V^-1 y (4, N) of the weighted means V^-1 y (K, N) of both kinds."""
-    ref, inj = weighed
+def _in_design(lines: _ByKind, weighted: _ByKind) -> Floats:
+    """X' V^-1 y (4, N) of the `weighted` means V^-1 y."""
+    ref, inj = weighted
     return np.stack([(lines[0] * ref).sum(0), ref.sum(0), (lines[1] * inj).sum(0), inj.sum(0)])
 
 
@@ -218,73 +251,63 @@ class _Steady:
     """Change of an estimate by steady errors, see the module, one after the other: those that
     follow see what the earlier ones explain.
 
-    weighed: V^-1 u of each, (K, N) of either kind. taken: (4, N) change of the lines by each.
-    alone: (N,) its S. share: (M, N) of its q in those of all. covariance: (4, 4, N) added by all.
+    weighted: V^-1 u of each. change: (4, N) of the lines by each. scale: (N,) its S. share: (M, N)
+    of its q in those of all. covariance: (4, 4, N) added by all.
     """
 
-    weighed: Sequence[tuple[Floats, Floats]]
-    taken: list[Floats]
-    alone: list[Floats]
+    weighted: Sequence[_ByKind]
+    change: list[Floats]
+    scale: list[Floats]
     share: list[Floats]
     covariance: Floats | float
 
     @classmethod
     def of(
-        cls,
-        columns: Sequence[tuple[Floats, Floats]],
-        weighed: Sequence[tuple[Floats, Floats]],
-        *,
-        lines: tuple[Floats, Floats],
-        covariance: Floats,
+        cls, columns: Sequence[_ByKind], weight: _Weight, *, lines: _ByKind, covariance: Floats
     ) -> "_Steady":
-        """Eliminates errors u (K, N) of either kind. lines: (K, 1) radiance of the background.
+        """Eliminates errors u, the `columns`. lines: (K, 1) radiance of the background.
         covariance: of the estimate without them."""
         if not columns:
             return cls([], [], [], [], 0.0)
-        in_design = [_in_design(lines, one) for one in weighed]
-        taken = np.array([np.einsum("ijn,jn->in", covariance, one) for one in in_design])
-        size = np.empty((len(columns), len(columns), taken.shape[2]))
-        for row, (r, i) in enumerate(weighed):
+        weighted = [weight.times(column) for column in columns]
+        in_design = [_in_design(lines, column) for column in weighted]
+        change = np.array([np.einsum("ijn,jn->in", covariance, column) for column in in_design])
+        size = np.empty((len(columns), len(columns), change.shape[2]))
+        for row, (r, i) in enumerate(weighted):
             for column, (u_r, u_i) in enumerate(columns):
-                whole = (r * u_r + i * u_i).sum(axis=0)
-                size[row, column] = whole - np.sum(in_design[row] * taken[column], axis=0)
+                product = (r * u_r + i * u_i).sum(axis=0)
+                size[row, column] = product - np.sum(in_design[row] * change[column], axis=0)
         added = np.zeros_like(covariance)
-        steady = cls(weighed, [], [], [], added)
+        steady = cls(weighted, [], [], [], added)
         for k in range(len(columns)):
-            alone = 1.0 + np.maximum(size[k, k], 0.0)
-            share = size[:, k] / alone
-            steady.taken.append(taken[k])
-            steady.alone.append(alone)
+            scale = 1.0 + np.maximum(size[k, k], 0.0)
+            share = size[:, k] / scale
+            steady.change.append(change[k])
+            steady.scale.append(scale)
             steady.share.append(share)
-            added += taken[k] * taken[k][:, None] / alone
-            taken = taken - share[:, None] * taken[k]
+            added += change[k] * change[k][:, None] / scale
+            change = change - share[:, None] * change[k]
             size = size - share[:, None] * size[k]
         return steady
 
-    def values(self, values: Floats, off: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-        """Values (4, N) and decrease of chi2 (N,) by the residuals `off` (K, N) of the estimate
-        `values` without steady errors."""
-        less = np.zeros(values.shape[1])
-        q = [(r * off[0] + i * off[1]).sum(axis=0) for r, i in self.weighed]
-        for k, (taken, alone, share) in enumerate(
-            zip(self.taken, self.alone, self.share, strict=True)
+    def values(self, values: Floats, residuals: _ByKind) -> tuple[Floats, Floats]:
+        """Values (4, N) and decrease of chi2 (N,) by the `residuals` of the estimate `values`
+        without steady errors."""
+        decrease = np.zeros(values.shape[1])
+        q = [(r * residuals[0] + i * residuals[1]).sum(axis=0) for r, i in self.weighted]
+        for k, (change, scale, share) in enumerate(
+            zip(self.change, self.scale, self.share, strict=True)
         ):
-            values = values - taken * (q[k] / alone)
-            less += q[k] ** 2 / alone
-            now = q[k]
-            q = [each - part * now for each, part in zip(q, share, strict=True)]
-        return values, less
+            values = values - change * (q[k] / scale)
+            decrease += q[k] ** 2 / scale
+            q = [later - part * q[k] for later, part in zip(q, share, strict=True)]
+        return values, decrease
 
 
-def _moments(weight: Floats, one: Floats, other: Floats) -> Floats:
-    """(2, 2, N) sums over the backgrounds of weight (K, N) times (one, 1) times (other, 1)."""
-    first, second = one.T[0], other.T[0]
-    return np.array(
-        [
-            [(first * second) @ weight, first @ weight],
-            [second @ weight, weight.sum(axis=0)],
-        ]
-    )
+def _moments(weight: Floats, line: Floats, partner: Floats) -> Floats:
+    """(2, 2, N) sums over the backgrounds of `weight` (K, N) times (line, 1) times (partner, 1)."""
+    x, y = line.T[0], partner.T[0]
+    return np.array([[(x * y) @ weight, x @ weight], [y @ weight, weight.sum(axis=0)]])
 
 
 def _inverse(a: Floats, b: Floats, d: Floats) -> Floats:
@@ -309,8 +332,8 @@ def _inverse_2(m: Floats) -> Floats:
     return np.asarray(np.array([[m[1, 1], -m[0, 1]], [-m[1, 0], m[0, 0]]]) / determinant)
 
 
-def _product(left: Floats, right: Floats) -> Floats:
-    return np.asarray(np.einsum("ikn,kjn->ijn", left, right))
+def _product(matrix: Floats, factor: Floats) -> Floats:
+    return np.asarray(np.einsum("ikn,kjn->ijn", matrix, factor))
 
 
 def _blocks(upper: Floats, corner: Floats, lower: Floats) -> Floats:
@@ -346,18 +369,13 @@ def radiance_gradient(lines: Pair) -> Floats:
     g, c_ref, s, c_inj = lines.values.T
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         depth = g - s
-        radiance, one = (c_inj - c_ref) / depth, np.ones_like(g)
-        gradient = np.stack([-radiance, -one, radiance, one], axis=1) / depth[:, None]
-        return np.asarray(gradient)
+        radiance, ones = (c_inj - c_ref) / depth, np.ones_like(g)
+        gradient = np.stack([-radiance, -ones, radiance, ones], axis=1)
+        return np.asarray(gradient / depth[:, None])
 
 
 def shot_scatter(
-    change: Floats,
-    observed: Floats,
-    *,
-    camera: Floats,
-    degrees: Floats,
-    shape: tuple[int, ...],
+    change: Floats, observed: Floats, *, camera: Floats, degrees: Floats, shape: tuple[int, ...]
 ) -> Floats:
     """Variance (K, ...) of one injection beyond the camera's noise, due to differences of shots.
 
@@ -387,13 +405,13 @@ def shot_scatter(
     extra = np.zeros_like(camera)
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(4):
-            weight = degrees / np.array([nearby(one) for one in camera + extra]) ** 2
+            weight = degrees / np.array([nearby(variance) for variance in camera + extra]) ** 2
             weight = np.where(np.isfinite(weight), weight, 0.0)
             aa, ab, bb = (nearby(np.sum(weight * scaled**n, axis=0)) for n in (2, 1, 0))
             excess = weight * (observed - camera)
             ae, be = nearby(np.sum(excess * scaled, axis=0)), nearby(np.sum(excess, axis=0))
-            both = aa * bb - ab**2
-            q, p = (ae * bb - be * ab) / both, (be * aa - ae * ab) / both
+            determinant = aa * bb - ab**2
+            q, p = (ae * bb - be * ab) / determinant, (be * aa - ae * ab) / determinant
             # Where one of the two would be negative, the other is fitted alone.
             alone_q, alone_p = ~(p > 0), ~(q > 0) & (p > 0)
             q = np.where(alone_q, ae / aa, np.where(alone_p, 0.0, q))

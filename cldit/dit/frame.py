@@ -11,7 +11,7 @@ _VALUES = 32  # distinct counts: all of them even by chance in 1 of 2^32 images
 
 
 @dataclass(frozen=True)
-class Frame:
+class Fingerprint:
     """Fingerprint of one image (h, w).
 
     rows: (h,) digests of the rows without their margins. free: (h,) number of their pixels between
@@ -28,16 +28,16 @@ class Frame:
     step: int
 
     @classmethod
-    def of(cls, image: NDArray[Any]) -> "Frame":
+    def of(cls, image: NDArray[Any]) -> "Fingerprint":
         """Fingerprint of an image (h, w) of numbers."""
-        whole = image.dtype.kind in "iu"
+        integer = image.dtype.kind in "iu"
         middle = inner(image)
         columns = image[:, _margins(image.shape[1])]
-        words = columns.astype(np.uint64) if whole else columns.astype(float).view(np.uint64)
+        words = columns.astype(np.uint64) if integer else columns.astype(float).view(np.uint64)
         step = 0
-        if whole and np.unique(middle.ravel()[:: max(1, middle.size // 4096)]).size >= _VALUES:
-            every = int(np.bitwise_or.reduce(middle, axis=None))
-            step = every & -every
+        if integer and np.unique(middle.ravel()[:: max(1, middle.size // 4096)]).size >= _VALUES:
+            bits_set = int(np.bitwise_or.reduce(middle, axis=None))
+            step = bits_set & -bits_set
         return cls(
             rows=np.asarray(np.sum(words * _factors(words.shape[1]), axis=1, dtype=np.uint64)),
             free=np.sum(
@@ -45,7 +45,7 @@ class Frame:
             ),
             runs=_runs(columns),
             flat=bool(np.ptp(middle) == 0),
-            bits=8 * image.dtype.itemsize if whole else 0,
+            bits=8 * image.dtype.itemsize if integer else 0,
             step=step,
         )
 

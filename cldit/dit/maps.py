@@ -95,9 +95,9 @@ class Maps:
 
     def __repr__(self) -> str:
         rows, columns = self.emissivity.shape
-        known = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
-        warm = f", {known.min():.4g} to {known.max():.4g} K" if known.size else ""
-        return f"<Maps: {columns} x {rows} pixels, {known.size} with T_app{warm}>"
+        kelvin = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
+        warm = f", {kelvin.min():.4g} to {kelvin.max():.4g} K" if kelvin.size else ""
+        return f"<Maps: {columns} x {rows} pixels, {kelvin.size} with T_app{warm}>"
 
     def count(self) -> dict[Reason, int]:
         """Number of pixels for each reason that occurs, OK first."""
@@ -106,9 +106,9 @@ class Maps:
     @property
     def causes(self) -> str:
         """Reasons of the pixels without a T_app, each with its number of pixels."""
-        found = self.count()
-        found.pop(Reason.OK, None)
-        return "; ".join(f"{reason.text}: {n} pixels" for reason, n in found.items())
+        counts = self.count()
+        counts.pop(Reason.OK, None)
+        return "; ".join(f"{reason.text}: {n} pixels" for reason, n in counts.items())
 
     def save(self, folder: Path, *, pixel_m: tuple[float, float]) -> None:
         """Writes a TIFF per map into `folder`, with names, units, and pixels of `pixel_m`."""

@@ -13,11 +13,11 @@ from cldit.dit.solve import KINDS
 from cldit.errors import EvaluationError
 
 OUTLIER_DEVIATIONS = 6.0  # from which a shot is reported and does not count
-_LEAST_SHOTS = 3  # per background, needed to identify an outlier
-_MIRRORED = 0.1  # residual of the swapped over that of the given kinds
+_LEAST_SHOTS = 3  # per background: of two that differ, neither is the outlier
+_MIRRORED = 0.1  # residual of swapped over recorded kinds: a swap explains 99 % of the squares
 _FAINT = 0.3  # of the largest Delta I: below it the scatter does not shrink further
 _PART = 3.0  # usual largest deviations of a block, for an outlier in part of the image
-_LEAST_PART = 8.0  # standard deviations of a block, likewise
+_LEAST_PART = 8.0  # standard deviations of a block, likewise; chance reaches 5 in 10^6 blocks
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
     these, 1.4826 times the median over all backgrounds is the usual distance. A background with
     fewer than three shots, or with equal ones (saturated), is ignored.
     """
-    found: list[Outlier] = []
+    detected: list[Outlier] = []
     thumbnails = {key: np.array(group.thumbnails, float) for key, group in sums.items()}
     medians = {key: np.median(small, axis=0) for key, small in thumbnails.items()}
     deltas = {
@@ -58,9 +58,9 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
     for kind in KINDS:
         distance: dict[str, float] = {}
         parts: dict[str, tuple[float, str]] = {}
-        for (setpoint, of), group in sums.items():
+        for (setpoint, group_kind), group in sums.items():
             repeated = group.exposures < len(group.ids)
-            if of != kind or len(group.ids) < _LEAST_SHOTS or repeated:
+            if group_kind != kind or len(group.ids) < _LEAST_SHOTS or repeated:
                 continue
             noise = _noise(sums[setpoint, "reference"])
             size = noise
@@ -69,28 +69,28 @@ def outliers(sums: AllSums) -> tuple[Outlier, ...]:
             pattern = medians[setpoint, kind]
             if kind == "injection":
                 pattern = pattern - medians[setpoint, "reference"]
-            away = thumbnails[setpoint, kind] - medians[setpoint, kind]
-            for name, off in zip(group.ids, away, strict=True):
+            deviations = thumbnails[setpoint, kind] - medians[setpoint, kind]
+            for name, off in zip(group.ids, deviations, strict=True):
                 distance[name] = _rms(off) / size
             block = noise / np.sqrt(group.total.size / pattern.size)
-            worst = _worst(away, pattern, noise=block, shape=group.total.shape)
+            worst = _worst(deviations, pattern, noise=block, shape=group.total.shape)
             parts |= dict(zip(group.ids, worst, strict=True))
         usual = 1.4826 * float(np.median(list(distance.values()))) if distance else 0.0
         usual_part = max(
-            _LEAST_PART / _PART, float(np.median([one for one, _ in parts.values()] or [0.0]))
+            _LEAST_PART / _PART, float(np.median([peak for peak, _ in parts.values()] or [0.0]))
         )
         for name, off in distance.items():
-            far = off / usual if usual > 0.0 else 0.0
+            ratio = off / usual if usual > 0.0 else 0.0
             part, where = parts[name]
-            if far > OUTLIER_DEVIATIONS:
-                found.append(Outlier(name, far))
+            if ratio > OUTLIER_DEVIATIONS:
+                detected.append(Outlier(name, ratio))
             elif part > _PART * usual_part:
-                found.append(Outlier(name, part / usual_part, where))
-    return tuple(sorted(found, key=lambda shot: -shot.deviations))
+                detected.append(Outlier(name, part / usual_part, where))
+    return tuple(sorted(detected, key=lambda shot: -shot.deviations))
 
 
 def _worst(
-    away: Floats, pattern: Floats, *, noise: float, shape: tuple[int, ...]
+    deviations: Floats, pattern: Floats, *, noise: float, shape: tuple[int, ...]
 ) -> list[tuple[float, str]]:
     """Largest deviation of a block of each image, in standard deviations, and where it is.
 
@@ -98,22 +98,22 @@ def _worst(
     blocks share, in proportion to the pattern, is no part. noise: of a block.
     """
     strong = np.abs(pattern) >= _FAINT * np.max(np.abs(pattern))
-    share = np.median(away[:, strong] / pattern[strong], axis=1) if pattern.any() else 0.0
-    rest = np.abs(away - np.multiply.outer(share, pattern))
-    near = maximum_filter(np.abs(pattern), 3)
-    spread = 1.4826 * float(np.median(rest[:, strong] / near[strong])) if pattern.any() else 0.0
-    relative = rest / np.hypot(noise, spread * near)
+    share = np.median(deviations[:, strong] / pattern[strong], axis=1) if pattern.any() else 0.0
+    rest = np.abs(deviations - np.multiply.outer(share, pattern))
+    nearby = maximum_filter(np.abs(pattern), 3)
+    spread = 1.4826 * float(np.median(rest[:, strong] / nearby[strong])) if pattern.any() else 0.0
+    relative = rest / np.hypot(noise, spread * nearby)
     rows, columns = (np.append(thumbnail_edges(n), n) for n in shape)
-    found: list[tuple[float, str]] = []
+    worst: list[tuple[float, str]] = []
     for image in relative:
-        most = float(image.max())
-        y, x = np.nonzero(image >= 0.5 * most)
+        peak = float(image.max())
+        y, x = np.nonzero(image >= 0.5 * peak)
         where = (
             f" in rows {rows[y.min()]} to {rows[y.max() + 1] - 1}, columns {columns[x.min()]} to "
             f"{columns[x.max() + 1] - 1}"
         )
-        found.append((most, where))
-    return found
+        worst.append((peak, where))
+    return worst
 
 
 def _noise(references: Sums) -> float:
@@ -124,7 +124,7 @@ def _noise(references: Sums) -> float:
     of_blocks = usual * np.sqrt(references.total.size / small[0].size)
     seen = np.sqrt(float(np.median(references.variance())))
     level = np.sqrt(max(float(np.mean(np.abs(references.mean()))), 1e-30))
-    return float(min((one for one in (seen, of_blocks) if one > 0.0), default=level))
+    return float(min((estimate for estimate in (seen, of_blocks) if estimate > 0.0), default=level))
 
 
 def _rms(values: NDArray[np.floating]) -> float:
@@ -148,15 +148,15 @@ def check_not_mirrored(sums: AllSums, sources: Mapping[str, Floats]) -> None:
     source = np.mean([sources[kind] for kind in KINDS], axis=0)
     best, where = 1.0, 0
     for number in range(len(setpoints)):
-        others = [k for k in range(len(setpoints)) if k != number]
-        if np.ptp(source[others]) <= 0.0:
+        remaining = [k for k in range(len(setpoints)) if k != number]
+        if np.ptp(source[remaining]) <= 0.0:
             continue
-        slope, start = np.polyfit(source[others] / source.max(), delta[others], 1)
+        slope, start = np.polyfit(source[remaining] / source.max(), delta[remaining], 1)
         expected = start + slope * source[number] / source.max()
-        given, swapped = _rms(delta[number] - expected), _rms(delta[number] + expected)
+        recorded, swapped = _rms(delta[number] - expected), _rms(delta[number] + expected)
         noise = _noise(sums[setpoints[number], "reference"])  # far above that of blocks
-        if _rms(expected) > noise and swapped < best * given:
-            best, where = swapped / given, number
+        if _rms(expected) > noise and swapped < best * recorded:
+            best, where = swapped / recorded, number
     if best < _MIRRORED:
         raise EvaluationError(
             f"background {setpoints[where]:g} K: the spray's signal is opposite to that at the "

@@ -37,14 +37,14 @@ class Profile(Presented):
     emissivity_standard_error: Floats
 
     def __repr__(self) -> str:
-        known = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
-        warm = f", {known.min():.4g} to {known.max():.4g} K" if known.size else ", no T_app"
+        kelvin = self.apparent_temperature_K[np.isfinite(self.apparent_temperature_K)]
+        warm = f", {kelvin.min():.4g} to {kelvin.max():.4g} K" if kelvin.size else ", no T_app"
         long = 1e3 * float(self.distance_m[-1])
         return f"<Profile: {self.distance_m.size} points over {long:.4g} mm{warm}>"
 
     def csv(self) -> str:
         """CSV with a heading and a row for each point."""
-        names = [each.name for each in fields(self)]
+        names = [item.name for item in fields(self)]
         rows = np.stack([getattr(self, name) for name in names], axis=1)
         return csv_text(names, ([f"{value:.7g}" for value in row] for row in rows))
 
@@ -101,11 +101,11 @@ def _plume_deg(
     centre_m: tuple[float, float],
     start_m: tuple[float, float],
 ) -> float:
-    known = np.nan_to_num(emissivity)
+    values = np.nan_to_num(emissivity)
 
     def total(angle_deg: float) -> float:
-        _, _, _, row, column = _places(known.shape, pixel_m, centre_m, start_m, angle_deg)
-        return float(known[row, column].sum())
+        _, _, _, row, column = _places(values.shape, pixel_m, centre_m, start_m, angle_deg)
+        return float(values[row, column].sum())
 
     # Of equal sums the direction nearest to straight down.
     angles = sorted(np.linspace(-90.0, 90.0, _ANGLES), key=abs)

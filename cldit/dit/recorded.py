@@ -12,21 +12,14 @@ from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
 from cldit.camera.curve import Curve, CurveFit, fit_curve
 from cldit.dit.agreement import agreeing
-from cldit.dit.budget import Budget, Part, budget, common_parts
+from cldit.dit.budget import Budget, Part, budget, common_parts, curve_boundary
 from cldit.dit.camera_of_shots import completed, defective, seeing, stated_saturation
-from cldit.dit.drift_axis import drift_axis
+from cldit.dit.drift_axis import DriftAxis, drift_axis
 from cldit.dit.evaluate import blocks, check_span, stack
 from cldit.dit.film import check_depths, check_turns, damaged, lag, repeats
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.outliers import Outlier, check_not_mirrored, outliers
-from cldit.dit.shots import (
-    Acquisition,
-    AllSums,
-    accumulate,
-    check_shots,
-    exclude,
-    ignore_saturated,
-)
+from cldit.dit.shots import Acquisition, AllSums, accumulate, check_shots, exclude, ignore_saturated
 from cldit.dit.solve import KINDS, Signals, Solution, solve
 from cldit.dit.witness.examine import Examined, examine, examine_images
 from cldit.dit.witness.finding import Witness, refuse
@@ -35,8 +28,6 @@ from cldit.dit.witness.trend import DriftTerm
 from cldit.errors import EvaluationError
 from cldit.io.origin import Origin, versions
 from cldit.optics.response import from_plain
-from cldit.optics.spectral import reference_temperature_K
-from cldit.optics.windows import band_pane
 from cldit.radiance.boundary import Boundary
 
 Watch = Callable[[int, int], None]
@@ -79,22 +70,22 @@ class Evaluation:
     def improbable(self) -> float:
         """Share of the pixels with a `fit_probability` below 0.001."""
         chance = self.maps.fit_probability
-        known = np.isfinite(chance)
-        return float(np.mean(chance[known] < IMPROBABLE)) if known.any() else 0.0
+        finite = np.isfinite(chance)
+        return float(np.mean(chance[finite] < IMPROBABLE)) if finite.any() else 0.0
 
     @property
     def lines(self) -> tuple[str, ...]:
         """Lines for the report: remarks, witnesses, goodness of fit, and the budget."""
-        found = [*self.remarks, *(one.text for one in self.witnesses)]
-        found += [self.drift_axis] if self.drift_axis else []
+        lines = [*self.remarks, *(witness.text for witness in self.witnesses)]
+        lines += [self.drift_axis] if self.drift_axis else []
         if np.isfinite(self.maps.fit_probability).any():
-            found.append(
+            lines.append(
                 f"{100.0 * self.improbable:.2g} % of the pixels have a fit_probability below "
                 f"{IMPROBABLE:g}; chance gives {100.0 * IMPROBABLE:g} %"
             )
         if self.budget is not None:
-            found += self.budget.lines
-        return tuple(found)
+            lines += self.budget.lines
+        return tuple(lines)
 
     def to_json(self) -> str:
         """Everything but the maps, as JSON."""
@@ -107,8 +98,8 @@ class Evaluation:
             "odd_shots": [asdict(shot) for shot in self.outliers],
             "pixels": {reason.text: count for reason, count in self.maps.count().items()},
             "calibration": self.calibration.to_dict(),
-            "witnesses": [one.to_dict() for one in self.witnesses],
-            "drifts": [one.to_dict() for one in self.drifts],
+            "witnesses": [witness.to_dict() for witness in self.witnesses],
+            "drifts": [term.to_dict() for term in self.drifts],
             "drift_axis": self.drift_axis,
             "degrees_of_freedom": self.degrees_of_freedom,
             "improbable_share": self.improbable,
@@ -165,163 +156,213 @@ def evaluate_shots(
         EvaluationError: data are missing or inconsistent; references and injections are swapped; a
             witness is severe and not accepted.
     """
-    setpoints = check_shots(acquisition.shots)
-    stated_counts = stated_saturation(acquisition.calibration)
-    axis = drift_axis(acquisition.shots)
-    sums, ignored = accumulate(acquisition, stated_counts, progress, places=axis.places)
-    check_depths(sums)
-    check_turns(sums)
-    lagging = lag(sums)
-    broken = damaged(sums) | ({} if "repeats" in accept else repeats(sums))
-    ignored += exclude(acquisition, sums, broken, needed=True)
-    odd = outliers(sums)
-    ignored += exclude(acquisition, sums, {shot.id: shot.text for shot in odd})
-    around = acquisition.surroundings
-    witnesses, saturation = examine_images(sums, setpoints, around, saturation_counts=stated_counts)
-    witnesses += [] if lagging is None else [lagging]
-    for group in sums.values():
-        group.saturation_counts = saturation
-    bad = defective(sums, acquisition.bad_pixels)
-    filter_um = from_plain(acquisition.calibration["filter_um"])
-    chosen = Curve(filter_um=filter_um)
-    levels = brightness(sums, setpoints, bad=bad, source=chosen.radiance(setpoints))
-    witnesses += [] if levels is None else [levels]
-    refuse([one for one in witnesses if one.name == "levels"], accept)
-    ignored += ignore_saturated(sums, bad)
-    setpoints = sorted({setpoint for setpoint, _ in sums})
-    sees = seeing(sums, setpoints, bad)
-    fitted = None
-    if curve == "fitted":
-        counts = [np.mean(sums[k, "reference"].mean()[sees]) for k in setpoints]
-        temperatures_K = [sums[k, "reference"].temperature_K for k in setpoints]
-        fitted = fit_curve(np.array(temperatures_K), np.array(counts), filter_um=filter_um)
-        chosen = fitted.curve
-    middle_K = reference_temperature_K(setpoints)
-
-    def boundary(of: Curve) -> Boundary:
-        return Boundary.of(
-            around,
-            of.radiance,
-            lambda window: band_pane(window, filter_um, reference_K=middle_K),
-        )
-
-    whole = boundary(chosen)
-    sources: dict[str, Floats] = {}
-    for kind in KINDS:
-        means = [sums[setpoint, kind].temperature_K for setpoint in setpoints]
-        sources[kind] = whole.leaving(means)
-        check_span(sources[kind], means)
-    refuse(witnesses, accept)
-    calibration = completed(
-        acquisition.calibration, sums, sees, sources["reference"] * whole.front.transmission
-    )
-    examined = examine(
-        sums,
-        setpoints,
-        sees=sees,
-        whole=whole,
-        around=around,
-        calibration=calibration,
-        unfitted=None if fitted is None else boundary(Curve(filter_um=filter_um)),
-    )
-    witnesses += examined.witnesses
-    check_not_mirrored(sums, sources)
-    refuse([one for one in witnesses if one.name != "kinds"], accept)
-    maps, common, degrees = _solved(
-        sums,
-        setpoints,
-        sources,
-        calibration=calibration,
-        curve=chosen,
-        transmission=whole.front.transmission,
-        examined=examined,
-    )
-    backgrounds = sum(~(sums[k, "reference"].full | sums[k, "injection"].full) for k in setpoints)
-    maps, wider = agreeing(maps, np.asarray(backgrounds))
-    ignored += [wider] if wider else []
-    if bad.any():
-        maps = _without(maps, bad)
+    shots = _read(acquisition, accept=accept, progress=progress)
+    checked = _check(shots, acquisition, curve=curve, accept=accept)
+    maps, common, degrees = _solved(shots, checked)
+    backgrounds = sum(~shots.full(setpoint) for setpoint in shots.setpoints)
+    maps, widened = agreeing(maps, np.asarray(backgrounds))
+    if shots.bad.any():
+        maps = _without(maps, shots.bad)
     _check_not_swapped(maps)
-    refuse(witnesses, accept)
+    refuse(checked.witnesses, accept)
     return Evaluation(
         maps=maps,
-        remarks=tuple([*ignored, *_remarks(sums, fitted)]),
-        outliers=odd,
-        fitted=fitted,
-        calibration=calibration,
-        witnesses=tuple(witnesses),
-        drifts=examined.terms,
-        drift_axis=axis.said(through=examined.through),
+        remarks=(*shots.remarks, *([widened] if widened else []), *_remarks(shots, checked.fitted)),
+        outliers=shots.outliers,
+        fitted=checked.fitted,
+        calibration=checked.calibration,
+        witnesses=checked.witnesses,
+        drifts=checked.examined.terms,
+        drift_axis=shots.axis.line(through=checked.examined.through),
         degrees_of_freedom=degrees,
         budget=budget(
             maps,
-            around,
-            curve=chosen,
-            backgrounds_K=[sums[k, "reference"].temperature_K for k in setpoints],
-            calibration=calibration,
+            acquisition.surroundings,
+            curve=checked.curve,
+            backgrounds_K=shots.temperatures_K("reference"),
+            calibration=checked.calibration,
             common=common,
         ),
     )
 
 
-def _solved(
-    sums: AllSums,
-    setpoints: Sequence[float],
-    sources: Mapping[str, Floats],
-    *,
-    calibration: Calibration,
-    curve: Curve,
-    transmission: float,
-    examined: Examined,
-) -> tuple[Maps, tuple[Part, ...], tuple[float, ...]]:
+@dataclass(frozen=True, kw_only=True)
+class _Shots:
+    """Averaged images at K `setpoints`, without those that are damaged or outliers.
+
+    bad: (H, W) defective pixels. remarks: on images and backgrounds that are ignored. witnesses: of
+    the images alone.
+    """
+
+    sums: AllSums
+    setpoints: Sequence[float]
+    axis: DriftAxis
+    bad: Mask
+    remarks: Sequence[str]
+    outliers: tuple[Outlier, ...]
+    witnesses: Sequence[Witness]
+
+    def temperatures_K(self, kind: str) -> list[float]:
+        """Mean temperature of each background with this `kind`."""
+        return [self.sums[setpoint, kind].temperature_K for setpoint in self.setpoints]
+
+    def full(self, setpoint: float) -> Mask:
+        """(H, W) pixels that are saturated in one image of this background or more."""
+        return self.sums[setpoint, "reference"].full | self.sums[setpoint, "injection"].full
+
+
+def _read(acquisition: Acquisition, *, accept: Collection[str], progress: Watch | None) -> _Shots:
+    """Reads and averages the shots; refuses images that are no counts of one camera."""
+    setpoints = check_shots(acquisition.shots)
+    stated_counts = stated_saturation(acquisition.calibration)
+    axis = drift_axis(acquisition.shots)
+    sums, remarks = accumulate(acquisition, stated_counts, progress, places=axis.places)
+    check_depths(sums)
+    check_turns(sums)
+    lagging = lag(sums)
+    broken = damaged(sums) | ({} if "repeats" in accept else repeats(sums))
+    remarks += exclude(acquisition, sums, broken, needed=True)
+    odd = outliers(sums)
+    remarks += exclude(acquisition, sums, {shot.id: shot.text for shot in odd})
+    witnesses, saturation = examine_images(
+        sums, setpoints, acquisition.surroundings, saturation_counts=stated_counts
+    )
+    for group in sums.values():
+        group.saturation_counts = saturation
+    bad = defective(sums, acquisition.bad_pixels)
+    planck = Curve(filter_um=from_plain(acquisition.calibration["filter_um"]))
+    levels = brightness(sums, setpoints, bad=bad, source=planck.radiance(setpoints))
+    refuse([] if levels is None else [levels], accept)
+    remarks += ignore_saturated(sums, bad)
+    return _Shots(
+        sums=sums,
+        setpoints=sorted({setpoint for setpoint, _ in sums}),
+        axis=axis,
+        bad=bad,
+        remarks=remarks,
+        outliers=odd,
+        witnesses=[*witnesses, *(item for item in (lagging, levels) if item is not None)],
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Checked:
+    """Checked camera and boundary of the shots. fitted: the curve, if fitted to the references.
+    sources: (K,) radiance of the background by kind."""
+
+    curve: Curve
+    fitted: CurveFit | None
+    boundary: Boundary
+    sources: Mapping[str, Floats]
+    calibration: Calibration
+    examined: Examined
+    witnesses: tuple[Witness, ...]
+
+
+def _check(
+    shots: _Shots, acquisition: Acquisition, *, curve: CurveSource, accept: Collection[str]
+) -> _Checked:
+    """Compares the shots with each other; refuses what is severe and not accepted."""
+    sums, setpoints = shots.sums, shots.setpoints
+    sees = seeing(sums, setpoints, shots.bad)
+    used = planck = Curve(filter_um=from_plain(acquisition.calibration["filter_um"]))
+    fitted = None
+    if curve == "fitted":
+        counts = [np.mean(sums[k, "reference"].mean()[sees]) for k in setpoints]
+        temperatures_K = np.array(shots.temperatures_K("reference"))
+        fitted = fit_curve(temperatures_K, np.array(counts), filter_um=planck.filter_um)
+        used = fitted.curve
+    surroundings = acquisition.surroundings
+    boundary = curve_boundary(surroundings, used, setpoints)
+    sources: dict[str, Floats] = {}
+    for kind in KINDS:
+        means = shots.temperatures_K(kind)
+        sources[kind] = boundary.leaving(means)
+        check_span(sources[kind], means)
+    refuse(shots.witnesses, accept)
+    calibration = completed(
+        acquisition.calibration, sums, sees, sources["reference"] * boundary.front.transmission
+    )
+    examined = examine(
+        sums,
+        setpoints,
+        sees=sees,
+        boundary=boundary,
+        surroundings=surroundings,
+        calibration=calibration,
+        unfitted=None if fitted is None else curve_boundary(surroundings, planck, setpoints),
+    )
+    witnesses = (*shots.witnesses, *examined.witnesses)
+    check_not_mirrored(sums, sources)
+    refuse([witness for witness in witnesses if witness.name != "kinds"], accept)
+    return _Checked(
+        curve=used,
+        fitted=fitted,
+        boundary=boundary,
+        sources=sources,
+        calibration=calibration,
+        examined=examined,
+        witnesses=witnesses,
+    )
+
+
+def _solved(shots: _Shots, checked: _Checked) -> tuple[Maps, tuple[Part, ...], tuple[float, ...]]:
     """Solves for the maps, their common errors, and the degrees of freedom of the shots' scatter.
 
     Offsets of camera and front window are in the lines' intercepts.
     """
-    scale = calibration.counts_per_radiance * transmission
+    sums, setpoints = shots.sums, shots.setpoints
+    examined, calibration = checked.examined, checked.calibration
+    scale = calibration.counts_per_radiance * checked.boundary.front.transmission
     steady = any(drift.modes.any() for drift in examined.drifts) and all(
         group.spare(steady=True) > 1.0 for group in sums.values()
     )
     injections = [sums[setpoint, "injection"] for setpoint in setpoints]
-    apart = all(group.spare(steady=steady, apart=True) >= 1.0 for group in injections)
+    common_removed = all(
+        group.spare(steady=steady, common_removed=True) >= 1.0 for group in injections
+    )
+
+    def camera(signal: Floats) -> Floats:
+        counts = signal * scale + calibration.offset_counts
+        return calibration.variance_counts2(counts) / scale**2
 
     def signals(kind: str, rows: slice) -> Signals:
-        found = [sums[setpoint, kind] for setpoint in setpoints]
-
-        def camera(signal: Floats) -> Floats:
-            counts = signal * scale + calibration.offset_counts
-            return calibration.variance_counts2(counts) / scale**2
-
+        groups = [sums[setpoint, kind] for setpoint in setpoints]
+        mean = np.stack([group.mean(rows) for group in groups])
+        observed = [
+            group.variance(rows, steady=steady, common_removed=common_removed) for group in groups
+        ]
+        spare = [group.spare(steady=steady, common_removed=common_removed) for group in groups]
         return Signals(
-            source=sources[kind],
-            mean=(np.stack([item.mean(rows) for item in found]) - calibration.offset_counts)
-            / scale,
+            source=checked.sources[kind],
+            mean=(mean - calibration.offset_counts) / scale,
             camera=camera,
-            exposures=np.array([item.exposures for item in found]),
-            observed=np.stack([item.variance(rows, steady=steady, apart=apart) for item in found])
-            / scale**2,
-            spare=np.array([item.spare(steady=steady, apart=apart) for item in found]),
-            apart=apart,
+            exposures=np.array([group.exposures for group in groups]),
+            observed=np.stack(observed) / scale**2,
+            spare=np.array(spare),
+            common_removed=common_removed,
         )
 
-    full = {k: sums[k, "reference"].full | sums[k, "injection"].full for k in setpoints}
+    full = {setpoint: shots.full(setpoint) for setpoint in setpoints}
     parts: list[Solution] = []
     for rows in blocks(full[setpoints[0]].shape, len(setpoints)):
         part = solve(
             signals("reference", rows),
             signals("injection", rows),
             usable=~np.stack([full[setpoint][rows] for setpoint in setpoints]),
-            curve=curve,
+            curve=checked.curve,
             drifts=examined.drifts,
             systematic=examined.systematic.rows(rows),
         )
         reason = part.maps.reason
         reason[reason == Reason.TOO_FEW_BACKGROUNDS] = Reason.SATURATED
         parts.append(part)
-    maps = stack([one.maps for one in parts])
-    kelvin = np.concatenate([one.shared_K for one in parts], axis=1)
-    emissivity = np.concatenate([one.shared_emissivity for one in parts], axis=1)
-    degrees = tuple(group.spare(steady=steady, apart=apart) for group in injections)
+    maps = stack([solution.maps for solution in parts])
+    kelvin = np.concatenate([solution.shared_K for solution in parts], axis=1)
+    emissivity = np.concatenate([solution.shared_emissivity for solution in parts], axis=1)
+    degrees = tuple(
+        group.spare(steady=steady, common_removed=common_removed) for group in injections
+    )
     return maps, common_parts(maps, kelvin, emissivity), degrees if all(degrees) else ()
 
 
@@ -337,21 +378,21 @@ def _without(maps: Maps, bad: Mask) -> Maps:
 def _check_not_swapped(maps: Maps) -> None:
     """Checks that the emissivity is positive in most pixels; otherwise the kinds are swapped."""
     sure = np.maximum(5.0 * maps.emissivity_standard_error, 0.05)
-    more = int(np.count_nonzero(maps.emissivity < -sure))
-    less = int(np.count_nonzero(maps.emissivity > sure))
-    if more > max(less, 1e-3 * maps.emissivity.size):
+    negative = int(np.count_nonzero(maps.emissivity < -sure))
+    positive = int(np.count_nonzero(maps.emissivity > sure))
+    if negative > max(positive, 1e-3 * maps.emissivity.size):
         raise EvaluationError(
-            f"{more} pixels see more of the background in the injections than in the references "
-            f"(and {less} less): are references and injections swapped?"
+            f"{negative} pixels see more of the background in the injections than in the "
+            f"references (and {positive} less): are references and injections swapped?"
         )
 
 
-def _remarks(sums: AllSums, fitted: CurveFit | None) -> list[str]:
+def _remarks(shots: _Shots, fitted: CurveFit | None) -> list[str]:
     lines: list[str] = []
     if fitted is not None:
         lines.append(f"calibration curve of the references: {fitted.text}")
-    for setpoint in sorted({setpoint for setpoint, _ in sums}):
-        share = float(np.mean(sums[setpoint, "reference"].full | sums[setpoint, "injection"].full))
+    for setpoint in shots.setpoints:
+        share = float(np.mean(shots.full(setpoint)))
         if share > _MUCH:
             lines.append(
                 f"background {setpoint:g} K: {100 * share:.0f} % of the pixels are saturated and "

@@ -29,7 +29,7 @@ from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights, background_radiance
 
 LEAST_OWN = 0.1  # least share of epsilon of the medium's own light for a result
-_APART = 1e-6  # relative difference of radiances from which enclosures differ
+_APART = 1e-6  # relative difference of radiances from which enclosures differ: 5e-5 K at 450 K
 WALL = "wall"
 
 
@@ -59,14 +59,14 @@ class Scattered:
     share_error: Floats
 
 
-def enclosure(around: Surroundings, curve: Curve) -> dict[str, float]:
+def enclosure(surroundings: Surroundings, curve: Curve) -> dict[str, float]:
     """Radiance L_j of each part of an enclosure by name, the walls first, then patches."""
-    wall = float(curve.radiance(around.wall_temperature_K))
+    wall = float(curve.radiance(surroundings.wall_temperature_K))
     parts = {WALL: wall}
-    for patch in around.patches:
-        own = float(curve.radiance(patch.temperature_K))
+    for patch in surroundings.patches:
+        patch_radiance = float(curve.radiance(patch.temperature_K))
         parts[patch.name] = background_radiance(
-            blackbody=own, wall=wall, emissivity=patch.emissivity
+            blackbody=patch_radiance, wall=wall, emissivity=patch.emissivity
         )
     return parts
 
@@ -81,8 +81,8 @@ def scattered_by(spray: Weights, reference: Weights, parts: Mapping[str, float])
     Raises:
         EvaluationError: model and measurement have different patches.
     """
-    known = {WALL, *spray.patches}
-    if known != set(parts):
+    modelled = {WALL, *spray.patches}
+    if modelled != set(parts):
         raise EvaluationError(
             f"model: its patches are {_listed(spray.patches)}, those of the measurement "
             f"{_listed(name for name in parts if name != WALL)}; a model needs the same "
@@ -125,11 +125,11 @@ def medium_temperature(maps: Maps, scattered: Scattered, curve: Curve) -> Medium
             "the model with the camera of the measurement"
         )
     radiance, error = apparent(maps, curve)
-    own = 1.0 - scattered.share
+    emitted = 1.0 - scattered.share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = (radiance - scattered.radiance) / own
+        medium = (radiance - scattered.radiance) / emitted
         mean = np.where(scattered.share > 0.0, scattered.radiance / scattered.share, 0.0)
-        variance = (error / own) ** 2 + ((medium - mean) / own * scattered.share_error) ** 2
+        variance = (error / emitted) ** 2 + ((medium - mean) / emitted * scattered.share_error) ** 2
     return _medium(
         curve,
         medium,
@@ -150,8 +150,8 @@ def _medium(
     curve: Curve, radiance: Floats, *, error: Floats, share: Floats, share_error: Floats
 ) -> Medium:
     with np.errstate(invalid="ignore"):
-        said = (1.0 - share >= LEAST_OWN) & (radiance > 0.0)
-    radiance = np.where(said, radiance, np.nan)
+        resolved = (1.0 - share >= LEAST_OWN) & (radiance > 0.0)
+    radiance = np.where(resolved, radiance, np.nan)
     return Medium(
         temperature_K=curve.temperature(radiance),
         standard_error_K=error * curve.temperature_slope(radiance),
@@ -175,11 +175,11 @@ def _line(
     maps: Sequence[Maps], enclosures: Sequence[Mapping[str, float]], curve: Curve, varied: set[str]
 ) -> _Line:
     names = [name for name in enclosures[0] if name in varied]
-    leaving = np.array([[one[name] for name in names] for one in enclosures])
+    leaving = np.array([[radiances[name] for name in names] for radiances in enclosures])
     scale = float(np.max(np.abs(leaving)))
     design = np.column_stack([leaving / scale, np.ones(len(maps))])
     radiance, error = (
-        np.stack(each) for each in zip(*(apparent(m, curve) for m in maps), strict=True)
+        np.stack(images) for images in zip(*(apparent(m, curve) for m in maps), strict=True)
     )
     gradients = np.linalg.pinv(design)
     values = np.tensordot(gradients, radiance, axes=1)
@@ -190,11 +190,11 @@ def _line(
 def varied_parts(enclosures: Sequence[Mapping[str, float]]) -> set[str]:
     """Names of the parts whose light differs between enclosures."""
     names = list(enclosures[0])
-    if any(set(one) != set(names) for one in enclosures):
+    if any(set(radiances) != set(names) for radiances in enclosures):
         raise EvaluationError(f"enclosures: not all have the parts {', '.join(names)}")
-    table = np.array([[one[name] for name in names] for one in enclosures])
-    least = _APART * np.max(np.abs(table))
-    varied = [j for j in range(len(names)) if np.ptp(table[:, j]) > least]
+    table = np.array([[radiances[name] for name in names] for radiances in enclosures])
+    threshold = _APART * np.max(np.abs(table))
+    varied = [j for j in range(len(names)) if np.ptp(table[:, j]) > threshold]
     if not varied:
         listed = ", ".join(f"{name} {value:.4g}" for name, value in enclosures[0].items())
         raise EvaluationError(
@@ -227,11 +227,11 @@ def medium_of_enclosures(
     line = _line(maps, enclosures, curve, set(enclosures[0]))
     share = line.shares.sum(axis=0)
     of_share = line.gradients[:-1].sum(axis=0)
-    own = 1.0 - share
+    emitted = 1.0 - share
     with np.errstate(divide="ignore", invalid="ignore"):
-        medium = line.rest / own
+        medium = line.rest / emitted
         # d medium / d radiance_k = (d rest + medium d share) / own
         change = line.gradients[-1][:, None, None] + medium * of_share[:, None, None]
-        error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / own
+        error = np.sqrt(np.sum((change * line.errors) ** 2, axis=0)) / emitted
     share_error = np.sqrt(np.tensordot(of_share**2, line.errors**2, axes=1))
     return _medium(curve, medium, error=error, share=share, share_error=share_error)

@@ -40,7 +40,7 @@ from cldit.scene.schema import Scene
 LEVEL, POWER = 0.01, 0.95
 NEEDED = float(ndtri(1.0 - LEVEL) + ndtri(POWER))
 _LEVELS = 5  # of the lowest and of the highest background that are tried
-_FACTORS = np.geomspace(1e-4, 1e4, 25)
+_FACTORS = np.geomspace(1e-4, 1e4, 25)  # t
 _BETWEEN = np.geomspace(0.47, 2.15, 17)  # to the next of these: z to 5 %
 
 
@@ -89,43 +89,39 @@ class Separation:
 class Rivals:
     """Two models in one view at one delay.
 
-    one, other: signals of the sensor's pixels. injections: spectral weights of single injections of
-    the first model, in these pixels. errors_K: (N,) error of the simulations by source.
+    model, rival: signals of the sensor's pixels. injections: spectral weights of single injections
+    of the model, in these pixels. errors_K: (N,) error of the simulations by source.
     """
 
     scene: Scene
-    one: Subject
-    other: Subject
+    model: Subject
+    rival: Subject
     injections: Sequence[Subject]
     errors_K: Mapping[str, Floats]
     delay_s: float | None = None
 
     def best(
-        self,
-        blackbody: BlackBody,
-        *,
-        shot_s: float,
-        counts: Sequence[int] = (2, 3, 5, 7),
+        self, blackbody: BlackBody, *, shot_s: float, counts: Sequence[int] = (2, 3, 5, 7)
     ) -> Separation:
         """The fastest of all sets of backgrounds within the limits."""
         low_K, high_K = blackbody.limits_K
         levels = np.linspace(low_K, high_K, _LEVELS)
         tried = [
-            made
+            backgrounds
             for count in counts
             for low in levels
             for high in levels[levels > low]
-            if len(set(made := temperatures_K(low, high, count))) > 1
+            if len(set(backgrounds := temperatures_K(low, high, count))) > 1
         ]
         if not tried:
             raise EvaluationError(
                 f"backgrounds: {low_K:g} K alone; two models are separated with two or more"
             )
-        found = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
-        best = min(found, key=lambda one: one.order)
-        test, taken = self._test(best.backgrounds_K), best.shots or MOST_SHOTS
-        each = {name: test.without(name).distance(taken) for name in (*test.setup, *test.models)}
-        return replace(best, largest=max(each, key=lambda name: each[name], default=""))
+        plans = [self.at(backgrounds, blackbody, shot_s=shot_s) for backgrounds in tried]
+        best = min(plans, key=lambda plan: plan.order)
+        test, shots = self._test(best.backgrounds_K), best.shots or MOST_SHOTS
+        z = {name: test.without(name).distance(shots) for name in (*test.setup, *test.models)}
+        return replace(best, largest=max(z, key=lambda name: z[name], default=""))
 
     def distance(self, backgrounds_K: tuple[float, ...], shots: int) -> float:
         """z with so many injections, and references, at each background."""
@@ -133,7 +129,7 @@ class Rivals:
 
     def rms_K(self, backgrounds_K: tuple[float, ...]) -> float:
         """RMS of the difference of T_app."""
-        return float(np.sqrt(np.mean(self._test(backgrounds_K).change_K ** 2)))
+        return self._test(backgrounds_K).rms_K
 
     def at(
         self, backgrounds_K: tuple[float, ...], blackbody: BlackBody, *, shot_s: float
@@ -152,20 +148,20 @@ class Rivals:
             distance=test.distance(taken),
             of_noise=replace(test, setup={}, models={}).distance(taken),
             time_s=shots and waiting_s + 2 * shots * len(backgrounds_K) * shot_s,
-            rms_K=float(np.sqrt(np.mean(test.change_K**2))),
+            rms_K=test.rms_K,
         )
 
     def _test(self, backgrounds_K: tuple[float, ...]) -> "_Test":
-        calm = replace(self.one, scatter=0.0)
+        calm = replace(self.model, scatter=0.0)
         at_K = calm.temperature_K(backgrounds_K)
-        change_K = replace(self.other, scatter=0.0).temperature_K(backgrounds_K) - at_K
-        known = np.isfinite(change_K)
-        if not known.any():
+        change_K = replace(self.rival, scatter=0.0).temperature_K(backgrounds_K) - at_K
+        finite = np.isfinite(change_K)
+        if not finite.any():
             raise EvaluationError("no pixel has a T_app with both models")
         noise_K2 = calm.variances(backgrounds_K)[0].sum(axis=0)
         bare, spray = calm.both(backgrounds_K)
         slopes = np.nan_to_num(calm.response(backgrounds_K))
-        depth = slopes * calm.depth_response(bare, spray) * self.one.scatter / math.sqrt(2.0)
+        depth = slopes * calm.depth_response(bare, spray) * self.model.scatter / math.sqrt(2.0)
         # The simulated rig's field: a common part, and a smooth one with the correlation
         # exp(-(r / L)^2), whose integral over the image is pi L^2.
         length_m = self.scene.spray.scatter.length_m
@@ -174,24 +170,24 @@ class Rivals:
         noise_K2 = noise_K2 + (depth**2).sum(axis=0) * max(1.0, math.pi * length_m**2 / pixel_m2)
         varied_K2 = np.zeros_like(noise_K2)
         if len(self.injections) > 1:
-            seen = np.array([one.both(backgrounds_K)[1] for one in self.injections])
+            seen = np.array([injection.both(backgrounds_K)[1] for injection in self.injections])
             varied_K2 = np.sum(slopes**2 * seen.var(axis=0, ddof=1), axis=0)
-        share = self.one.pixels / len(known)
+        share = self.model.pixels / len(finite)
         return _Test(
-            change_K=change_K[known],
-            noise_K2=noise_K2[known] / share,
-            depth=depth[:, known],
-            varied_K2=varied_K2[known],
+            change_K=change_K[finite],
+            noise_K2=noise_K2[finite] / share,
+            depth=depth[:, finite],
+            varied_K2=varied_K2[finite],
             setup={
-                name: np.nan_to_num(one[known])
-                for name, one in self._of_setup(at_K, backgrounds_K).items()
+                name: np.nan_to_num(change[finite])
+                for name, change in self._of_setup(at_K, backgrounds_K).items()
             },
-            models={name: kelvin[known] for name, kelvin in self.errors_K.items()},
+            models={name: kelvin[finite] for name, kelvin in self.errors_K.items()},
         )
 
     def _of_setup(self, at_K: Floats, backgrounds_K: tuple[float, ...]) -> dict[str, Floats]:
         """Change of T_app (N,) by each systematic error of a measurement."""
-        bare, spray = (one[[0, -1]] for one in self.one.both(backgrounds_K))
+        bare, spray = (signals[[0, -1]] for signals in self.model.both(backgrounds_K))
         emissivity = 1.0 - (spray[1] - spray[0]) / (bare[1] - bare[0])
         maps = Maps.unevaluated((1, at_K.size), Reason.OK)
         maps = replace(
@@ -199,14 +195,14 @@ class Rivals:
             apparent_temperature_K=at_K[None].astype(np.float32),
             emissivity=emissivity[None].astype(np.float32),
         )
-        found = budget(
+        errors = budget(
             maps,
             Surroundings.from_scene(self.scene),
-            curve=self.one.curve,
+            curve=self.model.curve,
             backgrounds_K=backgrounds_K,
-            calibration=self.one.exposure(max(backgrounds_K)).calibration(),
+            calibration=self.model.exposure(max(backgrounds_K)).calibration(),
         )
-        return {part.name: part.kelvin[0] for part in found.parts}
+        return {part.name: part.kelvin[0] for part in errors.parts}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,17 +216,22 @@ class _Test:
     setup: Mapping[str, Floats]
     models: Mapping[str, Floats]
 
+    @property
+    def rms_K(self) -> float:
+        return float(np.sqrt(np.mean(self.change_K**2)))
+
     def without(self, name: str) -> "_Test":
         """The same without one error of setup or simulations."""
         setup, models = (
-            {key: one for key, one in of.items() if key != name} for of in (self.setup, self.models)
+            {key: change for key, change in of.items() if key != name}
+            for of in (self.setup, self.models)
         )
         return replace(self, setup=setup, models=models)
 
     def distance(self, shots: int) -> float:
         """z with so many injections and references per background."""
         noise = np.sqrt(self.noise_K2 / shots)
-        size = np.sqrt(self.varied_K2 / shots + sum(one**2 for one in self.models.values()))
+        size = np.sqrt(self.varied_K2 / shots + sum(error_K**2 for error_K in self.models.values()))
         z = self.change_K / noise
         b = np.array([*self.depth / math.sqrt(shots), *self.setup.values()]) / noise
         inner = np.eye(len(b)) + b @ b.T
@@ -241,12 +242,12 @@ class _Test:
             It is a sum of squares of what the errors of known image leave, and of their sizes; as a
             difference it would lose all digits.
             """
-            both = np.vstack([z, np.clip(factors[:, None] * self.change_K, -size, size) / noise])
-            sizes = np.linalg.solve(inner, b @ both.T)
-            left = np.hstack([both - sizes.T @ b, sizes.T])
-            own = left[1:]
-            best = (own @ left[0]) / (1.0 + np.sum(own**2, axis=1))
-            return np.asarray(np.sum((left[0] - best[:, None] * own) ** 2, axis=1) + best**2)
+            stacked = np.vstack([z, np.clip(factors[:, None] * self.change_K, -size, size) / noise])
+            sizes = np.linalg.solve(inner, b @ stacked.T)
+            rest = np.hstack([stacked - sizes.T @ b, sizes.T])
+            images = rest[1:]
+            best = (images @ rest[0]) / (1.0 + np.sum(images**2, axis=1))
+            return np.asarray(np.sum((rest[0] - best[:, None] * images) ** 2, axis=1) + best**2)
 
         nearest = _FACTORS[np.argmin(squares(_FACTORS))]
         return math.sqrt(float(np.min(squares(nearest * _BETWEEN))))
@@ -254,19 +255,19 @@ class _Test:
 
 def rivals(
     scene: Scene,
-    one: Subject,
-    other: tuple[Scene, Sequence[Weights]],
+    model: Subject,
+    rival: tuple[Scene, Sequence[Weights]],
     *,
     injections: Sequence[tuple[Scene, Sequence[Weights]]],
     errors_K: Mapping[str, Floats],
     delay_s: float | None,
 ) -> Rivals:
-    """Two models in the pixels of the `one`; errors_K has maps (h, w) on the sensor by source."""
+    """Two models in the pixels of the `model`; errors_K has maps (h, w) on the sensor by source."""
     return Rivals(
         scene=scene,
-        one=one,
-        other=one.of_spray(*other),
-        injections=[one.of_spray(*each) for each in injections],
-        errors_K={name: image.reshape(-1)[one.places] for name, image in errors_K.items()},
+        model=model,
+        rival=model.of_spray(*rival),
+        injections=[model.of_spray(*injection) for injection in injections],
+        errors_K={name: image.reshape(-1)[model.places] for name, image in errors_K.items()},
         delay_s=delay_s,
     )

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask
 from cldit.dit.drift_axis import Place
-from cldit.dit.frame import Frame, inner
+from cldit.dit.frame import Fingerprint, inner
 from cldit.errors import EvaluationError
 from cldit.radiance.boundary import Surroundings
 
-_LEAST_PIXELS = 16  # fewer may be equal by chance
+_LEAST_PIXELS = 16  # with noise of one count they are equal in one of 10^6 images
 _ALL = 0.95  # share of saturated pixels at which a background is ignored
 _WHOLE = slice(None)  # all rows of an image
 
@@ -86,7 +86,7 @@ class Sums:
     saturation_counts: float
     thumbnails: list[NDArray[np.float32]]
     ids: list[str]
-    frames: list[Frame]
+    frames: list[Fingerprint]
     places: list[Place]
     levels: list[float]
     rounded: bool = True
@@ -115,7 +115,7 @@ class Sums:
         self.total += counts
         self.squares += counts**2
         np.maximum(self.largest, image, out=self.largest, casting="unsafe")
-        self.frames.append(Frame.of(image))
+        self.frames.append(Fingerprint.of(image))
         if image.dtype.kind == "f" and self.rounded:
             self.rounded = bool(np.all(image == np.rint(image)))
         self.temperatures_K.append(shot.background_K)
@@ -125,8 +125,8 @@ class Sums:
     @property
     def exposures(self) -> float:
         """Effective number of exposures, (sum w)^2 / sum w^2; repeated images count once."""
-        each = np.array(list(Counter(frame.digest for frame in self.frames).values()), float)
-        return float(each.sum() ** 2 / np.sum(each**2))
+        repeats = np.array(list(Counter(frame.digest for frame in self.frames).values()), float)
+        return float(repeats.sum() ** 2 / np.sum(repeats**2))
 
     @property
     def temperature_K(self) -> float:
@@ -145,41 +145,41 @@ class Sums:
         return np.asarray(self.total[rows] / len(self.ids))
 
     def variance(
-        self, rows: slice = _WHOLE, *, steady: bool = False, apart: bool = False
+        self, rows: slice = _WHOLE, *, steady: bool = False, common_removed: bool = False
     ) -> Floats:
         """Sample variance (R, w) of one exposure in `rows`, counts^2; 0 for a single exposure.
 
         With `steady` it is that about each pixel's straight line over the places of the shots, so
-        that a steady drift does not count as scatter; with `apart` about a line over the means of
-        the images, so that it is without what all pixels share.
+        that a steady drift does not count as scatter; with `common_removed` about a line over the
+        means of the images, so that it is without what all pixels share.
         """
-        spare = self.spare(steady=steady, apart=apart)
+        spare = self.spare(steady=steady, common_removed=common_removed)
         if not spare > 0.0:
             return np.zeros_like(self.total[rows])
         spread = self.squares[rows] - self.total[rows] ** 2 / len(self.ids)
         lines: list[tuple[Floats, Floats]] = []
-        for values, products in self._lines(steady=steady, apart=apart):
+        for values, products in self._lines(steady=steady, common_removed=common_removed):
             middle = float(np.mean(values))
-            away, along = values - middle, products[rows] - middle * self.total[rows]
-            for other, of_other in lines:
-                share = float(away @ other / (other @ other))
-                away, along = away - share * other, along - share * of_other
-            square = float(away @ away)
+            centred, along = values - middle, products[rows] - middle * self.total[rows]
+            for earlier, earlier_products in lines:
+                share = float(centred @ earlier / (earlier @ earlier))
+                centred, along = centred - share * earlier, along - share * earlier_products
+            square = float(centred @ centred)
             if square > 0.0:
                 spread = spread - along**2 / square
-                lines.append((away, along))
+                lines.append((centred, along))
         return np.asarray(np.maximum(spread, 0.0) / spare)
 
-    def _lines(self, *, steady: bool, apart: bool) -> Iterator[tuple[Floats, Floats]]:
+    def _lines(self, *, steady: bool, common_removed: bool) -> Iterator[tuple[Floats, Floats]]:
         """Values of the shots and sums of counts times them, of each line."""
         if steady:
             yield np.array([place.at for place in self.places]) - self.places[0].at, self.course
-        if apart:
+        if common_removed:
             yield np.array(self.levels) - self.levels[0], self.glow
 
-    def spare(self, *, steady: bool = False, apart: bool = False) -> float:
+    def spare(self, *, steady: bool = False, common_removed: bool = False) -> float:
         """Degrees of freedom of `variance`; 0 for a single shot."""
-        return max(len(self.ids) - 1.0 - steady - apart, 0.0)
+        return max(len(self.ids) - 1.0 - steady - common_removed, 0.0)
 
 
 AllSums = Mapping[tuple[float, str], Sums]
@@ -315,7 +315,7 @@ def _with_flat(
 ) -> list[str]:
     """Adds images of one value to the `sums` if they are saturated, or if their kind is not
     `uneven` from pixel to pixel (a simulation without noise). Returns remarks on the others."""
-    tops = [group.largest.max() for group in sums.values()] + [one[0, 0] for one, _, _ in flat]
+    tops = [group.largest.max() for group in sums.values()] + [image[0, 0] for image, _, _ in flat]
     top = min(float(max(tops, default=0.0)), saturation_counts)
     sound = {key: bool(np.mean(group.largest >= top) > 0.5) for key, group in sums.items()}
     ignored: list[str] = []

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -40,9 +41,9 @@ class Drift:
         signal^2, or the amount of spray, of injections alone.
     variance: (K,) of the mean at each background, independent; radiance^2, for the gain relative.
     modes: (M, K) of a steady drift, in the root of these units: each mode is one random number of
-        variance 1 for all backgrounds and causes. apart: (M, K) by how much larger it is in the
-        injections; None: equal. course: (K,) of that drift, as found.
-    each: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
+        variance 1 for all backgrounds and causes. excess: (M, K) by how much larger it is in
+        the injections; None: equal. course: (K,) of that drift, as estimated.
+    scatter: (K,) variance of one exposure about that mean. jitter: (K,) the part of it that differs
         between successive exposures; the slow rest cancels if the kinds alternate.
     band: share of the filter in which the spray absorbs, of an amount.
     """
@@ -51,9 +52,9 @@ class Drift:
     variance: Floats
     modes: Floats
     course: Floats
-    each: Floats
+    scatter: Floats
     jitter: Floats
-    apart: Floats | None = None
+    excess: Floats | None = None
     band: float = 1.0
 
     def factors(self, lines: Pair, signals: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
@@ -110,27 +111,31 @@ class Systematic:
 
     def rows(self, rows: slice) -> "Systematic":
         """The errors in these rows of the image."""
-        return replace(self, extra={name: one[:, rows] for name, one in self.extra.items()})
+        return replace(self, extra={name: images[:, rows] for name, images in self.extra.items()})
 
     def widened(self, lines: Pair) -> Pair:
         """The lines with that error, common to all backgrounds, in their covariance."""
         _, _, s, c_inj = lines.values.T
-        covariance = lines.covariance
+        covariance, shared = lines.covariance, lines.shared
+        common = (self.kelvin * self.slope * s, self.offset + self.kelvin * self.start * s)
         for slope, start in (
-            (self.kelvin * self.slope * s, self.offset + self.kelvin * self.start * s),
+            common,
             (0.0 * s, self.pixel_offset),
             (self.pixel_gain * s, self.pixel_gain * c_inj),
         ):
-            apart = np.zeros_like(lines.values)
-            apart[:, 2], apart[:, 3] = slope, start
-            covariance = covariance + apart[:, :, None] * apart[:, None, :]
-        slope, start = self.kelvin * self.slope * s, self.offset + self.kelvin * self.start * s
-        shared = lines.shared
+            change = _of_injections(lines, slope, start)
+            covariance = covariance + change[:, :, None] * change[:, None, :]
         if self.offset or self.kelvin:  # of all pixels
-            apart = np.zeros((1, *lines.values.shape))
-            apart[0, :, 2], apart[0, :, 3] = slope, start
-            shared = apart if shared is None else np.concatenate([shared, apart])
+            change = _of_injections(lines, *common)[None]
+            shared = change if shared is None else np.concatenate([shared, change])
         return Pair(lines.values, covariance, lines.chi2, shared)
+
+
+def _of_injections(lines: Pair, slope: Floats, start: Floats | float) -> Floats:
+    """Change (N, 4) of the values of the lines by that of the injections' line."""
+    change = np.zeros(lines.values.shape)
+    change[:, 2], change[:, 3] = slope, start
+    return change
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,8 @@ class Signals:
     camera: variance of one exposure due to the camera's noise, as a function of the signal.
     exposures: (K,) effective number.
     observed: (K, ...) sample variance of one exposure; 0 for a single one. spare: (K,) its degrees
-        of freedom; None: one less than the exposures. apart: it is without what all pixels share.
+        of freedom; None: one less than the exposures. common_removed: it is without what all pixels
+        share.
     """
 
     source: Floats
@@ -151,7 +157,7 @@ class Signals:
     exposures: Floats
     observed: Floats | None = None
     spare: Floats | None = None
-    apart: bool = False
+    common_removed: bool = False
 
 
 @dataclass(frozen=True)
@@ -193,105 +199,20 @@ def solve(
     """
     shape = usable.shape[1:]
     usable = usable & np.isfinite(reference.mean) & np.isfinite(injection.mean)
-    usable = usable.reshape(len(usable), -1)
-
-    def flat(image: Floats) -> Floats:
-        return np.where(usable, image.reshape(usable.shape), 0.0)
-
-    source = (reference.source, injection.source)
-    mean = (flat(reference.mean), flat(injection.mean))
-    exposures = (reference.exposures[:, None], injection.exposures[:, None])
-    still = np.zeros_like(mean[0])
-    extra = {} if systematic is None else systematic.extra
-    more = [flat(extra[kind]) if kind in extra else still for kind in KINDS]
-
-    spare = exposures[1] - 1.0 if injection.spare is None else injection.spare[:, None]
-    bright = np.ones((len(usable), 1))
-    for drift in drifts:
-        if drift.cause == "gain":
-            bright = bright + drift.course[:, None]
-
-    def again(lines: Pair, *, last: bool = False) -> Pair:
-        """The fit with all errors at the signals of `lines`.
-
-        A gain with the relative drift z multiplies the lines by 1 + a z, with a near 1. The means
-        are therefore divided by 1 + z, and the change of the lines is added again: the result is
-        linear in a about 1, and still allows a = 0.
-        """
-        before, during = lines.at(source)
-        line = (np.nan_to_num(before), np.nan_to_num(during))
-        factors = []
-        for drift in drifts:
-            p, q = drift.factors(lines, line)
-            factors.append((p / bright, q / bright))
-        noise = [
-            kind.camera(one * bright) / bright**2
-            for kind, one in zip((reference, injection), line, strict=True)
-        ]
-        jitter = [still, still]
-        if injection.observed is not None and np.any(injection.exposures > 1):
-            observed = flat(injection.observed) / bright**2
-            for drift, (_, factor) in zip(drifts, factors, strict=True):
-                if not injection.apart:  # its part of this pixel may differ from that of the mean
-                    observed = observed - drift.each[:, None] * factor**2
-            jitter[1] = shot_scatter(
-                _by_amount(lines, line, band=1.0),
-                observed,
-                camera=noise[1],
-                degrees=np.where(usable, spare, 0.0),
-                shape=shape,
-            )
-        for drift, both in zip(drifts, factors, strict=True):
-            for kind, factor in enumerate(both):
-                jitter[kind] = jitter[kind] + drift.jitter[:, None] * factor**2
-        return fit_pair(
-            source,
-            (
-                mean[0] / bright + (1.0 - 1.0 / bright) * line[0],
-                mean[1] / bright + (1.0 - 1.0 / bright) * line[1],
-            ),
-            variance=(
-                (noise[0] + jitter[0]) / exposures[0] + more[0],
-                (noise[1] + jitter[1]) / exposures[1] + more[1],
-            ),
-            usable=usable,
-            common=[
-                CommonError(variance=drift.variance, reference=p, injection=q)
-                for drift, (p, q) in zip(drifts, factors, strict=True)
-            ]
-            + [
-                CommonError(variance=flat(extra[name]), reference=one[0], injection=one[1])
-                for name, one in (("offset", (1.0 + still[0],) * 2), ("gain", line))
-                if name in extra
-            ],
-            steady=[
-                SteadyError(
-                    reference=np.sum([mode[:, None] * p for mode, _, (p, _) in parts], axis=0),
-                    injection=np.sum([mode[:, None] * q for _, mode, (_, q) in parts], axis=0),
-                )
-                for parts in _modes(drifts, factors)
-            ],
-            with_shared=last,
-        )
-
-    again_times = _AGAIN if np.any(bright != 1.0) else 0
-    lines = again(
-        fit_pair(
-            source,
-            mean,
-            variance=(
-                reference.camera(mean[0]) / exposures[0] + more[0],
-                injection.camera(mean[1]) / exposures[1] + more[1],
-            ),
-            usable=usable,
-        ),
-        last=again_times == 0,
+    fit = _Fit(
+        signals=(reference, injection),
+        usable=usable.reshape(len(usable), -1),
+        shape=shape,
+        drifts=drifts,
+        extra={} if systematic is None else systematic.extra,
     )
-    for number in range(again_times):
-        lines = again(lines, last=number == again_times - 1)
+    lines = fit.start()
+    iterations = 1 + (_AGAIN if np.any(fit.gain != 1.0) else 0)
+    for number in range(1, iterations + 1):
+        lines = fit.again(lines, with_shared=number == iterations)
     if systematic is not None:
         lines = systematic.widened(lines)
-    maps = _maps(lines, backgrounds=usable.sum(axis=0), curve=curve, shape=shape)
+    maps = _maps(lines, backgrounds=fit.usable.sum(axis=0), curve=curve, shape=shape)
     if lines.shared is None:
         nothing = np.zeros((0, *shape))
         return Solution(maps, nothing, nothing)
@@ -302,23 +223,155 @@ def solve(
         np.einsum("mni,ni->mn", lines.shared, gradient)
         for gradient in (radiance_gradient(lines), emissivity_gradient(lines))
     )
-    whole = (-1, *shape)
-    return Solution(maps, (of_radiance * slope).reshape(whole), of_emissivity.reshape(whole))
+    images = (-1, *shape)
+    return Solution(maps, (of_radiance * slope).reshape(images), of_emissivity.reshape(images))
+
+
+_ByKind = tuple[Floats, Floats]
+"""(K, N) of references and of injections."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """Iterated fit of the lines of N pixels. signals: of references and injections, in images of
+    `shape`. usable: (K, N). extra: as in `Systematic`."""
+
+    signals: tuple[Signals, Signals]
+    usable: Mask
+    shape: tuple[int, ...]
+    drifts: Sequence[Drift]
+    extra: Mapping[str, Floats]
+
+    def _flat(self, image: Floats) -> Floats:
+        """(K, N) values, 0 where they are not usable."""
+        return np.where(self.usable, image.reshape(self.usable.shape), 0.0)
+
+    @cached_property
+    def _mean(self) -> _ByKind:
+        return self._flat(self.signals[0].mean), self._flat(self.signals[1].mean)
+
+    @property
+    def _source(self) -> _ByKind:
+        return self.signals[0].source, self.signals[1].source
+
+    @cached_property
+    def gain(self) -> Floats:
+        """(K, 1) gain of the camera by its steady drift, relative to that without."""
+        gain = np.ones((len(self.usable), 1))
+        for drift in self.drifts:
+            if drift.cause == "gain":
+                gain = gain + drift.course[:, None]
+        return gain
+
+    def start(self) -> Pair:
+        """The fit with the camera's noise at the measured means."""
+        noise = [kind.camera(mean) for kind, mean in zip(self.signals, self._mean, strict=True)]
+        return fit_pair(
+            self._source, self._mean, variance=self._variance(noise), usable=self.usable
+        )
+
+    def again(self, lines: Pair, *, with_shared: bool) -> Pair:
+        """The fit with all errors at the signals of `lines`.
+
+        A gain with the relative drift z multiplies the lines by 1 + a z, with a near 1. The means
+        are therefore divided by 1 + z, and the change of the lines is added again: the result is
+        linear in a about 1, and still allows a = 0.
+        """
+        reference, injection = lines.at(self._source)
+        line = (np.nan_to_num(reference), np.nan_to_num(injection))
+        factors: list[_ByKind] = []
+        for drift in self.drifts:
+            p, q = drift.factors(lines, line)
+            factors.append((p / self.gain, q / self.gain))
+        noise = [
+            kind.camera(signal * self.gain) / self.gain**2
+            for kind, signal in zip(self.signals, line, strict=True)
+        ]
+        scatter = self._scatter(_by_amount(lines, line, band=1.0), factors, camera=noise[1])
+        return fit_pair(
+            self._source,
+            (
+                self._mean[0] / self.gain + (1.0 - 1.0 / self.gain) * line[0],
+                self._mean[1] / self.gain + (1.0 - 1.0 / self.gain) * line[1],
+            ),
+            variance=self._variance([noise[0] + scatter[0], noise[1] + scatter[1]]),
+            usable=self.usable,
+            common=self._common(line, factors),
+            steady=[
+                SteadyError(
+                    reference=np.sum([mode[:, None] * p for mode, _, (p, _) in parts], axis=0),
+                    injection=np.sum([mode[:, None] * q for _, mode, (_, q) in parts], axis=0),
+                )
+                for parts in _modes(self.drifts, factors)
+            ],
+            with_shared=with_shared,
+        )
+
+    def _variance(self, exposure: Sequence[Floats]) -> _ByKind:
+        """Variance of the means, from that of one `exposure` of each kind."""
+        reference, injection = (
+            variance / signals.exposures[:, None]
+            + (self._flat(self.extra[kind]) if kind in self.extra else 0.0)
+            for kind, signals, variance in zip(KINDS, self.signals, exposure, strict=True)
+        )
+        return reference, injection
+
+    def _scatter(
+        self, change: Floats, factors: Sequence[_ByKind], *, camera: Floats
+    ) -> list[Floats]:
+        """Variance (K, N) of one exposure by kind, beyond the noise of the `camera`; `change` is
+        that of the injections by a relative change of the amount."""
+        injection, drifts = self.signals[1], self.drifts
+        scatter = [np.zeros(self.usable.shape), np.zeros(self.usable.shape)]
+        if injection.observed is not None and np.any(injection.exposures > 1):
+            observed = self._flat(injection.observed) / self.gain**2
+            for drift, (_, factor) in zip(drifts, factors, strict=True):
+                # Its part of this pixel may differ from that of the mean.
+                if not injection.common_removed:
+                    observed = observed - drift.scatter[:, None] * factor**2
+            spare = injection.exposures - 1.0 if injection.spare is None else injection.spare
+            scatter[1] = shot_scatter(
+                change,
+                observed,
+                camera=camera,
+                degrees=np.where(self.usable, spare[:, None], 0.0),
+                shape=self.shape,
+            )
+        for drift, by_kind in zip(drifts, factors, strict=True):
+            for kind, factor in enumerate(by_kind):
+                scatter[kind] = scatter[kind] + drift.jitter[:, None] * factor**2
+        return scatter
+
+    def _common(self, line: _ByKind, factors: Sequence[_ByKind]) -> list[CommonError]:
+        """Errors that both kinds share, independent at each background."""
+        ones = np.ones(self.usable.shape[1])
+        return [
+            CommonError(variance=drift.variance, reference=p, injection=q)
+            for drift, (p, q) in zip(self.drifts, factors, strict=True)
+        ] + [
+            CommonError(variance=self._flat(self.extra[name]), reference=p, injection=q)
+            for name, (p, q) in (("offset", (ones, ones)), ("gain", line))
+            if name in self.extra
+        ]
 
 
 def _modes(
-    drifts: Sequence[Drift], factors: Sequence[tuple[Floats, Floats]]
-) -> list[list[tuple[Floats, Floats, tuple[Floats, Floats]]]]:
+    drifts: Sequence[Drift], factors: Sequence[_ByKind]
+) -> list[list[tuple[Floats, Floats, _ByKind]]]:
     """Courses (K,) in both kinds and their factors, by mode and cause."""
     steady = [
-        (drift.modes, drift.modes + (0.0 if drift.apart is None else drift.apart), both)
-        for drift, both in zip(drifts, factors, strict=True)
+        (drift.modes, drift.modes + (0.0 if drift.excess is None else drift.excess), by_kind)
+        for drift, by_kind in zip(drifts, factors, strict=True)
         if drift.modes.any()
     ]
-    most = max((len(before) for before, _, _ in steady), default=0)
+    count = max((len(reference) for reference, _, _ in steady), default=0)
     return [
-        [(before[m], during[m], both) for before, during, both in steady if m < len(before)]
-        for m in range(most)
+        [
+            (reference[m], injection[m], by_kind)
+            for reference, injection, by_kind in steady
+            if m < len(reference)
+        ]
+        for m in range(count)
     ]
 
 

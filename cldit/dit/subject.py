@@ -11,13 +11,7 @@ from cldit.arrays import Floats
 from cldit.camera.curve import Curve
 from cldit.camera.sensor import SensorModel
 from cldit.camera.view import SensorView
-from cldit.dit.fit import (
-    Pair,
-    apparent_radiance,
-    emissivity_gradient,
-    fit_pair,
-    radiance_gradient,
-)
+from cldit.dit.fit import Pair, apparent_radiance, emissivity_gradient, fit_pair, radiance_gradient
 from cldit.errors import EvaluationError
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Boundary, Surroundings, camera_radiance
@@ -39,7 +33,7 @@ class Subject:
     spray: tuple[Weights, ...]
     reference: Weights
     boundaries: tuple[Boundary, ...]
-    whole: Boundary
+    filter_boundary: Boundary
     curve: Curve
     sensor: SensorModel
     scatter: float
@@ -73,14 +67,14 @@ class Subject:
                 f"more; the largest is {np.nanmax(emissivity, initial=0.0):.3g}"
             )
         chosen = places[np.linspace(0, places.size - 1, min(places.size, _PIXELS)).astype(np.intp)]
-        around = Surroundings.from_scene(scene)
+        surroundings = Surroundings.from_scene(scene)
         nodes = quadrature.nodes
         return cls(
             spray=tuple(_pixels(weights, chosen) for weights in spray),
             reference=_pixels(bare, chosen),
-            boundaries=tuple(Boundary.of(around, n.radiance, n.pane) for n in nodes),
-            whole=Boundary.in_filter(
-                around, quadrature.filter_um, reference_K=quadrature.reference_K
+            boundaries=tuple(Boundary.of(surroundings, n.radiance, n.pane) for n in nodes),
+            filter_boundary=Boundary.in_filter(
+                surroundings, quadrature.filter_um, reference_K=quadrature.reference_K
             ),
             curve=Curve(filter_um=quadrature.filter_um),
             sensor=SensorModel.from_scene(scene),
@@ -140,9 +134,11 @@ class Subject:
         radiance, _ = apparent_radiance(lines)
         slope = self.curve.temperature_slope(np.maximum(radiance, 0.0))
         row = radiance_gradient(lines)[:, 2:] * slope[:, None]
-        both = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
-        x = self.whole.leaving(backgrounds_K)[:, None]
-        return np.asarray((both[:, 0] * x + both[:, 1]) / variance / self.whole.front.transmission)
+        cov = np.einsum("ni,nij->nj", row, lines.covariance[:, 2:, 2:])
+        x = self.filter_boundary.leaving(backgrounds_K)[:, None]
+        return np.asarray(
+            (cov[:, 0] * x + cov[:, 1]) / variance / self.filter_boundary.front.transmission
+        )
 
     def depth_response(self, bare: Floats, spray: Floats) -> Floats:
         """Change (K, N) of the injections' signals by a relative change of the optical depth of 1.
@@ -170,12 +166,12 @@ class Subject:
             calibration.variance_counts2(calibration.counts(seen)) / scale**2
             for seen in (bare, spray)
         )
-        transmission = self.whole.front.transmission
-        source = self.whole.leaving(backgrounds_K)
+        transmission = self.filter_boundary.front.transmission
+        source = self.filter_boundary.leaving(backgrounds_K)
         calm, varied = calm / transmission**2, (varied + extra) / transmission**2
         lines = fit_pair(
             (source, source),
-            (self.whole.inside(bare), self.whole.inside(spray)),
+            (self.filter_boundary.inside(bare), self.filter_boundary.inside(spray)),
             variance=(calm, varied),
             usable=np.ones(bare.shape, bool),
         )
@@ -216,11 +212,7 @@ def opaque_errors_K(
     )
     bare = Weights(background=image(1.0), wall=image(0.0), vapour=image(0.0), liquid=image(0.0))
     grey = replace(
-        subject,
-        spray=(spray,),
-        reference=bare,
-        boundaries=(subject.whole,),
-        scatter=0.0,
+        subject, spray=(spray,), reference=bare, boundaries=(subject.filter_boundary,), scatter=0.0
     )
     injections, bare_ones = grey.variances(backgrounds_K)[0]
     return np.asarray(np.sqrt(injections / shots + bare_ones / references))
@@ -238,12 +230,7 @@ def coldest_K(
     """The coldest spray [K] with a standard error of T_app up to `error_K`; NaN: none."""
     sprays_K = np.linspace(200.0, max(backgrounds_K), 2001)
     errors = opaque_errors_K(
-        subject,
-        sprays_K,
-        backgrounds_K,
-        emissivity=emissivity,
-        shots=shots,
-        references=references,
+        subject, sprays_K, backgrounds_K, emissivity=emissivity, shots=shots, references=references
     )
     resolved = np.flatnonzero(errors <= error_K)
     return float(sprays_K[resolved[0]]) if resolved.size else math.nan

@@ -19,8 +19,8 @@ def sensor_of(
     sensor = SensorModel.from_scene(scene)
     if scene.camera.sensor.integration_time_s is not None:
         return sensor
-    around = Surroundings.from_scene(scene)
-    bands = [Boundary.of(around, node.radiance, node.pane) for node in quadrature.nodes]
+    surroundings = Surroundings.from_scene(scene)
+    bands = [Boundary.of(surroundings, node.radiance, node.pane) for node in quadrature.nodes]
     hottest = max(scene.background.temperatures_K)
     spray, reference = seen
     images = [

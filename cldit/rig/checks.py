@@ -10,7 +10,7 @@ from cldit.rig.protocols import Burst, Capabilities, Limits, Roi, TriggerInfo, T
 
 EDGES = ("rising", "falling")
 _SCPI_NONE = 9.9e37  # 9.9E37 is infinity, 9.91E37 not a number (SCPI 1999, volume 1, 7.2.1.4-5)
-_HOTTEST_K = 1e4
+_HOTTEST_K = 1e4  # no solid or liquid is as hot
 
 
 class Thermometer(Protocol):

@@ -51,12 +51,12 @@ class SystemClock:
 
     def sleep(self, seconds: float, should_stop: StopCheck | None = None) -> bool:
         """Waits for `seconds`; returns False if `should_stop` ended the wait early."""
-        end = time.monotonic() + seconds
+        end_s = time.monotonic() + seconds
         while not (should_stop is not None and should_stop()):
-            left = end - time.monotonic()
-            if left <= 0:
+            left_s = end_s - time.monotonic()
+            if left_s <= 0:
                 return True
-            time.sleep(min(left, _SLICE_S) if should_stop is not None else left)
+            time.sleep(min(left_s, _SLICE_S) if should_stop is not None else left_s)
         return False
 
     def catch_up(self, epoch_s: float) -> None:
@@ -108,11 +108,11 @@ class SimulatedClock:
         if self._factor is None:
             self._elapsed_s += max(seconds, 0.0)
             return True
-        start = time.monotonic()
-        whole = self._real.sleep(seconds / self._factor, should_stop)
-        slept = seconds if whole else (time.monotonic() - start) * self._factor
+        start_s = time.monotonic()
+        completed = self._real.sleep(seconds / self._factor, should_stop)
+        slept = seconds if completed else (time.monotonic() - start_s) * self._factor
         self._elapsed_s += min(max(slept, 0.0), max(seconds, 0.0))
-        return whole
+        return completed
 
     def catch_up(self, epoch_s: float) -> None:
         """Advances to `epoch_s` if that is later."""

@@ -87,7 +87,7 @@ def installed_drivers() -> dict[str, EntryPoint]:
 
 def describe_drivers() -> dict[str, DriverAbout]:
     """Descriptions of all installed drivers, by name."""
-    found: dict[str, DriverAbout] = {}
+    descriptions: dict[str, DriverAbout] = {}
     for name, entry in installed_drivers().items():
         try:
             about = getattr(import_module(entry.module), "ABOUT", None)
@@ -95,8 +95,8 @@ def describe_drivers() -> dict[str, DriverAbout]:
             about = DriverAbout("?", entry.value, f"cannot be loaded: {error}")
         if not isinstance(about, DriverAbout):
             about = DriverAbout("?", entry.value, "has no description")
-        found[name] = about
-    return found
+        descriptions[name] = about
+    return descriptions
 
 
 def load_driver(name: str) -> Factory:
@@ -106,22 +106,22 @@ def load_driver(name: str) -> Factory:
         SceneError: there is no such driver, it cannot be imported, or a module that it needs is
             missing; the message does not begin with a path.
     """
-    known = installed_drivers()
-    if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
+    installed = installed_drivers()
+    if name not in installed:
+        close = difflib.get_close_matches(name, installed, n=1)
         hint = f"; did you mean {close[0]}?" if close else ";"
         raise SceneError(
             f"driver: {name!r} is not installed{hint} "
-            f"allowed: {', '.join(known) or 'none (reinstall cldit)'}"
+            f"allowed: {', '.join(installed) or 'none (reinstall cldit)'}"
         )
     try:
-        factory: Factory = known[name].load()
+        factory: Factory = installed[name].load()
     except (ImportError, AttributeError) as error:
         raise SceneError(
-            f"driver: {name!r} ({known[name].value}) cannot be loaded: {error}; "
+            f"driver: {name!r} ({installed[name].value}) cannot be loaded: {error}; "
             "install the modules that it needs"
         ) from error
-    about = getattr(import_module(known[name].module), "ABOUT", None)
+    about = getattr(import_module(installed[name].module), "ABOUT", None)
     if isinstance(about, DriverAbout) and (missing := about.missing()):
         raise SceneError(
             f"driver: {name!r} needs {', '.join(missing)}, which this Python does not have; "

@@ -39,7 +39,7 @@ T = TypeVar("T")
 
 _LEFT = 0.5  # part of the time for connecting that a second attempt needs
 _IDLE_s = 10.0  # no session is closed as idle earlier
-_REOPEN_s = 10.0  # time to open one anew
+_REOPEN_s = 10.0  # time to open one anew: the default of connect()
 _TRIES = 3  # a link that is only out of step recovers at the second
 
 
@@ -56,21 +56,23 @@ class LinkState(Enum):
 class Told:
     """Last confirmed setting of an instrument, and what was written since without an answer."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self, setting: str) -> None:
+        self._setting = setting
         self._words = ["not written"]
 
-    def written(self, text: str) -> None:
+    def written(self, value: str) -> None:
         """Records text that was written and not confirmed."""
-        self._words.append(text)
+        self._words.append(value)
 
-    def confirmed(self, text: str) -> None:
+    def confirmed(self, value: str) -> None:
         """Records text that the instrument confirmed."""
-        self._words = [text]
+        self._words = [value]
 
     def __str__(self) -> str:
-        known, *since = self._words
-        return f"{self._what} {known}" + (f" ({since[-1]} written since)" if since else "")
+        confirmed, *written = self._words
+        return f"{self._setting} {confirmed}" + (
+            f" ({written[-1]} written since)" if written else ""
+        )
 
 
 def send_all(*commands: Callable[[], object]) -> None:
@@ -162,12 +164,12 @@ class Linked(ABC):
         if self._state is LinkState.OPEN:
             return
         self.reserve()
-        before, self._state = self._state, LinkState.OPENING
+        previous, self._state = self._state, LinkState.OPENING
         self._prepared = False
         try:
             self._open_twice(timeout_s, for_use)
         except BaseException as error:
-            owed = self._answered or before is not LinkState.NEVER
+            owed = self._answered or previous is not LinkState.NEVER
             self._state = LinkState.LOST if owed else LinkState.NEVER
             self._why_lost = self._why_lost or str(error)
             self._drop()
@@ -232,8 +234,8 @@ class Linked(ABC):
         """Implements `cldit.rig.protocols.Device.make_safe`; NotSafe names the instrument, its
         address, its last known settings, and what to do.
         """
-        before, why = self._state, self._why_lost
-        if before is LinkState.NEVER:
+        previous, why_lost = self._state, self._why_lost
+        if previous is LinkState.NEVER:
             return Safety(connected=False, did="nothing: it was not connected")
         start_s = time.monotonic()
         failures: list[str] = []
@@ -247,11 +249,13 @@ class Linked(ABC):
                 failures.append(str(error))
                 continue
             self._harmless, self._answered = True, False
-            if before is LinkState.CLOSED:
+            if previous is LinkState.CLOSED:
                 self.close()
-            found = "".join(f"; found again after: {text}" for text in (why, *failures) if text)
-            return Safety(connected=True, did=did + found)
-        lost = f"; it was lost before: {why}" if why else ""
+            history = "".join(
+                f"; found again after: {reason}" for reason in (why_lost, *failures) if reason
+            )
+            return Safety(connected=True, did=did + history)
+        lost = f"; it was lost before: {why_lost}" if why_lost else ""
         raise NotSafe(
             f"{self._where} could not be made safe: {failures[-1]}{lost}; tried {len(failures)} "
             f"times in {time.monotonic() - start_s:.1f} s. Last known: {self._last_known()}. "

@@ -107,7 +107,7 @@ class Setup(Section):
     @property
     def surroundings(self) -> Surroundings:
         """Radiation sources that the camera sees beside the spray."""
-        shared = {each.name for each in fields(Surroundings)} & set(type(self).model_fields)
+        shared = {item.name for item in fields(Surroundings)} & set(type(self).model_fields)
         return Surroundings(**{name: getattr(self, name) for name in shared})
 
 
@@ -228,10 +228,10 @@ class Rig:
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if problems := self.make_safe().unsafe + self.close():
-            text = "the rig was not left safe:\n" + "\n".join(problems)
+            message = "the rig was not left safe:\n" + "\n".join(problems)
             if error is None:
-                raise RigError(text)
-            error.add_note(text)
+                raise RigError(message)
+            error.add_note(message)
 
 
 File = TypeVar("File", bound=InstrumentsFile)

@@ -27,7 +27,7 @@ except ImportError:  # Windows
 
 _FOLDERS = ("/run/lock", "/dev/shm", "/tmp")
 _SHARED = stat.S_ISVTX | stat.S_IWOTH  # all may write into it, none may remove another's file
-_MOST_LETTERS = 100  # of a command
+_MOST_LETTERS = 100  # of a command: one line of a terminal
 _WAIT_s = 0.5  # until the system has freed the lock of a process that was killed
 
 
@@ -111,10 +111,10 @@ def _locked(path: Path) -> int:
             time.sleep(0.02)
     command = shlex.join([Path(sys.argv[0] or "python").name, *sys.argv[1:]])
     short = " ".join(command.split())[:_MOST_LETTERS]
-    text = f"process {os.getpid()} ({short}) since {time.strftime('%Y-%m-%d %H:%M:%S')}"
+    holder = f"process {os.getpid()} ({short}) since {time.strftime('%Y-%m-%d %H:%M:%S')}"
     with suppress(OSError):  # a full disk must not keep anybody from an instrument
         os.ftruncate(handle, 0)
-        os.write(handle, text.encode())
+        os.write(handle, holder.encode())
     return handle
 
 

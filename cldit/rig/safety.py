@@ -33,10 +33,7 @@ class RigSafety:
 
 
 def make_safe(
-    devices: Mapping[str, Device],
-    connected: Collection[str],
-    *,
-    taken_over: bool = False,
+    devices: Mapping[str, Device], connected: Collection[str], *, taken_over: bool = False
 ) -> RigSafety:
     """Makes each device safe, the last first; a dead one does not keep the others from it.
 

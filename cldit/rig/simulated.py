@@ -21,7 +21,7 @@ def simulated_rig_data(
     `run_folder` has scene.yaml, weights/ and weights_reference/; `further_runs` are of the same
     scene at other times of the spray. Without `real_time_factor` the sequence takes no time.
     """
-    wanted = scene.background.temperatures_K
+    temperatures_K = scene.background.temperatures_K
     return {
         "name": f"simulated rig before {scene.name}",
         "clock": {"model": "simulated", "real_time_factor": real_time_factor},
@@ -48,7 +48,7 @@ def simulated_rig_data(
             "settings": {
                 "time_constant_s": scene.rig.background_time_constant_s,
                 "start_K": scene.rig.background_start_K,
-                "limits_K": [min(253.0, *wanted), max(873.0, *wanted)],
+                "limits_K": [min(253.0, *temperatures_K), max(873.0, *temperatures_K)],
             },
         },
         "trigger": {"driver": "simulated_injector", "settings": {}},

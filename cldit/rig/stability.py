@@ -15,10 +15,10 @@ from cldit.rig.errors import Aborted, DeviceTimeout, NotSafe
 from cldit.rig.protocols import Limits, Stability
 
 _COLD_K = 5.0  # above the safe set point
+# A body with a time constant of 100 min falls by 1 % of its excess in 60 s. A fall of 0.5 K is five
+# standard deviations of a mean of ten readings with a noise of 0.3 K.
 _WATCH_s, _WATCH_POLL_s = 60.0, 0.5
-_FALL, _LEAST_FALL_K = 0.01, 0.5  # of the excess over the safe set point
-# A fall of 0.5 K is five standard deviations of a mean of ten readings with a noise of 0.3 K.
-_MEAN_OF = 10
+_FALL, _LEAST_FALL_K, _MEAN_OF = 0.01, 0.5, 10
 
 
 class Settled(Thermometer, Protocol):
@@ -55,23 +55,23 @@ def wait_stable(
         Aborted: `should_stop` returned True.
         NotConnected: a reading is not a temperature.
     """
-    start = clock.now_s()
+    start_s = clock.now_s()
     poll_s = min(1.0, max(stability.hold_s / 4.0, 0.05))
-    since: float | None = None  # start of the present unbroken window
+    since_s: float | None = None  # start of the present unbroken window
     while True:
-        reading = read_temperature(device)
+        reading_K = read_temperature(device)
         if on_progress is not None:
-            on_progress(reading)
-        good = abs(reading - temperature_K) <= stability.tolerance_K
+            on_progress(reading_K)
+        good = abs(reading_K - temperature_K) <= stability.tolerance_K
         good = good and device.is_stable() is not False
-        now = clock.now_s()
-        since = (now if since is None else since) if good else None
-        held_s = 0.0 if since is None else now - since
-        if since is not None and held_s >= stability.hold_s + stability.settle_s:
-            return reading
-        if now - start >= stability.timeout_s:
+        now_s = clock.now_s()
+        since_s = (now_s if since_s is None else since_s) if good else None
+        held_s = 0.0 if since_s is None else now_s - since_s
+        if since_s is not None and held_s >= stability.hold_s + stability.settle_s:
+            return reading_K
+        if now_s - start_s >= stability.timeout_s:
             raise DeviceTimeout(
-                f"background: {reading:.2f} K after {now - start:.0f} s, not stable at "
+                f"background: {reading_K:.2f} K after {now_s - start_s:.0f} s, not stable at "
                 f"{temperature_K:g} K ± {stability.tolerance_K:g} K for {stability.hold_s:g} s; "
                 "check the controller, or allow more in the plan's stability.timeout_s"
             )

@@ -20,11 +20,11 @@ _RULE = Stability(tolerance_K=0.5, hold_s=10.0, settle_s=5.0, timeout_s=3600.0)
 def limits(background: Background, allowed: Allowed) -> None:
     """Checks that set points at the limits are accepted, and that those outside change nothing."""
     can = background.limits
-    before = background.read_configuration()
+    stored = background.read_configuration()
     for outside in (can.low_K - 1.0, can.high_K + 1.0, math.nan, math.inf):
-        what = f"set_setpoint({outside:g})"
-        refuses(partial(background.set_setpoint, outside), OutOfLimits, what)
-    expect(background.read_configuration() == before, "a rejected set point changed something")
+        call = f"set_setpoint({outside:g})"
+        refuses(partial(background.set_setpoint, outside), OutOfLimits, call)
+    expect(background.read_configuration() == stored, "a rejected set point changed something")
     for inside in (can.high_K, can.low_K):  # it ends cold
         if inside <= allowed.warmest_K:
             near(background.set_setpoint(inside), inside, _AGREE_K, "set point [K]")

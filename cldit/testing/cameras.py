@@ -31,11 +31,11 @@ def _take(camera: Camera, n: int) -> list[Frame]:
     return frames
 
 
-def _missing(camera: Camera, n: int, timeout_s: float, arrived: int, what: str) -> None:
-    error = refuses(lambda: list(camera.read_frames(n, timeout_s)), MissingFrames, what)
+def _missing(camera: Camera, n: int, timeout_s: float, arrived: int, call: str) -> None:
+    error = refuses(lambda: list(camera.read_frames(n, timeout_s)), MissingFrames, call)
     assert isinstance(error, MissingFrames)
     got = (error.expected, error.received)
-    expect(got == (n, arrived), f"{what}: says {got[1]} of {got[0]}, expected {arrived} of {n}")
+    expect(got == (n, arrived), f"{call}: says {got[1]} of {got[0]}, expected {arrived} of {n}")
 
 
 def frames(camera: Camera, allowed: Allowed) -> None:
@@ -51,16 +51,25 @@ def frames(camera: Camera, allowed: Allowed) -> None:
         expect(frame.data.shape == (height, width), f"shape {frame.data.shape} of a frame")
         expect(frame.data.dtype == np.uint16, f"type {frame.data.dtype} of a frame")
         expect(frame.complete, f"frame {frame.frame_id} is incomplete")
-        most = camera.capabilities.saturation_counts
-        expect(frame.data.max() <= most, f"{frame.data.max()} counts, above saturation at {most}")
+        saturation = camera.capabilities.saturation_counts
+        expect(
+            frame.data.max() <= saturation,
+            f"{frame.data.max()} counts, above saturation at {saturation}",
+        )
     ids = [frame.frame_id for frame in got]
     expect(ids == list(range(ids[0], ids[0] + 5)), f"ids {ids} are not continuous")
     slow = camera.identify().maker == _SLOW_MAKER
     least_ns = 1e9 * (0.99 * camera.capabilities.minimum_period_s - (_LOOKS_s if slow else 0.0))
-    own = np.diff([frame.device_timestamp_ns for frame in got])
-    expect(np.all(own >= least_ns), f"{own} ns from frame to frame on the camera's clock")
-    host = np.diff([frame.host_timestamp_ns for frame in got])
-    expect(np.all(host >= (0.0 if slow else least_ns)), f"{host} ns from frame to frame")
+    device_steps_ns = np.diff([frame.device_timestamp_ns for frame in got])
+    expect(
+        np.all(device_steps_ns >= least_ns),
+        f"{device_steps_ns} ns from frame to frame on the camera's clock",
+    )
+    host_steps_ns = np.diff([frame.host_timestamp_ns for frame in got])
+    expect(
+        np.all(host_steps_ns >= (0.0 if slow else least_ns)),
+        f"{host_steps_ns} ns from frame to frame",
+    )
     if not camera.identify().simulated:
         since_s = [1e-9 * (frame.host_timestamp_ns - started_ns) for frame in got]
         expect(all(_WALL_s[0] < s < _WALL_s[1] for s in since_s), f"host times {since_s} s")
@@ -71,17 +80,19 @@ def configuration_is_read_back(camera: Camera, allowed: Allowed) -> None:
     """Checks that settings are read back, and that rejected ones change nothing."""
     low, high = camera.capabilities.integration_time_limits_s
     stored = camera.read_configuration()
-    for wanted in (low, min(max(_INTEGRATION_s, low), high), high):
-        settings = camera.configure(wanted)
-        near(settings.integration_time_s, wanted, 0.01 * wanted, "integration_time_s [s]")
+    for exposure_s in (low, min(max(_INTEGRATION_s, low), high), high):
+        settings = camera.configure(exposure_s)
+        near(settings.integration_time_s, exposure_s, 0.01 * exposure_s, "integration_time_s [s]")
         stored = camera.read_configuration()
         same = stored["integration_time_s"] == settings.integration_time_s
         expect(same, "configure() and read_configuration() give two integration times")
-        said = stored["calibration"]["saturation_counts"]
-        expect(said == camera.capabilities.saturation_counts, f"saturation_counts {said}")
+        saturation = stored["calibration"]["saturation_counts"]
+        expect(
+            saturation == camera.capabilities.saturation_counts, f"saturation_counts {saturation}"
+        )
     for outside in (0.5 * low, 2.0 * high, 0.0, -1.0, math.nan):
-        what = f"configure({outside:g})"
-        refuses(partial(camera.configure, outside), OutOfLimits, what, "integration_time_s")
+        call = f"configure({outside:g})"
+        refuses(partial(camera.configure, outside), OutOfLimits, call, "integration_time_s")
     expect(camera.read_configuration() == stored, "a rejected exposure changed the configuration")
     wrong = "Mono1"
     refuses(
@@ -108,15 +119,18 @@ def stops_and_flushes(camera: Camera, allowed: Allowed) -> None:
     """Checks that it stops by itself after n frames, and that `flush` counts discarded frames."""
     camera.prepare(TriggerInfo(TriggerMode.SOFTWARE, n_frames=2))
     camera.arm()
-    before = camera.statistics()
+    initial = camera.statistics()
     for _ in range(3):
         camera.software_trigger()
-    first, second = camera.flush(), camera.flush()
-    expect((first, second) == (2, 0), f"flush() gives {first}, then {second}; expected 2, then 0")
-    after = camera.statistics()
+    flushed, flushed_again = camera.flush(), camera.flush()
+    expect(
+        (flushed, flushed_again) == (2, 0),
+        f"flush() gives {flushed}, then {flushed_again}; expected 2, then 0",
+    )
+    final = camera.statistics()
     for name, number in (("missed", 1), ("flushed", 2)):
-        more = after[name] - before[name]
-        expect(more == number, f"statistics: {name} {more}, expected {number}")
+        change = final[name] - initial[name]
+        expect(change == number, f"statistics: {name} {change}, expected {number}")
     refuses(lambda: list(camera.read_frames(1, 0.1)), MissingFrames, "a frame after flush()")
 
 
@@ -132,8 +146,8 @@ def internal_trigger(camera: Camera, allowed: Allowed) -> None:
 def refuses_what_it_lacks(camera: Camera, allowed: Allowed) -> None:
     """Checks that unsupported modes and a number of 0 frames are rejected."""
     for mode in sorted(set(TriggerMode) - camera.capabilities.trigger_modes):
-        what = f"prepare({mode})"
-        refuses(partial(camera.prepare, TriggerInfo(mode)), ConfigRejected, what)
+        call = f"prepare({mode})"
+        refuses(partial(camera.prepare, TriggerInfo(mode)), ConfigRejected, call)
     none = TriggerInfo(TriggerMode.SOFTWARE, n_frames=0)
     refuses(lambda: camera.prepare(none), ConfigRejected, "prepare() for no frames")
 
@@ -160,8 +174,8 @@ def camera_steps(
         edge()
         return [frame.data for frame in device.read_frames(1, 0.5)]
 
-    def seen(found: list[Any]) -> bool:
-        return picture is None or np.array_equal(found, [picture()])
+    def seen(received: list[Any]) -> bool:
+        return picture is None or np.array_equal(received, [picture()])
 
     def settings(got: Any) -> bool:
         seconds = got["integration_time_s"] if isinstance(got, dict) else got.integration_time_s

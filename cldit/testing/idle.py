@@ -39,7 +39,7 @@ def check_idle(make: Make, settings: Mapping[str, Any] | None = None) -> int:
             bed.hang_up()
             bed.device.make_safe()
             if bed.left_on() or bed.injections > 1:
-                left = f"left on: {bed.left_on()}, {bed.injections} injections"
-                problems.append(f"closed before {name}: {left}")
+                state = f"left on: {bed.left_on()}, {bed.injections} injections"
+                problems.append(f"closed before {name}: {state}")
     expect(not problems, "\n".join(problems))
     return len(names)

@@ -23,7 +23,7 @@ from cldit.testing.replies import LINE_FAULTS, Fault
 # Time to wait for an answer, and delay of a late one. On a busy machine the first may lose another
 # answer, which the contract allows, but not three times in a row.
 _ANSWER_s, _LATE_s = 0.1, 0.15
-_DEAD_ANSWER_s, _REACH_s = 0.3, 20.0
+_DEAD_ANSWER_s, _REACH_s = 0.3, 20.0  # twice the time in which `Linked` tries to reach a device
 _SPOILED = [Fault.NAN, Fault.LATE, Fault.GARBAGE, Fault.HALF]
 _SAMPLES = 8
 
@@ -158,8 +158,8 @@ def check_dead(make: Make, settings: Mapping[str, Any] | None = None, *, times: 
         begin_s = time.monotonic()
         for _ in range(times):
             error = refuses(bed.device.make_safe, NotSafe, "make_safe() of a dead instrument")
-            for text in (*bed.told, "Last known", "By hand"):
-                expect(text in str(error), f"{error}; expected {text!r} in it")
+            for part in (*bed.told, "Last known", "By hand"):
+                expect(part in str(error), f"{error}; expected {part!r} in it")
             bed.device.close()
         took_s = time.monotonic() - begin_s
         expect(took_s < _REACH_s, f"tries to reach it for {took_s:.0f} s; allowed: {_REACH_s:g} s")
@@ -195,10 +195,10 @@ def check_states(make: Make, settings: Mapping[str, Any] | None = None) -> None:
         expect(not bed.left_on(), f"on after make_safe(): {bed.left_on()}")
 
 
-def _all_right(one: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
+def _all_right(check: Callable[[C], str], cases: Sequence[C], at_once: int) -> None:
     """Raises ContractBroken with the problems of all cases, whose sessions run in parallel."""
     with ThreadPoolExecutor(at_once) as pool:
-        failures = [problem for problem in pool.map(one, cases) if problem]
+        failures = [problem for problem in pool.map(check, cases) if problem]
     expect(not failures, "\n".join(failures))
 
 

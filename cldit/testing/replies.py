@@ -74,19 +74,19 @@ class Replies:
                 time.sleep(self._late_s)
                 return reply
             case Fault.NAN:
-                instead = self.no_number
-                if instead in (BINARY_NAN, INTEGER_NONE):
-                    instead = (instead * (stop - start))[: stop - start]
-                return reply[:start] + instead + reply[stop:]
+                replacement = self.no_number
+                if replacement in (BINARY_NAN, INTEGER_NONE):
+                    replacement = (replacement * (stop - start))[: stop - start]
+                return reply[:start] + replacement + reply[stop:]
             case Fault.FOREIGN:
                 binary = self.no_number in (BINARY_NAN, INTEGER_NONE)  # its peer knows the address
                 return reply if binary else reply[:start] + _OTHERS + reply[stop:]
             case Fault.ODD:
-                said = reply[start:stop]
+                payload = reply[start:stop]
                 if self.no_number in (BINARY_NAN, INTEGER_NONE):
-                    said = (_WORD_ODD * (stop - start))[: stop - start]
-                elif said.count(b",") != _IDENTITY_COMMAS:
-                    said = _NUMBER.sub(_TEXT_ODD, said)
-                return reply[:start] + said + reply[stop:]
+                    payload = (_WORD_ODD * (stop - start))[: stop - start]
+                elif payload.count(b",") != _IDENTITY_COMMAS:
+                    payload = _NUMBER.sub(_TEXT_ODD, payload)
+                return reply[:start] + payload + reply[stop:]
             case Fault.GARBAGE:
                 return reply[:start] + bytes(b ^ 0xA5 for b in reply[start:stop]) + reply[stop:]

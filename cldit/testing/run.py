@@ -50,11 +50,7 @@ class Result:
 
 
 def on_emulators(
-    driver: str,
-    kind: str,
-    settings: Mapping[str, Any] | None = None,
-    *,
-    all_faults: bool = False,
+    driver: str, kind: str, settings: Mapping[str, Any] | None = None, *, all_faults: bool = False
 ) -> Iterator[Result]:
     """Runs the contract on all emulators of a driver, with lost and damaged replies.
 
@@ -73,10 +69,14 @@ def on_emulators(
     for variant, make in beds_of(driver).items():
         for check in OF_KIND[kind]:
             connects = check is not LIFE
-            yield _tried(variant, check.name, _alone(make, settings, check, connects, whole=False))
+            yield _tried(
+                variant, check.name, _alone(make, settings, check, connects, with_bed=False)
+            )
         if kind == "trigger":
             for check in PULSES:
-                yield _tried(variant, check.name, _alone(make, settings, check, True, whole=True))
+                yield _tried(
+                    variant, check.name, _alone(make, settings, check, True, with_bed=True)
+                )
         for name, work in _lines(make, kind, settings, all_faults).items():
             yield _tried(variant, name, work)
 
@@ -115,7 +115,7 @@ def _disarm(device: Any) -> None:
 
 
 def _alone(
-    make: Make, settings: Mapping[str, Any] | None, check: Check, connects: bool, *, whole: bool
+    make: Make, settings: Mapping[str, Any] | None, check: Check, connects: bool, *, with_bed: bool
 ) -> Callable[[], None]:
     """A check on its own bed: of the whole bed, or of its device alone."""
 
@@ -123,7 +123,7 @@ def _alone(
         with opened(make, settings) as bed:
             if connects:
                 bed.device.connect()
-            subject: Bed | Any = bed if whole else bed.device
+            subject: Bed | Any = bed if with_bed else bed.device
             check.run(subject, EVERYTHING)
 
     return work
@@ -132,8 +132,6 @@ def _alone(
 def _lines(
     make: Make, kind: str, settings: Mapping[str, Any] | None, all_faults: bool
 ) -> dict[str, Callable[[], object]]:
-    """Checks with faults of the line, by name."""
-
     def replies(numbers: lost_replies.Numbers, faults: lost_replies.Faults) -> Callable[[], str]:
         return lambda: f"{lost_replies.check_replies(make, numbers, faults, settings)} sessions"
 
@@ -160,12 +158,12 @@ def _lines(
 def _tried(where: str, name: str, work: Callable[[], object]) -> Result:
     begin_s = time.monotonic()
     try:
-        said = work()
-        verdict, text = Verdict.PASSED, said if isinstance(said, str) else ""
+        outcome = work()
+        verdict, message = Verdict.PASSED, outcome if isinstance(outcome, str) else ""
     except NotAllowed as error:
-        verdict, text = Verdict.SKIPPED, str(error)
+        verdict, message = Verdict.SKIPPED, str(error)
     except ContractBroken as error:
-        verdict, text = Verdict.FAILED, str(error)
+        verdict, message = Verdict.FAILED, str(error)
     except Exception as error:  # other errors violate the contract
-        verdict, text = Verdict.FAILED, f"{type(error).__name__}: {error}"
-    return Result(where, name, verdict, text, time.monotonic() - begin_s)
+        verdict, message = Verdict.FAILED, f"{type(error).__name__}: {error}"
+    return Result(where, name, verdict, message, time.monotonic() - begin_s)

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from cldit.acquisition import Plan, Progress, acquire, open_acquisition
+from cldit.acquisition import acquire, open_acquisition
 from cldit.rig.clock import SimulatedClock
 from cldit.rig.drivers import RigContext
 from cldit.rig.errors import DeviceTimeout, FireUncertain, RetakesExhausted, RigError
 from cldit.rig.load import open_rig
 from cldit.rig.protocols import TriggerInfo, TriggerMode
 from tests.journals import read_journal
+from tests.wrapped import Mission
 
 if TYPE_CHECKING:  # the same files, by the name under which mypy finds them
     from drivers.heater import Dynamics, Heater
@@ -58,26 +59,22 @@ def test_overshoot_drift_and_swing() -> None:
     assert min(late) == pytest.approx(397.0, abs=0.02)
 
 
-def test_never_settles_ends_in_a_timeout(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    tiny_rig["background"]["settings"].update(swing_K=3.0, stable_within_K=5.0)
+def test_never_settles_ends_in_a_timeout(mission: Mission) -> None:
+    mission.data["background"]["settings"].update(swing_K=3.0, stable_within_K=5.0)
     with pytest.raises(DeviceTimeout, match="not stable"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+        mission.acquire()
 
 
 @pytest.mark.parametrize("fault", ["drop", "incomplete"])
-def test_frames_that_fail_are_retaken(
-    fault: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_frames_that_fail_are_retaken(fault: str, mission: Mission, tmp_path: Path) -> None:
     """A third of the frames fail: every shot is there once, each failure has its reason; and the
     same seed gives the same faults."""
-    tiny_rig["camera"]["settings"][fault] = 0.33
-    tiny_rig["seed"] = 4
-    plan = tiny_plan.model_copy(update={"retakes": 10})
+    mission.data["camera"]["settings"][fault] = 0.33
+    mission.data["seed"] = 4
+    plan = mission.plan.model_copy(update={"retakes": 10})
     rejected = []
-    for folder in (tmp_path / "a", tmp_path / "b"):
-        record = acquire(open_rig(tiny_rig), plan, folder)
+    for folder in (mission.folder, tmp_path / "b"):
+        record = acquire(open_rig(mission.data), plan, folder)
         assert record.complete and open_acquisition(folder).complete
         entries = read_journal(folder / "journal.jsonl")
         rejected.append([e["shot"] for e in entries if e["event"] == "rejected"])
@@ -86,26 +83,24 @@ def test_frames_that_fail_are_retaken(
 
 
 @pytest.mark.parametrize(("device", "after"), [("camera", 5), ("background", 400), ("trigger", 4)])
-def test_unplugged_and_resume(
-    device: str, after: int, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_unplugged_and_resume(device: str, after: int, mission: Mission) -> None:
     """Somewhere between two shots, or while a background settles: it is said which device is gone
     and what may still be on; plugged in again, the same call completes."""
-    tiny_rig[device]["settings"]["unplug_after"] = after
+    mission.data[device]["settings"]["unplug_after"] = after
     with pytest.raises(RigError, match="unplugged") as caught:
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+        mission.acquire()
     assert f"{device}: " in str(caught.value)
-    taken = len(open_acquisition(tmp_path / "a").shots)
+    taken = len(open_acquisition(mission.folder).shots)
     assert taken >= (0 if device == "background" else 3)
-    del tiny_rig[device]["settings"]["unplug_after"]
-    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    del mission.data[device]["settings"]["unplug_after"]
+    record = mission.acquire()
     assert record.complete and record.lost_injections <= 1
 
 
-def test_camera_warms_up(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+def test_camera_warms_up(mission: Mission) -> None:
     """Preflight waits for the cooler; whoever does not wait gets counts on top."""
-    tiny_rig["camera"]["settings"].update(warm_up_s=300.0, warm_up_counts=3000.0)
-    rig = open_rig(tiny_rig)
+    mission.data["camera"]["settings"].update(warm_up_s=300.0, warm_up_counts=3000.0)
+    rig = open_rig(mission.data)
     rig.connect()
     with pytest.raises(DeviceTimeout, match="cooler needs 200 s more"):
         rig.camera.wait_ready(100.0)
@@ -122,9 +117,9 @@ def test_camera_warms_up(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Pa
     rig.camera.wait_ready(1000.0)
     assert rig.clock.now_s() >= 300.0
     assert warm - taken() == pytest.approx(3000.0, abs=60.0)  # noise: some 20 counts a pixel
-    fresh = open_rig(tiny_rig)
-    assert acquire(fresh, tiny_plan, tmp_path / "a").complete
-    first = next(e for e in read_journal(tmp_path / "a" / "journal.jsonl") if e["event"] == "start")
+    fresh = open_rig(mission.data)
+    assert mission.acquire(fresh).complete
+    first = next(e for e in read_journal(mission.folder / "journal.jsonl") if e["event"] == "start")
     assert first["time"] >= "2000-01-01T00:05:00"
 
 
@@ -183,17 +178,15 @@ def test_injector_scatter_in_the_rig_file(tiny_rig: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("jump_s", [3600.0, -3600.0])
-def test_clock_that_jumps(
-    jump_s: float, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_clock_that_jumps(jump_s: float, mission: Mission, tmp_path: Path) -> None:
     """Somebody sets the computer's date in the middle: nothing waits an hour more or less, every
     shot is there once, and a stopped run resumes."""
-    plain, jumpy = dict(tiny_rig), dict(tiny_rig)
+    plain, jumpy = dict(mission.data), dict(mission.data)
     jumpy["clock"] = {"model": "simulated", "jump_after_s": 500.0, "jump_s": jump_s}
     took = []
     for number, data in enumerate((plain, jumpy)):
         rig = open_rig(data)
-        acquire(rig, tiny_plan, tmp_path / str(number))
+        acquire(rig, mission.plan, tmp_path / str(number))
         took.append(rig.clock.now_s())
     assert took[0] == pytest.approx(took[1], abs=60.0)  # readings are drawn anew after the jump
     entries = read_journal(tmp_path / "1" / "journal.jsonl")
@@ -203,37 +196,23 @@ def test_clock_that_jumps(
     assert open_acquisition(tmp_path / "1").complete
     pictures = open_acquisition(tmp_path / "1")
     assert len({pictures.load(shot).tobytes() for shot in pictures.shots}) == 10
-    done = 0
-
-    def count(progress: Progress) -> None:
-        nonlocal done
-        done = progress.done
-
-    acquire(open_rig(jumpy), tiny_plan, tmp_path / "2", progress=count,
-            should_stop=lambda: done >= 7)  # fmt: skip
-    assert acquire(open_rig(jumpy), tiny_plan, tmp_path / "2").complete
+    resumed = Mission(jumpy, mission.plan, tmp_path / "2")
+    resumed.acquire(stop_after=7)
+    assert resumed.acquire().complete
 
 
-def test_failed_injections_are_retaken(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_failed_injections_are_retaken(mission: Mission, tmp_path: Path) -> None:
     """Four in ten injections bring no fuel: each is rejected, counted, and taken again, also by a
     run that resumes with the references on the disk; with every one failing, it ends."""
-    tiny_rig["trigger"]["settings"]["misfire"] = 0.4
-    plan = tiny_plan.model_copy(update={"expect_fuel": True, "shots": 8, "retakes": 10})
-    done = 0
-
-    def count(progress: Progress) -> None:
-        nonlocal done
-        done = progress.done
-
-    acquire(open_rig(tiny_rig), plan, tmp_path / "a", progress=count, should_stop=lambda: done > 3)
-    record = acquire(open_rig(tiny_rig), plan, tmp_path / "a")
+    mission.data["trigger"]["settings"]["misfire"] = 0.4
+    plan = mission.plan.model_copy(update={"expect_fuel": True, "shots": 8, "retakes": 10})
+    mission.acquire(plan=plan, stop_after=4)
+    record = mission.acquire(plan=plan)
     assert record.complete and record.rejected == record.lost_injections >= 3
-    entries = read_journal(tmp_path / "a" / "journal.jsonl")
+    entries = read_journal(mission.folder / "journal.jsonl")
     reasons = {e["reason"].partition(":")[0] for e in entries if e["event"] == "rejected"}
     assert reasons == {"failed injection"}
-    acquisition = open_acquisition(tmp_path / "a")
+    acquisition = open_acquisition(mission.folder)
     for background in (0, 1):
         middle = {
             kind: [acquisition.load(s)[5:7, 7:9].mean() for s in acquisition.shots
@@ -241,17 +220,17 @@ def test_failed_injections_are_retaken(
             for kind in ("reference", "injection")
         }  # fmt: skip
         assert max(middle["injection"]) < 0.7 * min(middle["reference"])
-    tiny_rig["trigger"]["settings"]["misfire"] = 1.0
+    mission.data["trigger"]["settings"]["misfire"] = 1.0
     with pytest.raises(RetakesExhausted, match="rejected 3 times, at last for failed injection"):
-        acquire(open_rig(tiny_rig), plan.model_copy(update={"retakes": 2}), tmp_path / "b")
+        acquire(open_rig(mission.data), plan.model_copy(update={"retakes": 2}), tmp_path / "b")
 
 
-def test_rate_error_and_misfire(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    tiny_rig["trigger"]["settings"]["rate_error"] = 1.0
+def test_rate_error_and_misfire(mission: Mission, tmp_path: Path) -> None:
+    mission.data["trigger"]["settings"]["rate_error"] = 1.0
     with pytest.raises(FireUncertain, match="rate error"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    tiny_rig["trigger"]["settings"].update(rate_error=0.0, misfire=1.0)
-    acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "b")
+        mission.acquire()
+    mission.data["trigger"]["settings"].update(rate_error=0.0, misfire=1.0)
+    acquire(open_rig(mission.data), mission.plan, tmp_path / "b")
     acquisition = open_acquisition(tmp_path / "b")
     means = {
         kind: [acquisition.load(s)[5:7, 7:9].mean() for s in acquisition.shots

@@ -29,13 +29,13 @@ class Matlab5(ArrayStack):
         from scipy.io import loadmat, whosmat
 
         check_regular(source.path)
-        known = {
+        variables = {
             name: SimpleNamespace(name=name, shape=shape)  # not read yet
             for name, shape, kind in whosmat(source.path)
             if kind in ("single", "double") or "int" in kind
         }
-        shapes = {name: each.shape for name, each in known.items()}
-        chosen = pick(source, known, lambda: shapes, line=False)
+        shapes = {name: variable.shape for name, variable in variables.items()}
+        chosen = pick(source, variables, lambda: shapes, line=False)
         data = loadmat(source.path, variable_names=[chosen.name])[chosen.name]
         super().__init__(data, source.axes or MATLAB)
         self.notes += matlab_notes(source, data.shape)
@@ -50,10 +50,10 @@ class NetCdf3(ArrayStack):
         check_regular(source.path)
         self._file = netcdf_file(source.path, "r", mmap=False)
         try:
-            known = {name: each.shape for name, each in self._file.variables.items()}
-            found = pick(source, self._file.variables, lambda: known, line=False)
-            axes = source.axes or axes_named(found.dimensions)
-            super().__init__(found.data, axes, attributes=found._attributes)
+            shapes = {name: stored.shape for name, stored in self._file.variables.items()}
+            variable = pick(source, self._file.variables, lambda: shapes, line=False)
+            axes = source.axes or axes_named(variable.dimensions)
+            super().__init__(variable.data, axes, attributes=variable._attributes)
         except BaseException:
             self._file.close()
             raise
@@ -67,12 +67,12 @@ class Zarr(ArrayStack):
     """An array (..., rows, columns) of a Zarr folder; chunks are read as they are needed."""
 
     def __init__(self, source: Source) -> None:
-        found = _zarr(source, line=False)
+        array = _zarr(source, line=False)
         if not source.incomplete:
-            check_chunks(source.text, found.nchunks, found.nchunks_initialized)
-        known, stated = dict(found.attrs), getattr(found.metadata, "dimension_names", None)
-        names = [str(name) for name in stated or known.get("_ARRAY_DIMENSIONS") or ()]
-        super().__init__(found, source.axes or axes_named(names), attributes=known)
+            check_chunks(source.text, array.nchunks, array.nchunks_initialized)
+        attributes, dimensions = dict(array.attrs), getattr(array.metadata, "dimension_names", None)
+        names = [str(name) for name in dimensions or attributes.get("_ARRAY_DIMENSIONS") or ()]
+        super().__init__(array, source.axes or axes_named(names), attributes=attributes)
 
 
 def read_line(source: Source) -> NDArray[np.float64]:
@@ -89,7 +89,7 @@ def _zarr(source: Source, *, line: bool) -> Any:
     return pick(
         source,
         root,
-        lambda: {name: each.shape for name, each in root.members(max_depth=None)
-                 if isinstance(each, zarr.Array)},
+        lambda: {name: array.shape for name, array in root.members(max_depth=None)
+                 if isinstance(array, zarr.Array)},
         line=line,
     )  # fmt: skip

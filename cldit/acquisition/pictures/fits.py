@@ -4,7 +4,7 @@ import warnings
 from contextlib import suppress
 from typing import Any
 
-from cldit.acquisition.pictures.source import ArrayStack, Source, Told, moment_s, pick
+from cldit.acquisition.pictures.source import ArrayStack, ImageMetadata, Source, moment_s, pick
 from cldit.errors import EvaluationError
 from cldit.io.extras import needed
 from cldit.io.files import check_regular
@@ -23,24 +23,24 @@ class Fits(ArrayStack):
             images = {n: unit for n, unit in enumerate(_units(self._file)) if unit.is_image}
             units = {unit.name or str(n): unit for n, unit in images.items() if len(unit.shape) > 1}
             named = units | {str(n): unit for n, unit in images.items()}
-            found = pick(source, named, lambda: {n: u.shape for n, u in units.items()}, line=False)
-            head = found.header
-            super().__init__(found.section, source.axes, unit=str(head.get("BUNIT", "")))
+            image = pick(source, named, lambda: {n: u.shape for n, u in units.items()}, line=False)
+            head = image.header
+            super().__init__(image.section, source.axes, unit=str(head.get("BUNIT", "")))
             self._flipped = str(head.get("ROWORDER", "")).upper() == "BOTTOM-UP"
             self.notes += () if "ROWORDER" in head else ("no ROWORDER: first row at the top",)
-            self.told = (self._told(head),) * len(self)
+            self.metadata = (self._metadata(head),) * len(self)
         except BaseException:
             self._file.close()
             raise
 
-    def _told(self, head: Any) -> Told:
+    def _metadata(self, head: Any) -> ImageMetadata:
         """Exposure of all images, and the time of a single one (FITS 4.0: DATE-OBS, EXPTIME)."""
         time_s = None
         if len(self) == 1 and "DATE-OBS" in head:
             with suppress(ValueError):
                 time_s = moment_s(str(head["DATE-OBS"]))
         exposed = head.get("EXPTIME")
-        return Told(time_s, float(exposed) if isinstance(exposed, (int, float)) else None)
+        return ImageMetadata(time_s, float(exposed) if isinstance(exposed, (int, float)) else None)
 
     def read(self, number: int) -> Any:
         """Image `number`, (rows, columns)."""

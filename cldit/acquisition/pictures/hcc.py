@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import Source, Told
+from cldit.acquisition.pictures.source import ImageMetadata, Source
 from cldit.errors import EvaluationError
 from cldit.io.extras import needed
 from cldit.io.files import check_regular
@@ -36,7 +36,7 @@ class Hcc:
                 headers = [dict(header) for header in self._film.read_metadata()]
                 mode = int(self._film.calibration_mode)
             self._check(mode, np.array([header["FrameID"] for header in headers], np.int64))
-            self.told = tuple(_told(header) for header in headers)
+            self.metadata = tuple(_metadata(header) for header in headers)
         except EvaluationError:
             self._film.close()
             raise
@@ -67,7 +67,7 @@ class Hcc:
             )
 
     def __len__(self) -> int:
-        return len(self.told)
+        return len(self.metadata)
 
     def read(self, number: int) -> NDArray[np.uint16]:
         """Image `number`, (rows, columns)."""
@@ -79,8 +79,8 @@ class Hcc:
         self._film.close()
 
 
-def _told(header: dict[str, Any]) -> Told:
+def _metadata(header: dict[str, Any]) -> ImageMetadata:
     """Time of a frame, of whole seconds and steps of 100 ns, and its exposure."""
     seconds = header.get("POSIXTime") or 0
     time_s = seconds + 1e-7 * header.get("SubSecondTime", 0) if seconds else None
-    return Told(time_s, 1e-6 * float(header["ExposureTime"]) or None)
+    return ImageMetadata(time_s, 1e-6 * float(header["ExposureTime"]) or None)

@@ -11,8 +11,8 @@ from cldit.acquisition.pictures.arrays import MATLAB, matlab_notes
 from cldit.acquisition.pictures.source import (
     SECONDS_OF_UNIT,
     ArrayStack,
+    ImageMetadata,
     Source,
-    Told,
     as_text,
     axes_named,
     moment_s,
@@ -35,7 +35,7 @@ class Hdf5(ArrayStack):
         axes = (source.axes or MATLAB)[::-1] if matlab else source.axes or axes_named(names)
         super().__init__(data, axes, attributes=data.attrs)
         self.notes += matlab_notes(source, data.shape) if matlab else ()
-        self.told = _told(data.parent, len(self))
+        self.metadata = _metadata(data.parent, len(self))
 
     def read(self, number: int) -> NDArray[Any]:
         """Image `number`, (rows, columns)."""
@@ -49,7 +49,7 @@ class Hdf5(ArrayStack):
         self._file.close()
 
 
-def _told(group: Any, count: int) -> tuple[Told, ...]:
+def _metadata(group: Any, count: int) -> tuple[ImageMetadata, ...]:
     """Times and exposures according to NeXus' NXdetector: `count_time`, and `start_time` with its
     attribute `start`.
     """
@@ -63,7 +63,7 @@ def _told(group: Any, count: int) -> tuple[Told, ...]:
         except ValueError:
             start_s = None
     return tuple(
-        Told(
+        ImageMetadata(
             None if start_s is None or begun_s is None else start_s + float(begun_s[number]),
             None if exposed_s is None else float(exposed_s[number]),
         )
@@ -108,15 +108,15 @@ def _open(source: Source, *, line: bool) -> tuple[Any, Any]:
     file = h5py.File(source.path, "r")
 
     def shapes() -> dict[str, tuple[int, ...]]:
-        found: dict[str, tuple[int, ...]] = {}
+        by_name: dict[str, tuple[int, ...]] = {}
 
         def note(name: str, item: Any) -> None:
             numbers = isinstance(item, h5py.Dataset) and item.dtype.kind in "uif"
             if numbers and not name.startswith("#"):  # of MATLAB's own
-                found[name] = item.shape
+                by_name[name] = item.shape
 
         file.visititems(note)
-        return found
+        return by_name
 
     try:
         check_links(source.path, file, complete=False)

@@ -32,10 +32,10 @@ class Kind:
     def load(self, name: str) -> Callable[..., Any]:
         """Imports the function `module:name` of this package."""
         module, _, function = name.partition(":")
-        found: Callable[..., Any] = getattr(
+        loaded: Callable[..., Any] = getattr(
             import_module(f"cldit.acquisition.pictures.{module}"), function
         )
-        return found
+        return loaded
 
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -78,14 +78,13 @@ KINDS = (
     Kind("a film of InfraTec", "irb", ((0, b"\xffIRB\0"),), way_out=f"{EXPORT} with IRBIS"),
     Kind("a film of Optris", "ravi", way_out=f"{EXPORT} with PIX Connect"),
     Kind(
-        "JPEG, which loses what it compresses",
-        "jpg jpeg",
-        ((0, b"\xff\xd8\xff"),),
-        way_out=EXPORT,
+        "JPEG, which loses what it compresses", "jpg jpeg", ((0, b"\xff\xd8\xff"),), way_out=EXPORT
     ),
     Kind("a film of a display", "avi mp4 mov", ((4, b"ftyp"),), way_out=EXPORT),
 )
-ALLOWED = ", ".join(f".{each}" for kind in KINDS if kind.reader for each in kind.endings.split())
+ALLOWED = ", ".join(
+    f".{ending}" for kind in KINDS if kind.reader for ending in kind.endings.split()
+)
 
 
 @cache
@@ -104,6 +103,6 @@ def kind_of(path: Path) -> Kind | None:
     except FileError:  # its reader reports it
         head = b""
     for kind in KINDS:
-        if any(head[at : at + len(text)] == text for at, text in kind.signatures):
+        if any(head[at : at + len(signature)] == signature for at, signature in kind.signatures):
             return kind
     return by_ending(path.suffix.lower().removeprefix("."))

@@ -19,8 +19,7 @@ _BARE = re.compile(
     rf"{_APART}(?:T|(?i:tbb|bb|temp|temperature|blackbody|black_body))[ _=-]?{_NUMBER}{_END}"
 )
 _DELAY = re.compile(
-    rf"{_APART}(?:delay|asoi|soi|t|d)?[ _+-]?{_NUMBER}[ _-]?(?P<unit>ms|us|µs){_END}",
-    re.IGNORECASE,
+    rf"{_APART}(?:delay|asoi|soi|t|d)?[ _+-]?{_NUMBER}[ _-]?(?P<unit>ms|us|µs){_END}", re.IGNORECASE
 )
 _SECONDS = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _WORDS: tuple[tuple[Role, str], ...] = (
@@ -77,24 +76,24 @@ def words_of(part: str) -> list[str]:
 def _role(parts: list[str], shared: Collection[str]) -> Role:
     for part in parts:
         words = words_of(_BEHIND.sub("", part))
-        text = "_".join(word for word in words if word not in shared)
+        joined = "_".join(word for word in words if word not in shared)
         for role, pattern in _WORDS:
-            if re.search(rf"(?:^|_)(?:{pattern})(?:_|$)", text):
+            if re.search(rf"(?:^|_)(?:{pattern})(?:_|$)", joined):
                 return role
     return ""
 
 
 def _temperature(part: str) -> tuple[float, Literal["K", "C", ""]] | None:
-    if found := _TEMPERATURE.search(part):
-        return _value(found), "K" if found["unit"].lower().startswith("k") else "C"
-    found = _BARE.search(part)
-    return None if found is None else (_value(found), "")
+    if match := _TEMPERATURE.search(part):
+        return _value(match), "K" if match["unit"].lower().startswith("k") else "C"
+    match = _BARE.search(part)
+    return None if match is None else (_value(match), "")
 
 
 def _delay(part: str) -> float | None:
-    found = _DELAY.search(part)
-    return None if found is None else _value(found) * _SECONDS[found["unit"].lower()]
+    match = _DELAY.search(part)
+    return None if match is None else _value(match) * _SECONDS[match["unit"].lower()]
 
 
-def _value(found: re.Match[str]) -> float:
-    return float(re.sub("[,p]", ".", found["value"]))
+def _value(match: re.Match[str]) -> float:
+    return float(re.sub("[,p]", ".", match["value"]))

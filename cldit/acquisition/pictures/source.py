@@ -55,7 +55,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Told:
+class ImageMetadata:
     """Metadata of one image; None if its file has none. time_s: since 1970, of the file's clock."""
 
     time_s: float | None = None
@@ -67,17 +67,17 @@ SECONDS_OF_UNIT = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "
 SECONDS_OF_UNIT |= {"min": 60.0, "h": 3600.0}
 
 
-def moment_s(text: str) -> float:
+def moment_s(iso: str) -> float:
     """Seconds since 1970 of an ISO 8601 date, in UTC if it has no zone; raises ValueError
     otherwise.
     """
-    found = datetime.fromisoformat(text.strip())
-    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+    moment = datetime.fromisoformat(iso.strip())
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 class Stack(Protocol):
-    """Images of one file. `notes`, `unit` and `told`, a `Told` an image, may be there too: what
-    the file says of them."""
+    """Images of one file; optional attributes are `notes`, `unit` and `metadata`, an
+    `ImageMetadata` for each image."""
 
     def __len__(self) -> int: ...
 
@@ -90,21 +90,21 @@ class Stack(Protocol):
 
 def axes_named(names: Sequence[str]) -> tuple[Axis, ...] | None:
     """Order of axes by the names of two or three dimensions; None unless all of them are clear."""
-    found: list[Axis] = ["frames"] if len(names) == 2 else []
+    axes: list[Axis] = ["frames"] if len(names) == 2 else []
     for name in names:
-        found += [axis for axis, known in _NAMES.items() if name.lower() in known.split()]
-    return tuple(found) if sorted(found) == sorted(AXES) else None
+        axes += [axis for axis, aliases in _NAMES.items() if name.lower() in aliases.split()]
+    return tuple(axes) if sorted(axes) == sorted(AXES) else None
 
 
 class NoDataSet(EvaluationError):
     """A source needs the name of one of the `known` data sets."""
 
-    def __init__(self, source: Source, known: Sequence[str]) -> None:
-        self.known = tuple(known)
-        wanted = f"name the data set too, as in {source.path.name}::/entry/data"
+    def __init__(self, source: Source, available: Sequence[str]) -> None:
+        self.known = tuple(available)
+        advice = f"name the data set too, as in {source.path.name}::/entry/data"
         super().__init__(
-            f"{source.text}: {'no such data set' if source.dataset else wanted}; the file has "
-            + (", ".join(known) or "none")
+            f"{source.text}: {'no such data set' if source.dataset else advice}; the file has "
+            + (", ".join(available) or "none")
         )
 
 
@@ -133,12 +133,12 @@ class ArrayStack:
         if self._last:
             self._frames = (shape[self._last],)
         self._turned = axes is not None and axes.index("columns") < axes.index("rows")
-        known = attributes or {}
+        stated = attributes or {}
         self._scale, self._shift = (
-            float(np.ravel(known.get(name, default))[0])
+            float(np.ravel(stated.get(name, default))[0])
             for name, default in (("scale_factor", 1.0), ("add_offset", 0.0))
         )
-        self.unit = unit or as_text(known.get("units"))
+        self.unit = unit or as_text(stated.get("units"))
         self.notes: tuple[str, ...] = ()
         if (self._scale, self._shift) != (1.0, 0.0):
             self.notes = (f"stored numbers times {self._scale:g}, plus {self._shift:g}",)
@@ -182,10 +182,10 @@ def pick(
         return len(shape) > 1 and (bool(name) or sum(size > 1 for size in shape) > 1)
 
     if not name or name not in group:
-        known = [each.strip("/") for each, shape in shapes().items() if fits(shape)]
-        if name or len(known) != 1:
-            raise NoDataSet(source, [f"/{each}" for each in known])
-        name = known[0]
+        fitting = [dataset.strip("/") for dataset, shape in shapes().items() if fits(shape)]
+        if name or len(fitting) != 1:
+            raise NoDataSet(source, [f"/{dataset}" for dataset in fitting])
+        name = fitting[0]
     data = group[name]
     shape: tuple[int, ...] = getattr(data, "shape", ())
     if not fits(shape):
@@ -194,21 +194,21 @@ def pick(
     return data
 
 
-def parse_source(text: str) -> tuple[str, Source]:
+def parse_source(reference: str) -> tuple[str, Source]:
     """Splits a name into the pattern of the file's name and a source with the parts after `::` and
     in `[:]`. Raises EvaluationError if the part after `::` is no data set.
     """
-    part = _PART.match(text)
-    name, first, last, step = (
-        part.group("name", "first", "last", "step") if part else (text, "", "", "")
+    part = _PART.match(reference)
+    name, start, stop, step = (
+        part.group("name", "first", "last", "step") if part else (reference, "", "", "")
     )
     pattern, separator, dataset = name.partition("::")
     if separator and (not dataset or "[" in dataset or "]" in dataset):
         raise EvaluationError(
-            f"{text}: {dataset!r} is no data set; allowed: /group/name, with [first:last], "
+            f"{reference}: {dataset!r} is no data set; allowed: /group/name, with [first:last], "
             "[first:last:step] or not"
         )
-    place = int(first or 0), int(last) if last else None, int(step or 1)
+    place = int(start or 0), int(stop) if stop else None, int(step or 1)
     return pattern, Source(Path(pattern), dataset, *place)
 
 
@@ -218,9 +218,9 @@ def find_sources(
     """Files by name, those of a pattern in natural order: frame_2 before frame_10. Raises
     EvaluationError, which begins with `where`, if a pattern matches none.
     """
-    found: list[Source] = []
-    for text in patterns:
-        pattern, place = parse_source(text)
+    sources: list[Source] = []
+    for reference in patterns:
+        pattern, place = parse_source(reference)
         paths = [folder / pattern]  # a name may have brackets
         if not paths[0].exists():
             plain = Path(pattern.replace("[", "[[]"))
@@ -228,6 +228,6 @@ def find_sources(
             inside = plain.relative_to(plain.anchor) if plain.is_absolute() else plain
             paths = sorted(root.glob(str(inside)), key=natural_order)
         if not paths:
-            raise EvaluationError(f"{where}: no file matches {text} in {folder}")
-        found += [replace(place, path=path, axes=axes) for path in paths]
-    return found
+            raise EvaluationError(f"{where}: no file matches {reference} in {folder}")
+        sources += [replace(place, path=path, axes=axes) for path in paths]
+    return sources

@@ -26,8 +26,8 @@ class Tdms:
     def __init__(self, source: Source) -> None:
         self._file = _open(source)
         try:
-            self._channels, known = _chosen(self._file, source)
-            wide, high = (_number(source, known, names) for names in (_WIDE, _HIGH))
+            self._channels, properties = _chosen(self._file, source)
+            wide, high = (_number(source, properties, names) for names in (_WIDE, _HIGH))
             self._shape = high, wide
             for channel in self._channels:
                 if not len(channel) or len(channel) % (wide * high):
@@ -36,7 +36,7 @@ class Tdms:
                         f"multiples of {wide} x {high}, its width and height"
                     )
             self._each = len(self._channels[0]) // (wide * high)
-            self.unit = str(known.get("unit_string", ""))
+            self.unit = str(properties.get("unit_string", ""))
         except BaseException:
             self._file.close()
             raise
@@ -83,21 +83,22 @@ def _chosen(file: Any, source: Source) -> tuple[list[Any], dict[str, Any]]:
     if not name and len(groups) == 1:
         name = next(iter(groups))
     channels = groups[name].channels() if name in groups else []
-    channels = [each for each in channels if not inner or each.name == inner]
+    channels = [channel for channel in channels if not inner or channel.name == inner]
     if not channels:
-        raise NoDataSet(source, [f"/{each}" for each in groups])
+        raise NoDataSet(source, [f"/{channel}" for channel in groups])
     return channels, {**file.properties, **groups[name].properties, **channels[0].properties}
 
 
-def _number(source: Source, known: dict[str, Any], names: tuple[str, ...]) -> int:
-    found = [value for key, value in known.items() if key.lower().replace("_", "") in names]
+def _number(source: Source, properties: dict[str, Any], names: tuple[str, ...]) -> int:
+    values = [value for key, value in properties.items() if key.lower().replace("_", "") in names]
     try:
-        number = int(found[0])
+        number = int(values[0])
         if number > 0:
             return number
     except (IndexError, TypeError, ValueError):
         pass
     raise EvaluationError(
-        f"{source.text}: no size of its images in the properties ({', '.join(known) or 'none'}); "
-        f"allowed: a number above 0 in one of {', '.join(names)}"
+        f"{source.text}: no size of its images in the properties "
+        f"({', '.join(properties) or 'none'}); allowed: a number above 0 in one of "
+        f"{', '.join(names)}"
     )

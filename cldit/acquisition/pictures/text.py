@@ -37,17 +37,19 @@ class TextImages(ArrayStack):
         images = images[:, int(across) :, int(down) :]
         header = "\n".join(table.header)
         for name, number in _SIZE.findall(re.sub(r"(?i)image(?=width|height)", "", header)):
-            there = images.shape[2 if name.lower() in _WIDE else 1]
-            if there != int(number):
-                raise ValueError(f"its header has {name} {number}, its numbers {there}; cut off?")
+            actual = images.shape[2 if name.lower() in _WIDE else 1]
+            if actual != int(number):
+                raise ValueError(f"its header has {name} {number}, its numbers {actual}; cut off?")
         unit = _UNIT.search(header)
         if unit is None:
             low, high = float(images.min()), float(images.max())
             degrees = low > _COLD_C and high < _HOT_C and bool(np.any(images % 1.0))
             maybe = f"; decimals of {low:g} to {high:g} could be degrees Celsius" if degrees else ""
             notes.append(f"no unit, read as counts{maybe}")
-        whole = bool(np.all(images % 1.0 == 0.0) and images.min() >= 0.0 and images.max() < 65536.0)
-        counts = images.astype(np.uint16) if whole else images
+        integer = bool(
+            np.all(images % 1.0 == 0.0) and images.min() >= 0.0 and images.max() < 65536.0
+        )
+        counts = images.astype(np.uint16) if integer else images
         super().__init__(counts, source.axes, unit=unit[1] if unit else "")
         self.notes = tuple(notes)
 
@@ -75,7 +77,9 @@ def _evenly(image: Floats) -> bool:
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             return False
         units = 10.0 ** -np.arange(_DECIMALS + 1.0)
-        whole = [unit for unit in units if np.allclose(np.rint(row / unit) * unit, row, atol=1e-9)]
-        return bool(np.ptp(steps) <= 2.001 * (whole or [units[-1]])[0])  # both ends are rounded
+        fitting = [
+            unit for unit in units if np.allclose(np.rint(row / unit) * unit, row, atol=1e-9)
+        ]
+        return bool(np.ptp(steps) <= 2.001 * (fitting or [units[-1]])[0])  # both ends are rounded
 
     return min(image.shape) > 3 and even(image[0, 1:]) and not any(map(even, image[1:, 1:]))

@@ -14,7 +14,13 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from cldit.acquisition.pictures.source import CUT_OFF, SECONDS_OF_UNIT, Source, Told, moment_s
+from cldit.acquisition.pictures.source import (
+    CUT_OFF,
+    SECONDS_OF_UNIT,
+    ImageMetadata,
+    Source,
+    moment_s,
+)
 from cldit.errors import EvaluationError
 from cldit.io.extras import install_line
 from cldit.io.files import open_regular
@@ -37,22 +43,22 @@ class Tiff:
                 self._file = tifffile.TiffFile(self._stream)
                 self._imagej = self._file.imagej_metadata or {}
                 self._pages = self._images()
-                first = self._file.series[0]
+                series = self._file.series[0]
                 self._size = os.fstat(self._stream.fileno()).st_size
-                told = self._imagej.get("images", 1)
-                in_page = first.ndim > 2 and first.axes.endswith("YX")
-                if len(self._pages) == 1 and (in_page or (self._incomplete and told > 1)):
+                declared = self._imagej.get("images", 1)
+                in_page = series.ndim > 2 and series.axes.endswith("YX")
+                if len(self._pages) == 1 and (in_page or (self._incomplete and declared > 1)):
                     if not self._incomplete:
-                        self._check_end(first.dataoffset, first.nbytes)
-                    self._stack = self._of_one_page(first, told)
+                        self._check_end(series.dataoffset, series.nbytes)
+                    self._stack = self._of_one_page(series, declared)
                 elif self._incomplete:
                     self._pages = [n for n in self._pages if self._end(n) <= self._size]
                 if not self._incomplete:
                     self._check_whole()
             self._turn = self._tag(0, _ORIENTATION, 1)
-            self.unit = self._told_unit()
+            self.unit = self._info_unit()
             self.notes = self._notes()
-            self.told = self._told()
+            self.metadata = self._metadata()
         except BaseException:
             self._stream.close()
             raise
@@ -72,14 +78,14 @@ class Tiff:
             return range(count)
         return [number for number in range(count) if not small(number)]
 
-    def _of_one_page(self, series: Any, told: int) -> NDArray[Any]:
+    def _of_one_page(self, series: Any, declared: int) -> NDArray[Any]:
         rows, columns = series.shape[-2:]
         if series.dataoffset is None:  # compressed
             return np.asarray(series.asarray()).reshape(-1, rows, columns)
-        count = max(series.size // (rows * columns), told if self._incomplete else 0)
+        count = max(series.size // (rows * columns), declared if self._incomplete else 0)
         if self._incomplete:
-            whole = rows * columns * series.dtype.itemsize
-            count = min(count, (self._size - series.dataoffset) // whole)
+            image_bytes = rows * columns * series.dtype.itemsize
+            count = min(count, (self._size - series.dataoffset) // image_bytes)
         flat: NDArray[Any] = np.memmap(
             self._path,
             self._file.byteorder + series.dtype.char,
@@ -101,9 +107,9 @@ class Tiff:
         A truncated file still opens: its readers stop at the last page that they find.
         """
         file = self._file
-        told = self._imagej.get("images", 1)
-        if len(self) < told:
-            raise ValueError(f"ImageJ says {told} images, {len(self)} are there; {CUT_OFF}")
+        declared = self._imagej.get("images", 1)
+        if len(self) < declared:
+            raise ValueError(f"ImageJ says {declared} images, {len(self)} are there; {CUT_OFF}")
         if self._follows(file.pages[-1].offset):
             raise ValueError(f"another page follows the last of {len(file.pages)}; {CUT_OFF}")
         if file.is_ome:
@@ -112,7 +118,6 @@ class Tiff:
                 raise ValueError(f"OME lists {missing} images that are not there; {CUT_OFF}")
 
     def _end(self, number: int) -> int:
-        """Byte at which the pixels of a page end."""
         page: Any = self._file.pages[number]
         ends = (at + count for at, count in zip(page.dataoffsets, page.databytecounts, strict=True))
         return max(ends, default=0)
@@ -128,10 +133,10 @@ class Tiff:
 
     def _tag(self, number: int, code: int, default: Any) -> Any:
         page: Any = self._file.pages[self._pages[number]]
-        found = page.tags.get(code) if hasattr(page, "tags") else None
-        return default if found is None else found.value
+        tag = page.tags.get(code) if hasattr(page, "tags") else None
+        return default if tag is None else tag.value
 
-    def _told_unit(self) -> str:
+    def _info_unit(self) -> str:
         try:
             info = parse_json(self._imagej.get("Info", "{}"))
         except (ValueError, TypeError):
@@ -139,23 +144,23 @@ class Tiff:
         return str(info.get("unit", "")) if isinstance(info, dict) else ""
 
     def _notes(self) -> tuple[str, ...]:
-        found = []
+        notes = []
         if self._turn != 1:
-            found.append(f"turned as orientation tag {self._turn} says")
+            notes.append(f"turned as orientation tag {self._turn} says")
         if taken := self._tag(0, _TIME, ""):
-            found.append(f"file made {taken}")
+            notes.append(f"file made {taken}")
         series = self._file.series[0]
         if series.axes.endswith("CYX") and series.shape[-3] > 1:
             channels = series.shape[-3]
-            found.append(f"{channels} channels in turns; [0::{channels}] takes the first")
-        return tuple(found)
+            notes.append(f"{channels} channels in turns; [0::{channels}] takes the first")
+        return tuple(notes)
 
-    def _told(self) -> tuple[Told, ...]:
+    def _metadata(self) -> tuple[ImageMetadata, ...]:
         if self._file.is_ome:
-            return told_by_ome(self._file.ome_metadata or "", len(self))
+            return ome_metadata(self._file.ome_metadata or "", len(self))
         if not self._tag(0, _EXIF, {}):
             return ()
-        return tuple(told_by_exif(self._tag(n, _EXIF, {})) for n in range(len(self)))
+        return tuple(exif_metadata(self._tag(n, _EXIF, {})) for n in range(len(self)))
 
     def __len__(self) -> int:
         return len(self._pages) if self._stack is None else len(self._stack)
@@ -192,7 +197,7 @@ class Tiff:
         self._stream.close()
 
 
-def told_by_ome(xml: str, count: int) -> tuple[Told, ...]:
+def ome_metadata(xml: str, count: int) -> tuple[ImageMetadata, ...]:
     """Time and exposure of each image, if the file's one OME image has a plane for each along one
     axis.
 
@@ -219,10 +224,10 @@ def told_by_ome(xml: str, count: int) -> tuple[Told, ...]:
         return ()
 
 
-def _of_plane(plane: Any, start_s: float | None) -> Told:
+def _of_plane(plane: Any, start_s: float | None) -> ImageMetadata:
     later_s, exposed_s = (_seconds(plane, name) for name in ("DeltaT", "ExposureTime"))
     taken_s = None if start_s is None or later_s is None else start_s + later_s
-    return Told(taken_s, exposed_s)
+    return ImageMetadata(taken_s, exposed_s)
 
 
 def _seconds(plane: Any, name: str) -> float | None:
@@ -232,7 +237,7 @@ def _seconds(plane: Any, name: str) -> float | None:
     return float(value) * SECONDS_OF_UNIT[unit]
 
 
-def told_by_exif(tags: dict[str, Any]) -> Told:
+def exif_metadata(tags: dict[str, Any]) -> ImageMetadata:
     """Exposure and original time from a page's Exif directory (Exif 2.3: `ExposureTime`,
     `DateTimeOriginal`).
     """
@@ -244,9 +249,9 @@ def told_by_exif(tags: dict[str, Any]) -> Told:
         within_s = float(f"0.{parts}") if parts else 0.0
         moment = datetime.strptime(taken, "%Y:%m:%d %H:%M:%S") if taken else None
     except (ValueError, ZeroDivisionError, IndexError):
-        return Told()
+        return ImageMetadata()
     time_s = None if moment is None else moment.replace(tzinfo=UTC).timestamp() + within_s
-    return Told(time_s, None if exposed_s is None else float(exposed_s))
+    return ImageMetadata(time_s, None if exposed_s is None else float(exposed_s))
 
 
 def turned(picture: NDArray[Any], orientation: int) -> NDArray[Any]:

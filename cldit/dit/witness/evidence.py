@@ -17,14 +17,14 @@ from cldit.radiance.boundary import Boundary
 class Amount:
     """Scatter between injections in units of a pattern.
 
-    alone: variance of each block, independent. variance: of the amount that all blocks share; each:
-    (K,) as observed among the shots of each background. explained: sum of squares that it
-    explains, radiance^2.
+    block_variance: of each block, independent. variance: of the amount that all blocks share;
+    shot_variance: (K,) of it as observed among the shots of each background. explained: sum of
+    squares that it explains, radiance^2.
     """
 
-    alone: float
+    block_variance: float
     variance: float
-    each: Floats
+    shot_variance: Floats
     explained: float
 
 
@@ -59,7 +59,7 @@ class Evidence:
         setpoints: Sequence[float],
         *,
         sees: Mask,
-        whole: Boundary,
+        boundary: Boundary,
         calibration: Calibration,
         warmest_K: float,
     ) -> "Evidence":
@@ -71,7 +71,7 @@ class Evidence:
         chosen = image.ravel()
         rows, columns = image.shape
         pixels = max(sees.size / (rows * columns), 1.0)
-        scale = calibration.counts_per_radiance * whole.front.transmission
+        scale = calibration.counts_per_radiance * boundary.front.transmission
         shots: dict[str, tuple[Floats, ...]] = {}
         camera: dict[str, Floats] = {}
         places: dict[str, tuple[Places, ...]] = {}
@@ -92,13 +92,13 @@ class Evidence:
         return cls(
             setpoints=tuple(setpoints),
             temperatures_K=temperatures,
-            source={kind: whole.leaving(temperatures[kind]) for kind in KINDS},
-            rise=per_kelvin(whole.leaving, temperatures["reference"]),
+            source={kind: boundary.leaving(temperatures[kind]) for kind in KINDS},
+            rise=per_kelvin(boundary.leaving, temperatures["reference"]),
             shots=shots,
             camera=camera,
             places=places,
-            own_radiance=whole.radiance,
-            warmest=float(whole.radiance(warmest_K)),
+            own_radiance=boundary.radiance,
+            warmest=float(boundary.radiance(warmest_K)),
             shape=(sees.shape[0], sees.shape[1]),
             chosen=image,
         )
@@ -128,11 +128,11 @@ class Evidence:
         if min(len(part) for kind in KINDS for part in self.shots[kind]) < 2:
             return None
 
-        def half(first: int) -> Evidence:
+        def half(start: int) -> Evidence:
             return replace(
                 self,
-                shots={k: tuple(part[first::2] for part in self.shots[k]) for k in KINDS},
-                places={k: tuple(part[first::2] for part in self.places[k]) for k in KINDS},
+                shots={k: tuple(part[start::2] for part in self.shots[k]) for k in KINDS},
+                places={k: tuple(part[start::2] for part in self.places[k]) for k in KINDS},
             )
 
         return half(0), half(1)
@@ -171,8 +171,8 @@ class Evidence:
 
     def gains(self, kind: str) -> Floats:
         """Slope (B,) of each block's signals over the radiance of the background."""
-        away = self.source[kind] - self.source[kind].mean()
-        return np.asarray(away @ self.mean(kind) / np.sum(away**2))
+        centred = self.source[kind] - self.source[kind].mean()
+        return np.asarray(centred @ self.mean(kind) / np.sum(centred**2))
 
     def series(self, kind: str, chosen: Mask) -> list[Floats]:
         """Means (n,) of each shot of a kind over the `chosen` blocks (B,), by background."""
@@ -187,8 +187,8 @@ class Evidence:
         """
         return np.array(
             [
-                _about_line(places, one)
-                for places, one in zip(self.places[kind], self.series(kind, chosen), strict=True)
+                _about_line(places, values)
+                for places, values in zip(self.places[kind], self.series(kind, chosen), strict=True)
             ]
         )
 
@@ -200,10 +200,10 @@ class Evidence:
         """
         n = self.number(kind)
         noise = self.camera[kind][:, chosen].mean(axis=1) / chosen.sum()
-        each = self.jitter(kind, chosen)
+        jitter = self.jitter(kind, chosen)
         spare = self._spare(kind)
-        pooled = np.sum(each * spare) / max(np.sum(spare), 1.0)
-        return np.asarray(np.maximum(np.maximum(noise, each), pooled) / n)
+        pooled = np.sum(jitter * spare) / max(np.sum(spare), 1.0)
+        return np.asarray(np.maximum(np.maximum(noise, jitter), pooled) / n)
 
     def scatter(self) -> tuple[Floats, float]:
         """Scatter of injections beyond the camera's noise, relative to Delta I.
@@ -211,11 +211,10 @@ class Evidence:
         It is the independent variance (K, B) of each block's mean, and the variance of the relative
         change of Delta I that all blocks of a shot share.
         """
-        difference = self.change
-        found = self.amount(difference)
-        alone, together = found.alone, found.variance
-        n = self.number("injection")[:, None]
-        return np.asarray((self.camera["injection"] + alone * difference**2) / n), together
+        change = self.change
+        amount = self.amount(change)
+        blocks = self.camera["injection"] + amount.block_variance * change**2
+        return np.asarray(blocks / self.number("injection")[:, None]), amount.variance
 
     def amount(self, pattern: Floats, *, drifting: bool = False) -> Amount:
         """Scatter of injections in units of `pattern` (K, B), their derivative by an amount.
@@ -223,32 +222,32 @@ class Evidence:
         If they are `drifting`, the variance of the amount is that about a line, as in `jitter`.
         """
         camera = self.camera["injection"]
-        alone, together, explained, weight = 0.0, 0.0, 0.0, 0.0
+        block_variance, variance, explained, weight = 0.0, 0.0, 0.0, 0.0
         observed = np.zeros(len(camera))
         for k, part in enumerate(self.shots["injection"]):
             spare = len(part) - 1
             square = float(pattern[k] @ pattern[k])
             if not (spare and square > 0.0):
                 continue
-            away = part - part.mean(axis=0)
-            amount = away @ pattern[k] / square
+            deviations = part - part.mean(axis=0)
+            amount = deviations @ pattern[k] / square
             noise = float(camera[k] @ pattern[k] ** 2) / square**2
-            rest = away - amount[:, None] * pattern[k]
+            rest = deviations - amount[:, None] * pattern[k]
             fourth = float(np.sum(pattern[k] ** 4))
             excess = np.sum(rest**2, axis=0) / spare - camera[k]
-            alone += spare * float(excess @ pattern[k] ** 2) / fourth
+            block_variance += spare * float(excess @ pattern[k] ** 2) / fourth
             square_sum = float(np.sum(amount**2))
             places = self.places["injection"][k]
             observed[k] = _about_line(places, amount) if drifting else square_sum / spare
-            together += spare * (observed[k] - noise)
+            variance += spare * (observed[k] - noise)
             explained += square * square_sum
             weight += spare
         if not weight:
-            return Amount(alone=0.0, variance=0.0, each=observed, explained=0.0)
+            return Amount(block_variance=0.0, variance=0.0, shot_variance=observed, explained=0.0)
         return Amount(
-            alone=max(alone / weight, 0.0),
-            variance=max(together / weight, 0.0),
-            each=observed,
+            block_variance=max(block_variance / weight, 0.0),
+            variance=max(variance / weight, 0.0),
+            shot_variance=observed,
             explained=explained,
         )
 
@@ -269,8 +268,8 @@ def _about_line(places: Places, values: Floats) -> float:
     spare = _spare(places)
     if not spare:
         return 0.0
-    off = places.away(values)
+    off = places.about_part_means(values)
     if len(values) - places.parts > 1:
-        away = places.away(places.at)
-        off = off - away * float(away @ off) / float(away @ away)
+        centred = places.about_part_means(places.at)
+        off = off - centred * float(centred @ off) / float(centred @ centred)
     return float(off @ off) / spare

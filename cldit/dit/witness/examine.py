@@ -16,7 +16,7 @@ from cldit.dit.witness.finding import Witness
 from cldit.dit.witness.kinds import kinds
 from cldit.dit.witness.levels import levels
 from cldit.dit.witness.orientation import orientation
-from cldit.dit.witness.pixels import Patterns, between_backgrounds, between_kinds
+from cldit.dit.witness.pixels import Patterns, Renewed, between_backgrounds, between_kinds
 from cldit.dit.witness.shift import shift
 from cldit.dit.witness.trend import DriftTerm, terms
 from cldit.radiance.boundary import Boundary, Surroundings
@@ -38,20 +38,24 @@ class Examined:
 
 
 def examine_images(
-    sums: AllSums, setpoints: Sequence[float], around: Surroundings, *, saturation_counts: float
+    sums: AllSums,
+    setpoints: Sequence[float],
+    surroundings: Surroundings,
+    *,
+    saturation_counts: float,
 ) -> tuple[list[Witness], float]:
     """Witnesses that need no radiance and found something, and the level of saturation."""
     named_K = {f"background {k:g}": sums[k, "reference"].temperature_K for k in setpoints}
-    named_K["walls"] = around.wall_temperature_K
-    named_K |= {f"{window.side} window": window.temperature_K for window in around.windows}
+    named_K["walls"] = surroundings.wall_temperature_K
+    named_K |= {f"{window.side} window": window.temperature_K for window in surroundings.windows}
     ending, saturation = images.plateau(sums, saturation_counts)
-    found = [
+    witnesses = [
         backgrounds.celsius(named_K),
         ending,
         images.axes(sums, setpoints),
         orientation(sums, setpoints),
     ]
-    return [one for one in found if one is not None], saturation
+    return [witness for witness in witnesses if witness is not None], saturation
 
 
 def examine(
@@ -59,34 +63,37 @@ def examine(
     setpoints: Sequence[float],
     *,
     sees: Mask,
-    whole: Boundary,
-    around: Surroundings,
+    boundary: Boundary,
+    surroundings: Surroundings,
     calibration: Calibration,
     unfitted: Boundary | None = None,
 ) -> Examined:
     """Comparisons of the shots with each other.
 
-    whole: measurement equation in the filter. unfitted: `whole` with the filter as stated, if the
-    curve was fitted to the references.
+    boundary: measurement equation in the filter. unfitted: the same with the filter as stated, if
+    the curve was fitted to the references.
     """
-    given = stated(sums, setpoints, whole=whole, around=around, calibration=calibration)
+    stated_drifts = stated(
+        sums, setpoints, boundary=boundary, surroundings=surroundings, calibration=calibration
+    )
     if not Evidence.of_blocks(sees).any():
-        return Examined(witnesses=(), drifts=given, systematic=Systematic())
+        return Examined(witnesses=(), drifts=stated_drifts, systematic=Systematic())
     warm_K = [
         *setpoints,
-        around.wall_temperature_K,
-        around.background_surroundings_K or 0.0,
-        *(window.temperature_K for window in around.windows),
+        surroundings.wall_temperature_K,
+        surroundings.background_surroundings_K or 0.0,
+        *(window.temperature_K for window in surroundings.windows),
     ]
 
     def seen_as(of: Boundary) -> Evidence:
         return Evidence.of(
-            sums, setpoints, sees=sees, whole=of, calibration=calibration, warmest_K=max(warm_K)
+            sums, setpoints, sees=sees, boundary=of, calibration=calibration, warmest_K=max(warm_K)
         )
 
-    evidence = seen_as(whole)
-    scale = calibration.counts_per_radiance * whole.front.transmission
-    stated_K = np.sqrt(_stated_K2(given, evidence))
+    evidence = seen_as(boundary)
+    scale = calibration.counts_per_radiance * boundary.front.transmission
+    stated_K2 = _stated_K2(stated_drifts, evidence)
+    stated_K = np.sqrt(stated_K2)
     lined, off = backgrounds.references(evidence, stated_K=stated_K)
     common = drift.find(evidence, off, stated_K=stated_K)
     if common.cause and lined.stands_out and not lined.severe:
@@ -94,74 +101,68 @@ def examine(
     if unfitted is not None:
         lined = backgrounds.fitted_over(seen_as(unfitted), lined, stated_K=stated_K)
     between, systematic = kinds(evidence)
-    uneven = levels(evidence)
-    moved, widened = shift(
-        sums,
-        setpoints,
-        sees=sees,
-        source=evidence.source["reference"],
-        counts_per_kelvin=evidence.rise * scale,
-    )
     x = evidence.source["reference"]
+    moved, widened = shift(
+        sums, setpoints, sees=sees, source=x, counts_per_kelvin=evidence.rise * scale
+    )
     patterns = Patterns.of(
-        sums,
-        setpoints,
-        sees=sees,
-        source=x,
-        calibration=calibration,
-        amount2=evidence.scatter()[1],
+        sums, setpoints, sees=sees, source=x, calibration=calibration, amount2=evidence.scatter()[1]
     )
-    lying, extra = between_backgrounds(
-        patterns,
-        stated=_stated_K2(given, evidence) * (evidence.rise * scale) ** 2,
-        names=[f"{setpoint:g} K" for setpoint in setpoints],
-    )
-    clear = clearest(evidence)
-    renewed = between_kinds(
-        patterns,
-        clear=evidence.pixels(clear),
-        half=evidence.pixels(clearest(evidence, share=0.5 * CLEAREST)),
-        wide=evidence.pixels(clear | (slopes(evidence) > _THIN)),
-        thin=max(float(1.0 - np.mean(slopes(evidence)[clear])), 0.0),
-        warmest=max(1.0, evidence.warmest / float(x.max())),
-        rise_counts=evidence.rise * scale,
-    )
-    extra = {name: one if name == "gain" else one / scale**2 for name, one in extra.items()}
+    lying, renewed, extra = _of_pixels(evidence, patterns, stated_K2=stated_K2, scale=scale)
     if widened:
         spray = np.array([widened.get(k, np.zeros(sees.shape)) for k in setpoints]) / scale**2
         extra["injection"] = np.maximum(spray, extra.get("injection", 0.0))
-    drifting = bool(common.drifts)
+    conditional = (lying, renewed.witness, levels(evidence))
+    amount = _amount(evidence, sums, setpoints, scale=scale, drifting=bool(common.drifts))
     return Examined(
         witnesses=(
             lined,
             backgrounds.injections(evidence, stated_K=stated_K),
             between,
             moved,
-            *(one for one in (lying, renewed.witness, uneven) if one is not None),
+            *(witness for witness in conditional if witness is not None),
         ),
-        drifts=(
-            *given,
-            *common.drifts,
-            *_amount(evidence, sums, setpoints, scale=scale, drifting=drifting),
-        ),
+        drifts=(*stated_drifts, *common.drifts, *amount),
         systematic=replace(
             systematic,
             extra=extra,
             pixel_offset=renewed.offset_counts / scale,
             pixel_gain=renewed.gain,
         ),
-        terms=terms(evidence, given=given, found=common.drifts),
+        terms=terms(evidence, stated=stated_drifts, estimated=common.drifts),
         through=common.through,
     )
 
 
+def _of_pixels(
+    evidence: Evidence, patterns: Patterns, *, stated_K2: Floats, scale: float
+) -> tuple[Witness | None, Renewed, dict[str, Floats]]:
+    """Witnesses of patterns of single pixels, between backgrounds and between the kinds, and the
+    additional variances (K, h, w) of `Systematic`."""
+    lying, counts2 = between_backgrounds(
+        patterns,
+        stated=stated_K2 * (evidence.rise * scale) ** 2,
+        names=[f"{setpoint:g} K" for setpoint in evidence.setpoints],
+    )
+    clear, slope = clearest(evidence), slopes(evidence)
+    renewed = between_kinds(
+        patterns,
+        clear=evidence.pixels(clear),
+        half=evidence.pixels(clearest(evidence, share=0.5 * CLEAREST)),
+        wide=evidence.pixels(clear | (slope > _THIN)),
+        thin=max(float(1.0 - np.mean(slope[clear])), 0.0),
+        warmest=max(1.0, evidence.warmest / float(evidence.source["reference"].max())),
+        rise_counts=evidence.rise * scale,
+    )
+    extra = {
+        name: variance if name == "gain" else variance / scale**2
+        for name, variance in counts2.items()
+    }
+    return lying, renewed, extra
+
+
 def _amount(
-    evidence: Evidence,
-    sums: AllSums,
-    setpoints: Sequence[float],
-    *,
-    scale: float,
-    drifting: bool,
+    evidence: Evidence, sums: AllSums, setpoints: Sequence[float], *, scale: float, drifting: bool
 ) -> tuple[Drift, ...]:
     """Scatter of the amount of spray between injections, an error that all pixels share.
 
@@ -169,56 +170,51 @@ def _amount(
     transmission. The share of the band is the one that explains most of the scatter.
     """
     source = evidence.source["reference"]
-    away = source - source.mean()
+    centred = source - source.mean()
     means = [np.stack([sums[k, kind].mean() for k in setpoints]) for kind in KINDS]
-    contrast = [np.tensordot(away, one, 1) for one in means]
+    contrast = [np.tensordot(centred, mean, 1) for mean in means]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         through = np.nan_to_num(contrast[1] / contrast[0], nan=1.0)
 
     def pattern(band: float) -> Floats:
         """Derivative (K, B) of the injections by the amount."""
         change = by_amount(through, band=band) / scale
-        blocks = [thumbnail(change * one)[evidence.chosen] for one in means[1] - means[0]]
+        blocks = [thumbnail(change * delta)[evidence.chosen] for delta in means[1] - means[0]]
         return np.array(blocks, float)
 
-    found = {band: evidence.amount(pattern(band), drifting=drifting) for band in _BANDS}
-    band = max(_BANDS, key=lambda one: found[one].explained)
-    variance = found[band].variance
+    amounts = {band: evidence.amount(pattern(band), drifting=drifting) for band in _BANDS}
+    band = max(_BANDS, key=lambda share: amounts[share].explained)
+    variance = amounts[band].variance
     if not variance > 0.0:
         return ()
-    return (
-        replace(
-            drift.still("amount", len(setpoints)),
-            variance=variance / evidence.number("injection"),
-            each=found[band].each,
-            band=band,
-        ),
-    )
+    variances, scatter = variance / evidence.number("injection"), amounts[band].shot_variance
+    none = np.zeros(len(setpoints))
+    return (drift.still("amount", none, variance=variances, scatter=scatter, band=band),)
 
 
 def stated(
     sums: AllSums,
     setpoints: Sequence[float],
     *,
-    whole: Boundary,
-    around: Surroundings,
+    boundary: Boundary,
+    surroundings: Surroundings,
     calibration: Calibration,
 ) -> tuple[Drift, ...]:
     """Common errors above 0 that the user states, and that of the black body's readings."""
-    scale = calibration.counts_per_radiance * whole.front.transmission
+    scale = calibration.counts_per_radiance * boundary.front.transmission
     groups = [sums[k, "injection"] for k in setpoints]
     backgrounds_K = np.array([group.temperature_K for group in groups])
     readings_K2 = np.array([group.temperature_variance_K2 for group in groups])
-    rise = per_kelvin(whole.leaving, backgrounds_K)
+    rise = per_kelvin(boundary.leaving, backgrounds_K)
     none = np.zeros(len(setpoints))
-    offset2 = (around.camera_offset_error_counts / scale) ** 2
+    offset2 = (surroundings.camera_offset_error_counts / scale) ** 2
     variances: dict[Cause, Floats] = {
-        "black body": rise**2 * (around.background_error_K**2 + readings_K2),
+        "black body": rise**2 * (surroundings.background_error_K**2 + readings_K2),
         "offset": none + offset2,
-        "gain": none + around.camera_gain_error**2,
+        "gain": none + surroundings.camera_gain_error**2,
     }
     return tuple(
-        replace(drift.still(cause, len(setpoints)), variance=variance)
+        drift.still(cause, none, variance=variance)
         for cause, variance in variances.items()
         if variance.any()
     )
@@ -228,7 +224,7 @@ def _stated_K2(drifts: Sequence[Drift], evidence: Evidence) -> Floats:
     """Variance (K,) of the references due to stated errors, as kelvin^2 of the black body."""
     total = np.zeros(len(evidence.setpoints))
     signal = evidence.mean("reference").mean(axis=1)
-    for one in drifts:
-        factor = signal if one.cause == "gain" else 1.0
-        total += one.variance * factor**2 / evidence.rise**2
+    for error in drifts:
+        factor = signal if error.cause == "gain" else 1.0
+        total += error.variance * factor**2 / evidence.rise**2
     return total

@@ -38,18 +38,18 @@ class Witness:
     @property
     def text(self) -> str:
         """Line for the report: `compared: 423 K +0.01 ± 0.02 K, ..; says`."""
-        found = by_background(self.setpoints, self.kelvin, self.noise_K)
-        said = "; ".join(one for one in (found, self.says) if one)
-        return f"{self.compared}: {said}" if self.compared else said
+        values = by_background(self.setpoints, self.kelvin, self.noise_K)
+        parts = "; ".join(part for part in (values, self.says) if part)
+        return f"{self.compared}: {parts}" if self.compared else parts
 
     def to_dict(self) -> dict[str, object]:
         """Plain data, with `text`."""
         return {**asdict(self), "text": self.text}
 
 
-def refusal(name: Acceptable, says: str, remedy: str = "correct the data") -> Witness:
+def refusal(name: Acceptable, message: str, remedy: str = "correct the data") -> Witness:
     """A finding that ends the evaluation unless its name is accepted."""
-    return Witness(name=name, says=says, remedy=remedy, stands_out=True, severe=True)
+    return Witness(name=name, says=message, remedy=remedy, stands_out=True, severe=True)
 
 
 def sure(degrees: int) -> float:
@@ -72,11 +72,11 @@ def refuse(witnesses: Sequence[Witness], accept: Collection[str]) -> None:
     unknown = sorted(set(accept) - set(ACCEPTABLE))
     if unknown:
         raise EvaluationError(f"accept: {', '.join(unknown)}; allowed: {', '.join(ACCEPTABLE)}")
-    found = [one for one in witnesses if one.severe and one.name not in accept]
-    if found:
-        names = ", ".join(dict.fromkeys(one.name for one in found))
-        remedies = "; ".join(dict.fromkeys(one.remedy for one in found))
+    severe = [witness for witness in witnesses if witness.severe and witness.name not in accept]
+    if severe:
+        names = ", ".join(dict.fromkeys(witness.name for witness in severe))
+        remedies = "; ".join(dict.fromkeys(witness.remedy for witness in severe))
         raise EvaluationError(
-            "\n".join(one.text for one in found)
+            "\n".join(witness.text for witness in severe)
             + f"\n{remedies}; `accept: [{names}]` (--accept) evaluates the data as they are"
         )

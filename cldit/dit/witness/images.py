@@ -11,7 +11,7 @@ from cldit.dit.witness.finding import Witness, refusal
 _PLATEAU = 10  # least number of pixels with the same largest count in every exposure
 _STUCK = 0.01  # share of pixels with the same count in every exposure at one background
 _BY_CHANCE = 1e-3  # probability of that in one pixel
-_STEADIER = 4.0  # variance between images over that along an axis that holds frames
+_STEADIER = 4.0  # variance between images over that along an axis that holds frames: twice its sd
 
 
 def plateau(sums: AllSums, saturation_counts: float) -> tuple[Witness | None, float]:
@@ -57,11 +57,11 @@ def _stuck(sums: AllSums) -> Witness | None:
     ending: list[str] = []
     for (setpoint, kind), constant in sorted(still.items()):
         group = sums[setpoint, kind]
-        here = constant & ~dead & (group.largest < group.saturation_counts)
+        stuck = constant & ~dead & (group.largest < group.saturation_counts)
         chance = (0.4 / max(noise, 0.4)) ** group.spare()  # density of a normal distribution
-        if here.mean() > max(_STUCK, 10.0 * chance) and chance < _BY_CHANCE:
-            group.largest[here] = np.inf
-            ending.append(f"{100 * here.mean():.0f} % of the {kind}s at {setpoint:g} K")
+        if stuck.mean() > max(_STUCK, 10.0 * chance) and chance < _BY_CHANCE:
+            group.largest[stuck] = np.inf
+            ending.append(f"{100 * stuck.mean():.0f} % of the {kind}s at {setpoint:g} K")
     if not ending:
         return None
     return Witness(

@@ -12,16 +12,16 @@ import numpy as np
 from scipy.optimize import nnls
 
 from cldit.arrays import Floats
-from cldit.dit.hypotheses import Hypothesis, fitted, said
+from cldit.dit.hypotheses import Hypothesis, describe, fitted
 from cldit.dit.solve import KINDS, Systematic
 from cldit.dit.witness.backgrounds import CHOSEN, FLOOR_K, clearest, slopes
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import LIMIT_K, WORTH_K, Witness, sure
 
 _THIN = 0.3  # largest emissivity of the pixels with the least spray, as a cause
-_DENSE = 0.3  # share of the blocks, those with the most spray, that give its temperature
+_DENSE = 0.3  # share of the blocks, those with the most spray, as `CLEAREST` those with the least
 _FREE = 0.005  # emissivity of the clearest pixels, up to which they are free of spray
-_MORE = 0.05  # of the background's contrast
+_MORE = 0.05  # of the background's contrast: as `_check_not_swapped` of recorded.py
 _LEAST = 0.02  # least emissivity of a block that gives the temperature of its spray
 
 
@@ -41,8 +41,8 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     pairs = (halves, halves[::-1]) if halves else ((evidence, evidence),)
     difference = np.mean([half.change[:, clearest(by)].mean(axis=1) for by, half in pairs], axis=0)
     # Different readings of the background with either kind are part of the difference.
-    apart = evidence.source["injection"] - evidence.source["reference"]
-    seen = difference / gain - apart
+    read_difference = evidence.source["injection"] - evidence.source["reference"]
+    seen = difference / gain - read_difference
     variance = sum(evidence.variance(kind, chosen) for kind in KINDS) + blocks
     noise = np.sqrt(variance / gain**2 + (FLOOR_K * evidence.rise) ** 2)
     x = evidence.source["reference"]
@@ -51,22 +51,24 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     beyond = bool(np.any(np.abs(unexplained) > sure(degrees) * noise))
     signal = evidence.mean("reference")[:, chosen].mean(axis=1) / gain
     causes = _causes(seen, x, evidence, noise, signal)
-    widening = [one for one in causes if one.column in ("offset", "black body")]
-    best = min(widening, key=lambda one: one.fit.score)
+    widening = [cause for cause in causes if cause.column in ("offset", "black body")]
+    best = min(widening, key=lambda cause: cause.fit.score)
     shown_K = (best.beside if beyond else unexplained) / evidence.rise
     stands_out = beyond and float(np.max(np.abs(shown_K))) > WORTH_K
-    says, likely = "", tuple[str, ...]()
+    message, likely = "", tuple[str, ...]()
     slope = slopes(evidence)
     if (thin := 1.0 - float(np.mean(slope[chosen]))) > _FREE:
         unseen = "so a fouled window, or a lower gain, is not seen"
-        says = f"no pixel is free of spray (emissivity {thin:.3f}), {unseen}"
+        message = f"no pixel is free of spray (emissivity {thin:.3f}), {unseen}"
     if stands_out:
         none = nnls(((_own(evidence, x) - x) / noise)[:, None], seen / noise)[1] ** 2
-        good = fitted([one.fit for one in causes], none=none, degrees=len(x))
-        likely = tuple(one.text for one in good)
-        says = f"{said(good, none=none, tried=len(causes))}, or there is spray in the whole image"
+        good = fitted([cause.fit for cause in causes], none=none, degrees=len(x))
+        likely = tuple(cause.text for cause in good)
+        message = (
+            f"{describe(good, none=none, tried=len(causes))}, or there is spray in the whole image"
+        )
         if np.count_nonzero(slope > 1.0 + _MORE) > np.count_nonzero(slope < 1.0 - _MORE):
-            says += "; injections show more of the background: are the two kinds swapped?"
+            message += "; injections show more of the background: are the two kinds swapped?"
     systematic = Systematic()
     if beyond:
         steep, start = np.polyfit(x / x.max(), evidence.rise, 1)
@@ -80,7 +82,7 @@ def kinds(evidence: Evidence) -> tuple[Witness, Systematic]:
     witness = Witness(
         name="kinds",
         compared="injections against references in the pixels with the least spray",
-        says=says,
+        says=message,
         causes=likely,
         setpoints=evidence.setpoints,
         kelvin=tuple(shown_K.tolist()),
@@ -125,7 +127,7 @@ def _causes(
     signal: (K,) of the references."""
     bend = signal * np.log(np.maximum(signal / signal.max(), 1e-9))  # of a power of the signal
     spray = _own(evidence, x) - x
-    found: dict[str, _Cause] = {}
+    causes: dict[str, _Cause] = {}
     for name, columns in (
         ("offset", [np.ones_like(x)]),
         ("black body", [evidence.rise]),
@@ -134,20 +136,22 @@ def _causes(
         ("gain", [x, np.ones_like(x)]),  # of an unknown dark level
         ("curve", [bend, signal]),
     ):
-        for more in ([], [spray]):
-            design = np.array([*columns, *(-one for one in columns), *more]).T / noise[:, None]
+        for extra in ([], [spray]):
+            design = (
+                np.array([*columns, *(-column for column in columns), *extra]).T / noise[:, None]
+            )
             scale = np.max(np.abs(design), axis=0)
-            share, left = nnls(design / scale, seen / noise)
+            share, remainder = nnls(design / scale, seen / noise)
             share = share / scale
-            if more and share[-1] > _THIN:
+            if extra and share[-1] > _THIN:
                 continue
             size = float(share[0] - share[len(columns)]) * (100.0 if name == "gain" else 1.0)
-            text = f"as if {_SAYS[name].format(size)} between the kinds"
-            fit = Hypothesis(text, float(left**2), len(columns) + len(more))
-            beside = np.asarray(seen - (share[-1] * spray if more else 0.0))
-            if name not in found or fit.score < found[name].fit.score:
-                found[name] = _Cause(name, size, beside, fit)
-    return list(found.values())
+            description = f"as if {_SAYS[name].format(size)} between the kinds"
+            fit = Hypothesis(description, float(remainder**2), len(columns) + len(extra))
+            beside = np.asarray(seen - (share[-1] * spray if extra else 0.0))
+            if name not in causes or fit.score < causes[name].fit.score:
+                causes[name] = _Cause(name, size, beside, fit)
+    return list(causes.values())
 
 
 def _own(evidence: Evidence, x: Floats) -> float:

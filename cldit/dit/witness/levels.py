@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats, Mask
+from cldit.dit.camera_of_shots import SEES
 from cldit.dit.shots import AllSums, Sums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.backgrounds import clearest, slopes
@@ -13,7 +14,6 @@ from cldit.dit.witness.finding import LIMIT_K, Witness, refusal
 
 _INJECTIONS = 3.0  # the amount of spray scatters too
 _THIN = 0.9  # share of the background behind spray that cannot change the level much
-_SEES = 0.5  # share of the strongest change at which a pixel sees the background
 _FALLS = 0.02  # of the span of levels: more than noise and drift
 _ENDS = 0.03  # of the range of an integer: close to either end
 _PIXELS = 0.005  # share of pixels that fall by half of that range
@@ -38,20 +38,20 @@ def brightness(
     if not used.any() or np.any(np.diff(kelvin) <= 0.0) or np.any(np.diff(source) <= 0.0):
         return None
     change = np.abs(groups[-1].mean() - groups[0].mean())
-    used &= change >= _SEES * np.percentile(change[used], 95)
+    used &= change >= SEES * np.percentile(change[used], 95)
     means = np.array([group.mean()[used] for group in groups])
     levels = np.median(means, axis=1)
-    says = (
+    message = (
         _temperatures(levels, kelvin, source)
         or _wrapped(means, np.array([float(group.largest[used].max()) for group in groups]))
         or _falling(levels, groups)
     )
-    if not says:
+    if not message:
         return None
     listed = ", ".join(
         f"{level:.5g} at {at:g} K" for level, at in zip(levels, setpoints, strict=True)
     )
-    return refusal("levels", f"references have levels of {listed}: {says}")
+    return refusal("levels", f"references have levels of {listed}: {message}")
 
 
 def _temperatures(levels: Floats, kelvin: Floats, source: Floats) -> str:
@@ -61,8 +61,8 @@ def _temperatures(levels: Floats, kelvin: Floats, source: Floats) -> str:
         for factor in _FACTORS:
             like = levels / factor + zero
             steep = np.polyfit(kelvin - kelvin[0], like, 1)[0]
-            near = np.all(np.abs(like - kelvin) < _LIKE * kelvin)
-            if near and _STEEP[0] < steep < _STEEP[1]:
+            close = np.all(np.abs(like - kelvin) < _LIKE * kelvin)
+            if close and _STEEP[0] < steep < _STEEP[1]:
                 times = "" if factor == 1.0 else f" times {factor:g}"
                 return f"these look like temperatures in {unit}{times}; export raw counts"
     return ""
@@ -78,14 +78,14 @@ def _wrapped(means: Floats, largest: Floats) -> str:
     for bits in (16, 14, 12, 10, 8):
         span = 2.0**bits
         for low in (0.0, -span / 2.0):
-            most = low + span - 1.0
+            top = low + span - 1.0
             at_ends = low <= means.min() < 0.0 if low else means.min() < _ENDS * span
-            at_ends &= (low < 0.0 or most - _ENDS * span < largest.max()) and largest.max() <= most
+            at_ends &= (low < 0.0 or top - _ENDS * span < largest.max()) and largest.max() <= top
             falls = np.any(np.diff(means, axis=0) < -span / 2.0, axis=0)
             if at_ends and np.mean(falls) > _PIXELS:
                 return (
                     f"counts wrap around at {bits} bits, {100.0 * np.mean(falls):.0f} % of the "
-                    f"pixels ({low:g}..{most:g}); export integers without a sign, or of more bits"
+                    f"pixels ({low:g}..{top:g}); export integers without a sign, or of more bits"
                 )
     return ""
 
@@ -116,23 +116,23 @@ def levels(evidence: Evidence) -> Witness | None:
     """
     chosen = {"reference": np.ones(evidence.blocks, bool), "injection": clearest(evidence)}
     gain = float(np.median(evidence.gains("reference")))
-    found: list[str] = []
+    scattered: list[str] = []
     for kind in KINDS:
-        here = chosen[kind]
-        if kind == "injection" and float(np.mean(slopes(evidence)[here])) < _THIN:
+        blocks = chosen[kind]
+        if kind == "injection" and float(np.mean(slopes(evidence)[blocks])) < _THIN:
             continue
-        scatter_K = np.sqrt(evidence.jitter(kind, here)) / (gain * evidence.rise)
+        scatter_K = np.sqrt(evidence.jitter(kind, blocks)) / (gain * evidence.rise)
         limit_K = LIMIT_K * (_INJECTIONS if kind == "injection" else 1.0)
-        found += [
+        scattered += [
             f"{kind}s at {setpoint:g} K by {kelvin:.2g} K"
             for setpoint, kelvin in zip(evidence.setpoints, scatter_K, strict=True)
             if kelvin > limit_K
         ]
-    if not found:
+    if not scattered:
         return None
     return refusal(
         "levels",
-        f"levels scatter from image to image: {', '.join(found)}; are integration times taken "
+        f"levels scatter from image to image: {', '.join(scattered)}; are integration times taken "
         "in turns (superframing), is the gain automatic, or are files of several exposures mixed?",
         "select the images of one exposure, in a film with [first:last:step]",
     )

@@ -11,16 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from cldit.arrays import Floats
-from cldit.dit.pattern_causes import TURNS
+from cldit.dit.hypotheses import TURNS
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness, refusal
 from cldit.dit.witness.pixels import neighbours
 
-_LEAST = 8  # pixels along an axis
+_LEAST = 8  # pixels along an axis: 64 give a correlation of noise of 1/8
 _DEVIATIONS = 8.0  # of a correlation of noise, 1 / sqrt(pixels)
 _ALIKE = 0.8  # least correlation of two images of one spray
-_CLIP = 3.0  # usual deviations at which bad pixels and edges are clipped
+_CLIP = 3.0  # standard deviations: 0.3 % of normal pixels are clipped, bad pixels and edges too
 
 
 def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
@@ -33,30 +33,30 @@ def orientation(sums: AllSums, setpoints: Sequence[float]) -> Witness | None:
     wrong: list[str] = []
     for kind in KINDS:
         for setpoint in setpoints:
-            own = patterns[setpoint, kind]
-            others = total - own if kind == "reference" else total
-            least = _DEVIATIONS / np.sqrt(own.size)
-            found = _changed(own, others, least=least, shifts=True)
-            if found is not None:
-                wrong.append(f"{kind}s at {setpoint:g} K are {found}")
+            pattern = patterns[setpoint, kind]
+            expected = total - pattern if kind == "reference" else total
+            threshold = _DEVIATIONS / np.sqrt(pattern.size)
+            change = _changed(pattern, expected, threshold=threshold, shifts=True)
+            if change is not None:
+                wrong.append(f"{kind}s at {setpoint:g} K are {change}")
     if not wrong:
         deltas = {k: _level(means[k, "injection"] - means[k, "reference"]) for k in setpoints}
         if len(setpoints) >= 3:
-            whole = np.sum(list(deltas.values()), axis=0)
+            delta_sum = np.sum(list(deltas.values()), axis=0)
             for setpoint, delta in deltas.items():
-                found = _changed(delta, _level(whole - delta), least=_ALIKE, shifts=False)
-                if found is not None:
-                    wrong.append(f"the spray at {setpoint:g} K is {found}")
+                change = _changed(delta, _level(delta_sum - delta), threshold=_ALIKE, shifts=False)
+                if change is not None:
+                    wrong.append(f"the spray at {setpoint:g} K is {change}")
     if not wrong:
         return None
-    says = "images differ in orientation: " + "; ".join(wrong)
-    return refusal("orientation", says, "turn these images back, or remove their backgrounds")
+    message = "images differ in orientation: " + "; ".join(wrong)
+    return refusal("orientation", message, "turn these images back, or remove their backgrounds")
 
 
 def _pattern(image: Floats) -> Floats:
     """Relative difference of each pixel from its four neighbours, clipped and normalised."""
-    near = neighbours(image)
-    fine = (image - near) / np.maximum(np.abs(near), 1.0)
+    surrounding = neighbours(image)
+    fine = (image - surrounding) / np.maximum(np.abs(surrounding), 1.0)
     usual = 1.4826 * float(np.median(np.abs(fine)))
     return _level(np.clip(fine, -_CLIP * usual, _CLIP * usual))
 
@@ -68,28 +68,28 @@ def _level(image: Floats) -> Floats:
     return flat / size if size > 0.0 else np.zeros_like(flat)
 
 
-def _changed(own: Floats, others: Floats, *, least: float, shifts: bool) -> str | None:
-    """Turn or shift of `own` that correlates with `others` far better than none, in words."""
-    length = float(np.sqrt(np.sum(others**2)))
+def _changed(image: Floats, expected: Floats, *, threshold: float, shifts: bool) -> str | None:
+    """Turn or shift of `image` that correlates with `expected` far better than none, in words."""
+    length = float(np.sqrt(np.sum(expected**2)))
     if not length > 0.0:
         return None
-    as_is = float(np.sum(own * others)) / length
+    as_is = float(np.sum(image * expected)) / length
     tried = {
-        text: float(np.sum(turn(own) * others)) / length
-        for text, turn in TURNS.items()
-        if turn(own).shape == others.shape
+        turned: float(np.sum(turn(image) * expected)) / length
+        for turned, turn in TURNS.items()
+        if turn(image).shape == expected.shape
     }
     if shifts:
-        spectrum = np.fft.rfft2(own) * np.conj(np.fft.rfft2(others))
-        alike = np.fft.irfft2(spectrum, s=own.shape) / length
-        best = np.unravel_index(int(np.argmax(alike)), own.shape)
+        spectrum = np.fft.rfft2(image) * np.conj(np.fft.rfft2(expected))
+        alike = np.fft.irfft2(spectrum, s=image.shape) / length
+        best = np.unravel_index(int(np.argmax(alike)), image.shape)
         rows, columns = (
             int(at) - size if at > size // 2 else int(at)
-            for at, size in zip(best, own.shape, strict=True)
+            for at, size in zip(best, image.shape, strict=True)
         )
         tried[f"shifted by {columns:+d} columns and {rows:+d} rows"] = float(alike[best])
-    name = max(tried, key=lambda text: tried[text])
-    if not tried[name] > max(least, 2.0 * abs(as_is)):
+    name = max(tried, key=lambda turned: tried[turned])
+    if not tried[name] > max(threshold, 2.0 * abs(as_is)):
         return None
     better = (1.0 - as_is**2) / max(1.0 - tried[name] ** 2, 1e-9)
     return f"{name} (chi-square {better:.2g} times smaller than without)"

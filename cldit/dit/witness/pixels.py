@@ -20,19 +20,19 @@ from scipy.optimize import nnls
 
 from cldit.arrays import Floats, Mask
 from cldit.camera.calibration import Calibration
-from cldit.dit import pattern_causes
+from cldit.dit import hypotheses
 from cldit.dit.shots import AllSums
 from cldit.dit.solve import KINDS
 from cldit.dit.witness.finding import Witness
 
-_BLOCKS = 32  # along either axis, at most
-_EDGE = 6  # pixels along a block, at least
+_BLOCKS = 32  # along either axis, at most: as thumbnails
+_EDGE = 6  # pixels along a block, at least: 36 give a variance to 24 %
 _HIGH = np.sqrt(64.0 / 169.0)  # of fourth differences, for the variance of white noise
 _SURE = 6.0  # standard deviations of moments that are no chance
-_MORE = 0.1  # excess of the variance that is worth widening
+_MORE = 0.1  # excess of the variance: errors are 5 % larger
 _PART = 0.02  # share of the blocks that is worth a warning
 _LONE = 0.5  # of the unexplained squares, for one background alone
-_CLIP = 4.0  # usual deviations
+_CLIP = 4.0  # standard deviations: one of 16,000 normal pixels is clipped
 _WIDE = 2.5  # standard deviations from which errors are widened without a warning
 _SPREAD = 0.3  # of the warmest radiance: spread of the temperatures of thin sprays
 _UNLUCKY = 10.0  # variance of few shots over that found from them
@@ -70,17 +70,17 @@ class Patterns:
         noise: dict[str, Floats] = {}
         for kind in KINDS:
             groups = [sums[k, kind] for k in setpoints]
-            mean[kind] = np.array([one.mean() for one in groups])
-            high[kind] = _HIGH * np.array([_without_smooth(one) for one in mean[kind]])
-            each = []
-            for group, own in zip(groups, mean[kind], strict=True):
+            mean[kind] = np.array([group.mean() for group in groups])
+            high[kind] = _HIGH * np.array([_without_smooth(image) for image in mean[kind]])
+            variances = []
+            for group, group_mean in zip(groups, mean[kind], strict=True):
                 steady = group.spare(steady=True) > 1.0
-                each.append(
+                variances.append(
                     group.variance(steady=steady)
                     if group.spare() > 0.0
-                    else calibration.variance_counts2(own)
+                    else calibration.variance_counts2(group_mean)
                 )
-            noise[kind] = np.array(each)
+            noise[kind] = np.array(variances)
             if kind == "injection":
                 spray = high[kind] - high["reference"]
                 noise[kind] = noise[kind] + _UNLUCKY * amount2 * spray**2
@@ -142,35 +142,35 @@ def between_backgrounds(
     count = len(patterns.source)
     spare = count - 2
     blocks = _Blocks.of(patterns.sees)
-    known = blocks.counts >= _EDGE
-    if spare < 1 or not known.any():
+    filled = blocks.counts >= _EDGE
+    if spare < 1 or not filled.any():
         return None, {}
     usual = np.sqrt(np.median(patterns.noise["reference"][:, patterns.sees], axis=1))
     if not np.all(usual > 0.0):  # a simulation without noise
         return None, {}
     # Residuals of whitened signals, in an orthonormal basis
     basis = np.linalg.svd(patterns.design / usual[:, None])[0][:, 2:].T / usual  # (spare, K)
-    left = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
+    rest = {kind: np.einsum("jk,khw->jhw", basis, patterns.high[kind]) for kind in KINDS}
     noise = {kind: np.array([blocks.mean(v) for v in patterns.noise[kind]]) for kind in KINDS}
     level = {kind: np.array([blocks.mean(v) for v in patterns.mean[kind]]) for kind in KINDS}
     contrast = {kind: (patterns.source - patterns.source.mean()) @ level[kind] for kind in KINDS}
-    through = contrast["injection"] / np.where(known, contrast["reference"], 1.0)
+    through = contrast["injection"] / np.where(filled, contrast["reference"], 1.0)
     noise["reference"] += stated[:, None]
     noise["injection"] += stated[:, None] * through**2
     moments: dict[tuple[str, str], Floats] = {}
-    for one, other in ((KINDS[0], KINDS[0]), (KINDS[1], KINDS[1]), KINDS):
-        moment = np.array([[blocks.mean(a * b) for b in left[other]] for a in left[one]])
-        if one == other:
-            moment -= np.einsum("ik,kb,jk->ijb", basis, noise[one], basis)
-        moments[one, other] = moment
+    for kind_a, kind_b in ((KINDS[0], KINDS[0]), (KINDS[1], KINDS[1]), KINDS):
+        moment = np.array([[blocks.mean(a * b) for b in rest[kind_b]] for a in rest[kind_a]])
+        if kind_a == kind_b:
+            moment -= np.einsum("ik,kb,jk->ijb", basis, noise[kind_a], basis)
+        moments[kind_a, kind_b] = moment
     expected = sum(np.einsum("ik,kb,ik->b", basis, noise[kind], basis) for kind in KINDS)
     excess = sum(np.einsum("iib->b", moments[kind, kind]) for kind in KINDS)
-    ratio = np.where(known, excess / np.where(known, expected, 1.0), 0.0)
+    ratio = np.where(filled, excess / np.where(filled, expected, 1.0), 0.0)
     # The noise of a kind's moments, and that pixels share neighbours
     doubt = np.sqrt(3.0 / (spare * np.maximum(blocks.counts, 1.0)))
-    whole = float(np.average(ratio, weights=blocks.counts))
-    everywhere = whole > max(_MORE, _SURE * np.sqrt(3.0 / (spare * blocks.counts.sum())))
-    wide = known & ((ratio > 0.0) if everywhere else (ratio > _SURE * doubt))
+    overall = float(np.average(ratio, weights=blocks.counts))
+    everywhere = overall > max(_MORE, _SURE * np.sqrt(3.0 / (spare * blocks.counts.sum())))
+    wide = filled & ((ratio > 0.0) if everywhere else (ratio > _SURE * doubt))
     if not wide.any():
         return None, {}
     parts = _explained(
@@ -184,9 +184,9 @@ def between_backgrounds(
     share = float(blocks.counts[wide].sum() / blocks.counts.sum())
     witness = None
     if everywhere or share > _PART:
-        factor = 1.0 + (whole if everywhere else float(np.median(ratio[wide])))
-        here = patterns.sees & wide[blocks.number]
-        causes = pattern_causes.between_backgrounds(patterns, here, names)
+        factor = 1.0 + (overall if everywhere else float(np.median(ratio[wide])))
+        deviating = patterns.sees & wide[blocks.number]
+        causes = hypotheses.between_backgrounds(patterns, deviating, names)
         witness = Witness(
             name="pixels",
             says=f"in {100.0 * share:.0f} % of the image the pixels lie off their lines by "
@@ -204,40 +204,40 @@ def _explained(
     """
     count = basis.shape[1]
     upper = np.triu_indices(len(basis))
-    wanted = np.concatenate(
+    targets = np.concatenate(
         [
-            moment.reshape(-1, moment.shape[2]) if one != other else moment[upper]
-            for (one, other), moment in moments.items()
+            moment.reshape(-1, moment.shape[2]) if kind_a != kind_b else moment[upper]
+            for (kind_a, kind_b), moment in moments.items()
         ]
     ).T
 
     def solved(backgrounds: Sequence[int]) -> tuple[Floats, float]:
         part = basis[:, backgrounds]
-        amount, left = np.zeros((4, len(wanted))), 0.0
-        for block, moment in enumerate(wanted):
+        amount, total = np.zeros((4, len(targets))), 0.0
+        for block, moment in enumerate(targets):
             r, i = (levels[kind][backgrounds, block] for kind in KINDS)
-            own, zero = np.ones_like(r), np.zeros_like(r)
+            ones, zero = np.ones_like(r), np.zeros_like(r)
             columns = []
-            for a, b in ((own, zero), (zero, own), (own, own), (r, i)):
-                rr, ii, ri = ((part * one) @ part.T for one in (a * a, b * b, a * b))
+            for a, b in ((ones, zero), (zero, ones), (ones, ones), (r, i)):
+                rr, ii, ri = ((part * weight) @ part.T for weight in (a * a, b * b, a * b))
                 columns.append(np.concatenate([rr[upper], ii[upper], ri.ravel()]))
             matrix = np.array(columns).T
             size = np.sqrt(np.sum(matrix**2, axis=0))
-            found, rest = nnls(matrix / size, moment)
-            amount[:, block] = found / size
-            left += rest**2
-        return amount, left
+            solution, rest = nnls(matrix / size, moment)
+            amount[:, block] = solution / size
+            total += rest**2
+        return amount, total
 
-    every, left = solved(range(count))
-    found = np.repeat(every[:, None], count, axis=1)
-    alone = [solved([k]) for k in range(count)]
-    best = int(np.argmin([rest for _, rest in alone]))
+    pooled, pooled_rest = solved(range(count))
+    variances = np.repeat(pooled[:, None], count, axis=1)
+    singles = [solved([k]) for k in range(count)]
+    best = int(np.argmin([rest for _, rest in singles]))
     if len(basis) == 1:  # three backgrounds do not show which of them it is
-        found = np.stack([one for one, _ in alone], axis=1)
-    elif alone[best][1] < _LONE * left:
-        found = np.zeros_like(found)
-        found[:, best] = alone[best][0]
-    return dict(zip((*KINDS, "offset", "gain"), found, strict=True))
+        variances = np.stack([solution for solution, _ in singles], axis=1)
+    elif singles[best][1] < _LONE * pooled_rest:
+        variances = np.zeros_like(variances)
+        variances[:, best] = singles[best][0]
+    return dict(zip((*KINDS, "offset", "gain"), variances, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,38 +268,38 @@ def between_kinds(
         rise_counts: (K,) counts per kelvin of the black body.
     """
     thin_around = patterns.sees & binary_erosion(wide, iterations=2, border_value=1)
-    lines = [_Difference.of(patterns, thin_around & one) for one in (wide, clear, half)]
+    lines = [_Difference.of(patterns, thin_around & mask) for mask in (wide, clear, half)]
     if lines[0] is None or lines[1] is None or lines[2] is None:
         return Renewed()
     found_at = [(*lines[0].beyond(x, 1.0), x) for x in warmest * _RADIANCES]
     offset2, doubt, at = min(found_at)
     # Patterns of a camera are the same in all pixels; what is more in thin spray is of the spray.
-    offset2 = min(offset2, *(sum(one.beyond(at, 1.0)) for one in lines[1:] if one))
-    slopes2, slopes_doubt = min(one.beyond(1.0, 0.0) for one in lines[1:] if one)
+    offset2 = min(offset2, *(sum(line.beyond(at, 1.0)) for line in lines[1:] if line))
+    slopes2, slopes_doubt = min(line.beyond(1.0, 0.0) for line in lines[1:] if line)
     spray2 = max(slopes2 + 2.0 * slopes_doubt, 0.0)
     gain = lines[1].gain
-    found, says, sure = Renewed(), [], 0.0
+    renewed, messages, sure = Renewed(), [], 0.0
     if offset2 > _WIDE * doubt and offset2 > spray2 * (_SPREAD * warmest) ** 2:
-        found = replace(found, offset_counts=float(np.sqrt(offset2)))
-        kelvin = found.offset_counts / float(np.median(rise_counts))
-        says.append(f"offsets by {found.offset_counts:.2g} counts ({kelvin:.2g} K)")
+        renewed = replace(renewed, offset_counts=float(np.sqrt(offset2)))
+        kelvin = renewed.offset_counts / float(np.median(rise_counts))
+        messages.append(f"offsets by {renewed.offset_counts:.2g} counts ({kelvin:.2g} K)")
         sure = offset2 / doubt
     if slopes2 > _WIDE * slopes_doubt and slopes2 > (2.0 * thin * gain) ** 2:
-        found = replace(found, gain=float(np.sqrt(slopes2)) / gain)
-        says.append(f"gains by {100.0 * found.gain:.2g} %")
+        renewed = replace(renewed, gain=float(np.sqrt(slopes2)) / gain)
+        messages.append(f"gains by {100.0 * renewed.gain:.2g} %")
         sure = max(sure, slopes2 / slopes_doubt)
     if sure < _SURE:
-        return found
-    causes = pattern_causes.between_kinds(
-        patterns, thin_around, offsets=found.offset_counts > 0.0, gains=found.gain > 0.0
+        return renewed
+    causes = hypotheses.between_kinds(
+        patterns, thin_around, offsets=renewed.offset_counts > 0.0, gains=renewed.gain > 0.0
     )
     witness = Witness(
         name="pixels",
         compared="pixels of injections against those of references, with the least spray",
-        says=f"{' and '.join(says)} from pixel to pixel: {causes}; errors are widened",
+        says=f"{' and '.join(messages)} from pixel to pixel: {causes}; errors are widened",
         stands_out=True,
     )
-    return replace(found, witness=witness)
+    return replace(renewed, witness=witness)
 
 
 @dataclass(frozen=True)
@@ -316,18 +316,18 @@ class _Difference:
     gain: float
 
     @classmethod
-    def of(cls, patterns: Patterns, here: Mask) -> "_Difference | None":
-        """The difference in the pixels `here` (h, w); None where they are few or without noise."""
-        if np.count_nonzero(here) < 8 * _EDGE:
+    def of(cls, patterns: Patterns, chosen: Mask) -> "_Difference | None":
+        """The difference in `selected` pixels (h, w); None where they are few or without noise."""
+        if np.count_nonzero(chosen) < 8 * _EDGE:
             return None
-        change = patterns.high["injection"][:, here] - patterns.high["reference"][:, here]
-        each = patterns.noise["reference"][:, here] + patterns.noise["injection"][:, here]
-        usual = np.sqrt(np.median(each, axis=1))
+        change = patterns.high["injection"][:, chosen] - patterns.high["reference"][:, chosen]
+        noise = patterns.noise["reference"][:, chosen] + patterns.noise["injection"][:, chosen]
+        usual = np.sqrt(np.median(noise, axis=1))
         if not np.all(usual > 0.0):
             return None
         to_line = np.linalg.pinv(patterns.design / usual[:, None]) / usual
-        gain = float(np.mean(to_line[0] @ patterns.mean["reference"][:, here]))
-        return cls(to_line, change, each.mean(axis=1), gain)
+        gain = float(np.mean(to_line[0] @ patterns.mean["reference"][:, chosen]))
+        return cls(to_line, change, noise.mean(axis=1), gain)
 
     def beyond(self, slope: float, start: float) -> tuple[float, float]:
         """Variance beyond the noise of so much of the slope and of the start, and its error."""
@@ -340,5 +340,5 @@ class _Difference:
 def _variance(values: Floats) -> float:
     """Variance of values whose tails are clipped, since a few odd pixels shall not change it."""
     off = values - np.median(values)
-    most = _CLIP * 1.4826 * np.median(np.abs(off))
-    return float(np.mean(np.clip(off, -most, most) ** 2))
+    limit = _CLIP * 1.4826 * np.median(np.abs(off))
+    return float(np.mean(np.clip(off, -limit, limit) ** 2))

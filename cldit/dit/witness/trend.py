@@ -17,9 +17,9 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.dit.solve import Cause, Drift
+from cldit.dit.witness.backgrounds import squares
 from cldit.dit.witness.evidence import Evidence
 from cldit.dit.witness.finding import sure
-from cldit.dit.witness.lines import squares
 
 _AGAIN = 3  # iterations; each reduces the error by the relative drift, a tenth at most
 _NEAR = 0.5  # largest relative deviation of a course from that of the rates
@@ -36,14 +36,14 @@ class Trend:
     """A steady drift, radiance or (gain) relative.
 
     rate: (K,) per interval of the axis at each background. course: (K,) of the references' means.
-    modes: (M, K) parts of the course, each of variance 1 and common to all trends. apart: (M, K)
-    excess of each mode in the injections' means.
+    modes: (M, K) parts of the course, each of variance 1 and common to all trends.
+    excess: (M, K) excess of each mode in the injections' means.
     """
 
     rate: Floats
     course: Floats
     modes: Floats
-    apart: Floats | None = None
+    excess: Floats | None = None
 
 
 Trends = Mapping[Cause, Trend]
@@ -63,12 +63,12 @@ def steady(evidence: Evidence, *, beyond: bool, steps: bool = True) -> Trends:
         return camera
     blackbody = _of_blackbody(evidence)
     if steps:
-        camera, blackbody = (_with_steps(evidence, one) for one in (camera, blackbody))
+        camera, blackbody = (_with_steps(evidence, trends) for trends in (camera, blackbody))
     if not beyond:
         return blackbody
     x, rise = evidence.source["reference"], evidence.rise
-    left = [squares(x, signal(without(evidence, one)), rise) for one in (camera, blackbody)]
-    return camera if left[0] < left[1] else blackbody
+    sums = [squares(x, signal(without(evidence, trends)), rise) for trends in (camera, blackbody)]
+    return camera if sums[0] < sums[1] else blackbody
 
 
 def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
@@ -78,41 +78,41 @@ def _with_steps(evidence: Evidence, trends: Trends) -> Trends:
     """
     if not evidence.breaks:
         return trends
-    first = min(int(places.part.min()) for places in evidence.places["reference"])
-    breaks = first + np.arange(evidence.breaks)
+    first_part = min(int(places.part.min()) for places in evidence.places["reference"])
+    breaks = first_part + np.arange(evidence.breaks)
     share = {  # (breaks, K) of a kind's shots that are after each
-        kind: np.stack([(one.part[:, None] > breaks).mean(axis=0) for one in places], axis=1)
+        kind: np.stack([(p.part[:, None] > breaks).mean(axis=0) for p in places], axis=1)
         for kind, places in evidence.places.items()
     }
     still = without(evidence, trends)
-    x, every = evidence.source["reference"], np.ones(evidence.blocks, bool)
+    x, all_blocks = evidence.source["reference"], np.ones(evidence.blocks, bool)
     rows, values, weight = [], [], []
-    for k, (places, one) in enumerate(
-        zip(evidence.places["reference"], still.series("reference", every), strict=True)
+    for k, (places, series) in enumerate(
+        zip(evidence.places["reference"], still.series("reference", all_blocks), strict=True)
     ):
         rate = sum((trend.rate[k] * unit(still, of)[k] for of, trend in trends.items()), 0.0)
-        one = one - rate * (places.at - places.at.mean())
+        series = series - rate * (places.at - places.at.mean())
         for part in np.unique(places.part):
-            here = places.part == part
+            in_part = places.part == part
             rows.append([x[k] / x.max(), 1.0, *(part > breaks)])
-            values.append(one[here].mean())
-            weight.append(np.sqrt(np.count_nonzero(here)) / evidence.rise[k])
+            values.append(series[in_part].mean())
+            weight.append(np.sqrt(np.count_nonzero(in_part)) / evidence.rise[k])
     weights = np.array(weight)
     design = np.array(rows, float) * weights[:, None]
     step = np.linalg.lstsq(design, np.array(values) * weights)[0][2:]
     none = np.zeros(len(x))
-    modes = max((len(one.modes) for one in trends.values()), default=0)
+    modes = max((len(trend.modes) for trend in trends.values()), default=0)
     old = trends.get("offset", Trend(rate=none, course=none, modes=np.zeros((modes, len(x)))))
     course = step @ share["reference"]
     new = step[:, None] * share["reference"]
-    more = step[:, None] * (share["injection"] - share["reference"])
+    excess = step[:, None] * (share["injection"] - share["reference"])
     return {
         **trends,
         "offset": Trend(
             rate=old.rate,
             course=old.course + course - course.mean(),
             modes=np.concatenate([old.modes, new]),
-            apart=np.concatenate([np.zeros_like(old.modes), more]),
+            excess=np.concatenate([np.zeros_like(old.modes), excess]),
         ),
     }
 
@@ -126,10 +126,10 @@ def _of_camera(evidence: Evidence) -> Trends:
         offset, gain = (rates.of(cause) for cause in ("offset", "gain"))
         still = (seen - offset * way) / (1.0 + gain * way)
         rates = _rates(evidence, {"offset": np.ones_like(way), "gain": still}, beside=evidence.rise)
-    one = np.ones_like(way)
+    ones = np.ones_like(way)
     return {
         cause: Trend(
-            rate=rates.of(cause) * one,
+            rate=rates.of(cause) * ones,
             course=rates.of(cause) * way,
             modes=rates.roots[number][:, None] * way,
         )
@@ -142,15 +142,15 @@ def _of_blackbody(evidence: Evidence) -> Trends:
     way, rise = _way(evidence), evidence.rise
     since = np.array([places.since.mean() for places in evidence.places["reference"]])
     rates = _rates(evidence, {"offset": np.ones_like(way), "black body": rise})
-    found: dict[Cause, Trend] = {}
+    trends: dict[Cause, Trend] = {}
     for cause in rates.causes:
         shape, course = (rise, rise * since) if cause == "black body" else (np.ones_like(way), way)
-        alone = np.zeros((len(rates.causes), 1))  # independent of the camera's drift
-        alone[rates.causes.index(cause)] = np.sqrt(rates.moment(cause))
-        found[cause] = Trend(
-            rate=rates.of(cause) * shape, course=rates.of(cause) * course, modes=alone * course
+        mode = np.zeros((len(rates.causes), 1))  # independent of the camera's drift
+        mode[rates.causes.index(cause)] = np.sqrt(rates.moment(cause))
+        trends[cause] = Trend(
+            rate=rates.of(cause) * shape, course=rates.of(cause) * course, modes=mode * course
         )
-    return found
+    return trends
 
 
 def _way(evidence: Evidence) -> Floats:
@@ -203,33 +203,33 @@ def _rates(
     Insignificant rates are removed one by one. The remaining ones are fitted again together with a
     change proportional to `beside`, if there are enough backgrounds.
     """
-    every = np.ones(evidence.blocks, bool)
-    series = evidence.series("reference", every)
-    variance = evidence.variance("reference", every) * evidence.number("reference")
+    all_blocks = np.ones(evidence.blocks, bool)
+    series = evidence.series("reference", all_blocks)
+    variance = evidence.variance("reference", all_blocks) * evidence.number("reference")
     rate, weight = np.zeros(len(series)), np.zeros(len(series))
-    for k, (places, one) in enumerate(zip(evidence.places["reference"], series, strict=True)):
-        away = places.away(places.at)
-        if len(one) - places.parts > 1:
-            rate[k] = away @ one / (away @ away)
-            weight[k] = (away @ away) / variance[k]
-    least = sure(evidence.degrees("reference"))
+    for k, (places, values) in enumerate(zip(evidence.places["reference"], series, strict=True)):
+        centred = places.about_part_means(places.at)
+        if len(values) - places.parts > 1:
+            rate[k] = centred @ values / (centred @ centred)
+            weight[k] = (centred @ centred) / variance[k]
+    threshold = sure(evidence.degrees("reference"))
     causes = list(columns)
     while causes:
         best, covariance = _weighted([columns[cause] for cause in causes], rate, weight)
-        found = np.abs(best) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        if found.min() > least:
+        significance = np.abs(best) / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        if significance.min() > threshold:
             if beside is not None and np.count_nonzero(weight) > len(causes):
-                some = [*(columns[cause] for cause in causes), beside]
-                best, covariance = _weighted(some, rate, weight)
+                all_columns = [*(columns[cause] for cause in causes), beside]
+                best, covariance = _weighted(all_columns, rate, weight)
             n = len(causes)
             return _Rates(tuple(causes), best[:n], covariance[:n, :n])
-        del causes[int(np.argmin(found))]
+        del causes[int(np.argmin(significance))]
     return _Rates((), np.zeros(0), np.zeros((0, 0)))
 
 
 def _weighted(columns: Sequence[Floats], values: Floats, weight: Floats) -> tuple[Floats, Floats]:
     """Weighted least squares of `values` (K,) by `columns`: amounts, and their covariance."""
-    size = np.array([np.max(np.abs(one)) for one in columns])
+    size = np.array([np.max(np.abs(column)) for column in columns])
     design = np.stack(columns, axis=1) / size
     half = np.sqrt(weight / max(float(weight.max()), 1e-300))
     inverse = np.linalg.pinv(design * half[:, None])
@@ -242,7 +242,7 @@ def without(evidence: Evidence, trends: Trends, *, fitted: bool = False) -> Evid
 
     With `fitted` the drifts are scaled by a common factor for the best line of the references.
     """
-    trends = {cause: one for cause, one in trends.items() if cause != "black body"}
+    trends = {cause: trend for cause, trend in trends.items() if cause != "black body"}
     if not trends:
         return evidence
     amount = 1.0
@@ -251,15 +251,17 @@ def without(evidence: Evidence, trends: Trends, *, fitted: bool = False) -> Evid
         x, rise = evidence.source["reference"], evidence.rise
         design = np.stack([x / x.max(), np.ones_like(x)], axis=1) / rise[:, None]
         keep = np.eye(len(x)) - design @ np.linalg.pinv(design)
-        whole = np.sum([one.course * unit(still, cause) for cause, one in trends.items()], axis=0)
-        column, seen = keep @ (whole / rise), keep @ (signal(evidence) / rise)
+        course = np.sum(
+            [trend.course * unit(still, cause) for cause, trend in trends.items()], axis=0
+        )
+        column, seen = keep @ (course / rise), keep @ (signal(evidence) / rise)
         amount = float(np.clip(column @ seen / (column @ column), 1.0 - _NEAR, 1.0 + _NEAR))
     shots = {kind: list(parts) for kind, parts in evidence.shots.items()}
-    for cause, one in trends.items():
+    for cause, trend in trends.items():
         for parts in shots.values():
             for k, part in enumerate(parts):
-                here = amount * one.course[k]
-                parts[k] = part / (1.0 + here) if cause == "gain" else part - here
+                change = amount * trend.course[k]
+                parts[k] = part / (1.0 + change) if cause == "gain" else part - change
     return replace(evidence, shots={kind: tuple(parts) for kind, parts in shots.items()})
 
 
@@ -281,17 +283,17 @@ class DriftTerm:
 
 
 def terms(
-    evidence: Evidence, *, given: Sequence[Drift], found: Sequence[Drift]
+    evidence: Evidence, *, stated: Sequence[Drift], estimated: Sequence[Drift]
 ) -> tuple[DriftTerm, ...]:
     """Terms above 0: those stated by the user or by readings, then those found."""
     listed: list[tuple[str, Floats]] = []
-    for origin, drifts in (("stated, or by readings", given), ("found", found)):
-        for one in drifts:
-            per_kelvin = unit(evidence, one.cause) / evidence.rise
-            name = _NAMES[one.cause]
+    for origin, drifts in (("stated, or by readings", stated), ("found", estimated)):
+        for drift in drifts:
+            per_kelvin = unit(evidence, drift.cause) / evidence.rise
+            name = _NAMES[drift.cause]
             listed += [
-                (f"{name}, steady drift", one.course * per_kelvin),
-                (f"{name}, at each background ({origin})", np.sqrt(one.variance) * per_kelvin),
+                (f"{name}, steady drift", drift.course * per_kelvin),
+                (f"{name}, at each background ({origin})", np.sqrt(drift.variance) * per_kelvin),
             ]
     return tuple(
         DriftTerm(name=name, setpoints=evidence.setpoints, kelvin=tuple(kelvin.tolist()))

@@ -126,7 +126,7 @@ def test_hcc(tmp_path: Path) -> None:
     found = open_stack(Source(tmp_path / "a.hcc"))
     read = np.stack([found.read(number) for number in range(len(found))])
     assert np.array_equal(read, frames) and read.dtype == np.uint16
-    told = found.told
+    told = found.metadata
     assert [one.integration_time_s for one in told] == pytest.approx([25e-6] * 5)
     assert [one.time_s for one in told] == pytest.approx(
         [1_700_000_000 + 1e-3 * n for n in range(5)], abs=1e-6

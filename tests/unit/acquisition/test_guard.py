@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 import yaml
 
-from cldit.acquisition import Plan, Progress, acquire, iterate
+from cldit.acquisition import Progress, iterate
 from cldit.acquisition import guard as guard_module
 from cldit.acquisition.guard import Guard, watch
 from cldit.acquisition.journal import Journal
 from cldit.rig.errors import NotConnected, RigError
 from cldit.rig.load import Rig, open_rig
 from tests.journals import read_journal
+from tests.wrapped import Mission
 
 
 class Stuck:
@@ -111,21 +112,17 @@ def test_a_rig_file_that_is_gone_is_loud(
     assert "NOT SAFE" in capsys.readouterr().err
 
 
-def test_the_acquisition_says_it_too(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_the_acquisition_says_it_too(mission: Mission) -> None:
     with pytest.raises(RigError, match="the black body may still be hot"):
-        acquire(stuck(tiny_rig), tiny_plan, tmp_path / "a")
-    entry = last(tmp_path / "a")
+        mission.acquire(stuck(mission.data))
+    entry = last(mission.folder)
     assert entry["event"] == "unsafe" and "may still be hot" in entry["problems"][0]
-    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")  # such a journal can be read
+    record = mission.acquire()  # such a journal can be read
     assert record.complete
 
 
-def test_a_loop_that_is_left_says_it_too(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    shots = iterate(stuck(tiny_rig), tiny_plan, tmp_path / "a")
+def test_a_loop_that_is_left_says_it_too(mission: Mission) -> None:
+    shots = iterate(stuck(mission.data), mission.plan, mission.folder)
     next(shots)
     with pytest.raises(RigError, match="the black body may still be hot"):
         shots.close()
@@ -134,9 +131,7 @@ def test_a_loop_that_is_left_says_it_too(
 @pytest.mark.parametrize("error", [SystemExit, KeyboardInterrupt])
 def test_a_process_that_is_ended_says_it_too(
     error: type[BaseException],
-    tiny_rig: dict[str, Any],
-    tiny_plan: Plan,
-    tmp_path: Path,
+    mission: Mission,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def ending(progress: Progress) -> None:
@@ -144,7 +139,7 @@ def test_a_process_that_is_ended_says_it_too(
             raise error
 
     with pytest.raises(error) as caught:
-        acquire(stuck(tiny_rig), tiny_plan, tmp_path / "a", progress=ending)
+        mission.acquire(stuck(mission.data), progress=ending)
     assert "may still be hot" in caught.value.__notes__[0]
     assert "THE RIG IS NOT SAFE" in capsys.readouterr().err
 

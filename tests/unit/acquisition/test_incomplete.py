@@ -57,7 +57,7 @@ def test_what_is_there_is_read_on_request(
         stated = Source(path)
         [reader.read(stated, number) for number in range(len(FILM))]
     whole = Source(path, incomplete=True)
-    assert len(reader.told(whole)) == left
+    assert len(reader.metadata(whole)) == left
     for number in range(left):
         np.testing.assert_array_equal(reader.read(whole, number), FILM[number])
     reader.close()

@@ -16,8 +16,8 @@ import pytest
 import tifffile
 
 from cldit.acquisition.frames import FrameReader, open_stack
+from cldit.acquisition.pictures.metadata import read_numbers
 from cldit.acquisition.pictures.source import Source, parse_source
-from cldit.acquisition.pictures.told import read_numbers
 from cldit.errors import EvaluationError
 
 IMAGES = np.random.default_rng(3).integers(1000, 9000, (6, 5, 7)).astype(np.uint16)
@@ -27,7 +27,7 @@ MATLAB_ORDER = IMAGES.transpose(1, 2, 0)
 def read_all(source: Source) -> Any:
     reader = FrameReader()
     try:
-        return np.stack([reader.read(source, n) for n in range(len(reader.told(source)))])
+        return np.stack([reader.read(source, n) for n in range(len(reader.metadata(source)))])
     finally:
         reader.close()
 

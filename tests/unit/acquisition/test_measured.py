@@ -471,6 +471,6 @@ def test_a_stack_that_was_cut_off(tmp_path: Path, form: str, part: float) -> Non
 def read_all(path: Path) -> list[NDArray[Any]]:
     reader, source = FrameReader(), parse_source(str(path))[1]
     try:
-        return [reader.read(source, number) for number in range(len(reader.told(source)))]
+        return [reader.read(source, number) for number in range(len(reader.metadata(source)))]
     finally:
         reader.close()

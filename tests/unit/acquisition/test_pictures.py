@@ -16,9 +16,9 @@ from PIL import Image
 
 from cldit.acquisition import frames
 from cldit.acquisition.frames import FrameReader, open_stack
+from cldit.acquisition.pictures.metadata import read_temperatures
 from cldit.acquisition.pictures.source import Source, parse_source
 from cldit.acquisition.pictures.tiff import turned
-from cldit.acquisition.pictures.told import read_temperatures
 from cldit.errors import EvaluationError
 
 SHAPE = (6, 5, 7)
@@ -28,7 +28,7 @@ PICTURES = np.random.default_rng(1).integers(1000, 9000, SHAPE).astype(np.uint16
 def read_all(source: Source) -> Any:
     reader = FrameReader()
     try:
-        return np.stack([reader.read(source, n) for n in range(len(reader.told(source)))])
+        return np.stack([reader.read(source, n) for n in range(len(reader.metadata(source)))])
     finally:
         reader.close()
 

@@ -15,7 +15,7 @@ from cldit.errors import ClditError, DiskFull
 from cldit.io.exclusive import exclusive
 from cldit.rig.errors import OutOfLimits
 from cldit.rig.load import Rig
-from tests.wrapped import pulses, wrapped
+from tests.wrapped import Mission, pulses
 
 Spoil = Callable[[dict[str, Any]], Any]
 Wrap = dict[str, Callable[[Any], dict[str, Any]]]
@@ -50,24 +50,22 @@ def refusals(rig: Rig, plan: Plan, folder: Path) -> tuple[list[str], list[str]]:
         ),
     ],
 )
-def test_plans(
-    plan: dict[str, Any], message: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    bad = tiny_plan.model_copy(update=plan)
-    dry, wet = refusals(wrapped(tiny_rig), bad, tmp_path / "a")
+def test_plans(plan: dict[str, Any], message: str, mission: Mission) -> None:
+    bad = mission.plan.model_copy(update=plan)
+    dry, wet = refusals(mission.rig(), bad, mission.folder)
     assert dry == wet and any(message in line for line in dry), dry
-    assert not pulses(tiny_rig) and not (tmp_path / "a" / "plan.yaml").exists()
+    assert not pulses(mission.data) and not (mission.folder / "plan.yaml").exists()
 
 
-def test_all_that_is_impossible_is_told_together(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    bad = tiny_plan.model_copy(update={"backgrounds_K": (100.0, 2000.0), "integration_time_s": 5.0})
-    dry, wet = refusals(wrapped(tiny_rig), bad, tmp_path / "a")
+def test_all_that_is_impossible_is_told_together(mission: Mission) -> None:
+    bad = mission.plan.model_copy(
+        update={"backgrounds_K": (100.0, 2000.0), "integration_time_s": 5.0}
+    )
+    dry, wet = refusals(mission.rig(), bad, mission.folder)
     assert dry == wet and len(dry) >= 4
-    assert dry_run(wrapped(tiny_rig), bad, tmp_path / "a").disk_bytes > 10 * 2 * 16 * 12
+    assert dry_run(mission.rig(), bad, mission.folder).disk_bytes > 10 * 2 * 16 * 12
     with pytest.raises(OutOfLimits, match=r"(?s)2000 is outside.*integration_time_s: 5"):
-        acquire(wrapped(tiny_rig), bad, tmp_path / "a")
+        acquire(mission.rig(), bad, mission.folder)
 
 
 @pytest.mark.parametrize(
@@ -86,10 +84,8 @@ def test_all_that_is_impossible_is_told_together(
         ({"camera": lambda c: {"read_frames": lambda n, timeout_s: iter(())}}, "0 of 1 frames"),
     ],
 )
-def test_instruments(
-    devices: Wrap, message: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    dry, wet = refusals(wrapped(tiny_rig, **devices), tiny_plan, tmp_path / "a")
+def test_instruments(devices: Wrap, message: str, mission: Mission) -> None:
+    dry, wet = refusals(mission.rig(**devices), mission.plan, mission.folder)
     # The acquisition's burst injects and the dry run's does not; all else is the same.
     assert [line.replace("inject=True", "inject=False") for line in wet] == dry
     assert any(message in line for line in dry), dry
@@ -119,42 +115,36 @@ def _journal_is_torn(folder: Path) -> None:
 def test_folders(
     spoil: Callable[[Path], Any],
     message: str,
-    tiny_rig: dict[str, Any],
-    tiny_plan: Plan,
-    tmp_path: Path,
+    mission: Mission,
 ) -> None:
-    spoil(tmp_path / "a")
-    dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+    spoil(mission.folder)
+    dry, wet = refusals(mission.rig(), mission.plan, mission.folder)
     assert dry == wet and message in "\n".join(dry), dry
 
 
-def test_a_folder_in_use(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    with exclusive(tmp_path / "a", "acquisition"):
-        dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+def test_a_folder_in_use(mission: Mission) -> None:
+    with exclusive(mission.folder, "acquisition"):
+        dry, wet = refusals(mission.rig(), mission.plan, mission.folder)
     assert dry == wet and "another acquisition is running here" in dry[0]
 
 
-def test_a_disk_that_is_too_small(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_is_too_small(mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
     free = type("usage", (), {"free": 100_000})
     monkeypatch.setattr("cldit.acquisition.disk.shutil.disk_usage", lambda path: free)
-    dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+    dry, wet = refusals(mission.rig(), mission.plan, mission.folder)
     assert dry == wet and "make room, or choose another folder" in dry[0]
     with pytest.raises(DiskFull):
-        acquire(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+        mission.acquire(mission.rig())
 
 
-def test_another_rig_than_before(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    acquire(wrapped(tiny_rig), tiny_plan, tmp_path / "a", should_stop=lambda: True)
-    tiny_rig["setup"]["wall_temperature_K"] = 300.0
-    dry, wet = refusals(wrapped(tiny_rig), tiny_plan, tmp_path / "a")
+def test_another_rig_than_before(mission: Mission) -> None:
+    mission.acquire(mission.rig(), should_stop=lambda: True)
+    mission.data["setup"]["wall_temperature_K"] = 300.0
+    dry, wet = refusals(mission.rig(), mission.plan, mission.folder)
     assert dry == wet and any("wall_temperature_K: 420.0 before" in line for line in dry)
 
 
-def test_a_dry_run_never_lets_a_trigger_inject(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_a_dry_run_never_lets_a_trigger_inject(mission: Mission) -> None:
     """It is not made safe afterwards, so it must not bring the rig into a state that needs it."""
     seen: list[bool] = []
 
@@ -165,9 +155,9 @@ def test_a_dry_run_never_lets_a_trigger_inject(
 
         return {"configure": configure}
 
-    rig = wrapped(tiny_rig, trigger=noted)
-    found = dry_run(rig, tiny_plan, tmp_path / "a")
+    rig = mission.rig(trigger=noted)
+    found = dry_run(rig, mission.plan, mission.folder)
     assert found.problems == () and seen == [False]
     assert rig.trigger.read_configuration()["inhibited"]
     assert rig.background.read_configuration()["setpoint_K"] == 295.0
-    assert not (tmp_path / "a").exists() and not pulses(tiny_rig)
+    assert not mission.folder.exists() and not pulses(mission.data)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cldit.acquisition import Plan, Progress, acquire, iterate, open_acquisition
+from cldit.acquisition import Progress, acquire, iterate, open_acquisition
 from cldit.acquisition.journal import Journal
 from cldit.acquisition.storage import save_shot
 from cldit.errors import ClditError, DiskFull, RunFolderError
@@ -23,67 +23,56 @@ from cldit.rig.errors import (
     RigError,
 )
 from cldit.rig.load import open_rig
-from tests.wrapped import Wrapped, assert_safe, pulses, wrapped
+from tests.wrapped import Mission, Wrapped, assert_safe, pulses
 
 
-def test_background_that_never_settles(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    tiny_rig["background"]["settings"]["noise_K"] = 3.0
-    rig = wrapped(tiny_rig)
+def test_background_that_never_settles(mission: Mission) -> None:
+    mission.data["background"]["settings"]["noise_K"] = 3.0
+    rig = mission.rig()
     with pytest.raises(DeviceTimeout, match=r"not stable at 440 K.*stability\.timeout_s"):
-        acquire(rig, tiny_plan, tmp_path / "a")
+        mission.acquire(rig)
     assert_safe(rig)
-    assert not pulses(tiny_rig)
+    assert not pulses(mission.data)
 
 
-def test_out_of_limits_before_anything_moves(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    plan = tiny_plan.model_copy(update={"backgrounds_K": (440.0, 900.0, 200.0)})
-    rig = open_rig(tiny_rig)
+def test_out_of_limits_before_anything_moves(mission: Mission) -> None:
+    plan = mission.plan.model_copy(update={"backgrounds_K": (440.0, 900.0, 200.0)})
+    rig = open_rig(mission.data)
     moved: list[float] = []
     background = Wrapped(rig.background, set_setpoint=moved.append)
     changed: dict[str, Any] = {"background": background}
     rig = replace(rig, **changed)
     with pytest.raises(OutOfLimits, match=r"900 is outside 253\.\.873\n.*200 is outside"):
-        acquire(rig, plan, tmp_path / "a")
-    assert not moved and not pulses(tiny_rig)
-    assert not (tmp_path / "a" / "plan.yaml").exists()  # the corrected plan may go here
+        mission.acquire(rig, plan)
+    assert not moved and not pulses(mission.data)
+    assert not (mission.folder / "plan.yaml").exists()  # the corrected plan may go here
 
 
-def test_all_missing_devices_are_named(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    tiny_rig["bench"]["settings"]["run"] = str(tmp_path / "nowhere")
-    tiny_rig["trigger"]["settings"]["pulse_log"] = str(tmp_path / "no" / "pulses.jsonl")
+def test_all_missing_devices_are_named(mission: Mission, tmp_path: Path) -> None:
+    mission.data["bench"]["settings"]["run"] = str(tmp_path / "nowhere")
+    mission.data["trigger"]["settings"]["pulse_log"] = str(tmp_path / "no" / "pulses.jsonl")
     with pytest.raises(NotConnected, match=r"(?s)camera: .*scene\.yaml.*trigger: .*no such folder"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+        mission.acquire()
 
 
-def test_foreign_plan_and_rig_are_refused(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    folder = tmp_path / "a"
-    acquire(open_rig(tiny_rig), tiny_plan, folder, should_stop=lambda: True)
-    other = tiny_plan.model_copy(update={"shots": 4})
+def test_foreign_plan_and_rig_are_refused(mission: Mission) -> None:
+    mission.acquire(should_stop=lambda: True)
+    other = mission.plan.model_copy(update={"shots": 4})
     with pytest.raises(RunFolderError, match="holds another plan"):
-        acquire(open_rig(tiny_rig), other, folder)
-    tiny_rig["setup"]["wall_temperature_K"] = 300.0
+        mission.acquire(plan=other)
+    mission.data["setup"]["wall_temperature_K"] = 300.0
     with pytest.raises(RunFolderError, match=r"wall_temperature_K: 420\.0 before, 300\.0 now"):
-        acquire(open_rig(tiny_rig), tiny_plan, folder)
+        mission.acquire()
 
 
-def test_two_runs_in_one_folder(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
-    with exclusive(tmp_path / "a", "acquisition"):
+def test_two_runs_in_one_folder(mission: Mission) -> None:
+    with exclusive(mission.folder, "acquisition"):
         with pytest.raises(RunFolderError, match="another acquisition is running"):
-            acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    assert acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a").complete
+            mission.acquire()
+    assert mission.acquire().complete
 
 
-def test_disk_full_while_writing(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_disk_full_while_writing(mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fifth image finds no room: the rig is safe, four are kept, the same call resumes."""
     count = 0
 
@@ -95,42 +84,40 @@ def test_disk_full_while_writing(
         return save_shot(*args, **kwargs)
 
     monkeypatch.setattr("cldit.acquisition.sequence.save_shot", full)
-    rig = wrapped(tiny_rig)
+    rig = mission.rig()
     with pytest.raises(DiskFull, match=r"b00_inj_02\.tif: the disk is full.*free 1 MB.*resumes"):
-        acquire(rig, tiny_plan, tmp_path / "a")
+        mission.acquire(rig)
     assert_safe(rig)
-    assert len(open_acquisition(tmp_path / "a").shots) == 4
-    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
+    assert len(open_acquisition(mission.folder).shots) == 4
+    record = mission.acquire()
     assert record.complete and record.lost_injections == 1
 
 
 def test_disk_too_small_is_found_before_the_first_shot(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    mission: Mission, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free = type("usage", (), {"free": 100_000})
     monkeypatch.setattr("cldit.acquisition.disk.shutil.disk_usage", lambda path: free)
     with pytest.raises(DiskFull, match="make room"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    assert not pulses(tiny_rig)
+        mission.acquire()
+    assert not pulses(mission.data)
 
 
 @pytest.mark.parametrize("error", [ZeroDivisionError, SystemExit, KeyboardInterrupt])
 def test_an_error_elsewhere_leaves_the_rig_safe_and_is_not_hidden(
-    error: type[BaseException], tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    error: type[BaseException], mission: Mission
 ) -> None:
     def broken(progress: Progress) -> None:
         if progress.done == 3:
             raise error("in the caller's progress bar")
 
-    rig = wrapped(tiny_rig)
+    rig = mission.rig()
     with pytest.raises(error):
-        acquire(rig, tiny_plan, tmp_path / "a", progress=broken)
+        mission.acquire(rig, progress=broken)
     assert_safe(rig)
 
 
-def test_what_cannot_be_made_safe_is_said(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_what_cannot_be_made_safe_is_said(mission: Mission) -> None:
     """The trigger's failure must not keep the black body hot."""
 
     def stuck(trigger: Any) -> dict[str, Any]:
@@ -139,9 +126,9 @@ def test_what_cannot_be_made_safe_is_said(
 
         return {"make_safe": make_safe}
 
-    rig = wrapped(tiny_rig, trigger=stuck)
+    rig = mission.rig(trigger=stuck)
     with pytest.raises(RigError, match=r"not made safe:\ntrigger: the line is dead"):
-        acquire(rig, tiny_plan, tmp_path / "a")
+        mission.acquire(rig)
     assert rig.background.read_configuration()["setpoint_K"] == 295.0
 
 
@@ -160,38 +147,30 @@ def test_read_back_is_checked(
     method: str,
     answer: Callable[..., Any],
     match: str,
-    tiny_rig: dict[str, Any],
-    tiny_plan: Plan,
-    tmp_path: Path,
+    mission: Mission,
 ) -> None:
-    rig = wrapped(tiny_rig, **{device: lambda _: {method: answer}})
+    rig = mission.rig(**{device: lambda _: {method: answer}})
     with pytest.raises(RigError, match=match) as caught:
-        acquire(rig, tiny_plan, tmp_path / "a")
+        mission.acquire(rig)
     assert isinstance(caught.value, ConfigRejected) or device == "background"
-    assert not pulses(tiny_rig)
+    assert not pulses(mission.data)
 
 
-def test_real_devices_need_real_time(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_real_devices_need_real_time(mission: Mission) -> None:
     def real(camera: Any) -> dict[str, Any]:
         return {"identify": lambda: replace(camera.identify(), simulated=False)}
 
     with pytest.raises(ConfigRejected, match=r"clock\.model: simulated, but camera is real"):
-        acquire(wrapped(tiny_rig, camera=real), tiny_plan, tmp_path / "a")
+        mission.acquire(mission.rig(camera=real))
 
 
-def test_folder_that_cannot_be_made(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_folder_that_cannot_be_made(mission: Mission, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ClditError, match="cannot be written"):
-        acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "file" / "a")
+        acquire(open_rig(mission.data), mission.plan, tmp_path / "file" / "a")
 
 
-def test_power_cut_ordering(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_power_cut_ordering(mission: Mission, monkeypatch: pytest.MonkeyPatch) -> None:
     """Order of writes: the `fired` line before its trigger; the image, and its name in
     the folder, before the `saved` line and before anybody is told."""
     if not Path("/proc/self/fd").is_dir():
@@ -216,7 +195,7 @@ def test_power_cut_ordering(
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(Journal, "append", line)
-    for saved in iterate(wrapped(tiny_rig, trigger=firing), tiny_plan, tmp_path / "a"):
+    for saved in iterate(mission.rig(trigger=firing), mission.plan, mission.folder):
         shot = saved.shot.id
         begin = happened.index(("line", f"fired {shot}"))
         fired = happened.index(("fire", ""), begin)
@@ -227,23 +206,14 @@ def test_power_cut_ordering(
 
 
 @pytest.mark.parametrize("damage", ["half", "zeros", "empty"])
-def test_power_cut_tears_a_picture(
-    damage: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_power_cut_tears_a_picture(damage: str, mission: Mission) -> None:
     """A power cut after the trigger and before the sync: the name is there, the data are not, and
     the journal ends with `fired`. It is put aside, written off, and taken again."""
-    folder = tmp_path / "a"
-    done = 0
-
-    def count(progress: Progress) -> None:
-        nonlocal done
-        done = progress.done
-
-    acquire(open_rig(tiny_rig), tiny_plan, folder, progress=count, should_stop=lambda: done >= 4)
-    lines = (folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    mission.acquire(stop_after=4)
+    lines = (mission.folder / "journal.jsonl").read_bytes().splitlines(keepends=True)
     kept = max(n for n, text in enumerate(lines) if b'"fired"' in text)
-    (folder / "journal.jsonl").write_bytes(b"".join(lines[: kept + 1]))
-    path = folder / "shots" / "b00_inj_01.tif"
+    (mission.folder / "journal.jsonl").write_bytes(b"".join(lines[: kept + 1]))
+    path = mission.folder / "shots" / "b00_inj_01.tif"
     data = path.read_bytes()
     torn = {
         "half": data[: len(data) // 2],
@@ -251,8 +221,8 @@ def test_power_cut_tears_a_picture(
         "empty": b"",
     }
     path.write_bytes(torn[damage])
-    record = acquire(open_rig(tiny_rig), tiny_plan, folder)
+    record = mission.acquire()
     assert record.complete and record.lost_injections == 1
     assert path.with_name(path.name + ".torn").read_bytes() == torn[damage]
-    acquisition = open_acquisition(folder)
+    acquisition = open_acquisition(mission.folder)
     assert len({acquisition.load(shot).tobytes() for shot in acquisition.shots}) == 10

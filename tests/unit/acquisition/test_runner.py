@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cldit.acquisition import Plan, Progress, acquire, open_acquisition
+from cldit.acquisition import Progress, acquire, open_acquisition
 from cldit.acquisition.plan import plan_from_scene
 from cldit.rig.errors import (
     Aborted,
@@ -25,7 +25,7 @@ from cldit.rig.load import open_rig
 from cldit.rig.protocols import Frame
 from cldit.scene import Scene
 from tests.journals import read_journal
-from tests.wrapped import assert_safe, events, pulses, wrapped
+from tests.wrapped import Mission, assert_safe, events, pulses
 
 
 def test_references_and_injections_alternate(
@@ -51,10 +51,10 @@ def test_references_and_injections_alternate(
 
 
 def test_long_waits_keep_the_sessions_alive(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    mission: Mission, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """While the black body settles, camera and generator are asked at least once a minute."""
-    rig = open_rig(tiny_rig)
+    rig = open_rig(mission.data)
     asked: dict[str, list[float]] = {"camera": [], "trigger": []}
     for name, times_s in asked.items():
         plain = rig.devices[name].read_configuration
@@ -64,30 +64,35 @@ def test_long_waits_keep_the_sessions_alive(
             return dict(plain())
 
         monkeypatch.setattr(rig.devices[name], "read_configuration", noted)
-    stability = tiny_plan.stability.model_copy(update={"settle_s": 300.0})
-    slow = tiny_plan.model_copy(update={"stability": stability})
-    assert acquire(rig, slow, tmp_path / "a").complete
+    stability = mission.plan.stability.model_copy(update={"settle_s": 300.0})
+    slow = mission.plan.model_copy(update={"stability": stability})
+    assert mission.acquire(rig, slow).complete
     for times_s in asked.values():
         assert len(times_s) > 600.0 / 60.0
         assert max(np.diff(times_s)) < 60.0
 
 
-def test_whole_plan(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+def test_whole_plan(mission: Mission) -> None:
     """Every shot once, fired before it is saved, evaluated folder complete, spray only where
     fuel was injected."""
-    folder = tmp_path / "a"
     seen: list[Progress] = []
-    rig = wrapped(tiny_rig)
-    record = acquire(rig, tiny_plan, folder, progress=seen.append)
+    rig = mission.rig()
+    record = mission.acquire(rig, progress=seen.append)
     assert (record.complete, record.saved, record.lost_injections) == (True, 10, 0)
     assert_safe(rig)
-    entries = read_journal(folder / "journal.jsonl")
-    for shot in tiny_plan.steps():
+    entries = read_journal(mission.folder / "journal.jsonl")
+    for shot in mission.plan.steps():
         mine = [entry["event"] for entry in entries if entry.get("shot") == shot.id]
         assert mine == ["fired", "saved"]
-    assert [pulse["inject"] for pulse in pulses(tiny_rig)] == 2 * [False, False, True, True, True]
+    assert [pulse["inject"] for pulse in pulses(mission.data)] == 2 * [
+        False,
+        False,
+        True,
+        True,
+        True,
+    ]
 
-    acquisition = open_acquisition(folder)
+    acquisition = open_acquisition(mission.folder)
     assert acquisition.complete and acquisition.simulated and acquisition.pixel_m == (0.01, 0.01)
     assert acquisition.filter_um == (3.3, 3.5) and acquisition.wall_temperature_K == 420.0
     middle: dict[tuple[int, str], list[float]] = {}
@@ -107,72 +112,61 @@ def test_whole_plan(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -
     assert etas[0] > 300.0 and etas[-1] == 0.0
 
 
-def test_two_hours_take_seconds(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+def test_two_hours_take_seconds(mission: Mission) -> None:
     """Seven backgrounds, up and within range of a slow black body: more than two hours."""
-    tiny_rig["background"]["settings"]["time_constant_s"] = 240.0
-    plan = tiny_plan.model_copy(
+    mission.data["background"]["settings"]["time_constant_s"] = 240.0
+    plan = mission.plan.model_copy(
         update={"backgrounds_K": (400.0, 560.0, 430.0, 530.0, 460.0, 500.0, 480.0), "shots": 5}
     )
-    rig = open_rig(tiny_rig)
+    rig = open_rig(mission.data)
     start_s = rig.clock.now_s()
-    assert acquire(rig, plan, tmp_path / "a").complete
+    assert mission.acquire(rig, plan).complete
     assert rig.clock.now_s() - start_s > 7200.0
     stable = [
         entry["background_K"]
-        for entry in read_journal(tmp_path / "a" / "journal.jsonl")
+        for entry in read_journal(mission.folder / "journal.jsonl")
         if entry["event"] == "stable"
     ]
     assert stable == sorted(stable)  # from room temperature the least way is upwards
 
 
-def test_stop_finishes_the_shot_and_resume_completes(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    folder = tmp_path / "a"
-    done = 0
-
-    def count(progress: Progress) -> None:
-        nonlocal done
-        done = progress.done
-
-    rig = wrapped(tiny_rig)
-    record = acquire(rig, tiny_plan, folder, progress=count, should_stop=lambda: done >= 4)
+def test_stop_finishes_the_shot_and_resume_completes(mission: Mission) -> None:
+    rig = mission.rig()
+    record = mission.acquire(rig, stop_after=4)
     assert (record.complete, record.saved) == (False, 4)
     assert_safe(rig)
-    assert open_acquisition(folder).missing[0] == "b00_inj_02"
-    early = {path: path.stat().st_mtime_ns for path in (folder / "shots").iterdir()}
+    assert open_acquisition(mission.folder).missing[0] == "b00_inj_02"
+    early = {path: path.stat().st_mtime_ns for path in (mission.folder / "shots").iterdir()}
 
-    record = acquire(open_rig(tiny_rig), tiny_plan, folder)
+    record = mission.acquire()
     assert record.complete and record.lost_injections == 0
     assert all(path.stat().st_mtime_ns == time for path, time in early.items())
-    assert len(pulses(tiny_rig)) == 10
-    acquisition = open_acquisition(folder)
+    assert len(pulses(mission.data)) == 10
+    acquisition = open_acquisition(mission.folder)
     pictures = {acquisition.load(shot).tobytes() for shot in acquisition.shots}
     assert len(pictures) == 10  # a resumed rig does not repeat its noise
-    times = [entry["time"] for entry in read_journal(folder / "journal.jsonl")]
+    times = [entry["time"] for entry in read_journal(mission.folder / "journal.jsonl")]
     assert times == sorted(times)  # simulated time goes on where it was
 
     # A third time: nothing left, so nothing is connected and nothing moves.
-    rig = wrapped(tiny_rig)
-    assert acquire(rig, tiny_plan, folder).complete
+    rig = mission.rig()
+    assert mission.acquire(rig).complete
     with pytest.raises(NotConnected):
         rig.background.read_temperature()
 
 
-def test_stopped_before_it_begins(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
-    rig = wrapped(tiny_rig)
-    record = acquire(rig, tiny_plan, tmp_path / "a", should_stop=lambda: True)
+def test_stopped_before_it_begins(mission: Mission) -> None:
+    rig = mission.rig()
+    record = mission.acquire(rig, should_stop=lambda: True)
     assert (record.complete, record.saved) == (False, 0)
-    assert events(tmp_path / "a") == ["start", "stopped", "made safe"]
+    assert events(mission.folder) == ["start", "stopped", "made safe"]
     assert_safe(rig)
 
 
 @pytest.mark.parametrize("reading_K", [float("nan"), float("inf"), -5.0])
 @pytest.mark.parametrize("calls", [0, 3, 400])
 def test_what_is_no_temperature_ends_the_run(
-    reading_K: float, calls: int, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    reading_K: float, calls: int, mission: Mission
 ) -> None:
     """Whatever driver gives it, and whenever: it is neither waited on nor taken for a drift."""
     seen = 0
@@ -185,16 +179,14 @@ def test_what_is_no_temperature_ends_the_run(
 
         return {"read_temperature": read_temperature}
 
-    rig = wrapped(tiny_rig, background=odd)
+    rig = mission.rig(background=odd)
     with pytest.raises(NotConnected, match=r"answered .* K to read_temperature\(\)"):
-        acquire(rig, tiny_plan, tmp_path / "a")
+        mission.acquire(rig)
     assert seen == calls + 1
     assert rig.trigger.read_configuration()["inhibited"]
 
 
-def test_missing_frame_is_retaken(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_missing_frame_is_retaken(mission: Mission) -> None:
     """Two lost frames: two more injections, both counted; then it goes on."""
     calls = 0
 
@@ -209,18 +201,16 @@ def test_missing_frame_is_retaken(
 
         return {"read_frames": read_frames}
 
-    rig = wrapped(tiny_rig, camera=lossy)
-    record = acquire(rig, tiny_plan, tmp_path / "a")
+    rig = mission.rig(camera=lossy)
+    record = mission.acquire(rig)
     assert record.complete and record.rejected == 2 and record.lost_injections == 2
-    assert len(pulses(tiny_rig)) == 12
-    reasons = [e["reason"] for e in read_journal(tmp_path / "a" / "journal.jsonl") if "reason" in e]
+    assert len(pulses(mission.data)) == 12
+    reasons = [e["reason"] for e in read_journal(mission.folder / "journal.jsonl") if "reason" in e]
     assert all("0 of 1 frames" in reason for reason in reasons)
 
 
 @pytest.mark.parametrize("fault", ["missing", "incomplete", "dead", "shape", "gap"])
-def test_retakes_are_bounded(
-    fault: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_retakes_are_bounded(fault: str, mission: Mission) -> None:
     calls = 0
 
     def bad(camera: Any) -> dict[str, Any]:
@@ -241,24 +231,22 @@ def test_retakes_are_bounded(
 
         return {"read_frames": read_frames}
 
-    rig = wrapped(tiny_rig, camera=bad)
-    plan = tiny_plan.model_copy(update={"retakes": 2})
+    rig = mission.rig(camera=bad)
+    plan = mission.plan.model_copy(update={"retakes": 2})
     if fault == "gap":  # one shot is suspect; from there the ids are continuous again
-        record = acquire(rig, plan, tmp_path / "a")
+        record = mission.acquire(rig, plan)
         assert record.complete and record.rejected == 1
     else:
         with pytest.raises(RetakesExhausted, match=r"b00_inj_00: rejected 3 times.*resumes"):
-            acquire(rig, plan, tmp_path / "a")
-        assert len(pulses(tiny_rig)) == 2 + 3
-        assert open_acquisition(tmp_path / "a").shots[-1].id == "b00_ref_01"  # kept
-        record = acquire(open_rig(tiny_rig), plan, tmp_path / "a")  # mended
+            mission.acquire(rig, plan)
+        assert len(pulses(mission.data)) == 2 + 3
+        assert open_acquisition(mission.folder).shots[-1].id == "b00_ref_01"  # kept
+        record = mission.acquire(plan=plan)  # mended
         assert record.complete and record.lost_injections == record.rejected == 3
     assert_safe(rig)
 
 
-def test_stray_frames_are_flushed(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_stray_frames_are_flushed(mission: Mission) -> None:
     """Somebody bumps the trigger line between two shots: thrown away, and no gap is suspected."""
     flushes = 0
 
@@ -274,13 +262,11 @@ def test_stray_frames_are_flushed(
 
         return {"flush": flush, "read_frames": read_frames}
 
-    record = acquire(wrapped(tiny_rig, camera=bumped), tiny_plan, tmp_path / "a")
+    record = mission.acquire(mission.rig(camera=bumped))
     assert record.complete and record.rejected == 0
 
 
-def test_second_ctrl_c_stops_the_generator_first(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_second_ctrl_c_stops_the_generator_first(mission: Mission) -> None:
     """Both presses fall into fire(): the burst is aborted, then written off, then all is safe;
     the handlers of the process are as before."""
     aborted: list[str] = []
@@ -292,26 +278,24 @@ def test_second_ctrl_c_stops_the_generator_first(
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)
 
-        return {"fire": fire, "abort": lambda: aborted.append(events(tmp_path / "a")[-1])}
+        return {"fire": fire, "abort": lambda: aborted.append(events(mission.folder)[-1])}
 
-    rig = wrapped(tiny_rig, trigger=pressed)
+    rig = mission.rig(trigger=pressed)
     with pytest.raises(Aborted, match="within a shot"):
-        acquire(rig, tiny_plan, tmp_path / "a")
-    assert aborted == ["fired"] and events(tmp_path / "a")[-2:] == ["lost", "made safe"]
+        mission.acquire(rig)
+    assert aborted == ["fired"] and events(mission.folder)[-2:] == ["lost", "made safe"]
     assert_safe(rig)
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_in_another_thread(tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path) -> None:
+def test_in_another_thread(mission: Mission) -> None:
     """Signals belong to the main thread; elsewhere `should_stop` is the way to stop."""
     with ThreadPoolExecutor(1) as pool:
-        record = pool.submit(acquire, open_rig(tiny_rig), tiny_plan, tmp_path / "a").result()
+        record = pool.submit(acquire, open_rig(mission.data), mission.plan, mission.folder).result()
     assert record.complete
 
 
-def test_fire_is_never_repeated_because_it_failed(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_fire_is_never_repeated_because_it_failed(mission: Mission) -> None:
     """fire() fails after the pulse went out and no frame comes: it stops, one pulse, counted."""
     shots = 0
 
@@ -326,19 +310,17 @@ def test_fire_is_never_repeated_because_it_failed(
 
         return {"fire": fire}
 
-    rig = wrapped(tiny_rig, trigger=failing)
+    rig = mission.rig(trigger=failing)
     with pytest.raises(FireUncertain, match="no answer"):
-        acquire(rig, tiny_plan, tmp_path / "a")
-    assert shots == 3 and len(pulses(tiny_rig)) == 3
-    assert events(tmp_path / "a")[-3:] == ["fired", "lost", "made safe"]
+        mission.acquire(rig)
+    assert shots == 3 and len(pulses(mission.data)) == 3
+    assert events(mission.folder)[-3:] == ["fired", "lost", "made safe"]
     assert_safe(rig)
-    record = acquire(open_rig(tiny_rig), tiny_plan, tmp_path / "a")
-    assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11
+    record = mission.acquire()
+    assert record.complete and record.lost_injections == 1 and len(pulses(mission.data)) == 11
 
 
-def test_uncertain_fire_with_a_frame_is_a_shot(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_uncertain_fire_with_a_frame_is_a_shot(mission: Mission) -> None:
     def failing(trigger: Any) -> dict[str, Any]:
         def fire() -> None:
             trigger.fire()
@@ -346,46 +328,44 @@ def test_uncertain_fire_with_a_frame_is_a_shot(
 
         return {"fire": fire}
 
-    record = acquire(wrapped(tiny_rig, trigger=failing), tiny_plan, tmp_path / "a")
-    assert record.complete and len(pulses(tiny_rig)) == 10
+    record = mission.acquire(mission.rig(trigger=failing))
+    assert record.complete and len(pulses(mission.data)) == 10
 
 
-def test_drift_before_the_shot_costs_no_injection(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_drift_before_the_shot_costs_no_injection(mission: Mission) -> None:
     """A door is opened once, between the references and the injections."""
     cold = 0
 
     def draughty(background: Any) -> dict[str, Any]:
         def read_temperature() -> float:
             nonlocal cold
-            if len(pulses(tiny_rig)) == 2 and cold < 2:  # after the shot before, and before this
+            if (
+                len(pulses(mission.data)) == 2 and cold < 2
+            ):  # after the shot before, and before this
                 cold += 1
                 return float(background.read_temperature()) - (0.0 if cold == 1 else 5.0)
             return float(background.read_temperature())
 
         return {"read_temperature": read_temperature}
 
-    record = acquire(wrapped(tiny_rig, background=draughty), tiny_plan, tmp_path / "a")
+    record = mission.acquire(mission.rig(background=draughty))
     assert record.complete and record.rejected == 1 and record.lost_injections == 0
-    assert len(pulses(tiny_rig)) == 10
-    assert events(tmp_path / "a").count("stable") == 3  # it waits again
+    assert len(pulses(mission.data)) == 10
+    assert events(mission.folder).count("stable") == 3  # it waits again
 
 
-def test_drift_during_the_shot_is_retaken(
-    tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
-) -> None:
+def test_drift_during_the_shot_is_retaken(mission: Mission) -> None:
     def draughty(background: Any) -> dict[str, Any]:
         dropped = False
 
         def read_temperature() -> float:
             nonlocal dropped
-            if len(pulses(tiny_rig)) == 3 and not dropped:
+            if len(pulses(mission.data)) == 3 and not dropped:
                 dropped = True
                 return float(background.read_temperature()) - 5.0
             return float(background.read_temperature())
 
         return {"read_temperature": read_temperature}
 
-    record = acquire(wrapped(tiny_rig, background=draughty), tiny_plan, tmp_path / "a")
-    assert record.complete and record.lost_injections == 1 and len(pulses(tiny_rig)) == 11
+    record = mission.acquire(mission.rig(background=draughty))
+    assert record.complete and record.lost_injections == 1 and len(pulses(mission.data)) == 11

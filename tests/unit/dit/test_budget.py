@@ -25,10 +25,11 @@ NOTHING = Uncertainty(
 )
 
 
-def _warmer_window(around: Surroundings) -> Surroundings:
-    front, rear = around.windows
+def _warmer_window(surroundings: Surroundings) -> Surroundings:
+    front, rear = surroundings.windows
     return replace(
-        around, windows=(front, rear.model_copy(update={"temperature_K": rear.temperature_K + 5}))
+        surroundings,
+        windows=(front, rear.model_copy(update={"temperature_K": rear.temperature_K + 5})),
     )
 
 
@@ -48,18 +49,18 @@ def test_parts_are_what_another_set_up_gives(
     The change is linear in x, so that only the weights of the backgrounds differ, by 1 %; 2 % of
     the part and 1 mK of float32 are allowed. The emissivity does not move.
     """
-    made = laboratory(1, shape=(24, 40))
-    made.recorded.surroundings = replace(AROUND, uncertainty=Uncertainty(window_temperature_K=5.0))
-    stated = evaluate_shots(made.recorded)
+    shots = laboratory(1, shape=(24, 40))
+    shots.recorded.surroundings = replace(AROUND, uncertainty=Uncertainty(window_temperature_K=5.0))
+    stated = evaluate_shots(shots.recorded)
     assert stated.budget is not None
-    (item,) = (one for one in stated.budget.parts if one.name.startswith(part))
-    made.recorded.surroundings = change(AROUND)
-    other = evaluate_shots(made.recorded)
-    both = np.isfinite(stated.maps.apparent_temperature_K) & (made.emissivity > 0.1)
-    moved = (other.maps.apparent_temperature_K - stated.maps.apparent_temperature_K)[both]
-    np.testing.assert_allclose(moved, item.kelvin[both], rtol=0.02, atol=2e-3)
-    away = other.maps.emissivity - stated.maps.emissivity
-    np.testing.assert_allclose(away[both], item.emissivity[both], atol=1e-5)
+    (item,) = (candidate for candidate in stated.budget.parts if candidate.name.startswith(part))
+    shots.recorded.surroundings = change(AROUND)
+    changed = evaluate_shots(shots.recorded)
+    compared = np.isfinite(stated.maps.apparent_temperature_K) & (shots.emissivity > 0.1)
+    moved = (changed.maps.apparent_temperature_K - stated.maps.apparent_temperature_K)[compared]
+    np.testing.assert_allclose(moved, item.kelvin[compared], rtol=0.02, atol=2e-3)
+    emissivity_change = changed.maps.emissivity - stated.maps.emissivity
+    np.testing.assert_allclose(emissivity_change[compared], item.emissivity[compared], atol=1e-5)
 
 
 def test_a_filter_beside_the_stated_one() -> None:
@@ -68,29 +69,33 @@ def test_a_filter_beside_the_stated_one() -> None:
     The spray's line has other weights than the references', by its own noise: 5 % of the part in
     the mean over the dense pixels.
     """
-    made = laboratory(2, shape=(24, 40), scatter=0.0)
-    made.recorded.surroundings = replace(AROUND, uncertainty=Uncertainty(filter_um=0.002))
-    stated = evaluate_shots(made.recorded)
+    shots = laboratory(2, shape=(24, 40), scatter=0.0)
+    shots.recorded.surroundings = replace(AROUND, uncertainty=Uncertainty(filter_um=0.002))
+    stated = evaluate_shots(shots.recorded)
     assert stated.budget is not None
-    (item,) = (one for one in stated.budget.parts if one.name.startswith("filter"))
+    (item,) = (
+        candidate for candidate in stated.budget.parts if candidate.name.startswith("filter")
+    )
     low, high = FILTER_UM
     stretch = 1.0 + 0.002 / (0.5 * (low + high))
-    made.recorded.calibration["filter_um"] = [low * stretch, high * stretch]
-    other = evaluate_shots(made.recorded)
-    here = made.emissivity > 0.3
-    moved = other.maps.apparent_temperature_K - stated.maps.apparent_temperature_K
-    assert np.nanmean(moved[here]) == pytest.approx(float(np.nanmean(item.kelvin[here])), rel=0.05)
+    shots.recorded.calibration["filter_um"] = [low * stretch, high * stretch]
+    changed = evaluate_shots(shots.recorded)
+    dense = shots.emissivity > 0.3
+    moved = changed.maps.apparent_temperature_K - stated.maps.apparent_temperature_K
+    assert np.nanmean(moved[dense]) == pytest.approx(
+        float(np.nanmean(item.kelvin[dense])), rel=0.05
+    )
 
 
 def test_a_front_window_drops_out_and_the_total_is_the_root_of_squares(tmp_path: Path) -> None:
-    made = laboratory(3, shape=(24, 40))
-    found = evaluate_shots(made.recorded)
-    budget = found.budget
+    shots = laboratory(3, shape=(24, 40))
+    evaluation = evaluate_shots(shots.recorded)
+    budget = evaluation.budget
     assert budget is not None
     for item in budget.parts:
         if item.name.startswith("front"):
             assert np.nanmax(np.abs(item.kelvin)) < 1e-6
-    squares = found.maps.apparent_temperature_standard_error_K.astype(float) ** 2
+    squares = evaluation.maps.apparent_temperature_standard_error_K.astype(float) ** 2
     squares += sum(item.kelvin**2 for item in budget.parts)
     np.testing.assert_allclose(budget.total_K, np.sqrt(squares), rtol=1e-6)
     budget.save(tmp_path, pixel_m=(1e-4, 1e-4))
@@ -107,8 +112,8 @@ def test_a_front_window_drops_out_and_the_total_is_the_root_of_squares(tmp_path:
 
 
 def test_what_is_stated_well_adds_nothing() -> None:
-    made = laboratory(4, shape=(24, 40))
-    made.recorded.surroundings = replace(AROUND, uncertainty=NOTHING)
-    found = evaluate_shots(made.recorded)
-    assert found.budget is not None
-    assert np.nanmax(found.budget.kelvin) < 1e-6
+    shots = laboratory(4, shape=(24, 40))
+    shots.recorded.surroundings = replace(AROUND, uncertainty=NOTHING)
+    evaluation = evaluate_shots(shots.recorded)
+    assert evaluation.budget is not None
+    assert np.nanmax(evaluation.budget.kelvin) < 1e-6

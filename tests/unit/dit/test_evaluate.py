@@ -41,18 +41,18 @@ def test_trace_with_holes() -> None:
     spray.liquid[0, 0] = 0.5 * float(band_radiance(400.0, filter_um=FILTER_UM))
     reference = _weights(np.array([[1.0, 1.0, 0.0, 1.0]]))
     maps = _trace(spray, reference)
-    few, hidden = Reason.TOO_FEW_BACKGROUNDS, Reason.BACKGROUND_NOT_VISIBLE
-    np.testing.assert_array_equal(maps.reason, [[Reason.OK, few, hidden, few]])
+    lacking, hidden = Reason.TOO_FEW_BACKGROUNDS, Reason.BACKGROUND_NOT_VISIBLE
+    np.testing.assert_array_equal(maps.reason, [[Reason.OK, lacking, hidden, lacking]])
     assert maps.apparent_temperature_K[0, 0] == pytest.approx(400.0, abs=1e-3)
     assert maps.emissivity[0, 0] == pytest.approx(0.5, rel=1e-6)
 
 
 def test_trace_is_solved_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     spray = _weights(np.random.default_rng(1).random((13, 7)))
-    whole = _trace(spray, _weights(np.ones((13, 7))))
+    at_once = _trace(spray, _weights(np.ones((13, 7))))
     monkeypatch.setattr("cldit.dit.evaluate._BLOCK", 80)
     parts = _trace(spray, _weights(np.ones((13, 7))))
-    np.testing.assert_array_equal(whole.emissivity, parts.emissivity)
+    np.testing.assert_array_equal(at_once.emissivity, parts.emissivity)
 
 
 def test_trace_refuses() -> None:

@@ -28,26 +28,26 @@ Change = Callable[[Shot, dict[str, Image]], Image]
 
 def _damaged(seed: int, change: Change, *, kinds: str = "reference injection") -> Laboratory:
     """Shots of which `change` makes the images, from all that were taken."""
-    made = laboratory(seed, shape=SHAPE)
-    taken = {shot.id: shot.image for shot in made.recorded.shots}
-    made.recorded.shots = [
+    recording = laboratory(seed, shape=SHAPE)
+    taken = {shot.id: shot.image for shot in recording.recorded.shots}
+    recording.recorded.shots = [
         replace(shot, image=change(shot, taken)) if shot.kind in kinds else shot
-        for shot in made.recorded.shots
+        for shot in recording.recorded.shots
     ]
-    return made
+    return recording
 
 
-def _errors(found: Evaluation, made: Laboratory) -> tuple[float, float]:
+def _errors(evaluation: Evaluation, recording: Laboratory) -> tuple[float, float]:
     """RMS errors of T_app, where the emissivity is above 0.2, and of the emissivity."""
-    off = found.maps.emissivity - made.emissivity
-    kelvin = (found.maps.apparent_temperature_K - made.kelvin)[made.emissivity > 0.2]
+    off = evaluation.maps.emissivity - recording.emissivity
+    kelvin = (evaluation.maps.apparent_temperature_K - recording.kelvin)[recording.emissivity > 0.2]
     return float(np.sqrt(np.nanmean(kelvin**2))), float(np.sqrt(np.nanmean(off**2)))
 
 
 @cache
 def _clean(seed: int) -> tuple[float, float]:
-    made = laboratory(seed, shape=SHAPE)
-    return _errors(evaluate_shots(made.recorded), made)
+    recording = laboratory(seed, shape=SHAPE)
+    return _errors(evaluate_shots(recording.recorded), recording)
 
 
 def _old_rows(shot: Shot, taken: dict[str, Image]) -> Image:
@@ -110,7 +110,10 @@ def _salt(shot: Shot, _: dict[str, Image]) -> Image:
     ("change", "named"),
     [
         (_old_rows, [f"b0{k}_inj_00: half-old frame: rows 7, 9" for k in range(4)]),
-        (_lost_lines, [f"{one}: lost lines: rows 20, 21" for one in ("b01_inj_02", "b02_ref_05")]),
+        (
+            _lost_lines,
+            [f"{remark}: lost lines: rows 20, 21" for remark in ("b01_inj_02", "b02_ref_05")],
+        ),
         (_ended, ["b03_inj_07: lost lines: rows 25 to 47 have one value"]),
         (_spot, ["b00_inj_03 is an outlier", "b02_ref_01 is an outlier"]),
         (_elsewhere, ["b01_inj_04 is an outlier"]),
@@ -120,18 +123,18 @@ def _salt(shot: Shot, _: dict[str, Image]) -> Image:
 )
 def test_an_image_damaged_in_part_is_left_out(change: Change, named: list[str], seed: int) -> None:
     """Errors within 1.5 times those of clean shots: one shot less of eight alone gives 1.07."""
-    made = _damaged(seed, change)
-    found = evaluate_shots(made.recorded)
-    for text in named:
-        (line,) = (one for one in found.remarks if text in one)
+    recording = _damaged(seed, change)
+    evaluation = evaluate_shots(recording.recorded)
+    for finding in named:
+        (line,) = (remark for remark in evaluation.remarks if finding in remark)
         assert line.endswith("; ignored")
-    assert len(found.remarks) == len(named)
-    for error, clean in zip(_errors(found, made), _clean(seed), strict=True):
+    assert len(evaluation.remarks) == len(named)
+    for error, clean in zip(_errors(evaluation, recording), _clean(seed), strict=True):
         assert error < 1.5 * clean
 
 
 @pytest.mark.parametrize(
-    ("change", "kinds", "text"),
+    ("change", "kinds", "message"),
     [
         (lambda shot, _: (shot.image // 64).astype(np.uint8), "injection",
          r"references have 16 bits \(first b03_ref_00\), injections have 8 bits"),
@@ -141,26 +144,26 @@ def test_an_image_damaged_in_part_is_left_out(change: Change, named: list[str], 
          r"1 images have counts in steps of 2 \(first b01_inj_03\)"),
     ],
 )  # fmt: skip
-def test_mixed_depths_are_refused(change: Change, kinds: str, text: str) -> None:
-    with pytest.raises(EvaluationError, match=f"mixed depths: .*{text}"):
+def test_mixed_depths_are_refused(change: Change, kinds: str, message: str) -> None:
+    with pytest.raises(EvaluationError, match=f"mixed depths: .*{message}"):
         evaluate_shots(_damaged(3, change, kinds=kinds).recorded)
 
 
 @pytest.mark.parametrize("dropped", [5, 10])
 def test_a_dropped_frame_in_turns_is_named(dropped: int) -> None:
     """A film with kinds in turns lacks one frame: from there on each is taken for the other."""
-    made = laboratory(4, shape=SHAPE)
-    shots = {shot.id: shot for shot in made.recorded.shots}
-    made.recorded.shots = []
+    recording = laboratory(4, shape=SHAPE)
+    shots = {shot.id: shot for shot in recording.recorded.shots}
+    recording.recorded.shots = []
     for background in range(4):
         names = [f"b0{background}_{kind}_0{n}" for n in range(8) for kind in ("ref", "inj")]
         taken = [name for number, name in enumerate(names) if number != dropped]
-        made.recorded.shots += [
+        recording.recorded.shots += [
             replace(shots[name], image=shots[image].image)
             for name, image in zip(names, taken, strict=False)
         ]
     with pytest.raises(EvaluationError, match="exchanged: a dropped frame in a film"):
-        evaluate_shots(made.recorded)
+        evaluate_shots(recording.recorded)
 
 
 def test_most_images_damaged_are_refused() -> None:
@@ -170,8 +173,10 @@ def test_most_images_damaged_are_refused() -> None:
             image[10 + int(shot.id[-1])] = 0
         return image
 
-    text = r"references at 453 K: 8 of 8 images are damaged \(shot b01_ref_0.: lost lines: rows 1"
-    with pytest.raises(EvaluationError, match=text):
+    message = (
+        r"references at 453 K: 8 of 8 images are damaged \(shot b01_ref_0.: lost lines: rows 1"
+    )
+    with pytest.raises(EvaluationError, match=message):
         evaluate_shots(_damaged(5, change).recorded)
 
 
@@ -179,11 +184,17 @@ def test_most_images_damaged_are_refused() -> None:
 def test_image_lag_is_named(share: float) -> None:
     """Offset and gain drift as well, which is no lag."""
     drifts = Drifts(offset_counts=1.0, gain=2e-4)
-    made = laboratory(6, shape=SHAPE, scatter=0.0, drifts=drifts)
-    before = made.recorded.shots[0].image
-    for number, shot in enumerate(made.recorded.shots):
-        image = np.rint((1.0 - share) * shot.image + share * before).astype(np.uint16)
-        before, made.recorded.shots[number] = shot.image, replace(shot, image=image)
-    found = [one.says for one in evaluate_shots(made.recorded).witnesses if "lag" in one.says]
-    assert len(found) == (share > 0.0)
-    assert all(re.match(r"images contain 2(\.1)? % of the image before \(lag\)", x) for x in found)
+    recording = laboratory(6, shape=SHAPE, scatter=0.0, drifts=drifts)
+    previous = recording.recorded.shots[0].image
+    for number, shot in enumerate(recording.recorded.shots):
+        image = np.rint((1.0 - share) * shot.image + share * previous).astype(np.uint16)
+        previous, recording.recorded.shots[number] = shot.image, replace(shot, image=image)
+    findings = [
+        witness.says
+        for witness in evaluate_shots(recording.recorded).witnesses
+        if "lag" in witness.says
+    ]
+    assert len(findings) == (share > 0.0)
+    assert all(
+        re.match(r"images contain 2(\.1)? % of the image before \(lag\)", x) for x in findings
+    )

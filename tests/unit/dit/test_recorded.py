@@ -29,7 +29,7 @@ def _acquisition(
     *, transmitted: NDArray[np.float64], emitted: NDArray[np.float64], shots: int = 1
 ) -> Recorded:
     """Without noise, but rounded to counts."""
-    found: list[Shot] = []
+    recorded: list[Shot] = []
     for kelvin in BACKGROUNDS_K:
         for kind in ("reference", "injection"):
             for number in range(shots):
@@ -37,8 +37,8 @@ def _acquisition(
                 if kind == "injection":
                     radiance = radiance * transmitted + emitted
                 name = f"{kelvin:g}-{kind}-{number}"
-                found.append(Shot(name, kind, kelvin, kelvin, _counts(radiance)))
-    return Recorded(found, BARE)
+                recorded.append(Shot(name, kind, kelvin, kelvin, _counts(radiance)))
+    return Recorded(recorded, BARE)
 
 
 def _spray(shape: tuple[int, int] = (6, 8)) -> Recorded:
@@ -137,10 +137,10 @@ def _drop(acquisition: Recorded, kind: str, setpoint: float) -> None:
 
 
 def test_refuses_incomplete_recordings() -> None:
-    one = _spray()
-    one.shots = [s for s in one.shots if s.background_setpoint_K == 400]
+    single = _spray()
+    single.shots = [s for s in single.shots if s.background_setpoint_K == 400]
     with pytest.raises(EvaluationError, match=r"\[400.0\] K; .* at least two"):
-        evaluate_shots(one)
+        evaluate_shots(single)
     empty = _spray()
     empty.shots = []
     with pytest.raises(EvaluationError, match="at least two"):

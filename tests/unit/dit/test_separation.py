@@ -46,49 +46,49 @@ def _test() -> _Test:
 def test_distance_is_that_of_the_dense_covariance(shots: int) -> None:
     test = _test()
     fixed = np.diag(test.noise_K2 / shots) + test.depth.T @ test.depth / shots
-    fixed += sum(np.outer(one, one) for one in test.setup.values())
+    fixed += sum(np.outer(image, image) for image in test.setup.values())
     size = np.sqrt(test.varied_K2 / shots + test.models["cells"] ** 2)
     d = test.change_K
-    every = []
+    distances = []
     for factor in np.geomspace(1e-4, 1e4, 2000):
         u = np.clip(factor * d, -size, size)
-        every.append(math.sqrt(d @ np.linalg.solve(fixed + np.outer(u, u), d)))
-    assert test.distance(shots) == pytest.approx(min(every), rel=5e-3)
+        distances.append(math.sqrt(d @ np.linalg.solve(fixed + np.outer(u, u), d)))
+    assert test.distance(shots) == pytest.approx(min(distances), rel=5e-3)
 
 
 def test_more_shots_tell_no_less_and_none_tells_an_equal_error() -> None:
     """An error as large as the difference in every pixel bounds z by 1: u = d is possible."""
     test = _test()
-    each = [test.distance(n) for n in (1, 10, 100, 1000, 10_000)]
-    assert each == sorted(each)
+    distances = [test.distance(n) for n in (1, 10, 100, 1000, 10_000)]
+    assert distances == sorted(distances)
     equal = replace(test, setup={}, models={"cells": np.abs(test.change_K)})
     assert 0.99 < equal.distance(10**9) < 1.05
     assert replace(test, change_K=np.zeros(60)).distance(10**4) == 0.0
-    alone = replace(test, setup={}, models={}, varied_K2=np.zeros(60), depth=np.zeros((1, 60)))
+    noise_only = replace(test, setup={}, models={}, varied_K2=np.zeros(60), depth=np.zeros((1, 60)))
     plain = math.sqrt(np.sum(7 * test.change_K**2 / test.noise_K2))
-    assert alone.distance(7) == pytest.approx(plain, rel=1e-9)
+    assert noise_only.distance(7) == pytest.approx(plain, rel=1e-9)
 
 
 def _rivals(scene: Scene, *, brighter: float, error_K: float) -> Rivals:
     spray, bare = (tiny_weights(scene, depth=depth) for depth in (2.0, 0.0))
-    other = replace(spray, liquid=np.float32(1.0 + brighter) * spray.liquid)
+    rival = replace(spray, liquid=np.float32(1.0 + brighter) * spray.liquid)
     quadrature = Quadrature.grey(scene_filter(scene), reference_K=460.0)
-    one = Subject.of(scene, quadrature, (spray,), bare, least_emissivity=0.2)
+    model = Subject.of(scene, quadrature, (spray,), bare, least_emissivity=0.2)
     columns, rows = scene.camera.sensor.pixels
     errors_K = {"cells of both": np.full((rows, columns), error_K)}
-    return rivals(scene, one, (scene, (other,)), injections=[], errors_K=errors_K, delay_s=None)
+    return rivals(scene, model, (scene, (rival,)), injections=[], errors_K=errors_K, delay_s=None)
 
 
 def test_response_is_the_derivative_of_the_evaluation(tiny_scene: Scene) -> None:
     """Central differences of a fit with the same weights, to second order in a step of 1e-3."""
-    subject = _rivals(tiny_scene, brighter=0.0, error_K=0.0).one
+    subject = _rivals(tiny_scene, brighter=0.0, error_K=0.0).model
     backgrounds = (440.0, 455.0, 480.0)
-    found = subject.response(backgrounds)
+    response = subject.response(backgrounds)
     lines, variance = subject._fitted(backgrounds)
     bare, spray = subject.both(backgrounds)
-    source = subject.whole.leaving(backgrounds)
+    source = subject.filter_boundary.leaving(backgrounds)
     for number in range(3):
-        each = []
+        shifted = []
         for way in (1e-3, -1e-3):
             moved = spray.copy()
             moved[number] *= 1.0 + way
@@ -96,18 +96,18 @@ def test_response_is_the_derivative_of_the_evaluation(tiny_scene: Scene) -> None
                 (source, source), (bare, moved), variance=(variance, variance),
                 usable=np.ones(bare.shape, bool),
             )  # fmt: skip
-            each.append(subject.curve.temperature(apparent_radiance(fitted)[0]))
-        slope = (each[0] - each[1]) / (2e-3 * spray[number])
-        assert found[number] == pytest.approx(slope, rel=1e-3)
+            shifted.append(subject.curve.temperature(apparent_radiance(fitted)[0]))
+        slope = (shifted[0] - shifted[1]) / (2e-3 * spray[number])
+        assert response[number] == pytest.approx(slope, rel=1e-3)
     assert lines.values.shape == (subject.places.size, 4)
 
 
 def test_the_fewest_shots(tiny_scene: Scene) -> None:
     """T_app is some 9 K apart, more than the setup errs: one shot less would not be enough."""
-    found = _rivals(tiny_scene, brighter=0.4, error_K=0.05)
-    best = found.best(_BLACKBODY, shot_s=0.2, counts=(2, 3))
+    pair = _rivals(tiny_scene, brighter=0.4, error_K=0.05)
+    best = pair.best(_BLACKBODY, shot_s=0.2, counts=(2, 3))
     assert best.shots is not None and 1 < best.shots < MOST_SHOTS and best.time_s is not None
-    test = found._test(best.backgrounds_K)
+    test = pair._test(best.backgrounds_K)
     assert test.distance(best.shots) >= NEEDED > test.distance(best.shots - 1)
     assert best.of_noise > best.distance and 5.0 < best.rms_K < 12.0
     assert f"{best.shots} injections" in best.text
@@ -121,9 +121,9 @@ def test_none_is_enough_where_the_simulations_err_as_much(tiny_scene: Scene) -> 
 
 
 def test_one_background_is_refused(tiny_scene: Scene) -> None:
-    found = _rivals(tiny_scene, brighter=0.1, error_K=0.0)
+    pair = _rivals(tiny_scene, brighter=0.1, error_K=0.0)
     with pytest.raises(EvaluationError, match="440 K alone"):
-        found.best(replace(_BLACKBODY, limits_K=(440.0, 440.0)), shot_s=0.2)
+        pair.best(replace(_BLACKBODY, limits_K=(440.0, 440.0)), shot_s=0.2)
 
 
 @pytest.mark.parametrize(
@@ -153,8 +153,8 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["plan", "--separate", "a.yaml", "b.yaml", "--out", "ab", "--json"]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 0, result.output
-    text = result.stdout  # with older versions of click after what is said of the progress
-    (plan,) = json.loads(text[text.index("{") :])["plans"]
+    output = result.stdout  # with older versions of click after what is said of the progress
+    (plan,) = json.loads(output[output.index("{") :])["plans"]
     assert plan["shots"] >= 1 and plan["chosen"]
     assert load_plan(Path("ab/plan.yaml")).shots == plan["shots"]
     same = CliRunner().invoke(main, ["plan", "--separate", "a.yaml", "a.yaml", "--out", "aa"])

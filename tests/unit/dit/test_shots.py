@@ -13,8 +13,8 @@ SHAPE = (12, 16)
 
 
 @pytest.mark.parametrize("steady", [False, True])
-@pytest.mark.parametrize("apart", [False, True])
-def test_variance_is_that_about_a_fit(steady: bool, apart: bool) -> None:
+@pytest.mark.parametrize("common_removed", [False, True])
+def test_variance_is_that_about_a_fit(steady: bool, common_removed: bool) -> None:
     """Against least squares of each pixel over place and image mean."""
     rng = np.random.default_rng(1)
     common = 50.0 * rng.standard_normal(7)[:, None, None] * rng.random(SHAPE)
@@ -26,13 +26,13 @@ def test_variance_is_that_about_a_fit(steady: bool, apart: bool) -> None:
         sums.add(image, shot, place=Place(places[number], 0.0, 0, places[number]))
     columns = [np.ones(7)]
     columns += [places] if steady else []
-    columns += [images.mean(axis=(1, 2))] if apart else []
+    columns += [images.mean(axis=(1, 2))] if common_removed else []
     values = images.reshape(7, -1)
     fitted = np.linalg.lstsq(np.array(columns).T, values)[0]
     rest = np.sum((values - np.array(columns).T @ fitted) ** 2, axis=0)
-    spare = 6.0 - steady - apart
-    assert sums.spare(steady=steady, apart=apart) == pytest.approx(spare)
-    found = sums.variance(steady=steady, apart=apart)
-    np.testing.assert_allclose(found.ravel(), rest / spare, rtol=1e-6)
-    if apart:
-        assert found.mean() == pytest.approx(25.0, rel=0.5)  # without the common part of 50
+    spare = 6.0 - steady - common_removed
+    assert sums.spare(steady=steady, common_removed=common_removed) == pytest.approx(spare)
+    variance = sums.variance(steady=steady, common_removed=common_removed)
+    np.testing.assert_allclose(variance.ravel(), rest / spare, rtol=1e-6)
+    if common_removed:
+        assert variance.mean() == pytest.approx(25.0, rel=0.5)  # without the common part of 50

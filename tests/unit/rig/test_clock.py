@@ -90,9 +90,9 @@ def test_a_crossing_is_not_stable() -> None:
     def swing(t: float) -> float:
         return 400.0 + 20.0 * math.exp(-t / 30.0) * math.cos(t / 5.0)
 
-    last = max(t for t in range(500) if abs(swing(t) - 400.0) > 0.5)
+    final = max(t for t in range(500) if abs(swing(t) - 400.0) > 0.5)
     wait_stable(Thermometer(clock, swing), clock, 400.0, RULE)
-    assert clock.now_s() == last + 1 + 30
+    assert clock.now_s() == final + 1 + 30
 
 
 def test_neither_the_flag_alone_nor_without_it() -> None:

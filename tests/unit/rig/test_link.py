@@ -98,11 +98,11 @@ def test_an_answer_lost_while_it_connects_is_asked_for_again() -> None:
     assert (lamp.opened, lamp.dropped) == (2, 1)
     cases = ((Aborted("stopped"), 0.0), (ConfigRejected("no"), 0.0), (LOST, 0.1))
     for error, slow_s in cases:
-        other = Lamp()
-        other.fails, other.slow_s = [error], slow_s
+        second_lamp = Lamp()
+        second_lamp.fails, second_lamp.slow_s = [error], slow_s
         with pytest.raises((NotConnected, ConfigRejected)):
-            other.connect(0.15)
-        assert other.opened == 1
+            second_lamp.connect(0.15)
+        assert second_lamp.opened == 1
 
 
 def test_a_refusal_is_an_answer() -> None:
@@ -120,10 +120,10 @@ def test_one_that_stays_on_is_an_error(error: Exception) -> None:
     lamp.fails = [error] * 100
     with pytest.raises(NotSafe) as caught:
         lamp.make_safe()
-    said = str(caught.value)
-    for text in ("lamp at 1.2.3.4", str(error), "Last known: light on (off written since)",
+    message = str(caught.value)
+    for part in ("lamp at 1.2.3.4", str(error), "Last known: light on (off written since)",
                  "By hand: pull its plug", f"tried {_TRIES} times"):  # fmt: skip
-        assert text in said
+        assert part in message
     lamp.close()
     with pytest.raises(NotSafe):  # closing it does not pay what is owed
         lamp.make_safe()

@@ -37,8 +37,8 @@ def test_from_a_file_with_relative_paths(
 
 
 def test_clock(tiny_rig: dict[str, Any]) -> None:
-    mine = SimulatedClock()
-    assert open_rig(tiny_rig, clock=mine).clock is mine
+    own_clock = SimulatedClock()
+    assert open_rig(tiny_rig, clock=own_clock).clock is own_clock
     tiny_rig["clock"] = {"model": "system"}
     assert isinstance(open_rig(tiny_rig).clock, SystemClock)
 
@@ -104,9 +104,9 @@ def test_all_bad_settings_at_once(tiny_rig: dict[str, Any]) -> None:
     ]
 
 
-@pytest.mark.parametrize("text", ["", "- a\n", "a: [\n", "\x00"])
-def test_bad_file(text: str, tmp_path: Path) -> None:
-    (tmp_path / "rig.yaml").write_text(text)
+@pytest.mark.parametrize("content", ["", "- a\n", "a: [\n", "\x00"])
+def test_bad_file(content: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.yaml").write_text(content)
     with pytest.raises(SceneError, match=r"rig\.yaml"):
         open_rig(tmp_path / "rig.yaml")
 

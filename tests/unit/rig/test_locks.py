@@ -70,11 +70,11 @@ def test_one_lock_for_the_machine(address: str, tmp_path: Path) -> None:
     lines = requests(address, tmp_path)
     locks.take(address, 1)
     try:
-        said = answers(lines)
+        message = answers(lines)
     finally:
         locks.free(address, 1)
-    assert len(said) == len(lines) >= 8
-    assert all(f"is in use by process {os.getpid()} (" in text for text in said), said
+    assert len(message) == len(lines) >= 8
+    assert all(f"is in use by process {os.getpid()} (" in part for part in message), message
     assert answers(lines) == ["taken"] * len(lines)  # it was freed, also by another user
 
 
@@ -119,8 +119,10 @@ def test_a_file_that_may_not_be_opened_is_named(address: str) -> None:
         pytest.skip("needs root, which can be another user")
     path = locks.lock_file(address)
     path.touch(mode=0o600)
-    (said,) = answers([f"{address} {NOBODY}"])
-    assert said.startswith(f"cannot be locked: {path}, of the user with the number 0: Permission")
+    (message,) = answers([f"{address} {NOBODY}"])
+    assert message.startswith(
+        f"cannot be locked: {path}, of the user with the number 0: Permission"
+    )
 
 
 def test_a_strangers_note_is_not_repeated(address: str) -> None:

@@ -30,23 +30,23 @@ def never() -> Safety:
 
 
 @pytest.mark.parametrize(
-    ("make_safe", "said"),
+    ("make_safe", "problem"),
     [
         (silent, "returned None; allowed: a"),
         (never, "it was connected, but its make_safe() did nothing"),
     ],
 )
 def test_what_says_nothing_is_not_safe(
-    make_safe: Any, said: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
+    make_safe: Any, problem: str, tiny_rig: dict[str, Any], tiny_plan: Plan, tmp_path: Path
 ) -> None:
     """Of a silent device it is said what may still be on; the others are made safe, and all of it
     is in the journal."""
     rig = wrapped(tiny_rig, background=lambda device: {"make_safe": make_safe})
     with pytest.raises(RigError) as caught:
         acquire(rig, tiny_plan, tmp_path / "a")
-    assert said in str(caught.value) and "the black body may still be hot" in str(caught.value)
+    assert problem in str(caught.value) and "the black body may still be hot" in str(caught.value)
     entry = read_journal(tmp_path / "a" / "journal.jsonl")[-1]
-    assert entry["event"] == "unsafe" and said in entry["problems"][0]
+    assert entry["event"] == "unsafe" and problem in entry["problems"][0]
     assert entry["did"] == {"trigger": "inhibited", "camera": "disarmed"}
 
 
@@ -63,11 +63,11 @@ def test_what_was_done_is_in_the_journal(
         "background": entries[-1]["did"]["background"],
         "camera": "disarmed",
     }
-    said = re.fullmatch(
+    cooled = re.fullmatch(
         r"set point 295\.0 K, temperature 4\d\d\.\d K; falls to (\d+\.\d) K",
         entries[-1]["did"]["background"],
     )
-    assert said is not None and 440.0 < float(said[1]) < 480.0
+    assert cooled is not None and 440.0 < float(cooled[1]) < 480.0
 
 
 class Body:
@@ -89,7 +89,7 @@ def decay(start_K: float, time_constant_s: float) -> Callable[[float], float]:
 
 
 @pytest.mark.parametrize(
-    ("temperature_K", "said"),
+    ("temperature_K", "actions"),
     [
         (lambda time_s: 299.0, r"^cold at 299\.0 K$"),
         (decay(440.0, 120.0), r"^falls to 43\d\.\d K$"),
@@ -100,9 +100,9 @@ def decay(start_K: float, time_constant_s: float) -> Callable[[float], float]:
     ],
     ids=["cold", "cools", "cools slowly", "rises, then cools"],
 )
-def test_a_body_that_cools(temperature_K: Callable[[float], float], said: str) -> None:
+def test_a_body_that_cools(temperature_K: Callable[[float], float], actions: str) -> None:
     body = Body(temperature_K)
-    assert re.search(said, watch_cooling(body, body.clock, 295.0))
+    assert re.search(actions, watch_cooling(body, body.clock, 295.0))
 
 
 @pytest.mark.parametrize(

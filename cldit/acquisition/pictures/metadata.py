@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cldit.acquisition.pictures.kinds import kind_of
-from cldit.acquisition.pictures.source import Source, Told, moment_s, parse_source
+from cldit.acquisition.pictures.source import ImageMetadata, Source, moment_s, parse_source
 from cldit.errors import EvaluationError, reason
 from cldit.io.text_tables import read_table_text, split_cells, split_line
 from cldit.scene.values import ZERO_CELSIUS_K
@@ -27,7 +27,7 @@ _FAR_K = 30.0  # from the set point: another unit, or another column
 
 def read_numbers(
     folder: Path,
-    given: Sequence[float] | str,
+    stated: Sequence[float] | str,
     *,
     column: str,
     allowed: str = "a number",
@@ -35,19 +35,19 @@ def read_numbers(
 ) -> list[float]:
     """Reads numbers in the order of the images.
 
-    They are `given` as such, or as `log.csv::column` or `run.nxs::/entry/log` in `folder`, with
+    They are `stated` as such, or as `log.csv::column` or `run.nxs::/entry/log` in `folder`, with
     [first:last] or without; `column` is that of a table named without one. `convert` turns a cell
     into its number, or raises ValueError. Raises EvaluationError for an unreadable one.
     """
-    if not isinstance(given, str):
-        return list(given)
-    pattern, source = parse_source(given)
+    if not isinstance(stated, str):
+        return list(stated)
+    pattern, source = parse_source(stated)
     source = replace(source, path=folder / pattern)
     try:
         kind = kind_of(source.path)
         if kind is None or not kind.line:
             return _column(source, column, allowed, convert)
-        return [float(one) for one in kind.load(kind.line)(source)]
+        return [float(number) for number in kind.load(kind.line)(source)]
     except (OSError, ValueError) as error:
         if isinstance(error, EvaluationError):
             raise
@@ -60,8 +60,8 @@ def _column(
     """Cells below the first line that names the column; lines above it, and a line of units below
     it, are header rows.
     """
-    text = read_table_text(source.path).splitlines()
-    lines = [(number, line) for number, line in enumerate(text, start=1) if line.strip()]
+    file_lines = read_table_text(source.path).splitlines()
+    lines = [(number, line) for number, line in enumerate(file_lines, start=1) if line.strip()]
     name = source.dataset or column
     rest = iter(lines)
     for _, line in rest:
@@ -71,42 +71,42 @@ def _column(
         if name in header:
             break
     else:
-        known = next((cells for _, line in lines if len(cells := split_cells(line)[0]) > 1), [])
+        columns = next((cells for _, line in lines if len(cells := split_cells(line)[0]) > 1), [])
         raise EvaluationError(
-            f"{source.path}: no column {name}; it has {', '.join(known) or 'none'}"
+            f"{source.path}: no column {name}; it has {', '.join(columns) or 'none'}"
         )
     place = header.index(name)
     below = list(rest)
     if below and not re.search(r"\d", below[0][1]):
         below = below[1:]
-    found = []
+    numbers = []
     for number, line in below[source.part]:
         row = split_line(line, between)
         value = row[place].strip() if place < len(row) else ""
         try:
-            found.append(convert(value.replace(",", ".")))
+            numbers.append(convert(value.replace(",", ".")))
         except ValueError as error:
             raise EvaluationError(
                 f"{source.path}, line {number}: {name} is {value!r}; allowed: {allowed}"
             ) from error
-    return found
+    return numbers
 
 
 def _one_each(
-    found: list[float], given: Sequence[float] | str, *, where: str, count: int, what: str
+    values: list[float], stated: Sequence[float] | str, *, where: str, count: int, quantity: str
 ) -> str:
-    """Text of the values as `given`; raises EvaluationError unless there is one an image."""
-    text = given if isinstance(given, str) else str(list(given))
-    if len(found) != count:
+    """Text of the values as `stated`; raises EvaluationError unless there is one an image."""
+    listed = stated if isinstance(stated, str) else str(list(stated))
+    if len(values) != count:
         raise EvaluationError(
-            f"{where}: {count} images and {len(found)} {what} ({text}); allowed: one each"
+            f"{where}: {count} images and {len(values)} {quantity} ({listed}); allowed: one each"
         )
-    return text
+    return listed
 
 
 def read_temperatures(
     folder: Path,
-    given: Sequence[float] | str,
+    stated: Sequence[float] | str,
     *,
     where: str,
     count: int,
@@ -117,103 +117,109 @@ def read_temperatures(
     `zero_K`. Raises EvaluationError also if one is far from the set point.
     """
     column = "temperature_C" if zero_K else "temperature_K"
-    found = [zero_K + one for one in read_numbers(folder, given, column=column)]
-    text = _one_each(found, given, where=where, count=count, what="temperatures")
-    for number, kelvin in enumerate(found):
+    kelvins = [zero_K + number for number in read_numbers(folder, stated, column=column)]
+    listed = _one_each(kelvins, stated, where=where, count=count, quantity="temperatures")
+    for number, kelvin in enumerate(kelvins):
         if not (math.isfinite(kelvin) and abs(kelvin - setpoint_K) <= _FAR_K):
             off_K = kelvin + ZERO_CELSIUS_K - setpoint_K
             hint = ", degrees Celsius?" if abs(off_K) <= _FAR_K else ""
             raise EvaluationError(
-                f"{where}: temperature {number} is {kelvin:g}{hint} ({text}); allowed: kelvin "
+                f"{where}: temperature {number} is {kelvin:g}{hint} ({listed}); allowed: kelvin "
                 f"within {_FAR_K:g} K of temperature_K"
             )
-    return found
+    return kelvins
 
 
-def _number_or_moment(text: str) -> float:
+def _number_or_moment(cell: str) -> float:
     try:
-        return float(text)
+        return float(cell)
     except ValueError:
-        return moment_s(text)
+        return moment_s(cell)
 
 
 def read_times(
-    folder: Path, given: Sequence[float] | str, *, where: str, count: int
+    folder: Path, stated: Sequence[float] | str, *, where: str, count: int
 ) -> list[float]:
     """Reads `count` times in seconds, as `read_numbers`; a table may contain dates in ISO 8601.
     Raises EvaluationError also if they do not rise.
     """
-    found = read_numbers(
+    times = read_numbers(
         folder,
-        given,
+        stated,
         column="time_s",
         allowed="seconds, or a date as 2026-01-31T12:00:00",
         convert=_number_or_moment,
     )
-    text = _one_each(found, given, where=where, count=count, what="times")
-    for number, (before, after) in enumerate(pairwise(found), start=1):
-        if not after > before:
+    listed = _one_each(times, stated, where=where, count=count, quantity="times")
+    for number, (earlier, later) in enumerate(pairwise(times), start=1):
+        if not later > earlier:
             raise EvaluationError(
-                f"{where}: time {number} is {after:.10g} s after {before:.10g} s ({text}); they "
+                f"{where}: time {number} is {later:.10g} s after {earlier:.10g} s ({listed}); they "
                 "must rise in the order of the images"
             )
-    if not all(math.isfinite(one) for one in found):
-        raise EvaluationError(f"{where}: times that are not finite ({text})")
-    return found
+    if not all(math.isfinite(time_s) for time_s in times):
+        raise EvaluationError(f"{where}: times that are not finite ({listed})")
+    return times
 
 
-def check_exposures(told: Iterable[tuple[str, Told]], stated_s: float | None) -> float | None:
+def check_exposures(
+    images: Iterable[tuple[str, ImageMetadata]], stated_s: float | None
+) -> float | None:
     """Common exposure of all images with a known one, in seconds; None if there is none.
 
-    `told` pairs a name with the metadata of its image; `stated_s` is `integration_time_s` of the
+    `images` pairs a name with the metadata of its image; `stated_s` is `integration_time_s` of the
     YAML. Raises EvaluationError if two exposures differ.
     """
-    known = [(name, one.integration_time_s) for name, one in told if one.integration_time_s]
-    if not known:
+    exposures = [
+        (name, metadata.integration_time_s)
+        for name, metadata in images
+        if metadata.integration_time_s
+    ]
+    if not exposures:
         return None
-    name, first_s = known[0]
+    name, first_s = exposures[0]
     if stated_s is not None and abs(first_s - stated_s) > _SAME * stated_s:
         raise EvaluationError(
             f"{name}: exposed for {1e6 * first_s:g} us by its file; integration_time_s says "
             f"{1e6 * stated_s:g} us: correct it, or take the right files"
         )
-    for other, exposed_s in known[1:]:
+    for differing, exposed_s in exposures[1:]:
         if abs(exposed_s - first_s) > _SAME * first_s:
             raise EvaluationError(
-                f"{other}: exposed for {1e6 * exposed_s:g} us by its file, {name} for "
+                f"{differing}: exposed for {1e6 * exposed_s:g} us by its file, {name} for "
                 f"{1e6 * first_s:g} us; references and injections need one exposure"
             )
     return first_s
 
 
-def check_times(told: Iterable[tuple[str, Told, float | None]]) -> None:
+def check_times(images: Iterable[tuple[str, ImageMetadata, float | None]]) -> None:
     """Compares the times of the YAML with those of the files; both may start anywhere.
 
-    `told` lists for each image its name, its metadata and its time in the YAML in seconds. Raises
+    `images` has for each image its name, its metadata and its time in the YAML in seconds. Raises
     EvaluationError if the two differ by more than a second from one image to another.
     """
-    apart = [
-        (name, stated_s - one.time_s)
-        for name, one, stated_s in told
-        if one.time_s is not None and stated_s is not None
+    gaps_s = [
+        (name, stated_s - metadata.time_s)
+        for name, metadata, stated_s in images
+        if metadata.time_s is not None and stated_s is not None
     ]
-    for name, gap_s in apart[1:]:
-        if abs(gap_s - apart[0][1]) > _SAME_s:
+    for name, gap_s in gaps_s[1:]:
+        if abs(gap_s - gaps_s[0][1]) > _SAME_s:
             raise EvaluationError(
-                f"{name}: {gap_s - apart[0][1]:+.3g} s later after {apart[0][0]} by measured.yaml "
-                "than by the files; leave the times out of the YAML, or correct them"
+                f"{name}: {gap_s - gaps_s[0][1]:+.3g} s later after {gaps_s[0][0]} by "
+                "measured.yaml than by the files; leave the times out of the YAML, or correct them"
             )
 
 
-def told_lines(told: Sequence[tuple[Told, float | None]]) -> list[str]:
-    """Summary of exposures and times of all images, a line each; `told` pairs the metadata of an
+def metadata_lines(images: Sequence[tuple[ImageMetadata, float | None]]) -> list[str]:
+    """Summary of exposures and times of all images, a line each; `images` pairs the metadata of an
     image with the time that the evaluation uses.
     """
     lines = []
-    exposed = [one.integration_time_s for one, _ in told if one.integration_time_s]
+    exposed = [metadata.integration_time_s for metadata, _ in images if metadata.integration_time_s]
     if exposed:
-        lines.append(f"exposure {1e6 * exposed[0]:g} us, by {len(exposed)} of {len(told)} images")
-    times = [time_s for _, time_s in told if time_s is not None]
+        lines.append(f"exposure {1e6 * exposed[0]:g} us, by {len(exposed)} of {len(images)} images")
+    times = [time_s for _, time_s in images if time_s is not None]
     if times:
-        lines.append(f"times of {len(times)} of {len(told)} images, over {np.ptp(times):.4g} s")
+        lines.append(f"times of {len(times)} of {len(images)} images, over {np.ptp(times):.4g} s")
     return lines

@@ -16,8 +16,8 @@ from click.testing import CliRunner
 from cldit.acquisition.measured import check_clock, open_measured
 from cldit.acquisition.pictures.hcc import Hcc
 from cldit.acquisition.pictures.hdf5 import Hdf5
-from cldit.acquisition.pictures.source import Source, Told, moment_s
-from cldit.acquisition.pictures.tiff import Tiff, told_by_exif
+from cldit.acquisition.pictures.source import ImageMetadata, Source, moment_s
+from cldit.acquisition.pictures.tiff import Tiff, exif_metadata
 from cldit.cli import main
 from cldit.errors import EvaluationError
 from tests.laboratory import Laboratory, laboratory
@@ -27,11 +27,13 @@ DATE = "2026-01-31T12:00:00"
 PICTURES = np.arange(3 * 4 * 5, dtype=np.uint16).reshape(3, 4, 5)
 
 
-def _ome(path: Path, planes: dict[str, Any], *, date: str | None = DATE) -> tuple[Told, ...]:
+def _ome(
+    path: Path, planes: dict[str, Any], *, date: str | None = DATE
+) -> tuple[ImageMetadata, ...]:
     metadata = {"axes": "TYX", "Plane": planes} | ({"AcquisitionDate": date} if date else {})
     tifffile.imwrite(path, PICTURES, ome=True, metadata=metadata)
     with closing(Tiff(Source(path))) as opened:
-        return opened.told
+        return opened.metadata
 
 
 def test_ome(tmp_path: Path) -> None:
@@ -45,13 +47,13 @@ def test_ome(tmp_path: Path) -> None:
     assert [one.integration_time_s for one in told] == [pytest.approx(25e-6)] * 3
     undated = _ome(tmp_path / "b.ome.tif", planes, date=None)
     assert {one.time_s for one in undated} == {None}  # no two files would have one start
-    assert set(_ome(tmp_path / "c.ome.tif", {})) <= {Told()}
+    assert set(_ome(tmp_path / "c.ome.tif", {})) <= {ImageMetadata()}
 
 
 def test_the_date_of_a_tiff_is_that_of_the_file(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", PICTURES[0], datetime="2026:01:31 12:00:00")
     with closing(Tiff(Source(tmp_path / "a.tif"))) as opened:
-        assert opened.told == () and opened.notes == ("file made 2026:01:31 12:00:00",)
+        assert opened.metadata == () and opened.notes == ("file made 2026:01:31 12:00:00",)
 
 
 def test_exif() -> None:
@@ -60,9 +62,9 @@ def test_exif() -> None:
         "DateTimeOriginal": "2026:01:31 12:00:00",
         "SubsecTimeOriginal": "25",
     }
-    assert told_by_exif(tags) == Told(moment_s(DATE) + 0.25, 25e-6)
-    assert told_by_exif({"DateTimeOriginal": "yesterday"}) == Told()
-    assert told_by_exif({}) == Told()
+    assert exif_metadata(tags) == ImageMetadata(moment_s(DATE) + 0.25, 25e-6)
+    assert exif_metadata({"DateTimeOriginal": "yesterday"}) == ImageMetadata()
+    assert exif_metadata({}) == ImageMetadata()
 
 
 def test_a_telops_film(tmp_path: Path) -> None:
@@ -74,7 +76,7 @@ def test_a_telops_film(tmp_path: Path) -> None:
     pictures = np.zeros((3, 4, 64), np.uint16)
     fasthcc.write_hcc(tmp_path / "a.hcc", pictures, metadata=headers, calibration_mode=0)
     with closing(Hcc(Source(tmp_path / "a.hcc"))) as opened:
-        told = opened.told
+        told = opened.metadata
     assert told[0].time_s == 1_769_860_800.0
     assert told[0].integration_time_s == pytest.approx(25e-6)
     assert told[2].time_s == pytest.approx(1_769_860_802.000001, abs=3e-7)
@@ -93,19 +95,19 @@ def test_nexus(tmp_path: Path) -> None:
             group["start_time"].attrs["units"] = "ms"
             group["start_time"].attrs["start"] = DATE
     with closing(Hdf5(Source(tmp_path / "run.nxs", "/entry/detector/data"))) as opened:
-        assert opened.told[1].time_s == moment_s(DATE) + 2.0
-        assert opened.told[1].integration_time_s == pytest.approx(25e-6)
+        assert opened.metadata[1].time_s == moment_s(DATE) + 2.0
+        assert opened.metadata[1].integration_time_s == pytest.approx(25e-6)
     with closing(Hdf5(Source(tmp_path / "run.nxs", "/entry/other/data"))) as opened:
-        assert opened.told == ()
+        assert opened.metadata == ()
 
 
 def test_a_clock_that_goes_back_is_named(tmp_path: Path) -> None:
     """The third of the selected frames is older than the one before it."""
     times = [9.0, 0.0, 2.0, 1.0]
-    told = tuple(Told(time_s=time_s) for time_s in times)
+    told = tuple(ImageMetadata(time_s=time_s) for time_s in times)
     with pytest.raises(EvaluationError, match=r"a\.tif: frame 3: the clock goes back by 1 s"):
         check_clock(told[1:], Source(tmp_path / "a.tif", first=1))
-    check_clock((*told[1:3], Told(), told[1]), Source(tmp_path / "a.tif"))
+    check_clock((*told[1:3], ImageMetadata(), told[1]), Source(tmp_path / "a.tif"))
 
 
 @pytest.fixture(scope="module")
