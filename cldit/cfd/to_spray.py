@@ -12,7 +12,7 @@ from cldit.cfd import one_state
 from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
-from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
+from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import fuel_of, other_fuels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
@@ -261,47 +261,58 @@ def _vapour(
 ) -> tuple[Vapour, float, tuple[str, ...]]:
     """Vapour in cldit's frame, its penetration along the axis [m] (NaN if none), and remarks.
 
-    Cells with a negligible share are omitted, some thousands at a time; the cells of all copies
-    refer to the same gas.
+    A box has the volume and centroid of its cell and the proportions of the cell's bounding box in
+    the case. Cells with a negligible share are omitted, some thousands at a time; the cells of all
+    copies refer to the same gas.
     """
-    found: list[tuple[Labels, Boxes, Floats]] = []
+    frames = [copy.into(frame) for copy in every]
+    measured: list[tuple[Labels, Floats, Floats, Floats]] = []
     total, depth, filled = 0.0, -np.inf, 0.0
-    share = _NEGLIGIBLE / (case.mesh.cells * len(every))
-    for copy in every:
-        origin, rotation = copy.into(frame)
-        for chosen, box in case.mesh.boxes(origin_m=origin, rotation=rotation, watch=watch):
-            molecules = gas.number_density_m3[chosen] * box.volume_m3
-            filled += float(box.volume_m3.sum()) / len(every)
-            total += float(molecules.sum())
-            # a lower bound of the final threshold: the total is not known yet
-            kept = np.flatnonzero(molecules > share * total)
-            found.append((kept + chosen.start, box.take(kept), molecules[kept]))
-            jet = gas.mass_fraction[chosen] > _EDGE_OF_JET
-            middle = (box.lower_m[:, 2] + box.upper_m[:, 2]) / 2
-            depth = max(depth, float(-middle[jet].min(initial=np.inf)))
-    some = [molecules > share * total for _, _, molecules in found]
-    count = sum(int(np.count_nonzero(each)) for each in some)
-    lower, upper = np.empty((count, 3)), np.empty((count, 3))
+    share = _NEGLIGIBLE / case.mesh.cells
+    for chosen in slices(case.mesh.cells):
+        watch("measuring cells", chosen.start, case.mesh.cells)
+        numbers = np.arange(chosen.start, chosen.stop)
+        cells = case.mesh.measure(numbers)
+        volume, middle, edges = cells.volume_m3, cells.centroid_m, cells.upper_m - cells.lower_m
+        molecules = gas.number_density_m3[chosen] * volume
+        filled += float(volume.sum())
+        total += float(molecules.sum())
+        # a lower bound of the final threshold: the total is not known yet
+        kept = molecules > share * total
+        measured.append((numbers[kept], volume[kept], middle[kept], edges[kept]))
+        jet = middle[gas.mass_fraction[chosen] > _EDGE_OF_JET]
+        for origin, rotation in frames:
+            depth = max(depth, float(((origin - jet) @ rotation[2]).max(initial=-np.inf)))
+    least = share * total
+    some = [gas.number_density_m3[number] * volume > least for number, volume, *_ in measured]
+    count = sum(int(np.count_nonzero(kept)) for kept in some)
+    lower, upper = np.empty((2, len(every), count, 3))
     cell = np.empty(count, np.int64)
-    while found:
-        number, box, _ = found.pop()
-        kept = np.flatnonzero(some.pop())
-        place = slice(count - len(kept), count)
-        lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
-        count -= len(kept)
-    own = slice(0, len(cell) // len(every))  # the case itself is the first of all copies
-    origin, rotation = every[0].into(frame)
-    centre = (lower[own] + upper[own]) / 2 @ rotation + origin
-    volume = np.prod(upper[own] - lower[own], axis=1)
+    while measured:
+        (number, *figures), kept = measured.pop(), some.pop()
+        number = number[kept]
+        volume, middle, edges = (values[kept] for values in figures)
+        place = slice(count - len(number), count)
+        for copy, (origin, rotation) in enumerate(frames):
+            centre, half = (middle - origin) @ rotation.T, edges @ np.abs(rotation).T
+            half *= (np.cbrt(volume / half.prod(axis=1)) / 2)[:, None]
+            lower[copy, place], upper[copy, place] = centre - half, centre + half
+        cell[place] = number
+        count -= len(number)
+    origin, rotation = frames[0]  # the case itself
+    centre = (lower[0] + upper[0]) / 2 @ rotation + origin
+    volume = np.prod(upper[0] - lower[0], axis=1)
 
     def once() -> None:
-        one_state.check_cells_once(case, cell[own], centre, volume)
+        one_state.check_cells_once(case, cell, centre, volume)
         one_state.check_volume(case.mesh, filled)
 
     accepted = one_state.judged(case.accept, {"cells": once})
-    temperature = gas.temperature_K[cell].astype(np.float64)
-    molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
-    vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)
+    number = np.tile(cell, len(every))
+    temperature = gas.temperature_K[number].astype(np.float64)
+    boxes = Cells(lower.reshape(-1, 3), upper.reshape(-1, 3))
+    molar_mass = spec.fuel_molar_mass_kg_mol
+    vapour = Vapour(boxes, gas.number_density_m3[number], temperature, molar_mass)
     return vapour, depth if np.isfinite(depth) else np.nan, accepted
 
 

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.cfd.mesh import geometry
-from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels, PointMesh, Polyhedra, check_labels
+from cldit.cfd.mesh.cells import (
+    AnyFloats,
+    CellMesh,
+    Labels,
+    Measures,
+    PointMesh,
+    Polyhedra,
+    check_labels,
+)
 from cldit.errors import SprayError
 
 
@@ -102,14 +110,14 @@ class JoinedMesh(CellMesh):
         for part in self.parts:
             yield from part.points()
 
-    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """Faces of `cells` (N,), those of one mesh after the other."""
+    def measure(self, cells: Labels) -> Measures:
+        """Volume, centroid and bounds of `cells` (N,), those of one mesh after the other."""
+        measures = Measures.empty(len(cells))
         mesh = np.searchsorted(self._ends, cells, side="right")
         for number in np.unique(mesh).tolist():
-            here = np.flatnonzero(mesh == number)
-            part = self.parts[number]
-            for place, found in part.polyhedra(cells[here] - (self._ends[number] - part.cells)):
-                yield here[place], found
+            here, part = np.flatnonzero(mesh == number), self.parts[number]
+            measures.put(here, part.measure(cells[here] - (self._ends[number] - part.cells)))
+        return measures
 
 
 def turned_faces(corners: Labels, start: Labels, turned: NDArray[np.bool_]) -> Labels:
