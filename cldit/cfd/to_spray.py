@@ -214,10 +214,6 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
             known = ", ".join(case.available) or "none"
             kind = NotAtThisTime if name == spec.fuel_field else SprayError
             raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
-    for column in case.gas.values():
-        if len(column.values) != case.mesh.cells:
-            count = len(column.values)
-            raise SprayError(f"{column.label}: {count} values for {case.mesh.cells} cells")
     temperature = _within(case, "T", low=1.0, high=5000.0, hint="T is a temperature in K")
     hint = "it must be the mass fraction of the fuel's vapour (spray.fuel_field)"
     stored = _within(case, spec.fuel_field, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint)

@@ -62,7 +62,8 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         else:
             del columns[name]
             points[name] = per_node(reader, solid.parts, solid.points, label)
-    columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
+    mean = partial(corner_mean, solid.blocks)
+    fields_in_cells, moved = with_point_fields(columns, points, cells, mean)
     cloud, read = _cloud(spec.cloud, case, at, names, geometry)
     remarks = [f"Ghost or blanked cells omitted: {solid.hidden}."] if solid.hidden else []
     if moved:
@@ -71,8 +72,8 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         source=str(case.path),
         time_s=at,
         mesh=mesh,
-        gas=gas_columns(Source(str(case.path), columns, mesh.cells), cells, fuel_field),
-        available=tuple(sorted(columns)),
+        gas=gas_columns(Source(str(case.path), fields_in_cells, mesh.cells), cells, fuel_field),
+        available=tuple(sorted(fields_in_cells)),
         cloud=cloud,
         files=(*files, *read),
         remarks=tuple(remarks),

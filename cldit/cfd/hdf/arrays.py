@@ -96,7 +96,7 @@ def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArr
     return values
 
 
-def field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
+def field(path: Path, group: Any, name: str, count: int | None = None) -> AnyFloats:
     """Numbers (N,) of the array `name`, in the file's precision."""
     values = stored(path, group, name, count)
     return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)

@@ -60,9 +60,8 @@ def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     for other in files[1:]:
         with open_cgns(other) as root:
             check_units(other, root)
-    several = len(zones) > 1
-    found = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES, several=several)
-    return replace(found, time_s=at, files=files)
+    gas = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES)
+    return replace(gas, time_s=at, files=files)
 
 
 def list_cgns(spec: CfdSpray) -> Listing:
@@ -149,7 +148,7 @@ def _zone(path: Path, zone: Any) -> MeshPart:
                 raise SprayError(f"{path}: {name}: {key} twice, of several times; {_WAY}")
             unit = _unit(path, dict(children(solution, "DataArray_t"))[key])
             fields[place][key] = Column(f"{path}: {name}: field {key}", values, unit=unit)
-    return MeshPart(f"{path}: {name}", lambda: mesh, *fields)
+    return MeshPart(f"{path}: {name}", mesh, *fields)
 
 
 def _unit(path: Path, array: Any) -> str | None:
