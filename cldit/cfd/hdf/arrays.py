@@ -67,11 +67,16 @@ def hdf_files(path: Path) -> tuple[Path, ...]:
         return (path, *sorted(_others(path, file)))
 
 
+def nodes_in(root: Any) -> list[Any]:
+    """All groups and arrays below `root`; links to one already found are not followed."""
+    nodes: list[Any] = []
+    root.visititems(lambda _, node: nodes.append(node))
+    return nodes
+
+
 def arrays_in(root: Any) -> list[Any]:
-    """All arrays; links to an array already found are not followed."""
-    found: list[Any] = []
-    root.visititems(lambda _, each: found.append(each) if hasattr(each, "dtype") else None)
-    return found
+    """All arrays."""
+    return [node for node in nodes_in(root) if hasattr(node, "dtype")]
 
 
 def bytes_of(arrays: Iterable[Any]) -> int:

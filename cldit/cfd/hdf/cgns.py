@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
-from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, open_hdf
+from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, nodes_in, open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
@@ -331,9 +331,7 @@ def text_of_node(path: Path, node: Any) -> str:
 
 def check_units(path: Path, root: Any) -> None:
     """Refuses a file in other units than SI, or of data without a dimension."""
-    found: list[Any] = []
-    root.visititems(lambda _, each: found.append(each) if _label(each) else None)
-    for node in found:
+    for node in nodes_in(root):
         if _label(node) == "DimensionalUnits_t":
             text = data_of(path, node).astype(np.uint8).tobytes().decode("latin-1")
             names = {text[place : place + 32].strip("\0 ") for place in range(0, len(text), 32)}
