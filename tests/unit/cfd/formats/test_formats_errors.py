@@ -179,7 +179,7 @@ CASE: list[tuple[str, str, str]] = [
     (
         "scalar per element: 1 T",
         "scalar per node: 1 T",
-        r"case\.005\.T: 'hexa8', expected `coordinates`",
+        r"case\.005\.T: 'hexa8' where a part or its nodes are expected",
     ),
     ("TIME\n", "FILE\nfile set: 1\n\nTIME\n", "keeps several times in one file"),
     ("1 T case.***.T", "1 T case.***.Tmp", r"case\.005\.Tmp: cannot be read"),
