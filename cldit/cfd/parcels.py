@@ -27,11 +27,6 @@ class CheckedParcels:
     kept: Mask
     remarks: tuple[str, ...]
 
-    @property
-    def left_out(self) -> int:
-        """Number of parcels omitted."""
-        return int(np.sum(~self.kept))
-
 
 def check_parcels(
     cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float, coldest_K: float

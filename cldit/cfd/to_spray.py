@@ -135,8 +135,8 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     farthest = None if case.cloud is None else farthest_m(case.cloud, 0.95)
     if farthest is not None:
         notes["liquid_path_m"] = farthest
-    if checked is not None and checked.left_out:
-        notes["parcels_left_out"] = float(checked.left_out)
+    if checked is not None and not checked.kept.all():
+        notes["parcels_left_out"] = float(np.sum(~checked.kept))
     if len(every) > 1:
         notes["copies"] = float(len(every))
     if np.isfinite(jet_m):

@@ -15,7 +15,6 @@ from cldit.cfd.mapping.file import (
     Scalar,
     Vector,
     columns_of,
-    columns_of_value,
     merged,
     quantity_in,
     spelled,
@@ -208,17 +207,11 @@ def mapped_cloud(
     default: ParcelColumns = PARCEL_NAMES,
 ) -> Cloud:
     """Cloud of the `columns` by the mapping, else by those `default` names that are present."""
-    parcels = merged(names.parcels, default)
-    given = names.parcels.model_fields_set if names.parcels is not None else set()
-    missing = {
-        key: None
-        for key, value in parcels
-        if key not in given and not columns_of_value(value) <= set(columns)
-    }
+    parcels = merged(names.parcels, default.among(columns))
     # masses are products of many: of stored floats they would overflow or be rounded at each step
     doubles = {key: _double(columns[key]) for key in columns_of(parcels) & set(columns)}
     rows = Source(source, columns | doubles, len(position_m.values))
-    fields = cloud_columns(rows, parcels.model_copy(update=missing))
+    fields = cloud_columns(rows, parcels)
     parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
     own = {key: column for key, column in columns.items() if key not in parts}
     return complete_cloud(name, source, _double(position_m), fields, own, columns_of(parcels))
