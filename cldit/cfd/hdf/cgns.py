@@ -21,7 +21,7 @@ from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.elements import ElementMesh, block_corners
-from cldit.cfd.mesh.faces import Mesh, turned_faces
+from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
@@ -267,7 +267,6 @@ def _polyhedra(points: Floats, sections: list[_Section], source: str) -> Mesh:
     numbers = np.concatenate([each.first + np.arange(each.count) for each in ngons])
     sizes = np.concatenate([np.diff(begin) for _, begin in faces])
     corners = np.concatenate([nodes for nodes, _ in faces]) - 1
-    start = np.concatenate([[0], np.cumsum(sizes)])
     solids = [each.lists() for each in cells]
     signed = np.concatenate([own for own, _ in solids])
     cell = np.repeat(
@@ -279,14 +278,11 @@ def _polyhedra(points: Floats, sections: list[_Section], source: str) -> Mesh:
     sides = np.bincount(face, minlength=len(numbers)), np.bincount(face[outwards])
     if np.any(numbers[face] != np.abs(signed)) or sides[0].max() > 2 or sides[1].max() > 1:
         raise cells[0].fail("a face that does not exist, or belongs to cells in the same sense")
-    owner, neighbour = np.full((2, len(numbers)), -1)
-    owner[face[outwards]], neighbour[face[~outwards]] = cell[outwards], cell[~outwards]
-    turned = owner < 0
-    owner, neighbour = np.where(turned, neighbour, owner), np.where(turned, -1, neighbour)
-    used = owner >= 0
-    kept = turned_faces(corners, start, turned)[np.repeat(used, sizes)]
-    start = np.concatenate([[0], np.cumsum(sizes[used])])
-    return Mesh(points, kept, start, owner[used], neighbour[used], int(cell.max()) + 1, source)
+    of_face = np.full((2, len(numbers)), -1)
+    of_face[np.where(outwards, 0, 1), face] = cell
+    used = of_face.max(axis=0) >= 0
+    corners, start = corners[np.repeat(used, sizes)], np.append(0, np.cumsum(sizes[used]))
+    return mesh_of_sides(points, corners, start, of_face[:, used], int(cell.max()) + 1, source)
 
 
 def open_cgns(path: Path) -> AbstractContextManager[Any]:

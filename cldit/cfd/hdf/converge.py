@@ -23,7 +23,7 @@ from cldit.cfd.mapping.file import (
     Vector,
     first_of,
 )
-from cldit.cfd.mesh.faces import Mesh, turned_faces
+from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
@@ -201,19 +201,10 @@ def post_mesh(path: Path, stream: Any) -> Mesh:
     start = labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")
     corners = labels(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX")
     cells = labels(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
-    sides = cells.reshape(-1, 2)
-    if not len(sides) or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
+    sides = cells.reshape(-1, 2).T
+    if not sides.size or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/POLYGON_OFFSET does not fit its mesh")
-    first, second = sides.T
-    if np.any((first < 0) & (second < 0)):
+    if np.any(np.all(sides < 0, axis=0)):
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
-    # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
-    return Mesh(
-        points_m=np.stack([x, y, z], axis=1),
-        corners=turned_faces(corners, start, first < 0),
-        start=start,
-        owner=np.where(first < 0, second, first),
-        neighbour=np.where((first < 0) | (second < 0), np.int32(-1), second),
-        cells=int(sides.max()) + 1,
-        source=f"{path}: {stream.name}",
-    )
+    points, source = np.stack([x, y, z], axis=1), f"{path}: {stream.name}"
+    return mesh_of_sides(points, corners, start, sides, int(sides.max()) + 1, source)

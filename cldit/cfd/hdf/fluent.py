@@ -16,7 +16,7 @@ from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
 from cldit.cfd.mapping.columns import Fields
 from cldit.cfd.mapping.file import ColumnMap
-from cldit.cfd.mesh.faces import Mesh, turned_faces
+from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
@@ -166,7 +166,4 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
     point = np.concatenate(points).astype(np.float64)
     if np.any(sides < 0) or np.any(sides > cells) or np.any(sides.sum(axis=0) == 0):
         raise SprayError(f"{path}: {group.name}/faces: a face lies between cells that do not exist")
-    owner = np.where(sides[0] > 0, sides[0], sides[1]) - 1
-    neighbour = np.where((sides > 0).all(axis=0), sides[1], 0) - 1
-    corner = turned_faces(corner, start, sides[0] > 0)
-    return Mesh(point, corner, start, owner, neighbour, cells, str(path))
+    return mesh_of_sides(point, corner, start, sides[::-1] - 1, cells, str(path))

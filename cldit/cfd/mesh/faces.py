@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.cfd.mesh import geometry
@@ -120,12 +119,22 @@ class JoinedMesh(CellMesh):
         return measures
 
 
-def turned_faces(corners: Labels, start: Labels, turned: NDArray[np.bool_]) -> Labels:
-    """Corners of all faces, in reverse order for the faces (F,) that are `turned`."""
+def mesh_of_sides(
+    points_m: AnyFloats, corners: Labels, start: Labels, sides: Labels, cells: int, source: str
+) -> Mesh:
+    """Mesh of faces with normals out of the first and into the second of their `sides` (2, F).
+
+    A negative side is none; a face without a first one is turned to belong to its second.
+    """
+    first, second = sides
+    turned = first < 0
     face = np.repeat(np.arange(len(turned)), np.diff(start))
     place = np.arange(len(corners))
     mirrored = (start[:-1] + start[1:] - 1)[face] - place
-    return np.asarray(corners[np.where(turned[face], mirrored, place)])
+    corners = corners[np.where(turned[face], mirrored, place)]
+    owner = np.where(turned, second, first)
+    neighbour = np.where(turned | (second < 0), np.int32(-1), second)
+    return Mesh(points_m, corners, start, owner, neighbour, cells, source)
 
 
 def join(meshes: Sequence[CellMesh]) -> CellMesh:
