@@ -194,18 +194,13 @@ def _check_size(case: CfdCase) -> None:
 def _within(case: CfdCase, name: str, *, low: float, high: float, hint: str) -> AnyFloats:
     """Returns the values of a cell field as stored, once all are numbers within low..high."""
     column = case.gas[name]
-    values = column.values
-    if values.ndim != 1:
-        raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
-    if not (values.size and values.min() >= low and values.max() <= high):  # true for NaN as well
-        inside = (values >= low) & (values <= high)
-        if not inside.all():
-            bad = int(np.argmin(inside))
-            place = triple(case.mesh.measure(np.array([bad])).centroid_m[0])
-            count = f"{int(np.sum(~inside))} of {values.size} values; this cell is at {place} m"
-            value = f"{values[bad]:g} (entry {bad}) is outside {low:g}..{high:g} ({count})"
-            raise SprayError(f"{column.label}: {value}; {hint}")
-    return values
+    if (outside := column.outside(low, high)) is not None:
+        bad = int(np.argmax(outside))
+        place = triple(case.mesh.measure(np.array([bad])).centroid_m[0])
+        count = f"{int(outside.sum())} of {outside.size} values; this cell is at {place} m"
+        value = f"{column.values[bad]:g} (entry {bad}) is outside {low:g}..{high:g} ({count})"
+        raise SprayError(f"{column.label}: {value}; {hint}")
+    return column.values
 
 
 def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:

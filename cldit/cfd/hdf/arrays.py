@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats
 from cldit.cfd.inputs import module, regular
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.errors import FileError, SprayError
@@ -82,11 +81,6 @@ def arrays_in(root: Any) -> list[Any]:
 def bytes_of(arrays: Iterable[Any]) -> int:
     """Size of arrays once they are unpacked."""
     return sum(int(each.size) * each.dtype.itemsize for each in arrays)
-
-
-def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
-    """Numbers (N,) of the array `name`, as doubles; `count`: its length, if known."""
-    return stored(path, group, name, count).astype(np.float64)
 
 
 def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArray[Any]:

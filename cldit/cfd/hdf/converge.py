@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
-from cldit.cfd.hdf.arrays import array, field, hdf_files, labels, open_hdf, unit_of
+from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, unit_of
 from cldit.cfd.mapping.columns import Fields, mapped_cloud
 from cldit.cfd.mapping.file import (
     CellColumns,
@@ -159,8 +159,8 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     label = f"{path}: {chosen}"
 
     def column(name: str) -> Column:
-        counts = [len(array(path, part, "PARCEL_X")) for part in parts]
-        values = [array(path, part, name, n) for part, n in zip(parts, counts, strict=True)]
+        counts = [len(field(path, part, "PARCEL_X")) for part in parts]
+        values = [field(path, part, name, n) for part, n in zip(parts, counts, strict=True)]
         return Column(f"{label}/{name}", np.concatenate(values), unit=unit_of(parts[0][name]))
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
@@ -196,8 +196,8 @@ def list_converge(spec: CfdSpray) -> Listing:
 
 def post_mesh(path: Path, stream: Any) -> Mesh:
     """Mesh of a stream, which is a group of the file."""
-    x = array(path, stream, "VERTEX_COORDINATES/X")
-    y, z = (array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
+    x = field(path, stream, "VERTEX_COORDINATES/X")
+    y, z = (field(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
     start = labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")
     corners = labels(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX")
     cells = labels(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
