@@ -266,7 +266,9 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
         return
     step = _NEAR * max(float(np.cbrt(volume_m3.min())), 1e-12)
     # an irrational shift: centroids of regular grids do not lie between two places
-    first, same = _equal_rows(np.floor(centre_m / step + np.sqrt(0.5)))
+    places = centre_m / step
+    places += np.sqrt(0.5)
+    first, same = _equal_rows(np.floor(places, out=places))
     if len(same):
         one, other = int(first[0]), int(same[0])
         what, way = f"{len(same)} cells with fuel lie where", "export without ghost cells, or mark"

@@ -257,52 +257,46 @@ def _vapour(
     copies refer to the same gas.
     """
     frames = [copy.into(frame) for copy in every]
-    measured: list[tuple[Labels, Floats, Floats, Floats]] = []
-    total, depth, filled = 0.0, -np.inf, 0.0
+    total, depth, filled, count = 0.0, -np.inf, 0.0, 0
     share = _NEGLIGIBLE / case.mesh.cells
+    # room for all cells takes no memory where it is not written
+    cell, volume = np.empty(case.mesh.cells, np.int64), np.empty(case.mesh.cells)
+    lower, upper = np.empty((2, case.mesh.cells, 3))  # centroids and edges at first
     for chosen in slices(case.mesh.cells):
         watch("measuring cells", chosen.start, case.mesh.cells)
-        numbers = np.arange(chosen.start, chosen.stop)
-        cells = case.mesh.measure(numbers)
-        volume, middle, edges = cells.volume_m3, cells.centroid_m, cells.upper_m - cells.lower_m
-        molecules = gas.number_density_m3[chosen] * volume
-        filled += float(volume.sum())
+        own = case.mesh.measure(np.arange(chosen.start, chosen.stop))
+        molecules = gas.number_density_m3[chosen] * own.volume_m3
+        filled += float(own.volume_m3.sum())
         total += float(molecules.sum())
         # a lower bound of the final threshold: the total is not known yet
-        kept = molecules > share * total
-        measured.append((numbers[kept], volume[kept], middle[kept], edges[kept]))
-        jet = middle[gas.mass_fraction[chosen] > _EDGE_OF_JET]
+        kept = np.flatnonzero(molecules > share * total)
+        place = slice(count, count + len(kept))
+        cell[place], volume[place] = chosen.start + kept, own.volume_m3[kept]
+        lower[place], upper[place] = own.centroid_m[kept], (own.upper_m - own.lower_m)[kept]
+        count += len(kept)
+        jet = own.centroid_m[gas.mass_fraction[chosen] > _EDGE_OF_JET]
         for origin, rotation in frames:
             depth = max(depth, float(((origin - jet) @ rotation[2]).max(initial=-np.inf)))
-    least = share * total
-    some = [gas.number_density_m3[number] * volume > least for number, volume, *_ in measured]
-    count = sum(int(np.count_nonzero(kept)) for kept in some)
-    lower, upper = np.empty((2, len(every), count, 3))
-    cell = np.empty(count, np.int64)
-    while measured:
-        (number, *figures), kept = measured.pop(), some.pop()
-        number = number[kept]
-        volume, middle, edges = (values[kept] for values in figures)
-        place = slice(count - len(number), count)
-        for copy, (origin, rotation) in enumerate(frames):
-            centre, half = (middle - origin) @ rotation.T, edges @ np.abs(rotation).T
-            half *= (np.cbrt(volume / half.prod(axis=1)) / 2)[:, None]
-            lower[copy, place], upper[copy, place] = centre - half, centre + half
-        cell[place] = number
-        count -= len(number)
-    origin, rotation = frames[0]  # the case itself
-    centre = (lower[0] + upper[0]) / 2 @ rotation + origin
-    volume = np.prod(upper[0] - lower[0], axis=1)
+    enough = gas.number_density_m3[cell[:count]] * volume[:count] > share * total
+    some: slice | Labels = slice(count) if enough.all() else np.flatnonzero(enough)
+    cell, volume, lower, upper = cell[some], volume[some], lower[some], upper[some]
 
     def once() -> None:
-        one_state.check_cells_once(case, cell, centre, volume)
+        one_state.check_cells_once(case, cell, lower, volume)
         one_state.check_volume(case.mesh, filled)
 
     accepted = one_state.judged(case.accept, {"cells": once})
+    if len(every) > 1:
+        lower, upper = (np.tile(values, (len(every), 1)) for values in (lower, upper))
+    for copy, (origin, rotation) in enumerate(frames):
+        for part in slices(len(cell)):
+            place = slice(copy * len(cell) + part.start, copy * len(cell) + part.stop)
+            centre, half = (lower[place] - origin) @ rotation.T, upper[place] @ np.abs(rotation).T
+            half *= (np.cbrt(volume[part] / half.prod(axis=1)) / 2)[:, None]
+            lower[place], upper[place] = centre - half, centre + half
     number = np.tile(cell, len(every))
     temperature = gas.temperature_K[number].astype(np.float64)
-    boxes = Cells(lower.reshape(-1, 3), upper.reshape(-1, 3))
-    molar_mass = spec.fuel_molar_mass_kg_mol
+    boxes, molar_mass = Cells(lower, upper), spec.fuel_molar_mass_kg_mol
     vapour = Vapour(boxes, gas.number_density_m3[number], temperature, molar_mass)
     return vapour, depth if np.isfinite(depth) else np.nan, accepted
 
