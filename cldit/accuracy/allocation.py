@@ -97,15 +97,10 @@ class Allocation:
         falls by one, while the cost grows by as many per cent whatever F is. Upper bounds do not
         count as F.
         """
-        measured_K2, bounds_K2 = self._fixed_K2
-        return float(max(self.tolerance_K, ((1.0 + IN_VAIN) * measured_K2 + bounds_K2) ** 0.5))
-
-    @property
-    def _fixed_K2(self) -> tuple[float, float]:
-        """Squares of the fixed errors: measured, and upper bounds."""
-        each = {name: self.predicted_K.get(name, 0.0) ** 2 for name in self.fixed or {}}
-        bounds = sum(each[name] for name, at_most in (self.fixed or {}).items() if at_most)
-        return sum(each.values()) - bounds, bounds
+        least_K2 = 0.0
+        for name, at_most in (self.fixed or {}).items():
+            least_K2 += (1.0 if at_most else 1.0 + IN_VAIN) * self.predicted_K.get(name, 0.0) ** 2
+        return float(max(self.tolerance_K, least_K2**0.5))
 
     def with_known(self, scene: Scene, estimates: Iterable[Estimate]) -> Allocation:
         """Adds the estimates of sources that are not free.
@@ -132,11 +127,15 @@ class Allocation:
         least_K = _LEAST_OF_SHARE * self.shares_K["cells"]
         return float(max(self._left_K2("cells"), least_K**2) ** 0.5)
 
+    @property
+    def likely_K(self) -> dict[str, float]:
+        """Errors that sources will have: as predicted, else a part of their share."""
+        return {name: _LIKELY * one for name, one in self.shares_K.items()} | {**self.predicted_K}
+
     def _left_K2(self, *names: str) -> float:
         """Part of the square of `target_K` that other sources are likely to leave to these."""
-        likely_K = {name: _LIKELY * one for name, one in self.shares_K.items()}
-        likely_K.update(self.predicted_K)
-        return self.target_K**2 - sum(e**2 for name, e in likely_K.items() if name not in names)
+        others = (e for name, e in self.likely_K.items() if name not in names)
+        return self.target_K**2 - sum(e**2 for e in others)
 
     def beside_cells(
         self, scene: Scene, cells_K: float | None, errors_K: Mapping[str, float]
@@ -153,22 +152,6 @@ class Allocation:
         if left <= 0 or not mine or sum(e**2 for e in mine.values()) <= _CLOSE * left:
             return self
         return replace(self, shares_K={**self.shares_K, **shares_of(left, mine)})
-
-    def remark(self) -> tuple[str, ...]:
-        """Remark that fixed errors exceed the tolerance, so the others were relaxed, or nothing."""
-        measured_K2, bounds_K2 = self._fixed_K2
-        left_K2 = self.tolerance_K**2 - measured_K2 - bounds_K2
-        rest_K2, fixed_K = IN_VAIN * measured_K2, (measured_K2 + bounds_K2) ** 0.5
-        if rest_K2 <= max(left_K2, (_LEAST_OF_SHARE * self.tolerance_K) ** 2):
-            return ()
-        known_K = {name: self.predicted_K.get(name, 0.0) for name in self.fixed or {}}
-        most = sorted(known_K, key=lambda name: -known_K[name])[:2]
-        named = ", ".join(f"{name} {known_K[name]:.2g} K" for name in most)
-        return (
-            f"fixed error sources contribute {fixed_K:.2g} K on coarse cells ({named}), beyond "
-            f"transport.accuracy_K: {self.tolerance_K:g}: the others were set to "
-            f"{rest_K2**0.5:.2g} K",
-        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for run.json."""

@@ -158,8 +158,7 @@ def solve(
     tracer = problem.tracer(resolution)[1] if audit else None
     frame = medium.trees[0].frame
     quadrature = prepared.properties.chosen.quadrature
-    settings = problem.settings(resolution, prepared)
-    settings = [replace(one, audit=audit) for one in settings]
+    settings = [replace(one, audit=audit) for one in problem.settings(resolution, prepared)]
     stages.remark(
         expected(
             scene,
@@ -169,6 +168,7 @@ def solve(
             settings,
             coarse=[] if tracer is None else tracer.costs,
             allocation=allocation,
+            limits=resolution.limits,
         )
     )
     every = trace_each(medium.trees, scene, device, settings, report=stages.tell)
@@ -250,7 +250,8 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
     errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
     reducible = _reducible(problem, result)
     free = [name for name in known if name in reducible]
-    fixed_K2 = sum(e**2 for name, e in errors_K.items() if name not in free)
+    fixed_K = {name: error_K for name, error_K in errors_K.items() if name not in free}
+    fixed_K2 = sum(error_K**2 for error_K in fixed_K.values())
     left_K2 = max(tolerance_K**2 - fixed_K2, IN_VAIN * fixed_K2)
     free_K2 = sum(errors_K[name] ** 2 for name in free)
     hopeless = fixed_K2 > tolerance_K**2 and fixed_K2 + left_K2 > _WORTH * (fixed_K2 + free_K2)
@@ -268,7 +269,7 @@ def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | 
             resolution = BY_NAME[by].finer(
                 resolution, share_K=shares_K[name], ratio=ratio, order=known[name].order
             )
-    return resolution, replace(result.allocation, shares_K=shares_K)
+    return resolution, replace(result.allocation, shares_K=shares_K, predicted_K=fixed_K)
 
 
 def _reducible(problem: Problem, result: Result) -> set[str]:

@@ -54,17 +54,15 @@ def predict(problem: Problem, tolerance_K: float) -> tuple[Resolution, Allocatio
         resolution = replace(resolution, depth=tracer.prepared.cube.depth)
     else:
         resolution, allocation = _for_spray(problem, resolution, allocation, tracer)
-    problem.stages.remark(allocation.remark())
     return resolution, allocation
 
 
 def _asked(resolution: Resolution, scene: Scene, allocation: Allocation) -> Resolution:
     """The resolution with the errors allocated to trace, wavelengths and pixels."""
-    wavelengths_K = spectral_K(scene, allocation["wavelengths"])
     return replace(
         resolution,
         ordinates_K=allocation["trace"],
-        spectral_K=wavelengths_K,
+        spectral_K=spectral_K(scene, allocation["wavelengths"]),
         pixels_K=allocation.shares_K.get("pixel sampling"),
     )
 
@@ -100,6 +98,9 @@ def _for_spray(
             ratio, order = errors_K[name] / share_K, known[name].order
             finer = BY_NAME[name].finer
             resolution = finer(resolution, share_K=share_K, ratio=ratio, order=order)
+    if cells.error_K is not None:
+        predicted_K = {**allocation.predicted_K, "cells": cells.error_K}
+        allocation = replace(allocation, predicted_K=predicted_K)
     return resolution, allocation
 
 

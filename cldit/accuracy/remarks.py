@@ -57,8 +57,11 @@ def of_trace(scene: Scene, error: TraceError | None) -> Errors:
     return Errors.of([Cause(ORDINATES.name, error.error_K, "", ORDINATES.key(scene))])
 
 
+_SOURCE_OF = {name: one for one in SOURCES for name in (one.name, *one.also)}
+
+
 def too_large(
-    errors: Errors, tolerance_K: float, limits: Mapping[str, str] | None = None
+    errors: Errors, tolerance_K: float, limits: Mapping[str, str], what: str = "stated error"
 ) -> tuple[str, ...]:
     """Remark that the error exceeds the tolerance, with its largest source and a remedy.
 
@@ -67,16 +70,25 @@ def too_large(
     largest = errors.largest()
     if largest is None or not errors.exceed(tolerance_K):
         return ()
-    remedies = {name: one.remedy for one in SOURCES for name in (one.name, *one.also)}
-    remedy = remedies.get(largest.name, {"": "a larger transport.accuracy_K"})
-    why = f"allowed: {remedy.get(largest.fixed, remedy[''])}"
-    why = (limits or {}).get(largest.name, why)
+    source = _SOURCE_OF.get(largest.name)
+    remedy = {"": "a larger transport.accuracy_K"} if source is None else source.remedy
+    why = limits.get(largest.name, f"allowed: {remedy.get(largest.fixed, remedy[''])}")
     held = f", set by {largest.fixed}" if largest.fixed else ""
     return (
-        f"stated error {errors.text} RMS, more than transport.accuracy_K: {tolerance_K:g} asks "
+        f"{what} {errors.text} RMS, more than transport.accuracy_K: {tolerance_K:g} asks "
         f"for: {largest.name} contribute{'' if largest.name.endswith('s') else 's'} "
         f"{largest.text}{held}; {why}",
     )
+
+
+def _promised(scene: Scene, allocation: Allocation, limits: Mapping[str, str]) -> tuple[str, ...]:
+    """Remark, before the image is traced, that its error will exceed the tolerance."""
+    likely_K, free_K, tolerance_K = allocation.likely_K, allocation.free_K, allocation.tolerance_K
+    keys = {name: _SOURCE_OF[name].key(scene) for name in likely_K}
+    errors = Errors.of(Cause(name, likely_K[name], "", key) for name, key in keys.items())
+    relaxed = f"; the others were set to {free_K:.2g} K" if free_K > tolerance_K else ""
+    found = too_large(errors, tolerance_K, limits, "expected error")
+    return tuple(text + relaxed for text in found)
 
 
 _LONG_s, _MUCH = 60.0, 0.5  # core seconds, and share of the free memory, that are announced
@@ -92,12 +104,14 @@ def expected(
     *,
     coarse: Sequence[CoarseCost],
     allocation: Allocation,
+    limits: Mapping[str, str],
 ) -> tuple[str, ...]:
-    """Remark on an image that takes a minute or half of the memory: how much, and which source
-    needs it; else nothing.
+    """Remarks on an image that takes a minute, half of the memory, or whose error will exceed that
+    asked for: its cost by source, and the error.
 
     `coarse` are the costs of the traces before it; without any, the time is unknown.
     """
+    promise = _promised(scene, allocation, limits)
     found, count = counted(frame, sources, device), len(settings)
     phase = any(one.phase is not None for one in settings)
     stored = found.memory_cells * cell_bytes(wavelengths=count, phase=phase)
@@ -105,7 +119,7 @@ def expected(
     columns, rows = scene.camera.pixels
     most = max(coarse, key=lambda one: one.cells, default=None)
     spent_s = 0.0 if most is None else most.scaled_s(found.swept, ordinates, columns * rows, count)
-    if spent_s <= _LONG_s and stored <= _MUCH * memory_bytes(device):
+    if not promise and spent_s <= _LONG_s and stored <= _MUCH * memory_bytes(device):
         return ()
     each = round(ordinates / count)
     needs = {
@@ -121,4 +135,5 @@ def expected(
     return (
         f"expected for the image: {took}{stored / 1e9:.2g} GB, by {product}; most of it by "
         f"{largest}, {why}",
+        *promise,
     )

@@ -16,10 +16,11 @@ import numpy as np
 from cldit.arrays import Floats, Ints, Mask
 from cldit.cfd.case import CfdCase, Column, Listing, choose_cloud, only_claimant
 from cldit.cfd.inputs import regular, text_of
-from cldit.cfd.mapping.columns import mapped_cloud, read_gas
-from cldit.cfd.mapping.file import ColumnMap, ParcelColumns, gas_names
+from cldit.cfd.mapping.columns import Fields, mapped_cloud
+from cldit.cfd.mapping.file import ColumnMap, ParcelColumns
 from cldit.cfd.mesh.cells import AnyFloats
 from cldit.cfd.mesh.elements import BoxMesh
+from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
@@ -116,16 +117,15 @@ def read_amrex(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     middle, edges = (np.concatenate(each) for each in zip(*map(_cells, grids), strict=True))
     half = edges / 2 * np.cbrt(share)[:, None]
     mesh = BoxMesh(middle - half, middle + half, str(path / "Header"))
-    wanted = gas_names(names.cells, known, spec.fuel_field, AMREX_NAMES)
-    gas = read_gas(str(path), known, wanted, mesh.cells, spec.fuel_field, read)
+    part = MeshPart(str(path), mesh, Fields(known, read))
+    gas = join_gas(path, [part], names.cells, spec.fuel_field, AMREX_NAMES)
     cloud = None
     if chosen is not None:
         folder = clouds[chosen]
         place, columns, omitted = _particles(folder)
         cloud = mapped_cloud(chosen, str(folder), place, columns, names, AMREX_PARCELS)
         files, remarks = [*files, folder / "Header", *sorted(data)], [*remarks, *omitted]
-    case = CfdCase(str(path), time_s, mesh, gas, tuple(known), cloud)
-    return replace(case, files=tuple(files), remarks=tuple(remarks))
+    return replace(gas, time_s=time_s, cloud=cloud, files=tuple(files), remarks=tuple(remarks))
 
 
 def list_amrex(spec: CfdSpray) -> Listing:

@@ -30,6 +30,16 @@ class Column:
     undefined: Mask | None = None
     unit: str | None = None
 
+    def outside(self, low: float, high: float) -> Mask | None:
+        """Mask (N,) of values that are no numbers within low..high; None if there are none."""
+        values = self.values
+        if values.ndim != 1:
+            raise SprayError(f"{self.label}: shape {values.shape}, expected one number an entry")
+        if values.size and values.min() >= low and values.max() <= high:  # false for NaN as well
+            return None
+        bad = ~((values >= low) & (values <= high))
+        return bad if bad.any() else None
+
 
 @dataclass(frozen=True)
 class Cloud:

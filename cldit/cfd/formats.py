@@ -1,15 +1,23 @@
 """Format of a CFD result, its contents, and its reader."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from cldit.cfd.amrex import list_amrex, plotfiles, read_amrex
+from cldit.cfd.amrex import AMREX_NAMES, AMREX_PARCELS, list_amrex, plotfiles, read_amrex
 from cldit.cfd.case import NO_CLOUD, CfdCase, Listing
 from cldit.cfd.ensight.case import list_ensight, read_ensight
-from cldit.cfd.hdf.cgns import list_cgns, read_cgns
-from cldit.cfd.hdf.converge import list_converge, read_converge
-from cldit.cfd.hdf.fluent import is_fluent, list_fluent, read_fluent
-from cldit.cfd.mapping.file import ColumnMap, Scalar, read_column_map
+from cldit.cfd.hdf.cgns import CGNS_NAMES, list_cgns, read_cgns
+from cldit.cfd.hdf.converge import CONVERGE_NAMES, list_converge, parcel_names, read_converge
+from cldit.cfd.hdf.fluent import FLUENT_NAMES, is_fluent, list_fluent, read_fluent
+from cldit.cfd.mapping.file import (
+    FOAM_NAMES,
+    PARCEL_NAMES,
+    ColumnMap,
+    ParcelColumns,
+    Scalar,
+    read_column_map,
+)
 from cldit.cfd.openfoam.case import list_openfoam, read_openfoam
 from cldit.cfd.openfoam.injectors import case_injectors
 from cldit.cfd.openfoam.regions import clouds_of, is_openfoam
@@ -23,16 +31,25 @@ from cldit.io.progress import Watch, silent
 from cldit.scene.spray import CfdSpray
 from cldit.spray.spray_file import read_spray
 
-_Read = Callable[[CfdSpray, ColumnMap, Watch], CfdCase]
-_FORMATS: dict[str, tuple[_Read, Callable[[CfdSpray], Listing]]] = {
-    "amrex": (read_amrex, list_amrex),
-    "cgns": (read_cgns, list_cgns),
-    "converge": (read_converge, list_converge),
-    "ensight": (read_ensight, list_ensight),
-    "fluent": (read_fluent, list_fluent),
-    "openfoam": (read_openfoam, list_openfoam),
-    "tables": (read_tables, list_tables),
-    "vtk": (read_vtk, list_vtk),
+
+class Format(NamedTuple):
+    """Functions that read and list a case, and the names of its gas and of columns of parcels."""
+
+    read: Callable[[CfdSpray, ColumnMap, Watch], CfdCase]
+    listing: Callable[[CfdSpray], Listing]
+    gas: Mapping[str, tuple[str, ...]] = FOAM_NAMES
+    parcels: Callable[[Collection[str]], ParcelColumns] = PARCEL_NAMES.among
+
+
+FORMATS = {
+    "amrex": Format(read_amrex, list_amrex, AMREX_NAMES, AMREX_PARCELS.among),
+    "cgns": Format(read_cgns, list_cgns, CGNS_NAMES),
+    "converge": Format(read_converge, list_converge, CONVERGE_NAMES, parcel_names),
+    "ensight": Format(read_ensight, list_ensight),
+    "fluent": Format(read_fluent, list_fluent, FLUENT_NAMES),
+    "openfoam": Format(read_openfoam, list_openfoam),
+    "tables": Format(read_tables, list_tables),
+    "vtk": Format(read_vtk, list_vtk),
 }
 _SUFFIX = {
     ".case": "ensight",
@@ -95,7 +112,7 @@ def read_case(spec: CfdSpray, watch: Watch = silent, *, fuel_column: str | None 
         )
         cells = names.cells.model_copy(update={"fuel": fuel})
         names = names.model_copy(update={"cells": cells})
-    read, _ = _FORMATS[kind]
+    read = FORMATS[kind].read
     if kind != "tables" and names.parcels is not None and names.parcels.file is not None:
         gas = spec.model_copy(update={"cloud": NO_CLOUD})
         found = _with_table(spec, names, read(gas, names, watch))
@@ -160,7 +177,7 @@ class Contents:
 def contents(spec: CfdSpray) -> Contents:
     """Lists a case without judging whether it has all that a spray needs."""
     kind = find_format(spec)
-    listed = _list_stored if kind == "cldit" else _FORMATS[kind][1]
+    listed = _list_stored if kind == "cldit" else FORMATS[kind].listing
     times_s, fields, clouds = listed(spec)
     named = {name: tuple(columns) for name, columns in sorted(clouds.items())}
     return Contents(kind, tuple(sorted(times_s)), tuple(sorted(fields)), named)

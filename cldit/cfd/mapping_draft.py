@@ -6,22 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cldit.cfd.amrex import AMREX_NAMES, AMREX_PARCELS
 from cldit.cfd.case import NO_CLOUD, choose_cloud
-from cldit.cfd.formats import contents, find_format
-from cldit.cfd.hdf.cgns import CGNS_NAMES
-from cldit.cfd.hdf.converge import CONVERGE_NAMES, parcel_names
-from cldit.cfd.hdf.fluent import FLUENT_NAMES
+from cldit.cfd.formats import FORMATS, contents, find_format
 from cldit.cfd.mapping.file import (
-    FOAM_NAMES,
     PAIRS,
-    PARCEL_NAMES,
     CellColumns,
     ColumnMap,
     ParcelColumns,
     Scalar,
     Vector,
-    columns_of_value,
     gas_names,
     merged,
     read_column_map,
@@ -36,12 +29,6 @@ from cldit.io.plain_data import yaml_value
 from cldit.scene.spray import CfdSpray
 
 TABLES = (".csv", ".txt", ".tsv", ".parquet", ".dpm")
-_DEFAULTS: dict[str, Mapping[str, tuple[str, ...]]] = {
-    "amrex": AMREX_NAMES,
-    "cgns": CGNS_NAMES,
-    "converge": CONVERGE_NAMES,
-    "fluent": FLUENT_NAMES,
-}
 # note for the user on each key
 _GAS_NOTES = {
     "temperature": "needed",
@@ -176,25 +163,15 @@ def _of_case(spec: CfdSpray) -> Draft:
         parcels = None if chosen is None else clouds[chosen]
         given = ColumnMap() if spec.mapping is None else read_column_map(spec.mapping)
         fields = {each.rpartition("/")[2] for each in known.fields}  # without the region
-        default = _DEFAULTS.get(kind, FOAM_NAMES)
-        found = ColumnMap(cells=gas_names(given.cells, fields, spec.fuel_field, default))
+        form = FORMATS[kind]
+        found = ColumnMap(cells=gas_names(given.cells, fields, spec.fuel_field, form.gas))
         if parcels is not None:
-            own = AMREX_PARCELS if kind == "amrex" else PARCEL_NAMES
-            names = parcel_names(parcels) if kind == "converge" else _present(own, parcels)
+            names = form.parcels(
+                [*parcels, *(f"{name}_{part}" for name in parcels for part in "XYZ")]
+            )
             found = found.model_copy(update={"parcels": merged(given.parcels, names)})
     title = f"Names of {spec.file} ({kind}) for `cldit import --mapping`"
     return Draft(title, found, known.fields, parcels, kind == "tables")
-
-
-def _present(names: ParcelColumns, known: Sequence[str]) -> ParcelColumns:
-    """Restricts the `names` of parcels to columns that are `known`."""
-    parts = {*known, *(f"{name}_{letter}" for name in known for letter in "XYZ")}
-    absent = {
-        key: None
-        for key, value in names
-        if isinstance(value, (Scalar, Vector)) and not columns_of_value(value) <= parts
-    }
-    return names.model_copy(update=absent)
 
 
 def _absolute(found: ColumnMap, folder: Path) -> ColumnMap:

@@ -1,7 +1,7 @@
 """Gas of a case in several parts, such as zones or files; fields at points as cell means."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, joined
-from cldit.cfd.mapping.columns import Source, gas_columns
-from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names
+from cldit.cfd.mapping.columns import Fields, Source, gas_columns
+from cldit.cfd.mapping.file import FOAM_NAMES, GAS_KEYS, CellColumns, gas_names, without_unit
 from cldit.cfd.mesh.cells import AnyFloats, CellMesh
 from cldit.cfd.mesh.elements import ElementMesh
 from cldit.cfd.mesh.faces import Mesh, join
@@ -21,13 +21,18 @@ from cldit.errors import SprayError
 class MeshPart:
     """Mesh of a zone or file, with fields in cells (N,) and at points (P,) by name.
 
-    make_mesh: called only for a part that has the fuel.
+    mesh: itself, or a function that makes it, which is called only for a part that has the fuel.
     """
 
     name: str
-    make_mesh: Callable[[], ElementMesh | Mesh]
+    mesh: CellMesh | Callable[[], ElementMesh | Mesh]
     cells: Mapping[str, Column]
-    points: Mapping[str, Column]
+    points: Mapping[str, Column] = field(default_factory=dict)
+
+    @property
+    def names(self) -> set[str]:
+        """Names of its fields."""
+        return {*self.cells, *self.points}
 
 
 def join_gas(
@@ -36,35 +41,39 @@ def join_gas(
     given: CellColumns,
     fuel_field: str,
     default: Mapping[str, tuple[str, ...]] = FOAM_NAMES,
-    *,
-    several: bool,
 ) -> CfdCase:
-    """Case of these parts, without time and cloud; of `several` those without fuel are omitted."""
+    """Case of these parts, without time and cloud; parts without fuel are omitted."""
     meshes: list[CellMesh] = []
     fields: list[dict[str, Column]] = []
-    remarks, skipped = [], []
-    for part in parts:
-        wanted = gas_names(given, {**part.cells, **part.points}, fuel_field, default)
-        if wanted.fuel is None and several:
-            skipped.append(part.name)
-            continue
-        mesh = part.make_mesh()
-        cells, moved = with_point_fields(part.cells, part.points, wanted, mesh.corner_mean)
-        if moved:
-            remarks.append(f"{part.name}: {', '.join(moved)} at points became means over cells.")
+    remarks: list[str] = []
+    wanted = [gas_names(given, part.names, fuel_field, default) for part in parts]
+    pairs = list(zip(parts, wanted, strict=True))
+    fuelled = [(part, names) for part, names in pairs if _has_fuel(part, names)] or pairs
+    for part, names in fuelled:
+        mesh, cells = part.mesh() if callable(part.mesh) else part.mesh, part.cells
+        if isinstance(mesh, ElementMesh | Mesh):
+            cells, moved = with_point_fields(cells, part.points, names, mesh.corner_mean)
+            if moved:
+                what = f"{', '.join(moved)} at points became means over cells"
+                remarks.append(f"{part.name}: {what}.")
         meshes.append(mesh)
-        fields.append(gas_columns(Source(part.name, cells, mesh.cells), wanted, fuel_field))
-    if not meshes:
-        raise SprayError(f"{path}: no mesh has the field {fuel_field!r} (spray.fuel_field)")
-    if skipped:
-        remarks.append(f"Meshes without {fuel_field} were omitted: {', '.join(skipped)}.")
+        fields.append(gas_columns(Source(part.name, cells, mesh.cells), names, fuel_field))
+    used = [part.name for part, _ in fuelled]
+    if skipped := ", ".join(part.name for part in parts if part.name not in used):
+        remarks.append(f"Meshes without {fuel_field} were omitted: {skipped}.")
     for each in fields:
         if odd := set(fields[0]) ^ set(each):
             raise SprayError(f"{path}: only some of its meshes have the field {min(odd)!r}")
-    known = sorted({name for part in parts for name in (*part.cells, *part.points)})
+    known = sorted(set[str]().union(*(part.names for part in parts)))
     gas = {name: joined([each[name] for each in fields]) for name in fields[0]}
     said = tuple(remarks)
     return CfdCase(str(path), None, join(meshes), gas, tuple(known), None, remarks=said)
+
+
+def _has_fuel(part: MeshPart, names: CellColumns) -> bool:
+    if names.fuel is None or names.fuel.column is None:
+        return names.fuel is not None
+    return any(names.fuel.column in (name, without_unit(name)) for name in part.names)
 
 
 def with_point_fields(
@@ -72,7 +81,7 @@ def with_point_fields(
     points: Mapping[str, Column],
     names: CellColumns,
     mean: Callable[[AnyFloats], Floats],
-) -> tuple[dict[str, Column], tuple[str, ...]]:
+) -> tuple[Mapping[str, Column], tuple[str, ...]]:
     """Adds to the cell fields (N,) those that exist only at points (P,), and lists their names.
 
     Each corner of a cell represents an equal share of its volume. Density and pressure are means
@@ -87,13 +96,13 @@ def with_point_fields(
     }
     moved = [key for key, name in wanted.items() if name not in cells and name in points]
     if not moved:
-        return dict(cells), ()
+        return cells, ()
     for name in {wanted[key] for key in wanted if wanted[key] in points}:
         undefined = points[name].undefined
         if undefined is not None and mean(undefined.astype(np.float64)).any():
             raise SprayError(f"{points[name].label}: some corners of cells have no value")
     weight = _weight(points, wanted) if {"temperature", "fuel"} & set(moved) else None
-    found = dict(cells)
+    means: dict[str, Column] = {}
     for key in moved:
         column = points[wanted[key]]
         values = column.values
@@ -108,10 +117,11 @@ def with_point_fields(
         else:
             values = mean(values)
         label = f"{column.label} (mean over the corners of a cell)"
-        found[wanted[key]] = Column(label, values, unit=column.unit)
+        means[wanted[key]] = Column(label, values, unit=column.unit)
     instead = " (weighted by p/T, as there is no density at points)"
     weighted = set() if wanted.get("density", "") in points else {"temperature", "fuel"}
-    return found, tuple(wanted[key] + (instead if key in weighted else "") for key in moved)
+    both = Fields((*cells, *means), lambda name: (means if name in means else cells)[name])
+    return both, tuple(wanted[key] + (instead if key in weighted else "") for key in moved)
 
 
 def _weight(points: Mapping[str, Column], wanted: Mapping[str, str]) -> Floats | None:

@@ -4,7 +4,6 @@ Judged by values and by relations between rows and files; names of columns only 
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -164,13 +163,10 @@ def _check_tracks(cloud: Cloud) -> str | None:
         few = many >= _MANY and 2 <= often <= _TIMES_IN
         if many < _FEW or not recurring or not (whole or few):
             continue
-        pairs = _pairs_in(only(cloud, np.isin(np.arange(len(keys)), rows)), group)
-        if equal and often <= many:
-            tracks = pairs.alike and not pairs.together
-        else:
-            tracks = (whole or pairs.mixed) and pairs.one_way and not pairs.together
-        if tracks:
-            a, b = rows[pairs.first[0]], rows[pairs.second[0]]
+        some, alike = only(cloud, np.isin(np.arange(len(keys)), rows)), equal and often <= many
+        pair = _track_rows(some, group, whole=whole, equal=alike)
+        if pair is not None:
+            a, b = rows[list(pair)]
             places = cloud.position_m.values
             raise SprayError(
                 f"{column.label}: {many} values in {len(rows)} rows, and rows of one value seem "
@@ -202,24 +198,15 @@ def _keys(cloud: Cloud) -> Iterator[tuple[Column, Floats, bool]]:
                 yield column, np.rint(values / step) * step, whole
 
 
-@dataclass(frozen=True)
-class _Pairs:
-    """Neighbouring rows of one group in the order of their age, or of their way.
+def _track_rows(cloud: Cloud, group: Labels, *, whole: bool, equal: bool) -> tuple[int, int] | None:
+    """Two rows of one parcel, if the rows of each `group` (N,) are one at several times.
 
-    together: they have the same age; alike: they have as many droplets, or the second has smaller
-    ones, or all parcels have the same; one_way: the second is farther along their velocity, and has
-    the droplets of the first; mixed: ages in a group differ as much as those of all parcels.
+    Neighbouring rows of a group, by their age or their way, have different ages. In `equal` groups
+    they have as many droplets, or the second has smaller ones, or all parcels have the same; in
+    others the second is farther along their velocity and has the droplets of the first, and ages in
+    a group of values that are not `whole` differ as much as those of all parcels.
     """
 
-    first: Labels
-    second: Labels
-    together: bool
-    alike: bool
-    one_way: bool
-    mixed: bool
-
-
-def _pairs_in(cloud: Cloud, group: Labels) -> _Pairs:
     def known(name: str) -> AnyFloats | None:
         column = cloud.fields.get(name)
         return None if column is None or not np.isfinite(column.values).all() else column.values
@@ -231,23 +218,25 @@ def _pairs_in(cloud: Cloud, group: Labels) -> _Pairs:
     rows = np.lexsort((order, group))
     same = np.flatnonzero(group[rows][1:] == group[rows][:-1])
     first, second = rows[same], rows[same + 1]
-    gap = order[second] - order[first]
-    together = age is not None and not _most(gap > 0.0)
-    begin = np.flatnonzero(np.diff(group[rows], prepend=-1))
-    span = np.maximum.reduceat(order[rows], begin) - np.minimum.reduceat(order[rows], begin)
-    mixed = float(np.median(span)) * len(begin) > _SPREAD * float(np.ptp(order))
-    told = any(len(np.unique(each)) > len(each) // 20 for each in (count, size))
-    equal = np.isclose(count[first], count[second], rtol=_DIGITS, atol=0.0)
+    if age is not None and not _most(age[second] > age[first]):
+        return None
+    varied = any(len(np.unique(values)) > len(values) // 20 for values in (count, size))
+    alike = np.isclose(count[first], count[second], rtol=_DIGITS, atol=0.0)
     falls = size[second] <= 1.1 * size[first]
-    ordered = age is not None or velocity is not None
-    alike = not told or _most(equal) or (ordered and _most(falls))
-    if velocity is None or not told:
-        return _Pairs(first, second, together, alike, False, mixed)
-    step, way = place[second] - place[first], velocity[first] + velocity[second]
-    length = np.linalg.norm(step, axis=1) * np.linalg.norm(way, axis=1)
-    straight = np.einsum("ij,ij->i", step, way) > 0.9 * length
-    one_way = float(np.mean(straight)) > 0.5 and _most(equal & falls)
-    return _Pairs(first, second, together, alike, one_way, mixed)
+    if equal:
+        ordered = age is not None or velocity is not None
+        tracks = not varied or _most(alike) or (ordered and _most(falls))
+    else:
+        begin = np.flatnonzero(np.diff(group[rows], prepend=-1))
+        span = np.maximum.reduceat(order[rows], begin) - np.minimum.reduceat(order[rows], begin)
+        mixed = float(np.median(span)) * len(begin) > _SPREAD * float(np.ptp(order))
+        tracks = velocity is not None and varied and (whole or mixed) and _most(alike & falls)
+        if tracks and velocity is not None:
+            step, way = place[second] - place[first], velocity[first] + velocity[second]
+            length = np.linalg.norm(step, axis=1) * np.linalg.norm(way, axis=1)
+            straight = np.einsum("ij,ij->i", step, way) > 0.9 * length
+            tracks = float(np.mean(straight)) > 0.5
+    return (int(first[0]), int(second[0])) if tracks else None
 
 
 def _most(pairs: Mask) -> bool:
@@ -277,7 +266,9 @@ def check_cells_once(case: CfdCase, cells: Labels, centre_m: Floats, volume_m3: 
         return
     step = _NEAR * max(float(np.cbrt(volume_m3.min())), 1e-12)
     # an irrational shift: centroids of regular grids do not lie between two places
-    first, same = _equal_rows(np.floor(centre_m / step + np.sqrt(0.5)))
+    places = centre_m / step
+    places += np.sqrt(0.5)
+    first, same = _equal_rows(np.floor(places, out=places))
     if len(same):
         one, other = int(first[0]), int(same[0])
         what, way = f"{len(same)} cells with fuel lie where", "export without ghost cells, or mark"

@@ -27,11 +27,6 @@ class CheckedParcels:
     kept: Mask
     remarks: tuple[str, ...]
 
-    @property
-    def left_out(self) -> int:
-        """Number of parcels omitted."""
-        return int(np.sum(~self.kept))
-
 
 def check_parcels(
     cloud: Cloud, lower_m: Floats, upper_m: Floats, *, share: float, coldest_K: float
@@ -47,11 +42,7 @@ def check_parcels(
         if name == "T":
             least = coldest_K
         column = cloud.fields[name]
-        if column.values.ndim != 1:
-            shape = column.values.shape
-            raise SprayError(f"{column.label}: shape {shape}, expected one number an entry")
-        outside = ~((column.values >= least) & (column.values <= most))  # true for NaN as well
-        if outside.any():
+        if (outside := column.outside(least, most)) is not None:
             bad = int(np.argmax(outside))
             value = f"{column.values[bad]:g} (entry {bad}) is outside {least:g}..{most:g}"
             wrong.append((outside, f"{column.label}: {value}; {hint}"))

@@ -12,7 +12,7 @@ from cldit.cfd import one_state
 from cldit.cfd.assumed import assumptions, with_molar_mass
 from cldit.cfd.case import NO_CLOUD, CfdCase, triple
 from cldit.cfd.formats import find_format, read_case
-from cldit.cfd.mesh.cells import AnyFloats, Boxes, Labels
+from cldit.cfd.mesh.cells import AnyFloats, Labels, slices
 from cldit.cfd.names import fuel_of, other_fuels
 from cldit.cfd.orientation import Frame, check_downstream, find_frame
 from cldit.cfd.parcels import check_parcels, farthest_m, only, spread_parcels
@@ -135,8 +135,8 @@ def _imported(spec: CfdSpray, watch: Watch) -> Spray:
     farthest = None if case.cloud is None else farthest_m(case.cloud, 0.95)
     if farthest is not None:
         notes["liquid_path_m"] = farthest
-    if checked is not None and checked.left_out:
-        notes["parcels_left_out"] = float(checked.left_out)
+    if checked is not None and not checked.kept.all():
+        notes["parcels_left_out"] = float(np.sum(~checked.kept))
     if len(every) > 1:
         notes["copies"] = float(len(every))
     if np.isfinite(jet_m):
@@ -194,18 +194,13 @@ def _check_size(case: CfdCase) -> None:
 def _within(case: CfdCase, name: str, *, low: float, high: float, hint: str) -> AnyFloats:
     """Returns the values of a cell field as stored, once all are numbers within low..high."""
     column = case.gas[name]
-    values = column.values
-    if values.ndim != 1:
-        raise SprayError(f"{column.label}: shape {values.shape}, expected one number an entry")
-    if not (values.size and values.min() >= low and values.max() <= high):  # true for NaN as well
-        inside = (values >= low) & (values <= high)
-        if not inside.all():
-            bad = int(np.argmin(inside))
-            place = triple(case.mesh.measure(np.array([bad])).centroid_m[0])
-            count = f"{int(np.sum(~inside))} of {values.size} values; this cell is at {place} m"
-            value = f"{values[bad]:g} (entry {bad}) is outside {low:g}..{high:g} ({count})"
-            raise SprayError(f"{column.label}: {value}; {hint}")
-    return values
+    if (outside := column.outside(low, high)) is not None:
+        bad = int(np.argmax(outside))
+        place = triple(case.mesh.measure(np.array([bad])).centroid_m[0])
+        count = f"{int(outside.sum())} of {outside.size} values; this cell is at {place} m"
+        value = f"{column.values[bad]:g} (entry {bad}) is outside {low:g}..{high:g} ({count})"
+        raise SprayError(f"{column.label}: {value}; {hint}")
+    return column.values
 
 
 def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
@@ -214,10 +209,6 @@ def _gas(spec: CfdSpray, case: CfdCase) -> _Gas:
             known = ", ".join(case.available) or "none"
             kind = NotAtThisTime if name == spec.fuel_field else SprayError
             raise kind(f"{case.source}: no cell field {name!r}{key}; it has: {known}")
-    for column in case.gas.values():
-        if len(column.values) != case.mesh.cells:
-            count = len(column.values)
-            raise SprayError(f"{column.label}: {count} values for {case.mesh.cells} cells")
     temperature = _within(case, "T", low=1.0, high=5000.0, hint="T is a temperature in K")
     hint = "it must be the mass fraction of the fuel's vapour (spray.fuel_field)"
     stored = _within(case, spec.fuel_field, low=-_OVERSHOOT, high=1.0 + _OVERSHOOT, hint=hint)
@@ -261,47 +252,52 @@ def _vapour(
 ) -> tuple[Vapour, float, tuple[str, ...]]:
     """Vapour in cldit's frame, its penetration along the axis [m] (NaN if none), and remarks.
 
-    Cells with a negligible share are omitted, some thousands at a time; the cells of all copies
-    refer to the same gas.
+    A box has the volume and centroid of its cell and the proportions of the cell's bounding box in
+    the case. Cells with a negligible share are omitted, some thousands at a time; the cells of all
+    copies refer to the same gas.
     """
-    found: list[tuple[Labels, Boxes, Floats]] = []
-    total, depth, filled = 0.0, -np.inf, 0.0
-    share = _NEGLIGIBLE / (case.mesh.cells * len(every))
-    for copy in every:
-        origin, rotation = copy.into(frame)
-        for chosen, box in case.mesh.boxes(origin_m=origin, rotation=rotation, watch=watch):
-            molecules = gas.number_density_m3[chosen] * box.volume_m3
-            filled += float(box.volume_m3.sum()) / len(every)
-            total += float(molecules.sum())
-            # a lower bound of the final threshold: the total is not known yet
-            kept = np.flatnonzero(molecules > share * total)
-            found.append((kept + chosen.start, box.take(kept), molecules[kept]))
-            jet = gas.mass_fraction[chosen] > _EDGE_OF_JET
-            middle = (box.lower_m[:, 2] + box.upper_m[:, 2]) / 2
-            depth = max(depth, float(-middle[jet].min(initial=np.inf)))
-    some = [molecules > share * total for _, _, molecules in found]
-    count = sum(int(np.count_nonzero(each)) for each in some)
-    lower, upper = np.empty((count, 3)), np.empty((count, 3))
-    cell = np.empty(count, np.int64)
-    while found:
-        number, box, _ = found.pop()
-        kept = np.flatnonzero(some.pop())
-        place = slice(count - len(kept), count)
-        lower[place], upper[place], cell[place] = box.lower_m[kept], box.upper_m[kept], number[kept]
-        count -= len(kept)
-    own = slice(0, len(cell) // len(every))  # the case itself is the first of all copies
-    origin, rotation = every[0].into(frame)
-    centre = (lower[own] + upper[own]) / 2 @ rotation + origin
-    volume = np.prod(upper[own] - lower[own], axis=1)
+    frames = [copy.into(frame) for copy in every]
+    total, depth, filled, count = 0.0, -np.inf, 0.0, 0
+    share = _NEGLIGIBLE / case.mesh.cells
+    # room for all cells takes no memory where it is not written
+    cell, volume = np.empty(case.mesh.cells, np.int64), np.empty(case.mesh.cells)
+    lower, upper = np.empty((2, case.mesh.cells, 3))  # centroids and edges at first
+    for chosen in slices(case.mesh.cells):
+        watch("measuring cells", chosen.start, case.mesh.cells)
+        own = case.mesh.measure(np.arange(chosen.start, chosen.stop))
+        molecules = gas.number_density_m3[chosen] * own.volume_m3
+        filled += float(own.volume_m3.sum())
+        total += float(molecules.sum())
+        # a lower bound of the final threshold: the total is not known yet
+        kept = np.flatnonzero(molecules > share * total)
+        place = slice(count, count + len(kept))
+        cell[place], volume[place] = chosen.start + kept, own.volume_m3[kept]
+        lower[place], upper[place] = own.centroid_m[kept], (own.upper_m - own.lower_m)[kept]
+        count += len(kept)
+        jet = own.centroid_m[gas.mass_fraction[chosen] > _EDGE_OF_JET]
+        for origin, rotation in frames:
+            depth = max(depth, float(((origin - jet) @ rotation[2]).max(initial=-np.inf)))
+    enough = gas.number_density_m3[cell[:count]] * volume[:count] > share * total
+    some: slice | Labels = slice(count) if enough.all() else np.flatnonzero(enough)
+    cell, volume, lower, upper = cell[some], volume[some], lower[some], upper[some]
 
     def once() -> None:
-        one_state.check_cells_once(case, cell[own], centre, volume)
+        one_state.check_cells_once(case, cell, lower, volume)
         one_state.check_volume(case.mesh, filled)
 
     accepted = one_state.judged(case.accept, {"cells": once})
-    temperature = gas.temperature_K[cell].astype(np.float64)
-    molar_mass, boxes = spec.fuel_molar_mass_kg_mol, Cells(lower, upper)
-    vapour = Vapour(boxes, gas.number_density_m3[cell], temperature, molar_mass)
+    if len(every) > 1:
+        lower, upper = (np.tile(values, (len(every), 1)) for values in (lower, upper))
+    for copy, (origin, rotation) in enumerate(frames):
+        for part in slices(len(cell)):
+            place = slice(copy * len(cell) + part.start, copy * len(cell) + part.stop)
+            centre, half = (lower[place] - origin) @ rotation.T, upper[place] @ np.abs(rotation).T
+            half *= (np.cbrt(volume[part] / half.prod(axis=1)) / 2)[:, None]
+            lower[place], upper[place] = centre - half, centre + half
+    number = np.tile(cell, len(every))
+    temperature = gas.temperature_K[number].astype(np.float64)
+    boxes, molar_mass = Cells(lower, upper), spec.fuel_molar_mass_kg_mol
+    vapour = Vapour(boxes, gas.number_density_m3[number], temperature, molar_mass)
     return vapour, depth if np.isfinite(depth) else np.nan, accepted
 
 

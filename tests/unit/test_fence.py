@@ -26,7 +26,7 @@ BUDGETS: dict[str, int] = {
     "api": 1750,
     "bench": 750,
     "camera": 750,
-    "cfd": 9750,
+    "cfd": 9500,
     "cldit": 250,
     "cli": 2750,
     "comparison": 2500,

@@ -128,8 +128,10 @@ def test_what_no_plan_makes_smaller_bounds_the_cells() -> None:
     assert 0.12 < cells / pixels < 0.5
     assert run.errors is not None and run.errors.total_K is not None
     assert run.errors.total_K < (1 + 0.5**2) ** 0.5 * pixels
-    (remark,) = (text for text in run.info.remarks if "fixed error sources" in text)
-    assert "pixel sampling" in remark and "beyond transport.accuracy_K: 0.5:" in remark
+    (remark,) = (text for text in run.info.remarks if text.startswith("expected error"))
+    assert (
+        "pixel sampling contributes" in remark and "more than transport.accuracy_K: 0.5" in remark
+    )
 
 
 def test_no_audit_no_errors(run_block: Callable[..., Run]) -> None:

@@ -94,9 +94,7 @@ class _GasGrid(ErrorSource):
     def estimate(self, at: Measurement) -> list[Estimate]:
         cone = at.prepared.cone
         if cone is None:
-            imported = not isinstance(at.scene.spray, LagrangianSpray)
-            known = self._imported(at) if imported and self.applies(at.prepared) else []
-            return [*known, *self.predict(at)]
+            return self.predict(at)
         if self.name in at.predicted:
             return [at.predicted[self.name].at(cone.lattice_m)]
         if at.prepared.on_lattice or at.prepared.is_empty:
@@ -144,7 +142,7 @@ class _GasGrid(ErrorSource):
         fixed, spec = self.key(at.scene), at.prepared.spec
         if not isinstance(spec, LagrangianSpray):
             why = "the gas comes on one grid alone; compare with a run from a finer one"
-            return [Estimate.unknown(ORDER, why, fixed)]
+            return [*self._imported(at), Estimate.unknown(ORDER, why, fixed)]
         found = self._traced(at, spec, 2)
         if isinstance(found, str):
             return [Estimate.unknown(self.name, found, fixed)]
@@ -194,7 +192,8 @@ class _GasGrid(ErrorSource):
             "gas averaged over cells twice and four times as large, linear in all; extrapolated by "
         )
         how += f"order {found.order:.2g}"
-        return [Estimate.of(self.name, found.difference, how, "", order=found.order)]
+        key = self.key(at.scene)
+        return [Estimate.of(self.name, found.difference, how, key, order=found.order)]
 
     def _traced(
         self, at: Measurement, spec: LagrangianSpray, up: int

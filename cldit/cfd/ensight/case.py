@@ -1,8 +1,6 @@
 """EnSight Gold cases with measured particles: mesh, fields per element, parcels.
 
-vtk 9.7's reader is not used: of 48 truncated files it gave 12 as another result without a message,
-and ended the process at 4. A check in front of it would need the counts of all parts, that is, most
-of this reader.
+Why vtk's reader is not used: docs/benchmarks/decided.md.
 """
 
 import re
@@ -15,7 +13,7 @@ import numpy as np
 from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
 from cldit.cfd.ensight.file import CaseFile, Item, Reader, read_case_file
 from cldit.cfd.ensight.geometry import read_geometry
-from cldit.cfd.ensight.variable import corner_mean, per_element, per_node
+from cldit.cfd.ensight.variable import corner_mean, read_variable
 from cldit.cfd.mapping.columns import Source, gas_columns, mapped_cloud
 from cldit.cfd.mapping.file import ColumnMap, columns_of, gas_names
 from cldit.cfd.mesh_parts import with_point_fields
@@ -57,12 +55,14 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         reader = Reader(_file(case, items[name], at), binary=geometry.binary, order=geometry.order)
         label = f"{reader.path}: field {name}"
         files.append(reader.path)
-        if items[name].kind == "scalar per element":
-            columns[name] = per_element(reader, solid.parts, mesh.cells, label)
-        else:
+        at_nodes = items[name].kind == "scalar per node"
+        count = solid.points if at_nodes else mesh.cells
+        field = read_variable(reader, solid.parts, count, label, at_nodes=at_nodes)
+        (points if at_nodes else columns)[name] = field
+        if at_nodes:
             del columns[name]
-            points[name] = per_node(reader, solid.parts, solid.points, label)
-    columns, moved = with_point_fields(columns, points, cells, partial(corner_mean, solid.blocks))
+    mean = partial(corner_mean, solid.blocks)
+    fields_in_cells, moved = with_point_fields(columns, points, cells, mean)
     cloud, read = _cloud(spec.cloud, case, at, names, geometry)
     remarks = [f"Ghost or blanked cells omitted: {solid.hidden}."] if solid.hidden else []
     if moved:
@@ -71,8 +71,8 @@ def read_ensight(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         source=str(case.path),
         time_s=at,
         mesh=mesh,
-        gas=gas_columns(Source(str(case.path), columns, mesh.cells), cells, fuel_field),
-        available=tuple(sorted(columns)),
+        gas=gas_columns(Source(str(case.path), fields_in_cells, mesh.cells), cells, fuel_field),
+        available=tuple(sorted(fields_in_cells)),
         cloud=cloud,
         files=(*files, *read),
         remarks=tuple(remarks),

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats
 from cldit.cfd.inputs import regular, text_of
 from cldit.cfd.mesh.cells import Labels, narrowed
-from cldit.errors import FileError, SprayError
-from cldit.io.files import read_text
+from cldit.errors import SprayError
 
 
 @dataclass(frozen=True)
@@ -102,10 +101,7 @@ def _numbers_file(path: Path, name: str) -> str:
     words = shlex.split(name)
     if len(words) != 1:
         raise SprayError(f"{path}: TIME: {name.strip()!r}; allowed: one file")
-    try:
-        return read_text(path.parent / words[0])
-    except FileError as error:
-        raise SprayError(f"{path}: TIME: {error}") from error
+    return text_of(path.parent / words[0])
 
 
 def _item(path: Path, kind: str, text: str) -> Item:

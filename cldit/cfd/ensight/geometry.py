@@ -52,7 +52,7 @@ def read_geometry(file: Reader) -> Geometry:
         if kind.split()[:1] == ["block"]:
             places, corners, kept = _structured(file, kind.split()[1:], number)
             elements = Elements("block", len(kept), cells, None if kept.all() else kept)
-            parts[number] = Part(offset, len(places), [elements])
+            parts[number] = Part(Elements("block", len(places), offset), [elements])
             if many := elements.cells:
                 hexahedra = (corners[kept].reshape(-1),)
                 blocks.append(Block(_solid(file, places, "hexa8", many, hexahedra), offset))
@@ -65,7 +65,7 @@ def read_geometry(file: Reader) -> Geometry:
         if named_nodes:
             file.integers(count)
         points = np.ascontiguousarray(file.floats(3 * count).reshape(3, count).T)
-        parts[number] = Part(offset, count)
+        parts[number] = Part(Elements(kind, count, offset))
         line = file.text(end=True)
         while line not in ("", "part"):
             ghost, kind = line.startswith("g_"), line.removeprefix("g_")

@@ -17,7 +17,7 @@ from cldit.cfd.mesh.faces import Mesh
 
 @dataclass(frozen=True)
 class Elements:
-    """Elements of one type in a row, `many` of them.
+    """Elements of one type in a row, `many` of them; or the nodes of a part.
 
     first: cell of the mesh that the first element is; None if they are no cells (flat, ghost).
     kept: mask of those that are not blanked, of the shape (many,); None for all.
@@ -42,10 +42,9 @@ class Elements:
 
 @dataclass
 class Part:
-    """Part of the geometry: the range of its points among those of all parts; its elements."""
+    """Part of the geometry: its nodes among those of all parts, and its elements."""
 
-    first_node: int
-    nodes: int
+    nodes: Elements
     elements: list[Elements] = field(default_factory=list)
 
 
@@ -60,50 +59,33 @@ class Block:
     first_node: int
 
 
-def per_element(file: Reader, parts: Parts, cells: int, label: str) -> Column:
-    """Field (cells,) in the order of the mesh; values missing in the file are undefined."""
-    values = np.zeros(cells, np.float32)
-    missed, undefined = np.ones(cells, dtype=bool), np.zeros(cells, dtype=bool)
+def read_variable(file: Reader, parts: Parts, count: int, label: str, *, at_nodes: bool) -> Column:
+    """Field (count,) at all nodes or in all cells; nodes without a value are undefined."""
+    values: AnyFloats = np.zeros(count, np.float64 if at_nodes else np.float32)
+    missed, undefined = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
     file.text()
     line = file.text(end=True)
     while line == "part":
         part = _part(file, parts)
         line = file.text(end=True)
-        for elements in part.elements:
+        for elements in [part.nodes] if at_nodes else part.elements:
             name, _, mode = line.partition(" ")
             if name != elements.kind:
                 continue  # a type may be missing; if it has cells, an error follows below
-            found, defined = _values(file, elements.many, mode.strip())
+            numbers, defined = _values(file, elements.many, mode.strip())
             if elements.first is not None:
                 place = slice(elements.first, elements.first + elements.cells)
-                values[place] = elements.of_cells(found)
+                values[place] = elements.of_cells(numbers)
                 missed[place] = False
                 undefined[place] = ~elements.of_cells(defined)
             line = file.text(end=True)
     if line:
-        raise file.fail(f"{line!r} where a part or its elements are expected")
-    if missed.any():
-        raise file.fail(f"no value for {int(missed.sum())} of {cells} cells; truncated?")
+        what = "nodes" if at_nodes else "elements"
+        raise file.fail(f"{line!r} where a part or its {what} are expected")
+    if missed.any() and not at_nodes:
+        raise file.fail(f"no value for {int(missed.sum())} of {count} cells; truncated?")
+    undefined |= missed
     return Column(label, values, undefined if undefined.any() else None)
-
-
-def per_node(file: Reader, parts: Parts, points: int, label: str) -> Column:
-    """Field (points,) at the points of the mesh; values missing in the file are undefined."""
-    values, undefined = np.zeros(points), np.ones(points, dtype=bool)
-    file.text()
-    line = file.text(end=True)
-    while line == "part":
-        part = _part(file, parts)
-        name, _, mode = file.text().partition(" ")
-        if name not in ("coordinates", "block"):
-            raise file.fail(f"{name!r}, expected `coordinates` or `block`")
-        found, defined = _values(file, part.nodes, mode.strip())
-        here = slice(part.first_node, part.first_node + part.nodes)
-        values[here], undefined[here] = found, ~defined
-        line = file.text(end=True)
-    if line:
-        raise file.fail(f"{line!r} where a part is expected")
-    return Column(label, values, undefined)
 
 
 def _part(file: Reader, parts: Parts) -> Part:

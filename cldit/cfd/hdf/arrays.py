@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cldit.arrays import Floats
 from cldit.cfd.inputs import module, regular
 from cldit.cfd.mesh.cells import AnyFloats, Labels, narrowed
 from cldit.errors import FileError, SprayError
@@ -67,21 +66,21 @@ def hdf_files(path: Path) -> tuple[Path, ...]:
         return (path, *sorted(_others(path, file)))
 
 
+def nodes_in(root: Any) -> list[Any]:
+    """All groups and arrays below `root`; links to one already found are not followed."""
+    nodes: list[Any] = []
+    root.visititems(lambda _, node: nodes.append(node))
+    return nodes
+
+
 def arrays_in(root: Any) -> list[Any]:
-    """All arrays; links to an array already found are not followed."""
-    found: list[Any] = []
-    root.visititems(lambda _, each: found.append(each) if hasattr(each, "dtype") else None)
-    return found
+    """All arrays."""
+    return [node for node in nodes_in(root) if hasattr(node, "dtype")]
 
 
 def bytes_of(arrays: Iterable[Any]) -> int:
     """Size of arrays once they are unpacked."""
     return sum(int(each.size) * each.dtype.itemsize for each in arrays)
-
-
-def array(path: Path, group: Any, name: str, count: int | None = None) -> Floats:
-    """Numbers (N,) of the array `name`, as doubles; `count`: its length, if known."""
-    return stored(path, group, name, count).astype(np.float64)
 
 
 def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArray[Any]:
@@ -96,7 +95,7 @@ def stored(path: Path, group: Any, name: str, count: int | None = None) -> NDArr
     return values
 
 
-def field(path: Path, group: Any, name: str, count: int) -> AnyFloats:
+def field(path: Path, group: Any, name: str, count: int | None = None) -> AnyFloats:
     """Numbers (N,) of the array `name`, in the file's precision."""
     values = stored(path, group, name, count)
     return values.astype(values.dtype if values.dtype.kind == "f" else np.float64)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
-from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, open_hdf
+from cldit.cfd.hdf.arrays import arrays_in, bytes_of, hdf_files, nodes_in, open_hdf
 from cldit.cfd.inputs import regular
 from cldit.cfd.mapping.file import SI_UNITS, ColumnMap
 from cldit.cfd.mesh.cells import Labels
 from cldit.cfd.mesh.elements import ElementMesh, block_corners
-from cldit.cfd.mesh.faces import Mesh, turned_faces
+from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
 from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import CaseTime, choose_time
@@ -60,9 +60,8 @@ def read_cgns(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     for other in files[1:]:
         with open_cgns(other) as root:
             check_units(other, root)
-    several = len(zones) > 1
-    found = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES, several=several)
-    return replace(found, time_s=at, files=files)
+    gas = join_gas(path, zones, names.cells, spec.fuel_field, CGNS_NAMES)
+    return replace(gas, time_s=at, files=files)
 
 
 def list_cgns(spec: CfdSpray) -> Listing:
@@ -149,7 +148,7 @@ def _zone(path: Path, zone: Any) -> MeshPart:
                 raise SprayError(f"{path}: {name}: {key} twice, of several times; {_WAY}")
             unit = _unit(path, dict(children(solution, "DataArray_t"))[key])
             fields[place][key] = Column(f"{path}: {name}: field {key}", values, unit=unit)
-    return MeshPart(f"{path}: {name}", lambda: mesh, *fields)
+    return MeshPart(f"{path}: {name}", mesh, *fields)
 
 
 def _unit(path: Path, array: Any) -> str | None:
@@ -268,7 +267,6 @@ def _polyhedra(points: Floats, sections: list[_Section], source: str) -> Mesh:
     numbers = np.concatenate([each.first + np.arange(each.count) for each in ngons])
     sizes = np.concatenate([np.diff(begin) for _, begin in faces])
     corners = np.concatenate([nodes for nodes, _ in faces]) - 1
-    start = np.concatenate([[0], np.cumsum(sizes)])
     solids = [each.lists() for each in cells]
     signed = np.concatenate([own for own, _ in solids])
     cell = np.repeat(
@@ -280,14 +278,11 @@ def _polyhedra(points: Floats, sections: list[_Section], source: str) -> Mesh:
     sides = np.bincount(face, minlength=len(numbers)), np.bincount(face[outwards])
     if np.any(numbers[face] != np.abs(signed)) or sides[0].max() > 2 or sides[1].max() > 1:
         raise cells[0].fail("a face that does not exist, or belongs to cells in the same sense")
-    owner, neighbour = np.full((2, len(numbers)), -1)
-    owner[face[outwards]], neighbour[face[~outwards]] = cell[outwards], cell[~outwards]
-    turned = owner < 0
-    owner, neighbour = np.where(turned, neighbour, owner), np.where(turned, -1, neighbour)
-    used = owner >= 0
-    kept = turned_faces(corners, start, turned)[np.repeat(used, sizes)]
-    start = np.concatenate([[0], np.cumsum(sizes[used])])
-    return Mesh(points, kept, start, owner[used], neighbour[used], int(cell.max()) + 1, source)
+    of_face = np.full((2, len(numbers)), -1)
+    of_face[np.where(outwards, 0, 1), face] = cell
+    used = of_face.max(axis=0) >= 0
+    corners, start = corners[np.repeat(used, sizes)], np.append(0, np.cumsum(sizes[used]))
+    return mesh_of_sides(points, corners, start, of_face[:, used], int(cell.max()) + 1, source)
 
 
 def open_cgns(path: Path) -> AbstractContextManager[Any]:
@@ -332,9 +327,7 @@ def text_of_node(path: Path, node: Any) -> str:
 
 def check_units(path: Path, root: Any) -> None:
     """Refuses a file in other units than SI, or of data without a dimension."""
-    found: list[Any] = []
-    root.visititems(lambda _, each: found.append(each) if _label(each) else None)
-    for node in found:
+    for node in nodes_in(root):
         if _label(node) == "DimensionalUnits_t":
             text = data_of(path, node).astype(np.uint8).tobytes().decode("latin-1")
             names = {text[place : place + 32].strip("\0 ") for place in range(0, len(text), 32)}

@@ -5,24 +5,26 @@ sibling files for other times and does not notice arrays of the wrong length.
 """
 
 import re
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, joined, only_claimant
-from cldit.cfd.hdf.arrays import array, field, hdf_files, labels, open_hdf, unit_of
-from cldit.cfd.mapping.columns import mapped_cloud, read_gas
+from cldit.cfd.case import CfdCase, Cloud, Column, Listing, choose_cloud, only_claimant
+from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, unit_of
+from cldit.cfd.mapping.columns import Fields, mapped_cloud
 from cldit.cfd.mapping.file import (
     CellColumns,
     ColumnMap,
     ParcelColumns,
     Vector,
     first_of,
-    gas_names,
 )
-from cldit.cfd.mesh.faces import Mesh, join, turned_faces
+from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
+from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.times import choose_time
 from cldit.errors import EmptyCloud, SprayError
@@ -48,7 +50,7 @@ _VELOCITY = ("VELOCITY", "UU", "PARCEL_VELOCITY")
 
 def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads one time of a post file, or of a folder of them."""
-    path, fuel_field = spec.file, spec.fuel_field
+    path = spec.file
     files = _by_time(path)
     known = [time for time in files if time is not None]
     if len(known) == len(files):
@@ -67,34 +69,28 @@ def read_converge(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
                 raise SprayError(f"{chosen}: is openPMD, which is not read; {way}")
             others = "Fluent's are named .cas.h5 and .dat.h5, VTK's HDF .vtkhdf"
             raise SprayError(f"{chosen}: no STREAM_00, so no post file of CONVERGE ({others})")
-        streams, remarks = _with_fuel(chosen, streams, names.cells, fuel_field)
         check_room(chosen, _size(streams))
-        watch("reading the mesh", 0, 1)
-        meshes = [post_mesh(chosen, stream) for stream in streams]
-        available = sorted(set.intersection(*(set(s.get("CELL_CENTER_DATA", ())) for s in streams)))
-        cells = gas_names(names.cells, available, fuel_field, CONVERGE_NAMES)
 
-        def read(name: str) -> Column:
+        def read(stream: Any, name: str) -> Column:
             watch(f"reading {name}", 0, 1)
-            label, place = f"{chosen}: cell field {name}", f"CELL_CENTER_DATA/{name}"
-            pairs = zip(streams, meshes, strict=True)
-            values = [field(chosen, stream, place, mesh.cells) for stream, mesh in pairs]
-            unit = unit_of(streams[0][place])
-            return joined([Column(label, each, unit=unit) for each in values])
+            place = f"CELL_CENTER_DATA/{name}"
+            unit = unit_of(stream[place])
+            return Column(f"{chosen}: cell field {name}", field(chosen, stream, place), unit=unit)
 
-        mesh = join(meshes)
-        gas = read_gas(str(chosen), available, cells, mesh.cells, fuel_field, read)
-        remarks = (*remarks, *_chosen_among(chosen, available, names.cells))
-        return CfdCase(
-            source=str(chosen),
-            time_s=at,
-            mesh=mesh,
-            gas=gas,
-            available=tuple(available),
-            cloud=_cloud(chosen, streams, spec.cloud, names),
-            files=hdf_files(chosen),
-            remarks=remarks,
-        )
+        parts = [
+            MeshPart(
+                f"{chosen}: {stream.name.strip('/')}",
+                partial(post_mesh, chosen, stream),
+                Fields(sorted(stream.get("CELL_CENTER_DATA", ())), partial(read, stream)),
+            )
+            for stream in streams
+        ]
+        watch("reading the mesh", 0, 1)
+        gas = join_gas(chosen, parts, names.cells, spec.fuel_field, CONVERGE_NAMES)
+        several = tuple(_chosen_among(chosen, gas.available, names.cells))
+        cloud = _cloud(chosen, streams, spec.cloud, names)
+        remarks = (*gas.remarks, *several)
+        return replace(gas, time_s=at, cloud=cloud, files=hdf_files(chosen), remarks=remarks)
 
 
 def _by_time(path: Path) -> dict[float | None, list[Path]]:
@@ -107,23 +103,6 @@ def _by_time(path: Path) -> dict[float | None, list[Path]]:
     if not found:
         raise SprayError(f"{path}: no .h5 file in it")
     return found
-
-
-def _with_fuel(
-    path: Path, streams: list[Any], given: CellColumns, fuel_field: str
-) -> tuple[list[Any], tuple[str, ...]]:
-    """Streams with the fuel, or all if none has it; the others are solids, named in a remark."""
-
-    def has_fuel(stream: Any) -> bool:
-        known = list(stream.get("CELL_CENTER_DATA", ()))
-        fuel = gas_names(given, known, fuel_field, CONVERGE_NAMES).fuel
-        return fuel is not None and (fuel.column is None or fuel.column in known)
-
-    fuelled = [stream for stream in streams if has_fuel(stream)]
-    if not fuelled or len(fuelled) == len(streams):
-        return streams, ()
-    others = ", ".join(stream.name.strip("/") for stream in streams if stream not in fuelled)
-    return fuelled, (f"{path}: streams without {fuel_field} were omitted: {others}.",)
 
 
 # bytes for each number; a corner is held as it is stored and as a label
@@ -147,7 +126,7 @@ def _size(streams: list[Any]) -> Size:
     return Size(cells, sum(count(group, "PARCEL_X") for group in groups), held + 40 * cells)
 
 
-def _chosen_among(path: Path, available: list[str], given: CellColumns) -> Iterator[str]:
+def _chosen_among(path: Path, available: Sequence[str], given: CellColumns) -> Iterator[str]:
     """Remarks on which of several fields was taken for a quantity."""
     for key, known in CONVERGE_NAMES.items():
         there = [name for name in known if name in available]
@@ -180,8 +159,8 @@ def _cloud(path: Path, streams: list[Any], wanted: str | None, names: ColumnMap)
     label = f"{path}: {chosen}"
 
     def column(name: str) -> Column:
-        counts = [len(array(path, part, "PARCEL_X")) for part in parts]
-        values = [array(path, part, name, n) for part, n in zip(parts, counts, strict=True)]
+        counts = [len(field(path, part, "PARCEL_X")) for part in parts]
+        values = [field(path, part, name, n) for part, n in zip(parts, counts, strict=True)]
         return Column(f"{label}/{name}", np.concatenate(values), unit=unit_of(parts[0][name]))
 
     position = np.stack([column(f"PARCEL_{letter}").values for letter in "XYZ"], axis=1)
@@ -217,24 +196,15 @@ def list_converge(spec: CfdSpray) -> Listing:
 
 def post_mesh(path: Path, stream: Any) -> Mesh:
     """Mesh of a stream, which is a group of the file."""
-    x = array(path, stream, "VERTEX_COORDINATES/X")
-    y, z = (array(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
+    x = field(path, stream, "VERTEX_COORDINATES/X")
+    y, z = (field(path, stream, f"VERTEX_COORDINATES/{name}", len(x)) for name in "YZ")
     start = labels(path, stream, "CONNECTIVITY/POLYGON_OFFSET")
     corners = labels(path, stream, "CONNECTIVITY/POLYGON_TO_VERTEX")
     cells = labels(path, stream, "CONNECTIVITY/CONNECTED_CELLS", 2 * max(len(start) - 1, 0))
-    sides = cells.reshape(-1, 2)
-    if not len(sides) or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
+    sides = cells.reshape(-1, 2).T
+    if not sides.size or start[0] != 0 or start[-1] != len(corners) or np.diff(start).min() < 3:
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/POLYGON_OFFSET does not fit its mesh")
-    first, second = sides.T
-    if np.any((first < 0) & (second < 0)):
+    if np.any(np.all(sides < 0, axis=0)):
         raise SprayError(f"{path}: {stream.name}/CONNECTIVITY/CONNECTED_CELLS: a face of no cell")
-    # a negative cell is a boundary; a face belongs to its first cell, else, turned, to the second
-    return Mesh(
-        points_m=np.stack([x, y, z], axis=1),
-        corners=turned_faces(corners, start, first < 0),
-        start=start,
-        owner=np.where(first < 0, second, first),
-        neighbour=np.where((first < 0) | (second < 0), np.int32(-1), second),
-        cells=int(sides.max()) + 1,
-        source=f"{path}: {stream.name}",
-    )
+    points, source = np.stack([x, y, z], axis=1), f"{path}: {stream.name}"
+    return mesh_of_sides(points, corners, start, sides, int(sides.max()) + 1, source)

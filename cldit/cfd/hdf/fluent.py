@@ -5,6 +5,7 @@ particles: a mapping file names their table (`parcels.file`).
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 
 from cldit.cfd.case import CfdCase, Column, Listing, refuse_cloud
 from cldit.cfd.hdf.arrays import field, hdf_files, labels, open_hdf, stored
-from cldit.cfd.mapping.columns import read_gas
-from cldit.cfd.mapping.file import ColumnMap, gas_names
-from cldit.cfd.mesh.faces import Mesh, turned_faces
+from cldit.cfd.mapping.columns import Fields
+from cldit.cfd.mapping.file import ColumnMap
+from cldit.cfd.mesh.faces import Mesh, mesh_of_sides
+from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.size import Size, check_room
 from cldit.errors import SprayError
 from cldit.io.progress import Watch
@@ -41,7 +43,7 @@ def is_fluent(path: Path) -> bool:
 
 def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     """Reads the pair NAME.cas.h5 and NAME.dat.h5, of which the scene names one."""
-    path, fuel_field = spec.file, spec.fuel_field
+    path = spec.file
     if spec.time_s not in (None, "latest"):
         raise SprayError(f"{path}: does not state its time; remove spray.time_s")
     refuse_cloud(spec)
@@ -61,15 +63,14 @@ def read_fluent(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
             raise SprayError(f"{data}: {', '.join(others)} in addition to phase-1; {_WAY}")
         held = _group(data, file, _CELLS)
         known = _fields(held)
-        wanted = gas_names(names.cells, known, fuel_field, FLUENT_NAMES)
 
         def read(name: str) -> Column:
             watch(f"reading {name}", 0, 1)
             return Column(f"{data}: cell field {name}", _field(data, held[name], cells))
 
-        gas = read_gas(str(data), known, wanted, cells, fuel_field, read)
-    files = (*hdf_files(case), *hdf_files(data))
-    return CfdCase(str(data), None, mesh, gas, tuple(known), None, files=files)
+        part = MeshPart(str(data), mesh, Fields(known, read))
+        gas = join_gas(data, [part], names.cells, spec.fuel_field, FLUENT_NAMES)
+    return replace(gas, files=(*hdf_files(case), *hdf_files(data)))
 
 
 def list_fluent(spec: CfdSpray) -> Listing:
@@ -165,7 +166,4 @@ def _mesh(path: Path, group: Any, cells: int) -> Mesh:
     point = np.concatenate(points).astype(np.float64)
     if np.any(sides < 0) or np.any(sides > cells) or np.any(sides.sum(axis=0) == 0):
         raise SprayError(f"{path}: {group.name}/faces: a face lies between cells that do not exist")
-    owner = np.where(sides[0] > 0, sides[0], sides[1]) - 1
-    neighbour = np.where((sides > 0).all(axis=0), sides[1], 0) - 1
-    corner = turned_faces(corner, start, sides[0] > 0)
-    return Mesh(point, corner, start, owner, neighbour, cells, str(path))
+    return mesh_of_sides(point, corner, start, sides[::-1] - 1, cells, str(path))

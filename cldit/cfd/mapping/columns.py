@@ -1,6 +1,6 @@
 """Columns of a CFD result by a mapping: in SI, under OpenFOAM's names."""
 
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,6 @@ from cldit.cfd.mapping.file import (
     Scalar,
     Vector,
     columns_of,
-    columns_of_value,
     merged,
     quantity_in,
     spelled,
@@ -35,6 +34,25 @@ def with_components(columns: Mapping[str, Column]) -> dict[str, Column]:
         for letter, part in zip("XYZ", column.values.T, strict=True)
     }
     return {**parts, **columns}
+
+
+class Fields(Mapping[str, Column]):
+    """Columns by name, each of which is read when it is used."""
+
+    def __init__(self, names: Iterable[str], read: Callable[[str], Column]) -> None:
+        self._names, self._read = dict.fromkeys(names), read
+
+    def __getitem__(self, name: str) -> Column:
+        return self._read(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 @dataclass(frozen=True)
@@ -117,26 +135,15 @@ class Source:
 def gas_columns(source: Source, wanted: CellColumns, fuel_field: str) -> dict[str, Column]:
     """Mapped ones of T, p, rho and the fuel's mass fraction, (N,) in SI, by OpenFOAM's names."""
     names = {"temperature": "T", "pressure": "p", "density": "rho", "fuel": fuel_field}
-    return {
+    gas = {
         name: source.scalar(value, f"cells.{key}")
         for key, name in names.items()
         if (value := getattr(wanted, key)) is not None
     }
-
-
-def read_gas(
-    source: str,
-    available: Iterable[str],
-    wanted: CellColumns,
-    cells: int,
-    fuel_field: str,
-    read: Callable[[str], Column],
-) -> dict[str, Column]:
-    """Reads the columns (N,) that are mapped; the other `available` ones are only named."""
-    columns = {name: Column("", np.empty(0)) for name in available}
-    for name in sorted(columns_of(wanted) & set(columns)):
-        columns[name] = read(name)
-    return gas_columns(Source(source, columns, cells), wanted, fuel_field)
+    for column in gas.values():
+        if len(column.values) != source.rows:
+            raise SprayError(f"{column.label}: {len(column.values)} values for {source.rows} cells")
+    return gas
 
 
 def cloud_columns(source: Source, wanted: ParcelColumns) -> dict[str, Column]:
@@ -200,17 +207,11 @@ def mapped_cloud(
     default: ParcelColumns = PARCEL_NAMES,
 ) -> Cloud:
     """Cloud of the `columns` by the mapping, else by those `default` names that are present."""
-    parcels = merged(names.parcels, default)
-    given = names.parcels.model_fields_set if names.parcels is not None else set()
-    missing = {
-        key: None
-        for key, value in parcels
-        if key not in given and not columns_of_value(value) <= set(columns)
-    }
+    parcels = merged(names.parcels, default.among(columns))
     # masses are products of many: of stored floats they would overflow or be rounded at each step
     doubles = {key: _double(columns[key]) for key in columns_of(parcels) & set(columns)}
     rows = Source(source, columns | doubles, len(position_m.values))
-    fields = cloud_columns(rows, parcels.model_copy(update=missing))
+    fields = cloud_columns(rows, parcels)
     parts = {f"{key}_{letter}" for key in columns for letter in "XYZ"}  # of vectors that are there
     own = {key: column for key, column in columns.items() if key not in parts}
     return complete_cloud(name, source, _double(position_m), fields, own, columns_of(parcels))

@@ -1,7 +1,7 @@
 """Mapping files: quantity, column and unit of each field of a CFD result."""
 
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Collection, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -185,6 +185,11 @@ class ParcelColumns(Table):
             if getattr(self, one) is not None and getattr(self, other) is not None:
                 raise ValueError(f"{one} and {other} are both given; allowed: one of them")
         return self
+
+    def among(self, known: Collection[str]) -> "ParcelColumns":
+        """Restricts the quantities to those of `known` columns."""
+        absent = {key: None for key, value in self if not columns_of_value(value) <= set(known)}
+        return self.model_copy(update=absent)
 
 
 class ColumnMap(Section):

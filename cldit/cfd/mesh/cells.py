@@ -1,8 +1,7 @@
-"""Meshes as the importer needs them: a box for each cell, computed some cells at a time."""
+"""Meshes as the importer needs them: volume, centroid and bounds of cells."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 from cldit.arrays import Floats
 from cldit.cfd.mesh import geometry
 from cldit.errors import SprayError
-from cldit.io.progress import Watch, silent
 
 AnyFloats = geometry.AnyFloats
 Labels = geometry.Labels
@@ -24,21 +22,7 @@ _FAULTS = (
     "the faces of cell {} do not enclose it, or do not all point outwards",
     "cell {} of the mesh has no volume",
 )
-ORIGIN, TURN = np.zeros(3), np.eye(3)  # the case's own coordinates
 AT_ONCE = 50_000  # cells; some 600 bytes a cell are in work
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """Corners lower_m and upper_m (N, 3) of boxes, and their volume_m3 (N,)."""
-
-    lower_m: Floats
-    upper_m: Floats
-    volume_m3: Floats
-
-    def take(self, chosen: Labels) -> "Boxes":
-        """Selects the boxes `chosen` (N,)."""
-        return Boxes(self.lower_m[chosen], self.upper_m[chosen], self.volume_m3[chosen])
 
 
 class CellMesh(ABC):
@@ -57,47 +41,31 @@ class CellMesh(ABC):
         """All points of the mesh, (P, 3) of some at a time; a point may come twice."""
 
     @abstractmethod
-    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """Faces of `cells` (N,), in parts: indices into `cells`, and the polyhedra of these."""
-
-    def measure(
-        self, cells: Labels | None = None, origin_m: Floats = ORIGIN, rotation: Floats = TURN
-    ) -> Measures:
-        """Volume, centroid, bounds of `cells` (N,) (None: all), of rotation @ (point - origin)."""
-        wanted = np.arange(self.cells) if cells is None else cells
-        found = Measures(np.empty(len(wanted)), *(np.empty((len(wanted), 3)) for _ in range(3)))
-        for place, part in self.polyhedra(wanted):
-            for chosen, fault, own in geometry.measure(part, origin_m, rotation):
-                here = place[chosen]
-                if fault.any():
-                    bad = int(np.flatnonzero(fault)[0])
-                    text = _FAULTS[fault[bad] - 1].format(wanted[here[bad]])
-                    raise SprayError(f"{self.source}: {text}")
-                for name, values in vars(found).items():
-                    values[here] = getattr(own, name)
-        return found
-
-    def boxes(
-        self, origin_m: Floats = ORIGIN, rotation: Floats = TURN, watch: Watch = silent
-    ) -> Iterator[tuple[slice, Boxes]]:
-        """Boxes of all cells, some cells at a time: their range, and their boxes.
-
-        A box has the volume and centroid of its cell and the proportions of the cell's bounding
-        box; for a cell that is a box along the axes it is that box. Origin and rotation are as for
-        `measure`.
-        """
-        for chosen in slices(self.cells):
-            watch("measuring cells", chosen.start, self.cells)
-            cell = self.measure(np.arange(chosen.start, chosen.stop), origin_m, rotation)
-            half = cell.upper_m - cell.lower_m
-            half *= (np.cbrt(cell.volume_m3 / (half[:, 0] * half[:, 1] * half[:, 2])) / 2)[:, None]
-            yield chosen, Boxes(cell.centroid_m - half, cell.centroid_m + half, cell.volume_m3)
+    def measure(self, cells: Labels) -> Measures:
+        """Volume, centroid and bounds of `cells` (N,)."""
 
 
 class PointMesh(CellMesh):
     """Mesh whose points (P, 3) are in memory."""
 
     points_m: AnyFloats
+
+    @abstractmethod
+    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
+        """Faces of `cells` (N,), in parts: indices into `cells`, and the polyhedra of these."""
+
+    def measure(self, cells: Labels) -> Measures:
+        """Volume, centroid and bounds of `cells` (N,), by their faces."""
+        measures = Measures.empty(len(cells))
+        for place, part in self.polyhedra(cells):
+            for chosen, fault, own in geometry.measure(part):
+                here = place[chosen]
+                if fault.any():
+                    bad = int(np.flatnonzero(fault)[0])
+                    text = _FAULTS[fault[bad] - 1].format(cells[here[bad]])
+                    raise SprayError(f"{self.source}: {text}")
+                measures.put(here, own)
+        return measures
 
     @cached_property
     def extent_m(self) -> tuple[Floats, Floats]:

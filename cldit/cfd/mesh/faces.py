@@ -5,11 +5,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cldit.arrays import Floats
 from cldit.cfd.mesh import geometry
-from cldit.cfd.mesh.cells import AnyFloats, CellMesh, Labels, PointMesh, Polyhedra, check_labels
+from cldit.cfd.mesh.cells import (
+    AnyFloats,
+    CellMesh,
+    Labels,
+    Measures,
+    PointMesh,
+    Polyhedra,
+    check_labels,
+)
 from cldit.errors import SprayError
 
 
@@ -102,22 +109,32 @@ class JoinedMesh(CellMesh):
         for part in self.parts:
             yield from part.points()
 
-    def polyhedra(self, cells: Labels) -> Iterator[tuple[Labels, Polyhedra]]:
-        """Faces of `cells` (N,), those of one mesh after the other."""
+    def measure(self, cells: Labels) -> Measures:
+        """Volume, centroid and bounds of `cells` (N,), those of one mesh after the other."""
+        measures = Measures.empty(len(cells))
         mesh = np.searchsorted(self._ends, cells, side="right")
         for number in np.unique(mesh).tolist():
-            here = np.flatnonzero(mesh == number)
-            part = self.parts[number]
-            for place, found in part.polyhedra(cells[here] - (self._ends[number] - part.cells)):
-                yield here[place], found
+            here, part = np.flatnonzero(mesh == number), self.parts[number]
+            measures.put(here, part.measure(cells[here] - (self._ends[number] - part.cells)))
+        return measures
 
 
-def turned_faces(corners: Labels, start: Labels, turned: NDArray[np.bool_]) -> Labels:
-    """Corners of all faces, in reverse order for the faces (F,) that are `turned`."""
+def mesh_of_sides(
+    points_m: AnyFloats, corners: Labels, start: Labels, sides: Labels, cells: int, source: str
+) -> Mesh:
+    """Mesh of faces with normals out of the first and into the second of their `sides` (2, F).
+
+    A negative side is none; a face without a first one is turned to belong to its second.
+    """
+    first, second = sides
+    turned = first < 0
     face = np.repeat(np.arange(len(turned)), np.diff(start))
     place = np.arange(len(corners))
     mirrored = (start[:-1] + start[1:] - 1)[face] - place
-    return np.asarray(corners[np.where(turned[face], mirrored, place)])
+    corners = corners[np.where(turned[face], mirrored, place)]
+    owner = np.where(turned, second, first)
+    neighbour = np.where(turned | (second < 0), np.int32(-1), second)
+    return Mesh(points_m, corners, start, owner, neighbour, cells, source)
 
 
 def join(meshes: Sequence[CellMesh]) -> CellMesh:

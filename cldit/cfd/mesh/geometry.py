@@ -52,15 +52,12 @@ class Faces:
     high: Floats
 
     @classmethod
-    def of(cls, points_m: AnyFloats, corners: Labels, origin_m: Floats, rotation: Floats) -> Faces:
-        """Polygons of so many corners (n, F) each, seen from `origin_m` and rotated."""
-        found, count = points_m[corners], len(corners)
+    def of(cls, points_m: AnyFloats, corners: Labels) -> Faces:
+        """Polygons of so many corners (n, F) each."""
+        count = len(corners)
         ring = np.empty((3, count + 1, corners.shape[1]))  # the first corner comes last again
         here, following = ring[:, :-1], ring[:, 1:]
-        for axis in range(3):
-            np.subtract(found[..., axis], origin_m[axis], out=here[axis])
-        if not np.array_equal(rotation, np.eye(3)):
-            here[:] = [a * here[0] + b * here[1] + c * here[2] for a, b, c in rotation]
+        here[:] = points_m[corners].transpose(2, 0, 1)
         low, high = here.min(axis=1), here.max(axis=1)
         middle = here.sum(axis=1) / count
         here -= middle[:, None]
@@ -81,14 +78,14 @@ class Faces:
         return cls(middle, 0.5 * area, low, high)
 
     @classmethod
-    def chosen(cls, part: Polyhedra, faces: Labels, origin_m: Floats, rotation: Floats) -> Faces:
+    def chosen(cls, part: Polyhedra, faces: Labels) -> Faces:
         """Faces (F,) of a mesh, those with as many corners together."""
         begin, size = part.start[faces], part.start[faces + 1] - part.start[faces]
         made = cls(*(np.empty((3, len(faces))) for _ in range(4)))
         for kind in np.flatnonzero(np.bincount(size)).tolist():
             here = np.flatnonzero(size == kind)
             own = part.corners[begin[here] + np.arange(kind)[:, None]]
-            found = cls.of(part.points_m, own, origin_m, rotation)
+            found = cls.of(part.points_m, own)
             if len(here) == len(faces):
                 return found
             for all_, some in zip(vars(made).values(), vars(found).values(), strict=True):
@@ -105,10 +102,18 @@ class Measures:
     lower_m: Floats
     upper_m: Floats
 
+    @classmethod
+    def empty(cls, count: int) -> Measures:
+        """Room for those of so many cells."""
+        return cls(np.empty(count), *(np.empty((count, 3)) for _ in range(3)))
 
-def measure(
-    part: Polyhedra, origin_m: Floats, rotation: Floats
-) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]]:
+    def put(self, place: Ints, some: Measures) -> None:
+        """Sets the measures of the cells at `place` (N,)."""
+        for values, own in zip(vars(self).values(), vars(some).values(), strict=True):
+            values[place] = own
+
+
+def measure(part: Polyhedra) -> Iterator[tuple[Ints, NDArray[np.int8], Measures]]:
     """Indices of some members of `part`, their faults (0: none) and their measures."""
     first, members = part.first, part.members
     begin = first[members].astype(np.int64)
@@ -128,7 +133,7 @@ def measure(
         outward = side >= 0
         # most faces are those of two cells
         each, of_side = np.unique(np.where(outward, side, -1 - side), return_inverse=True)
-        faces = Faces.chosen(part, each, origin_m, rotation)
+        faces = Faces.chosen(part, each)
         faces = Faces(*(values[:, of_side] for values in vars(faces).values()))
         faces.area[:, ~outward] *= -1.0
         yield chosen, *_cells(faces, own, at)

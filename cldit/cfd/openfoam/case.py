@@ -6,14 +6,17 @@ with barycentric coordinates only.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud, joined
-from cldit.cfd.mapping.columns import joined_cloud, read_gas
+from cldit.cfd.case import NO_CLOUD, CfdCase, Cloud, Column, Listing, choose_cloud
+from cldit.cfd.mapping.columns import Fields, joined_cloud
 from cldit.cfd.mapping.file import PARCEL_NAMES, ColumnMap, columns_of, gas_names, merged
-from cldit.cfd.mesh.faces import Mesh, join
+from cldit.cfd.mesh.faces import Mesh
+from cldit.cfd.mesh_parts import MeshPart, join_gas
 from cldit.cfd.openfoam.cloud import cloud_names, read_cloud
 from cldit.cfd.openfoam.collated import Root, split_roots
 from cldit.cfd.openfoam.file import find_foam, open_foam, read_foam
@@ -59,31 +62,27 @@ def read_openfoam(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
     if not meshes:
         raise SprayError(f"{step.case}: the mesh has no cell")
 
-    def read(name: str) -> Column:
+    def read(root: Root, mesh: Mesh, name: str) -> Column:
         watch(f"reading {name}", 0, 1)
-        found = []
-        for root, mesh in meshes:
-            file = root.path / folder / name
-            own = read_foam(file, root.block)
-            values, unit = internal_field(own, mesh.cells)
-            found.append(Column(root.label(file), values, unit=unit))
-            if own.time_s is not None:
-                times_s[own.path] = own.time_s
-            files.append(find_foam(file) or file)
-        return joined(found)
+        file = root.path / folder / name
+        own = read_foam(file, root.block)
+        values, unit = internal_field(own, mesh.cells)
+        if own.time_s is not None:
+            times_s[own.path] = own.time_s
+        files.append(own.path)
+        return Column(root.label(file), values, unit=unit)
 
-    whole = join([mesh for _, mesh in meshes])
-    source = str(step.place)
-    gas = read_gas(source, available, wanted, whole.cells, spec.fuel_field, read)
+    parts = [
+        MeshPart(str(step.place), mesh, Fields(available, partial(read, root, mesh)))
+        for root, mesh in meshes
+    ]
+    gas = join_gas(step.place, parts, names.cells, spec.fuel_field)
     injectors, dictionaries = case_injectors(step.case, chosen, step.region)
     boundaries, lists = cut_boundaries(meshes, step.region)
     parcels = None if chosen is None else _cloud(chosen, meshes, folder, names, files, times_s)
-    return CfdCase(
-        source=source,
+    return replace(
+        gas,
         time_s=step.time,
-        mesh=whole,
-        gas=gas,
-        available=tuple(available),
         cloud=parcels,
         injectors=injectors,
         boundaries=boundaries,

@@ -20,7 +20,7 @@ from cldit.cfd.names import is_mark
 from cldit.cfd.one_state import check_marks
 from cldit.cfd.size import Size, check_room
 from cldit.cfd.tables.dpm import dpm_columns, dpm_names
-from cldit.cfd.tables.parquet import is_number, parquet_columns, parquet_names, parquet_rows
+from cldit.cfd.tables.parquet import parquet_columns, parquet_names, parquet_numbers, parquet_rows
 from cldit.cfd.tables.text import numbers_in, text_columns, text_names
 from cldit.cfd.times import choose_time
 from cldit.errors import SprayError
@@ -156,14 +156,10 @@ def load_table(file: Path, wanted: CellColumns | ParcelColumns) -> Source:
 
 def _evidence(file: Path, names: list[str], wanted: CellColumns | ParcelColumns) -> set[str]:
     """Columns of time or identity, and, of parcels, all that have numbers in them."""
-    numbers: set[str] = set()
-    if file.suffix == ".parquet":
-        numbers = {name for name in names if is_number(file, name)}
-    elif file.suffix == ".dpm":  # its `time` is the age of a particle
+    marks, parcels = set(filter(is_mark, names)), isinstance(wanted, ParcelColumns)
+    if file.suffix == ".dpm":  # its `time` is the age of a particle
         return set(names) - {"time"}
-    elif isinstance(wanted, ParcelColumns):
-        numbers = numbers_in(file, names, wanted)
-    marks = {name for name in names if is_mark(name)}
     if file.suffix == ".parquet":
-        return numbers if isinstance(wanted, ParcelColumns) else marks & numbers
-    return numbers | marks
+        numbers = parquet_numbers(file)
+        return numbers if parcels else marks & numbers
+    return marks | (numbers_in(file, names, wanted) if parcels else set())

@@ -37,9 +37,9 @@ def parquet_rows(file: Path) -> int:
     return int(_opened(file).metadata.num_rows)
 
 
-def is_number(file: Path, name: str) -> bool:
-    """True for a column of numbers."""
-    return str(_opened(file).schema_arrow.field(name).type) in _NUMBERS
+def parquet_numbers(file: Path) -> set[str]:
+    """Names of the columns of numbers."""
+    return {column.name for column in _opened(file).schema_arrow if str(column.type) in _NUMBERS}
 
 
 def parquet_columns(file: Path, names: Sequence[str]) -> dict[str, Column]:

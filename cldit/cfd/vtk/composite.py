@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cldit.cfd.hdf.arrays import arrays_in, bytes_of, open_hdf
+from cldit.cfd.hdf.arrays import arrays_in, bytes_of, nodes_in, open_hdf
 from cldit.cfd.inputs import module, regular
 from cldit.cfd.size import Size
 from cldit.errors import SprayError
@@ -40,10 +40,8 @@ def _check(file: Path) -> None:
                 continue
             for start in range(0, len(array), _AT_ONCE):
                 array[start : start + _AT_ONCE]
-        groups: list[Any] = [root["VTKHDF"]]
-        root.visititems(lambda _, each: groups.append(each) if hasattr(each, "keys") else None)
-        for group in groups:
-            if "Steps" in group:
+        for group in nodes_in(root):
+            if hasattr(group, "keys") and "Steps" in group:
                 _check_steps(file, group)
 
 
@@ -90,14 +88,9 @@ def composite_size(file: Path) -> Size:
 
 def times_in(file: Path) -> tuple[float, ...]:
     """Times in a file itself; none if it has a single state."""
-    found: set[float] = set()
     with open_hdf(file) as root:
-        groups: list[Any] = []
-        root.visititems(lambda name, each: groups.append(each) if name.endswith("Steps") else None)
-        for each in groups:
-            if "Values" in each:
-                found |= {float(value) for value in np.asarray(each["Values"][()]).reshape(-1)}
-    return tuple(sorted(found))
+        values = [a[()] for a in arrays_in(root) if a.name.endswith("Steps/Values")]
+    return tuple(sorted({float(time) for each in values for time in np.ravel(each)}))
 
 
 def leaves(data: Any) -> list[tuple[str, Any]]:

@@ -47,8 +47,7 @@ def read_vtk(spec: CfdSpray, names: ColumnMap, watch: Watch) -> CfdCase:
         raise SprayError(f"{path}: no parcels, but there may be some in {shown}; {way}")
     filled = [each for each in step.meshes if each.data.GetNumberOfCells()]
     parts = [_part(each) for each in filled or step.meshes[:1]]  # a processor may have no cell
-    several = len(step.meshes) > 1
-    case = join_gas(path, parts, names.cells, spec.fuel_field, several=several)
+    case = join_gas(path, parts, names.cells, spec.fuel_field)
     return replace(
         case,
         source=str(step.meshes[0].file),

@@ -34,7 +34,7 @@ def test_nothing_is_wrong_where_nothing_is() -> None:
     errors = Errors.of([])
     assert errors.text == "none: nothing is in the way"
     assert errors.total_K is None and not errors.unknown and not errors.exceed(0.0)
-    assert too_large(errors, 0.1) == ()
+    assert too_large(errors, 0.1, {}) == ()
 
 
 @pytest.mark.parametrize("error_K", [-1.0, float("nan")])
@@ -62,14 +62,14 @@ def test_errors_of_runs_before_the_model_had_a_spread() -> None:
 def test_more_than_asked_says_what_and_how() -> None:
     """The largest cause, the key that holds it, and what is allowed; as it is printed."""
     errors = Errors.of([Cause("cells", 1.4, "x", "domain.leaf_edge_m"), Cause("trace", 0.2, "x")])
-    (text,) = too_large(errors, 1.0)
+    (text,) = too_large(errors, 1.0, {})
     assert text.startswith("stated error 1.4 K RMS, more than transport.accuracy_K: 1 asks for")
     said = (
         "cells contribute 1.4 K, set by domain.leaf_edge_m; allowed: a smaller domain.leaf_edge_m"
     )
     assert text.endswith(f"{said}, or none, so that the run chooses")
-    assert too_large(errors, 1.4) == ()
-    assert too_large(Errors.of([Cause("cells", None, "x")]), 1.0) == ()
+    assert too_large(errors, 1.4, {}) == ()
+    assert too_large(Errors.of([Cause("cells", None, "x")]), 1.0, {}) == ()
 
 
 @pytest.mark.parametrize(
@@ -102,6 +102,6 @@ def test_limits_say_what_helps_there(why: str, allowed: str) -> None:
 )
 def test_advice_names_the_key_that_helps(name: str, key: str, allowed: str) -> None:
     """To leave a key out is advice only where the scene sets it, and the run would choose."""
-    (text,) = too_large(Errors.of([Cause(name, 2.0, "x", key)]), 1.0)
+    (text,) = too_large(Errors.of([Cause(name, 2.0, "x", key)]), 1.0, {})
     assert f"; allowed: {allowed}" in text
     assert text.endswith("so that the run chooses") == (key not in ("", "domain.rule"))

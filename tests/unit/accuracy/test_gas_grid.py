@@ -266,7 +266,7 @@ def test_the_error_is_stated() -> None:
     (cause,) = errors_of(SPRAY, more=SPRAY).causes
     assert (cause.name, cause.fixed) == ("gas grid", "spray.box.spacing_m")
     assert cause.error_K == pytest.approx(9.0) and "correlation 1" in cause.how
-    (remark,) = too_large(errors_of(SPRAY), 1.0)
+    (remark,) = too_large(errors_of(SPRAY), 1.0, {})
     assert "gas grid contributes 9 K" in remark
     assert "allowed: a smaller spray.box.spacing_m" in remark
     assert errors_of(None).causes == ()
@@ -290,10 +290,14 @@ def test_an_imported_gas_states_the_error_of_its_reconstruction() -> None:
         of: Any = SimpleNamespace(spray=None)
         tracer: Any = Tracer(prepared, images)
         at = Measurement(of, tracer, Stages(None), depth=6, coarse=5)
-        return Errors.of(one.cause for one in GAS_GRID.estimate(at))
+        before = [one.cause for one in GAS_GRID.predict(at)]  # on the same cells
+        errors = Errors.of(one.cause for one in GAS_GRID.estimate(at))
+        assert list(errors.causes) == before
+        return errors
 
     cause, order = stated(vapour()).causes
     assert cause.error_K == pytest.approx(3.0) and "order 2" in cause.how
+    assert cause.fixed == "spray.file"
     assert order.name == ORDER and order.error_K is None and "one grid alone" in order.how
     cells = vapour().cells
     odd = replace(vapour(), cells=Cells(cells.lower_m, cells.upper_m + 1e-2 * cells.lower_m))

@@ -79,6 +79,28 @@ def test_injector_of_the_dictionary(tmp_path: Path, foam: Foam, models: str) -> 
     )
 
 
+@pytest.mark.parametrize("axis", [(0, -1, 0), (1, 2, -3)])
+def test_boxes_keep_volume_centroid_and_proportions(
+    tmp_path: Path, foam: Foam, axis: tuple[float, float, float]
+) -> None:
+    """The bounds of a cell in the case, here sheared, are turned with it."""
+    block, gas, cloud = foam.sample(shear=0.3)
+    gas["C7H16"][:] = 0.1
+    case = foam.write(tmp_path, block, gas=gas, cloud=cloud)
+    nozzle = (0.5e-3, 9e-3, 0.1e-3)
+    away = "none"  # parcels lie upstream for the oblique axis
+    vapour = read_cfd(CfdSpray(file=case, nozzle_m=nozzle, axis=axis, cloud=away)).vapour
+    assert vapour is not None
+    lower, upper = vapour.cells.lower_m, vapour.cells.upper_m
+    turn = Frame(np.zeros(3), np.array(axis) / np.linalg.norm(axis), ()).rotation
+    x, y, z = np.meshgrid(*map(np.diff, block.edges), indexing="ij")
+    edges = np.stack([x + 0.3 * y, y, z], axis=-1).transpose(2, 1, 0, 3).reshape(-1, 3)
+    ratio = (upper - lower) / (edges @ np.abs(turn).T)
+    assert np.prod(upper - lower, axis=1) == pytest.approx(block.volume, rel=1e-12, abs=0)
+    assert (lower + upper) / 2 == pytest.approx((block.centre - nozzle) @ turn.T, abs=1e-12)
+    assert ratio == pytest.approx(np.tile(ratio[:, :1], 3), rel=1e-12)
+
+
 def test_ring_of_holes_makes_one_axis(tmp_path: Path, foam: Foam) -> None:
     block, gas, cloud = foam.sample()
     foam.write(tmp_path, block, gas=gas, cloud=cloud)

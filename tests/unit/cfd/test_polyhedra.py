@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cldit.cfd.mesh import geometry
+from cldit.cfd.mesh import elements, geometry
+from cldit.cfd.mesh.cells import CellMesh, Measures, PointMesh
+from cldit.cfd.mesh.elements import ElementMesh
 from cldit.cfd.mesh.faces import Mesh, join
 from cldit.cfd.mesh.geometry import walk_faces
 from cldit.cfd.openfoam.cloud import decode
@@ -26,6 +29,11 @@ def solid(points: list[list[float]], faces: list[tuple[int, ...]]) -> Mesh:
         cells=1,
         source="solid",
     )
+
+
+def measured(mesh: CellMesh) -> Measures:
+    """All of its cells."""
+    return mesh.measure(np.arange(mesh.cells))
 
 
 TET = solid(
@@ -54,28 +62,44 @@ ARROW = solid(
 def test_volume_and_centroid(
     mesh: Mesh, volume: float, centroid: tuple[float, float, float]
 ) -> None:
-    found = mesh.measure()
+    found = measured(mesh)
     assert found.volume_m3[0] == pytest.approx(volume, rel=1e-14)
     assert found.centroid_m[0] == pytest.approx(centroid, abs=1e-14)
     # far from the origin, the same but for the rounding of its coordinates, 2e-14 of 100 m
-    far = mesh.measure(origin_m=np.full(3, -100.0))
+    far = measured(replace(mesh, points_m=mesh.points_m + 100.0))
     assert far.volume_m3[0] == pytest.approx(volume, rel=1e-12)
 
 
-@pytest.mark.parametrize("mesh", [TET, PYRAMID, ARROW])
-def test_box_keeps_volume_centroid_and_proportions(mesh: Mesh) -> None:
-    ((_, box),) = mesh.boxes()
-    cell = mesh.measure()
-    assert np.prod(box.upper_m - box.lower_m) == pytest.approx(cell.volume_m3[0], rel=1e-14)
-    assert (box.lower_m + box.upper_m) / 2 == pytest.approx(cell.centroid_m, abs=1e-14)
-    ratio = (box.upper_m - box.lower_m) / (cell.upper_m - cell.lower_m)
-    assert ratio == pytest.approx(np.full((1, 3), ratio[0, 0]), rel=1e-14)
-    assert ratio[0, 0] < 1.0
+@pytest.mark.parametrize("kind", [10, 11, 12, 13])
+def test_cells_of_straight_edges_are_as_by_their_faces(kind: int) -> None:
+    """An affine image of the cell; where a corner is moved, only its faces tell."""
+    random = np.random.default_rng(kind)
+    along, share = elements._REGULAR[kind]
+    edges = np.eye(3) + 0.3 * random.normal(size=(3, 3))
+    count = len(along)
+    ends, nodes = np.array([0, count]), np.arange(count)
+    for miss in (0.0, 0.9e-4, 0.1):
+        points = 5.0 + along @ edges
+        points[0] += miss * random.uniform(-0.5, 0.5, size=3)
+        mesh = ElementMesh(points, np.array([kind]), ends, nodes, "cell")
+        cell, by_faces = measured(mesh), PointMesh.measure(mesh, np.arange(1))
+        if kind == 10 or miss == 0.0:  # any tetrahedron is regular
+            limits = (1e-13, 1e-14)
+        else:
+            limits = (4 * miss**2, miss) if miss < 1e-4 else (0.0, 0.0)
+        assert cell.volume_m3 == pytest.approx(by_faces.volume_m3, rel=limits[0])
+        assert cell.centroid_m == pytest.approx(by_faces.centroid_m, abs=limits[1])
+        assert np.array_equal(cell.lower_m, by_faces.lower_m)
+        assert np.array_equal(cell.upper_m, by_faces.upper_m)
+        if not miss:
+            assert cell.volume_m3[0] == pytest.approx(share * abs(np.linalg.det(edges)), rel=1e-12)
+    with pytest.raises(SprayError, match="has no volume"):
+        measured(replace(mesh, points_m=np.zeros((count, 3))))
 
 
 def test_inside_out_is_the_same_cell() -> None:
     flipped = solid(TET.points_m.tolist(), [(1, 2, 0), (3, 1, 0), (3, 2, 1), (3, 0, 2)])
-    found, expected = flipped.measure(), TET.measure()
+    found, expected = measured(flipped), measured(TET)
     assert found.volume_m3 == pytest.approx(expected.volume_m3, abs=1e-15)
     assert found.centroid_m == pytest.approx(expected.centroid_m, abs=1e-15)
 
@@ -83,7 +107,7 @@ def test_inside_out_is_the_same_cell() -> None:
 def test_join_keeps_cells_apart() -> None:
     both = join([TET, PYRAMID, ARROW])
     assert both.cells == 3
-    cell = both.measure()
+    cell = measured(both)
     assert cell.volume_m3 == pytest.approx([1 / 6, 4.0, 2.4], rel=1e-14)
     assert cell.lower_m[2].tolist() == [-1.0, -1.0, 0.0]
     assert cell.upper_m[1].tolist() == [2.0, 2.0, 3.0]
@@ -101,7 +125,7 @@ def test_join_keeps_cells_apart() -> None:
 )
 def test_cells_that_are_none(faces: list[tuple[int, ...]], message: str) -> None:
     with pytest.raises(SprayError, match=f"solid: .*{message}"):
-        solid(TET.points_m.tolist(), faces).measure()
+        measured(solid(TET.points_m.tolist(), faces))
 
 
 def test_barycentric_base_point_of_a_notched_face() -> None:
@@ -136,7 +160,7 @@ def test_cells_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
         source="solids",
     )
     cells = np.array([2, 0, 1, 2])
-    alone = [vars(one.measure()) for one in solids]
+    alone = [vars(measured(one)) for one in solids]
     for sides in (1, 11, 1000):
         monkeypatch.setattr(geometry, "_SIDES", sides)
         for name, values in vars(mesh.measure(cells)).items():
@@ -151,7 +175,7 @@ def test_cells_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
         cells=2,
         source="double",
     )
-    assert both.measure().volume_m3 == pytest.approx([1 / 6, 1 / 6], rel=1e-14)
+    assert measured(both).volume_m3 == pytest.approx([1 / 6, 1 / 6], rel=1e-14)
 
 
 def test_faces_one_after_the_other() -> None:

@@ -90,7 +90,9 @@ def test_streams_of_converge(tmp_path: Path, foam: Foam, new: bool) -> None:
         solid["CELL_CENTER_DATA/DENSITY"][...] = 7800.0
     spray = read_cfd(CfdSpray(file=folder, **keys))
     assert spray.notes == expected.notes
-    assert any("without C7H16 were omitted: STREAM_01" in text for text in spray.remarks)
+    assert any(
+        "without C7H16 were omitted" in text and "STREAM_01" in text for text in spray.remarks
+    )
     (folder / "copy.h5").write_bytes(last.read_bytes())
     with pytest.raises(SprayError, match=r"2 claim to be time 0\.001: .*copy\.h5"):
         read_cfd(CfdSpray(file=folder, **keys))

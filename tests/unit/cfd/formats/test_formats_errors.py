@@ -179,7 +179,7 @@ CASE: list[tuple[str, str, str]] = [
     (
         "scalar per element: 1 T",
         "scalar per node: 1 T",
-        r"case\.005\.T: 'hexa8', expected `coordinates`",
+        r"case\.005\.T: 'hexa8' where a part or its nodes are expected",
     ),
     ("TIME\n", "FILE\nfile set: 1\n\nTIME\n", "keeps several times in one file"),
     ("1 T case.***.T", "1 T case.***.Tmp", r"case\.005\.Tmp: cannot be read"),
@@ -233,7 +233,7 @@ def test_ensight_that_is_not_read(
     ("array", "values", "message"),
     [
         ("CELL_CENTER_DATA/TEMPERATURE", None, "no cell field 'T'; it has: DENSITY"),
-        ("CELL_CENTER_DATA/TEMPERATURE", [300.0], "TEMPERATURE: 1 values, expected 24"),
+        ("CELL_CENTER_DATA/TEMPERATURE", [300.0], "TEMPERATURE: 1 values for 24 cells"),
         ("VERTEX_COORDINATES/Y", None, "STREAM_00/VERTEX_COORDINATES/Y is missing"),
         ("VERTEX_COORDINATES/Y", [0.0], "VERTEX_COORDINATES/Y: 1 values, expected 60"),
         ("CONNECTIVITY/POLYGON_OFFSET", [0, 4], "CONNECTED_CELLS: .* values, expected 2"),
