@@ -134,7 +134,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
         const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
         const int number = m->number[cell.address];
         if (number >= 0) {
-            last = m->records + number * RECORD;
+            last = m->records + in_table(number, RECORD, 0);
             const real t = optical_depth(
                 extinction_along(last[0], last + 1, &traversal, &cell),
                 traversal_length(&traversal, &cell));
@@ -145,7 +145,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
             if (number < m->scattering)
                 add_gradient(
                     sum, transmitted, t, share, &traversal, &cell,
-                    m->gradient + number * (3 * SOURCES), IS_THICK(last));
+                    m->gradient + in_table(number, 3 * SOURCES, 0), IS_THICK(last));
 #endif
             transmitted -= taken;
         }
@@ -193,7 +193,7 @@ __kernel void image(__global real *planes, ARGUMENTS)
     for (int c = 0; c < PLANES; ++c) sum[c] = R(0);
     formal_solution(sum, &ray, &medium);
     const int pixel = row * columns + column;
-    for (int c = 0; c < PLANES; ++c) planes[(size_t)c * rows * columns + pixel] = sum[c];
+    for (int c = 0; c < PLANES; ++c) planes[in_table(c, rows * columns, pixel)] = sum[c];
 }
 
 /* The mean of rays through each listed pixel, by the same rays of each: places [right, down] in it, 0 to
@@ -216,5 +216,5 @@ __kernel void refine(
             column + at.x, row + at.y, at.z, at.w, columns, rows, middle, pitch_x, pitch_z, distance);
         formal_solution(sum, &ray, &medium);
     }
-    for (int c = 0; c < PLANES; ++c) planes[(size_t)c * count + item] = sum[c] / rays;
+    for (int c = 0; c < PLANES; ++c) planes[in_table(c, count, item)] = sum[c] / rays;
 }

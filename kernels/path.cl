@@ -62,7 +62,7 @@ typedef struct {
 INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
 {
     for (int e = 0; e < EMITTERS; ++e)
-        sum[BOUNDARIES + e] += taken * m->thermal[e * m->stored + address];
+        sum[BOUNDARIES + e] += taken * m->thermal[in_table(e, m->stored, address)];
 }
 
 INLINE void score_boundary(real *sum, real weight, const Traversal *w, real from, const Medium *m)
@@ -227,7 +227,7 @@ __kernel void straight(
         loss += transmitted * albedo[last];
     }
     const int pixel = row * columns + column;
-    for (int c = 0; c < PARTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    for (int c = 0; c < PARTS; ++c) weights[in_table(c, rows * columns, pixel)] = sum[c];
     scattered[pixel] = loss;
 }
 
@@ -293,5 +293,5 @@ __kernel void scatter(
         }
         inside = traversal_advance(&traversal, &cell, &m.grid);
     }
-    for (int c = 0; c < PATH_PARTS; ++c) means[(size_t)c * count + item] = sum[c];
+    for (int c = 0; c < PATH_PARTS; ++c) means[in_table(c, count, item)] = sum[c];
 }
