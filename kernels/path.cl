@@ -231,18 +231,20 @@ __kernel void straight(
     scattered[pixel] = loss;
 }
 
-/* Mean of SAMPLES paths for each listed pixel. Sample k scatters for the first time where the line of
+/* Means of SAMPLES paths for each listed pixel, in several batches at once. Sample k scatters for the first time where the line of
    sight has scattered the share (k + offset) / SAMPLES of all that it scatters. */
 __kernel void scatter(
-    __global real *means,           /* out: [part][list]; the last: number of paths ended */
+    __global real *means,           /* out: [batch][part][list]; the last part: number of paths ended */
     __global const int *list,       /* in: pixels that scatter */
     __global const real *scattered, /* in: what they scatter in all */
-    const int count, const uint2 key, const uint batch,
+    const int count, const uint2 key, const uint first_batch,
     __global const real *table, __global const uint *sobol_columns,
     MEDIUM_ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
+    const uint batch = first_batch + get_global_id(1);
+    means += in_table(get_global_id(1), PATH_PARTS * count, 0);
     const uint pixel = list[item];
     const Ray ray = pixel_ray(
         pixel % columns, pixel / columns, columns, rows, middle, pitch_x, pitch_z, distance);

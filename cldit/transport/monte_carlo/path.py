@@ -26,6 +26,7 @@ from cldit.transport.view import upload_medium
 
 SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
 _GROUP = 16
+_TOGETHER = 2  # batches: one of each half
 
 
 @dataclass
@@ -75,7 +76,12 @@ class _PathTracer:
             device,
             program,
             len(pixels),
-            zeros(device, "means", (components + 1) * len(pixels), scattered.dtype.type),
+            zeros(
+                device,
+                "means",
+                _TOGETHER * (components + 1) * len(pixels),
+                scattered.dtype.type,
+            ),
             {
                 "list": upload(device, "pixels", pixels),
                 "scattered": upload(device, "scattered light", scattered[pixels]),
@@ -84,24 +90,25 @@ class _PathTracer:
         )
 
     def launch(self, seed: int, batch: int) -> None:
-        """Starts a batch and does not wait for it."""
+        """Starts batches, `batch` the first, and does not wait for them."""
         self.program.launch(
             "scatter",
-            (self.count,),
-            (min(_GROUP, self.program.largest_group("scatter")),),
+            (self.count, _TOGETHER),
+            (min(_GROUP, self.program.largest_group("scatter")), 1),
             {
                 "means": self.out,
                 "count": self.count,
                 "key": np.array([seed, 0], np.uint32),
-                "batch": batch,
+                "first_batch": batch,
                 **self.arguments,
             },
         )
         self.device.queue.flush()
 
     def means(self, components: int, real: type[np.floating]) -> Reals:
-        """Waits for the means (C + 1, N) of the batch, the number of paths ended last."""
-        return download(self.device, self.out, np.empty((components + 1, self.count), real))
+        """Waits for the means (batches, C + 1, N), the number of paths ended last."""
+        shape = (_TOGETHER, components + 1, self.count)
+        return download(self.device, self.out, np.empty(shape, real))
 
 
 def trace_path(
@@ -196,10 +203,11 @@ def trace_path(
     while count:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)
-        means = np.concatenate([one.means(components, real) for one in tracers], axis=1)
-        sums.add(means[:-1].astype(np.float64))
-        ended += int(means[-1].sum(dtype=np.float64))
-        if sums.batches % 2 or sums.batches < settings.tuning.batches:
+        means = np.concatenate([one.means(components, real) for one in tracers], axis=2)
+        for each in means.astype(np.float64):
+            sums.add(each[:-1])
+            ended += int(each[-1].sum())
+        if sums.batches < settings.tuning.batches:
             continue
         if pixel_sample is not None and enough is not None:
             found = (image[:, place] + sums.mean)[:-1]
