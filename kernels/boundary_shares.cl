@@ -21,5 +21,5 @@ __kernel void boundary_shares(
             column + at.x, row + at.y, at.z, at.w, columns, rows, middle, pitch_x, pitch_z, distance);
         ++ends[boundary_seen(ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, ray.start, &boundary)];
     }
-    for (int part = 0; part < BOUNDARIES; ++part) seen[part * count + item] = ends[part];
+    for (int part = 0; part < BOUNDARIES; ++part) seen[in_table(part, count, item)] = ends[part];
 }

@@ -109,7 +109,7 @@ __kernel void branching(
                 scatters = albedo_at(scatters, gradients, place);
 #endif
                 for (int c = 0; c < EMITTERS; ++c)
-                    sum[BOUNDARIES + c] += b.weight * taken * thermal[c * stored + cell.address];
+                    sum[BOUNDARIES + c] += b.weight * taken * thermal[in_table(c, stored, cell.address)];
                 const real share = taken * scatters;
                 sum[WITHIN] += b.weight * (taken - share);
                 b.transmitted -= taken;
@@ -139,6 +139,6 @@ __kernel void branching(
             for (int c = 0; c < PARTS; ++c) sums[level - 1][c] += sum[c];
         --level;
     }
-    for (int c = 0; c < PARTS; ++c) weights[c * rows * columns + pixel] = sums[0][c];
+    for (int c = 0; c < PARTS; ++c) weights[in_table(c, rows * columns, pixel)] = sums[0][c];
     started[pixel] = count;
 }

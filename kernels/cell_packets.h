@@ -28,9 +28,9 @@
 
 /* Index of plane 0 of a cell that has `planes` planes; cells are counted through all packets. The next
    plane is PACKET further on. */
-INLINE int first_plane(int cell, int planes)
+INLINE size_t first_plane(int cell, int planes)
 {
-    return cell / PACKET * PACKET * planes + cell % PACKET;
+    return in_table(cell / PACKET, PACKET * planes, cell % PACKET);
 }
 
 #endif

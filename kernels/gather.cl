@@ -361,9 +361,9 @@ __kernel void gather(
         }
     }
     flush_scores(&pending);
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = total[c] + sum[c] + pending.sum[c];
-    means[PARTS * count + item] = segments;
+    for (int c = 0; c < PARTS; ++c) means[in_table(c, count, item)] = total[c] + sum[c] + pending.sum[c];
+    means[in_table(PARTS, count, item)] = segments;
 #ifdef COUNTED
-    means[WITHIN * count + item] = pending.crossed;
+    means[in_table(WITHIN, count, item)] = pending.crossed;
 #endif
 }

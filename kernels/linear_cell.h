@@ -1,5 +1,6 @@
 /* Emission and albedo that are linear in a cell, for path tracing and branching (LINEAR_COEFFICIENTS). Without
-   it they are constant, and nothing is added. */
+   it they are constant, and nothing is added. Neighbours and edges of cells, from
+   which gradients follow, and the limiter of gradients: sources stay positive, and sums of weights constant. */
 #ifndef LINEAR_CELL_H
 #define LINEAR_CELL_H
 
@@ -28,5 +29,103 @@ INLINE real albedo_at(real albedo, __global const real *gradients, real3 place)
     return albedo + along_gradient(gradients + 3, place);
 }
 #endif
+
+/* As |g| is 2 at most, a value of |s| up to 3/2 S has 3/4 S in the middle at least, and falls by 3/4 S to a
+   corner: to 0, not below. */
+#define MOST_IN_CELL R(4.0 / 3.0)
+
+/* corners: x, y, z of each slot's brick. coarse: address of coarse leaf 0. */
+#define TREE_ARGUMENTS \
+    __global const int *directory, __global const int *span, __global const int4 *corners, \
+    const int bricks, const int coarse
+
+/* Edge of a stored cell or coarse leaf, in finest cells. */
+INLINE real edge_of(int cell, int coarse, __global const int *span)
+{
+    return cell < coarse ? R(1) : (real)span[cell - coarse];
+}
+
+/* Address of the cell or coarse leaf beside a stored cell; beyond the cube coarse leaf 0, which is empty.
+   axis: x, y, z. up: towards its end. */
+INLINE int beside(
+    int cell, int axis, int up, __global const int *directory, __global const int4 *corners, int bricks,
+    int coarse)
+{
+    int slot = cell / BRICK_CELLS;
+    const int own = cell % BRICK_CELLS;
+    const int step = axis == 0 ? 1 : axis == 1 ? BRICK : BRICK * BRICK;
+    const int at = own / step % BRICK, next = at + 2 * up - 1;
+    if (next >= 0 && next < BRICK) return cell + (2 * up - 1) * step;
+    const int4 corner = corners[slot];
+    const int4 brick = corner + (2 * up - 1) * (int4)(axis == 0, axis == 1, axis == 2, 0);
+    if (any(brick < 0) || any(brick >= bricks)) return coarse;
+    slot = directory[(brick.z * bricks + brick.y) * bricks + brick.x];
+    return slot < 0 ? coarse - 1 - slot : slot * BRICK_CELLS + own + (up ? 1 - BRICK : BRICK - 1) * step;
+}
+
+/* Extinction-weighted mean less the middle value of part `number`: 0 the albedo, then the emitters.
+   gradients: of the cell, see extinction.h. */
+INLINE real excess_of(__global const real *gradients, int number, real edge)
+{
+    __global const real *own = gradients + 3 * (1 + number);
+    return (gradients[0] * own[0] + gradients[1] * own[1] + gradients[2] * own[2]) * edge * edge
+        * R(1.0 / 12.0);
+}
+
+/* Factor up to 1 with which a sum of |gradient| along the axes is at most twice the mean. */
+INLINE real allowed_share(real steepness, real mean)
+{
+    return steepness > R(2) * mean ? R(2) * mean / steepness : R(1);
+}
+
+/* Limits the gradient [axis][part] of a cell, so that no part is negative anywhere in it.
+
+   The means, `light`, are conserved, as by the slope limiters of finite volumes (van Leer, J. Comput. Phys.
+   32, 1979). The excess of a part goes to the others of its group, the first `boundaries` ones from
+   outside or those that the medium emits, by their shares of the light. So the sums of both groups keep
+   their gradients, which are opposite in an isothermal cavity. If the others cannot take it, all gradients
+   of the cell shrink by one factor. */
+INLINE void limit_gradient(real *gradient, const real *light, int boundaries, int parts)
+{
+    real total[2], factor = R(1);
+    UNROLL for (int group = 0; group < 2; ++group) {
+        const int first = group ? boundaries : 0, end = group ? parts : boundaries;
+        real steepness = R(0);
+        total[group] = R(0);
+        for (int c = first; c < end; ++c) total[group] += most(light[c], R(0));
+        for (int axis = 0; axis < 3; ++axis) {
+            real sum = R(0);
+            for (int c = first; c < end; ++c) sum += gradient[axis * parts + c];
+            steepness += size_of(factor * sum);
+        }
+        factor *= allowed_share(steepness, total[group]);
+    }
+    for (int n = 0; n < 3 * parts; ++n) gradient[n] *= factor;
+    UNROLL for (int group = 0; group < 2; ++group) {
+        const int first = group ? boundaries : 0, end = group ? parts : boundaries;
+        real missing[3] = {R(0), R(0), R(0)};
+        for (int c = first; c < end; ++c) {
+            real steepness = R(0);
+            for (int axis = 0; axis < 3; ++axis) steepness += size_of(gradient[axis * parts + c]);
+            const real share = allowed_share(steepness, most(light[c], R(0)));
+            for (int axis = 0; axis < 3; ++axis) {
+                const real whole = gradient[axis * parts + c];
+                gradient[axis * parts + c] = share * whole;
+                missing[axis] += whole - share * whole;
+            }
+        }
+        for (int c = first; c < end; ++c)
+            for (int axis = 0; axis < 3; ++axis)
+                gradient[axis * parts + c] +=
+                    total[group] > R(0) ? missing[axis] * (most(light[c], R(0)) / total[group]) : R(0);
+    }
+    factor = R(1);
+    for (int c = 0; c < parts; ++c) {
+        real steepness = R(0);
+        for (int axis = 0; axis < 3; ++axis) steepness += size_of(gradient[axis * parts + c]);
+        factor = least(factor, allowed_share(steepness, most(light[c], R(0))));
+    }
+    for (int n = 0; n < 3 * parts; ++n) gradient[n] *= factor;
+}
 
 #endif

@@ -4,7 +4,8 @@
    times the transmission up to there. One place of the segment scatters. On the line of sight this is
    forced: `straight` determines what the line scatters in all, and the samples of a pixel are stratified
    over it, so that one traversal serves them all. On later segments the extinction draws the place, or
-   none. Russian roulette ends paths of little weight; beyond the last order a path sees the wall. */
+   none. Russian roulette ends paths of little weight; beyond the last order a path sees the wall. So it does
+   after SCATTERINGS, and is counted: no loop is endless, whatever the medium and the device. */
 
 #include "boundary.h"
 #include "components.h"
@@ -27,6 +28,19 @@
 #error "ROULETTE: weight under which a path may end"
 #endif
 
+#ifndef SCATTERINGS
+#error "SCATTERINGS: after which a path ends"
+#endif
+#ifdef ORDER
+#define LAST_EVENT ORDER
+#else
+#define LAST_EVENT SCATTERINGS
+#endif
+
+/* Parts of a sum of paths: those of the image, and the number of paths that have ended after SCATTERINGS. */
+#define ENDED PARTS
+#define PATH_PARTS (PARTS + 1)
+
 /* The medium, by stored cells. */
 typedef struct {
     __global const int *directory;
@@ -48,7 +62,7 @@ typedef struct {
 INLINE void score_thermal(real *sum, real taken, int address, const Medium *m)
 {
     for (int e = 0; e < EMITTERS; ++e)
-        sum[BOUNDARIES + e] += taken * m->thermal[e * m->stored + address];
+        sum[BOUNDARIES + e] += taken * m->thermal[in_table(e, m->stored, address)];
 }
 
 INLINE void score_boundary(real *sum, real weight, const Traversal *w, real from, const Medium *m)
@@ -72,13 +86,7 @@ INLINE void path(
     __global const uint *columns)
 {
     const real floor_ = ROULETTE * weight;
-    for (uint event = 0; ; ++event) {
-#ifdef ORDER
-        if (event >= ORDER) {
-            sum[WALL] += weight;
-            return;
-        }
-#endif
+    for (uint event = 0; event < LAST_EVENT; ++event) {
         uint4 word = philox((uint4)(pixel, sample, event, batch), key);
         if (event < 2) {
             const uint4 shift = event == 0 ? shift0 : shift1;
@@ -144,6 +152,10 @@ INLINE void path(
             weight = floor_;
         }
     }
+    sum[WALL] += weight;
+#ifndef ORDER
+    sum[ENDED] += R(1);
+#endif
 }
 
 #ifdef PHASE_CLASSES
@@ -215,22 +227,24 @@ __kernel void straight(
         loss += transmitted * albedo[last];
     }
     const int pixel = row * columns + column;
-    for (int c = 0; c < PARTS; ++c) weights[c * rows * columns + pixel] = sum[c];
+    for (int c = 0; c < PARTS; ++c) weights[in_table(c, rows * columns, pixel)] = sum[c];
     scattered[pixel] = loss;
 }
 
-/* Mean of SAMPLES paths for each listed pixel. Sample k scatters for the first time where the line of
+/* Means of SAMPLES paths for each listed pixel, in several batches at once. Sample k scatters for the first time where the line of
    sight has scattered the share (k + offset) / SAMPLES of all that it scatters. */
 __kernel void scatter(
-    __global real *means,           /* out: [part][list] */
+    __global real *means,           /* out: [batch][part][list]; the last part: number of paths ended */
     __global const int *list,       /* in: pixels that scatter */
     __global const real *scattered, /* in: what they scatter in all */
-    const int count, const uint2 key, const uint batch,
+    const int count, const uint2 key, const uint first_batch,
     __global const real *table, __global const uint *sobol_columns,
     MEDIUM_ARGUMENTS)
 {
     const int item = get_global_id(0);
     if (item >= count) return;
+    const uint batch = first_batch + get_global_id(1);
+    means += in_table(get_global_id(1), PATH_PARTS * count, 0);
     const uint pixel = list[item];
     const Ray ray = pixel_ray(
         pixel % columns, pixel / columns, columns, rows, middle, pitch_x, pitch_z, distance);
@@ -241,8 +255,8 @@ __kernel void scatter(
     const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
     const uint4 shift1 = philox((uint4)(pixel, 1, 0xFFFFFFFFu, batch), key);
     const real offset = unit(shift0.w);
-    real sum[PARTS];
-    for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
+    real sum[PATH_PARTS];
+    for (int c = 0; c < PATH_PARTS; ++c) sum[c] = R(0);
 
     real transmitted = R(1), loss = R(0);
     uint sample = 0;
@@ -281,5 +295,5 @@ __kernel void scatter(
         }
         inside = traversal_advance(&traversal, &cell, &m.grid);
     }
-    for (int c = 0; c < PARTS; ++c) means[c * count + item] = sum[c];
+    for (int c = 0; c < PATH_PARTS; ++c) means[in_table(c, count, item)] = sum[c];
 }

@@ -42,7 +42,7 @@ INLINE int phase_class(real *u, __global const uchar *shares, int stride)
     real below = R(0), above = R(255);
     int number = 0;
     for (; number < PHASE_CLASSES - 1; ++number) {
-        const real here = shares[number * stride];
+        const real here = shares[in_table(number, stride, 0)];
         if (drawn < here) {
             above = here;
             break;

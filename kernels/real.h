@@ -48,6 +48,9 @@ INLINE real root(real x) { return __builtin_sqrtf(x); }
 #else
 #define SOON_READ(p)
 #endif
+/* Index of number `at` in row `row` of a table whose rows have `length` numbers. Tables of all cells or
+   pixels may have more than 2^31. */
+INLINE size_t in_table(int row, int length, int at) { return (size_t)row * length + at; }
 INLINE int smaller(int a, int b) { return a < b ? a : b; }
 INLINE int larger(int a, int b) { return a > b ? a : b; }
 INLINE int within(int x, int low, int high) { return x < low ? low : x > high ? high : x; }

@@ -17,11 +17,10 @@ __kernel void emit(
 {
     const int i = get_global_id(0);
     if (i >= packets) return;
-    __global real *to = source + (i * planes + BOUNDARIES) * PACKET;
-    __global const real *from = thermal + i * PACKET;
+    __global real *to = source + in_table(i, planes * PACKET, BOUNDARIES * PACKET);
     UNROLL for (int e = 0; e < EMITTERS; ++e)
         UNROLL for (int k = 0; k < PACKET; ++k)
-            to[e * PACKET + k] = cavity ? R(e == 0) : from[e * packets * PACKET + k];
+            to[e * PACKET + k] = cavity ? R(e == 0) : thermal[in_table(e, packets * PACKET, i * PACKET + k)];
 }
 
 /* Puts all planes of the list into a box. */
@@ -31,8 +30,8 @@ __kernel void set_source(
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], planes);
-    for (int p = 0; p < planes; ++p) source[at + p * PACKET] = listed[p * count + i];
+    const size_t at = first_plane(place[i], planes);
+    for (int p = 0; p < planes; ++p) source[at + p * PACKET] = listed[in_table(p, count, i)];
 }
 
 /* Spatial gradient of the listed source in each cell from its neighbours, into both boxes; see
@@ -44,12 +43,12 @@ __kernel void set_gradients(
 {
     const int i = get_global_id(0);
     if (i >= count) return;
-    const int at = first_plane(place[i], 3 * COMPONENTS);
-    const int also = first_plane(turned[i], 3 * COMPONENTS);
+    const size_t at = first_plane(place[i], 3 * COMPONENTS);
+    const size_t also = first_plane(turned[i], 3 * COMPONENTS);
     for (int axis = 0; axis < 3; ++axis) {
-        const int one = 2 * axis * count + i, other = one + count;
+        const size_t one = in_table(2 * axis, count, i), other = one + count;
         for (int c = 0; c < COMPONENTS; ++c) {
-            __global const real *plane = listed + c * count;
+            __global const real *plane = listed + in_table(c, count, 0);
             const real slope = weights[one] * (plane[neighbours[one]] - plane[i])
                 + weights[other] * (plane[neighbours[other]] - plane[i]);
             gradient[at + (axis * COMPONENTS + c) * PACKET] = slope;
@@ -66,8 +65,9 @@ __kernel void collect_i_minus_s(
     const int i = get_global_id(0);
     const int c = get_global_id(1);
     if (i >= count) return;
-    const real before = out[c * count + i];
-    out[c * count + i] = (more ? before : R(0)) + SUM_OF(box[first_plane(place[i], planes) + c * PACKET]);
+    const size_t at = in_table(c, count, i);
+    const real before = out[at];
+    out[at] = (more ? before : R(0)) + SUM_OF(box[first_plane(place[i], planes) + c * PACKET]);
 }
 
 /* Preconditioned residual of S = a J + E, with J = S + D:
@@ -83,10 +83,10 @@ __kernel void residual(
     const int i = get_global_id(0);
     if (i >= count) return;
     UNROLL for (int c = 0; c < COMPONENTS; ++c) {
-        const int k = c * count + i;
+        const size_t k = in_table(c, count, i);
         const real unbalanced =
             albedo[i] * i_minus_s[k] - coalbedo[i] * listed[k] + shine * emission[k];
-        out[c * stride + i] = unbalanced / one_minus_lambda[i];
+        out[in_table(c, stride, i)] = unbalanced / one_minus_lambda[i];
     }
 }
 
@@ -98,7 +98,7 @@ __kernel void next_order(
     const int i = get_global_id(0);
     if (i >= count) return;
     for (int c = 0; c < COMPONENTS; ++c) {
-        const int k = c * count + i;
+        const size_t k = in_table(c, count, i);
         out[k] = albedo[i] * (listed[k] + i_minus_s[k]) + emission[k];
     }
 }
@@ -113,7 +113,7 @@ __kernel void weighted_mean(
     if (i >= count) return;
     const real share = SUM_OF(shares[place[i]]) + SUM_OF(shares_turned[turned[i]]);
     for (int c = 0; c < COMPONENTS; ++c) {
-        const int k = c * count + i;
+        const size_t k = in_table(c, count, i);
         out[k] = listed[k] + (share > R(0) ? i_minus_s[k] / share : R(0));
     }
 }
@@ -181,7 +181,7 @@ SLICED overlaps(
     const int c = get_global_id(1), i = get_global_id(2);
     __global const real *vector = vectors + ((size_t)i * COMPONENTS + c) * stride;
     lane_t product = (lane_t)R(0);
-    FOR_SLICE(n, stride) product += AT_OF(vector + n) * AT_OF(image + c * stride + n);
+    FOR_SLICE(n, stride) product += AT_OF(vector + n) * AT_OF(image + in_table(c, stride, n));
     store_slice(sums, PRODUCTS(i, again), c, product, 0, shared);
 }
 
@@ -196,10 +196,10 @@ SLICED orthogonalise(
     for (int i = 0; i < number; ++i) {
         const real along = sum_of(sums, PRODUCTS(i, again), c) / count;
         __global const real *vector = vectors + ((size_t)i * COMPONENTS + c) * stride;
-        FOR_SLICE(n, stride) AT(image + c * stride + n) -= along * AT_OF(vector + n);
+        FOR_SLICE(n, stride) AT(image + in_table(c, stride, n)) -= along * AT_OF(vector + n);
     }
     FOR_SLICE(n, stride) {
-        const lane_t rest = AT_OF(image + c * stride + n);
+        const lane_t rest = AT_OF(image + in_table(c, stride, n));
         squares += rest * rest;
     }
     store_slice(sums, SQUARES, c, squares, 0, shared);
@@ -215,10 +215,10 @@ SLICED normalise(
     const real scale = square > R(0) ? R(1) / root(square) : R(0);
     __global real *vector = vectors + ((size_t)number * COMPONENTS + c) * stride;
     FOR_SLICE(n, stride) {
-        const lane_t own = scale * AT_OF(image + c * stride + n);
+        const lane_t own = scale * AT_OF(image + in_table(c, stride, n));
         AT(vector + n) = own;
         for (int k = 0; k < SIMD_WIDTH; ++k)
-            if (n + k < count) listed[c * count + n + k] = LANE(own, k);
+            if (n + k < count) listed[in_table(c, count, n + k)] = LANE(own, k);
     }
 }
 
@@ -232,14 +232,14 @@ SLICED combine(
     const int c = get_global_id(1);
     lane_t squares = (lane_t)R(0), peak = (lane_t)R(0);
     FOR_SLICE(n, stride) {
-        lane_t sum = AT_OF(onto + c * stride + n), rest = AT_OF(left + c * stride + n);
+        lane_t sum = AT_OF(onto + in_table(c, stride, n)), rest = AT_OF(left + in_table(c, stride, n));
         for (int i = 0; i < number; ++i) {
             const lane_t own = AT_OF(vectors + ((size_t)i * COMPONENTS + c) * stride + n);
             sum += factors[i * COMPONENTS + c] * own;
             rest += factors[(number + i) * COMPONENTS + c] * own;
         }
-        AT(onto + c * stride + n) = sum;
-        AT(left + c * stride + n) = rest;
+        AT(onto + in_table(c, stride, n)) = sum;
+        AT(left + in_table(c, stride, n)) = rest;
         squares += rest * rest;
         peak = upper(peak, magnitude(rest) * AT_OF(opacity + n));
     }

@@ -295,7 +295,7 @@ INLINE void cross_cell(
     const lane_t q = view_weight * mean;
 #ifdef LINEAR_SOURCE
     const int linear = begin.y;
-    const int gradient_at =
+    const size_t gradient_at =
         first_plane((linear - 1) * PACKET + cell % PACKET, SPATIAL_MOMENT_PLANES);
     const lane_t rise = linear ? rising(t, share, mean) : (lane_t)R(0);
     const real run = -path;

@@ -45,11 +45,16 @@ from cldit.medium.rasterise import BoxRasteriser, CloudRasteriser
 from cldit.optics.scene_phase import henyey_greenstein
 from cldit.scene import parse_scene
 from cldit.scene.spray import FlowBox, LagrangianSpray
-from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.advance import (
+    DropletStates,
+    DropletSurroundings,
+    advance,
+    follow_droplets,
+)
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS
-from cldit.spray.droplet.rates import Drop, film, rates
+from cldit.spray.droplet.rates import Drop, rates
 from cldit.spray.flow.simulate import simulate_spray
 from cldit.transport.phase import ScatteringTable, SizeClasses
 from cldit.transport.trace import settings_for, trace
@@ -285,11 +290,15 @@ def _droplets(device: Device, model: str) -> None:
     velocity_m_s = np.stack([100 * x, 50 - 30 * x, 10 * x], axis=1)
     mass_kg = fuel.mass_kg(drop.diameter_m, drop.temperature_K)
     states = DropletStates(mass_kg, drop.temperature_K, velocity_m_s)
+    slow = 0.1 * velocity_m_s[:, 0]
     gases = (drop.gas_temperature_K, drop.pressure_Pa, drop.vapour, 0.1 * velocity_m_s)
     kernels = DropletKernels.of(device, fuel, gas, MODELS[model], real=real)
     rates(drop, kernels)
-    film(drop, kernels)
+    kernels.run("films", drop.columns(), 11, share=1 / 3)
     advance(states, DropletSurroundings(*gases), 2e-4, kernels)
+    thrice = DropletSurroundings(*(np.stack([one] * 3) for one in (*gases[:3], slow)))
+    along = replace(states, velocity_m_s=velocity_m_s[:, :1])
+    follow_droplets(along, thrice, np.array([2e-5, 4e-5, 8e-5]), kernels, tolerance=1e-3)
 
 
 def problems(device: Device) -> Iterator[tuple[str, float, Problem]]:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from cldit.accuracy.error_maps import TOTAL
 from cldit.dit.maps import Maps
-from cldit.dit.recorded import EVALUATION
 from cldit.errors import ClditError, FileError, RunFolderError, SceneError
 from cldit.io.digests import UNVERIFIED, read_sealed, write_sealed
 from cldit.io.exclusive import is_empty
@@ -146,6 +145,8 @@ def _measured(folder: Path, scene: Scene) -> Maps | None:
         place /= delay_folder(time_s)
     if not place.is_dir():
         return None
+    from cldit.dit.recorded import EVALUATION  # loads all of the evaluation
+
     if (place / EVALUATION).is_file():
         read_sealed(place / EVALUATION)
     maps = Maps.load(place)

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cldit.arrays import Floats, Reals
+from cldit.arrays import Floats, Ints, Reals
 from cldit.gpu.program import Program
 from cldit.transport.cell_phases import class_weights
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.camera_sweep import CameraSweep
 from cldit.transport.discrete_ordinates.device_ordinates import DeviceOrdinates
 from cldit.transport.discrete_ordinates.gmres import Solution
-from cldit.transport.discrete_ordinates.gradients import spatial_gradients
 from cldit.transport.discrete_ordinates.interface_radiance import InterfaceRadiance
 from cldit.transport.discrete_ordinates.moment_source import FinalSource
 from cldit.transport.discrete_ordinates.problem import SweepProblem
@@ -31,13 +30,14 @@ class CameraSource:
     """Sources of the scattering cells to the camera, in the unit of `OpticalCells.emitted`.
 
     halves: two estimates (C, N), each from half of the final ordinates.
-    gradient: (3, C, N) spatial gradient along x, y, z, per cell; None: sources are constant.
+    known: (K,) linear cells and the spatial gradient (3, C, K) of the radiance in them, along x, y,
+        z, per cell, which precedes that from neighbours; None: in no cell.
     defect: (N,) error of the sweeps in a cavity of radiance 1.
     cell_sources: sources and radiance for the final gather; None if no cell is thick.
     """
 
     halves: tuple[Reals, Reals]
-    gradient: Reals | None
+    known: tuple[Ints, Reals] | None
     solution: Solution
     defect: Floats
     cell_sources: CellSources | None
@@ -52,7 +52,7 @@ def order_0_source(medium: OpticalCells, real: type[np.floating]) -> CameraSourc
     camera = source.astype(real)
     return CameraSource(
         halves=(camera, camera),
-        gradient=None,
+        known=None,
         solution=Solution(camera, 0, 0.0),
         defect=np.zeros(len(medium.address)),
         cell_sources=None,
@@ -99,7 +99,7 @@ def final_sweeps(problem: SweepProblem, final: FinalSource) -> CameraSource:
         cell_sources = CellSources(joined, interfaces, program, record)
     return CameraSource(
         halves=(halves[0], halves[1]),
-        gradient=_source_gradient(problem, final, light, gradient),
+        known=None if gradient is None else (sweeper.linear_cells, gradient),
         solution=final.solution,
         defect=final.defect,
         cell_sources=cell_sources,
@@ -142,19 +142,6 @@ def _swept(
     mean = np.empty((1, sweeper.components, sweeper.count), sweeper.real)
     gradient = sweeper.moments(problem.final_program, ordinates, out=mean, interfaces=interfaces)
     return mean, gradient
-
-
-def _source_gradient(
-    problem: SweepProblem, final: FinalSource, light: Reals, gradient: Reals | None
-) -> Reals | None:
-    """Spatial gradient (3, C, N) of the source to the camera, from that of the radiance."""
-    medium = problem.medium
-    if not problem.settings.within_cells:
-        return None
-    known = None if gradient is None else (final.sweeper.linear_cells, gradient)
-    source = spatial_gradients(light, medium, medium.box(), known)
-    source *= medium.albedo.astype(source.dtype)
-    return source
 
 
 def _counts(medium: OpticalCells, sweeps: int) -> dict[str, int]:

@@ -15,13 +15,12 @@ from cldit.medium.octree import Octree
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.apparent_temperature import TraceTemperature
 from cldit.scene.schema import Scene
-from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
 _FAINTEST = 1e-3  # of the hottest black body: smallest unit of thermal sources
 # Places in the cube have 24 bits. Their rounding is at most 2^-7 of a mean free path: at 2^-3 of
 # one T_app of an even cube was 0.3 K too large, at 2^-7 0.04 K.
-_DEEPEST = 2.0**17  # optical depth of a cell, times the number of cells along the cube
+DEEPEST = 2.0**17  # optical depth of a cell, times the number of cells along the cube
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class OpticalCells:
             tree=tree,
             needs=needs,
             scale=scale,
-            depth=np.minimum(extinction * tree.frame.cell_m, _DEEPEST / tree.frame.cells),
+            depth=np.minimum(extinction * tree.frame.cell_m, DEEPEST / tree.frame.cells),
             emitted=emitted,
             address=address,
             albedo=scattering[address] / safe[address],
@@ -149,29 +148,9 @@ class OpticalCells:
         return TraceTemperature.of(scene, [self.scale] * len(self.needs.emitters), visible)
 
     @cached_property
-    def linear(self) -> LinearCoefficients:
-        """Gradients of the coefficients in cells."""
-        albedo = np.zeros(len(self.depth))
-        albedo[self.address] = self.albedo
-        emitted = {name: self.emitted[name] for name in self.needs.emitters}
-        return LinearCoefficients.of(self.tree, albedo, emitted)
-
-    def linear_planes(self, real: type[np.floating]) -> NDArray[np.floating]:
-        """Gradients (P, 2 + E, 3) for kernels/extinction.h, in the type `real`."""
-        linear = self.linear
-        planes = [linear.extinction, linear.albedo, *linear.emission]
-        return np.stack(planes, axis=1).astype(real, copy=False)
-
-    def middles(self) -> "OpticalCells":
-        """Cells with albedo and emission of their middles in place of the means, see `linear`."""
-        linear = self.linear
-        emitted = dict(self.emitted)
-        for name, gradient in zip(self.needs.emitters, linear.emission, strict=True):
-            emitted[name] = self.emitted[name] - linear.excess(gradient)
-        excess = linear.excess(linear.albedo)[self.address]
-        return replace(
-            self, emitted=emitted, albedo=self.albedo - excess, coalbedo=self.coalbedo + excess
-        )
+    def on_device(self) -> dict[Any, dict[str, Any]]:
+        """Arrays of the medium on devices, see linear_coefficients.py."""
+        return {}
 
     def in_units_of(self, other: "OpticalCells") -> "OpticalCells":
         """Same cells, with thermal sources in the other's unit."""

@@ -16,9 +16,10 @@ from cldit.gpu.buffers import download, unset, upload
 from cldit.gpu.device import Device, shares
 from cldit.gpu.program import Define, Program, build
 from cldit.scene.schema import Scene
-from cldit.transport.cell_records import CellRecords
+from cldit.transport.cell_records import CellRecords, Sources
 from cldit.transport.cells import OpticalCells
-from cldit.transport.view import View, upload_directory
+from cldit.transport.linear_coefficients import device_cells
+from cldit.transport.view import View
 
 _GROUP = 64
 _MIDDLE = np.array([[0.5, 0.5, 0.0, 0.0]])  # of a pixel, and of the aperture
@@ -53,6 +54,7 @@ class FormalSolution:
     parts: one for each device; every device has the whole medium.
     at_once: images that share one traversal.
     thick: (T,) the scattering cells left to the final gather; None: no gather.
+    spatial: sources have spatial gradients.
     """
 
     cells: OpticalCells
@@ -63,6 +65,7 @@ class FormalSolution:
     parts: tuple[_DeviceRows, ...]
     at_once: int
     thick: Ints | None
+    spatial: bool
 
     @classmethod
     def of(
@@ -88,63 +91,45 @@ class FormalSolution:
         if linear or "LINEAR_COEFFICIENTS" in defines:
             defines["LINEAR_SOURCE"] = 1
         real: type[np.floating] = np.float64 if "USE_FLOAT64" in defines else np.float32
-        cell_records = CellRecords.of(cells, linear="LINEAR_COEFFICIENTS" in defines)
+        cell_records = CellRecords.of(cells)
         parts = [
             _DeviceRows(
                 device=one,
                 program=build(one, "image.cl", defines),
                 rows=rows,
                 arguments={
-                    **upload_directory(one, cells),
+                    **_directory(one, cells, real, linear="LINEAR_COEFFICIENTS" in defines),
                     "number": upload(one, "records' numbers", cell_records.number),
                     **view.geometry(one, cells, real),
                 },
             )
             for one, rows in shares(device, view.pixels[1])
         ]
-        return cls(cells, view, scene, real, cell_records, tuple(parts), at_once, thick)
+        return cls(cells, view, scene, real, cell_records, tuple(parts), at_once, thick, linear)
 
     def with_sources(
         self,
-        listed: list[Reals | None],
+        listed: list[Reals],
         defect: Floats,
         gather: Gathered | None = None,
         *,
-        gradient: Reals | None = None,
+        known: tuple[Ints, Reals] | None = None,
     ) -> "Rays":
         """Uploads sources, for which rays can then be traced.
 
         Args:
-            listed: `at_once` sources (C, N) of the scattering cells; None if nothing scatters.
+            listed: `at_once` sources (C, N) of the scattering cells; empty if nothing scatters.
             defect: (N,) error of the mean radiance in a cavity of radiance 1.
             gather: adds the light scattered by thick cells; needed with `thick`.
-            gradient: (3, C, N) spatial gradient of all sources; needed with `linear`.
+            known: cells (K,) and the spatial gradient (3, C, K) of the radiance in them, which
+                precedes that from neighbours.
         """
-        return Rays(self, self._records(listed, defect, gradient), gather)
-
-    def _records(
-        self,
-        listed: list[Reals | None],
-        defect: Floats,
-        gradient: Reals | None,
-    ) -> list[dict[str, Any]]:
-        """Kernel arguments of the cells' sources, for each device."""
-        table = None
-        if self.cell_records.linear:
-            listed, table = self.cell_records.linear_sources(listed, gradient, self.thick)
-        elif gradient is not None:
-            table = gradient.reshape(-1, gradient.shape[2]).T
-        made = self.cell_records.records(listed, defect, self.thick, self.real)
-        records = [{"records": upload(part.device, "records", made)} for part in self.parts]
-        if table is None:
-            return records
-        table = np.ascontiguousarray(table, self.real)
-        if self.thick is not None and not self.cell_records.linear:
-            table[self.thick] = 0.0
-        for part, some in zip(self.parts, records, strict=True):
-            some["gradient"] = upload(part.device, "gradient", table)
-            some["scattering"] = len(table)
-        return records
+        sources = Sources(listed, defect, self.spatial, known)
+        records = [
+            self.cell_records.upload(part.program, part.arguments["number"], sources, self.thick)
+            for part in self.parts
+        ]
+        return Rays(self, records, gather)
 
 
 @dataclass(frozen=True)
@@ -219,6 +204,8 @@ class Rays:
                 part.device.queue.flush()  # the next device starts while this one works
             outs.append(out)
         planes = np.empty((self._planes, rows * columns), solution.real)
+        if len(outs) == 1:
+            return download(solution.parts[0].device, outs[0], planes)
         for part, out in zip(solution.parts, outs, strict=True):
             mine = slice(part.rows.start * columns, part.rows.stop * columns)
             for number, plane in enumerate(planes):
@@ -277,6 +264,14 @@ class Rays:
             if count
         ]
         return np.concatenate(means, axis=1)
+
+
+def _directory(
+    device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool
+) -> dict[str, Any]:
+    """Kernel arguments of the octree's directory."""
+    whole = device_cells(device, cells, real, linear=linear)
+    return {name: whole[name] for name in ("directory", "span")}
 
 
 def by_number(

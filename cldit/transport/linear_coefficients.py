@@ -12,95 +12,119 @@ The extinction is the sum of the three. Emission over extinction and albedo vary
 well: T_app, in which the extinction nearly cancels, would not gain otherwise. They are linear too,
 to first order. Their values in the middle are set so that a cell emits and scatters as its means
 say: the mean of (1 + g . x)(S + s . x) is S + g . s / 12.
+
+Those of stored cells are found on the device (kernels/linear_coefficients.cl), those of coarse
+leaves, which are few, here.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cldit.arrays import Reals
+from cldit.arrays import Ints, Reals
+from cldit.gpu.buffers import unset, upload, zeros
+from cldit.gpu.device import Device
+from cldit.gpu.program import Program, build
 from cldit.medium.frame import BRICK
 from cldit.medium.limiter import limited
 from cldit.medium.octree import Octree
-from cldit.transport.discrete_ordinates.limiter import limit
+from cldit.transport.cells import DEEPEST, OpticalCells
 
-# As |g| is 2 at most, a value of |s| up to 3/2 S has 3/4 S in the middle at least, and falls by 3/4
-# S to a corner: to 0, not below.
-MOST = 4.0 / 3.0
-# Least extinction at a corner, over the mean: rounding of places in a cube of 1024 cells is 1e-4.
-LEAST = 2.0**-10
-_EXTINCTION = ("vapour_absorption", "droplet_absorption", "droplet_scattering")
-_MEAN = 1.0 / 12.0  # of x^2 in a cell of edge 1
-_TOGETHER = 2**18  # cells, for memory
+LEAST = 2.0**-10  # least extinction at a corner, over the mean, as in linear_coefficients.cl
+_FIELDS = (
+    "vapour_absorption",
+    "droplet_absorption",
+    "droplet_scattering",
+    "vapour_emission",
+    "droplet_emission",
+)
 _CELLS = BRICK**3
+_GROUP = 64
 
 
-@dataclass(frozen=True)
-class LinearCoefficients:
-    """Gradients (P, 3) along x, y, z, per finest cell, of stored cells and coarse leaves.
+def device_cells(
+    device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool
+) -> dict[str, Any]:
+    """Kernel arguments of a medium: octree, optical depths, and albedos and thermal sources.
 
-    extinction: relative to its mean.
-    albedo: gradient of the scattered share of the extinction.
-    emission: (E, P, 3) gradient of each emitter's emission over extinction.
-    edge: (P,) edge of the cell or leaf, in finest cells.
+    `linear`: coefficients are linear in cells, with their gradients; albedos and sources are those
+    of the middles then. The arrays are kept with `cells`, for all stages of a trace.
     """
-
-    extinction: Reals
-    albedo: Reals
-    emission: Reals
-    edge: Reals
-
-    @classmethod
-    def of(cls, tree: Octree, albedo: Reals, emitted: Mapping[str, Reals]) -> "LinearCoefficients":
-        """Gradients of a tree with the albedo (P,) and emission over extinction (P,) by emitter."""
-        fields = tree.fields
-        whole = np.sum([fields[name] for name in _EXTINCTION], axis=0)
-        safe = np.where(whole > 0, whole, np.float32(1))[:, None]
-        gradients = {name: relative_gradient(tree, fields[name]) for name in _EXTINCTION}
-        extinction = np.zeros((len(whole), 3), np.float32)
-        for name, gradient in gradients.items():
-            extinction += fields[name][:, None] / safe * gradient
-        edge = np.ones(len(whole), np.float32)
-        edge[-len(tree.coarse_level) :] = tree.frame.cells >> tree.coarse_level
-        change = np.zeros((3, 1 + len(emitted), len(whole)), np.float32)
-        mean = np.stack([albedo, *emitted.values()]).astype(np.float32)
-        change[:, 0] = mean[0] * (gradients["droplet_scattering"] - extinction).T
-        for number, name in enumerate(emitted, 1):
-            field = fields["vapour_emission" if name == "vapour" else "droplet_emission"]
-            change[:, number] = mean[number] * (relative_gradient(tree, field) - extinction).T
-        for first in range(0, len(whole), _TOGETHER):
-            some = slice(first, first + _TOGETHER)
-            part = change[:, :, some] * edge[some]
-            # The albedo stays within 0..1. All gradients of a cell shrink by one factor, so that
-            # they still sum to 0 in an isothermal cavity.
-            reach = np.abs(part[:, 0]).sum(axis=0) * np.float32(MOST / 2)
-            room = (1 - mean[0, some]) / np.maximum(reach, np.float32(1e-20))
-            part *= np.clip(room, 0, 1)
-            limit(part, mean[:, some] / np.float32(MOST), 1)
-            change[:, :, some] = part / edge[some]
-        return cls(extinction, change[:, 0].T, change[:, 1:].transpose(1, 2, 0), edge)
-
-    def excess(self, gradient: Reals) -> Reals:
-        """Extinction-weighted mean less the middle value (P,), of gradients (P, 3)."""
-        product = np.einsum("pi,pi->p", self.extinction, gradient)
-        return np.asarray(product * self.edge**2 * np.float32(_MEAN))
-
-
-def relative_gradient(tree: Octree, depth: Reals) -> NDArray[np.float32]:
-    """Relative gradient (P, 3) along x, y, z, per finest cell, of a coefficient (P,) >= 0.
-
-    It is 0 in empty cells and in coarse leaves that fill the cube.
-    """
-    out = np.zeros((len(depth), 3), np.float32)
-    if not depth.any():
-        return out
-    fine = tree.slots * _CELLS
-    if tree.slots:
-        out[:fine] = _positive(depth[:fine], _stored(tree, depth)).T
-    out[fine:] = _coarse(tree, depth)
+    known: dict[str, Any] | None = cells.on_device.get((id(device.opened), real, linear))
+    if known is not None:
+        return known
+    tree, stored = cells.tree, len(cells.depth)
+    spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
+    place = np.argwhere(tree.directory >= 0)
+    corners = np.zeros((max(tree.slots, 1), 4), np.int32)
+    corners[tree.directory[tuple(place.T)], :3] = place[:, ::-1]
+    out = {
+        "directory": upload(device, "octree", tree.directory),
+        "span": upload(device, "coarse leaves", spans),
+        "corners": upload(device, "octree", corners),
+    }
+    emitters = len(cells.needs.emitters)
+    if linear:
+        out |= {
+            "depth": unset(device, "optical depth", stored, real),
+            "albedo": unset(device, "albedo", stored, real),
+            "thermal": unset(device, "thermal source", emitters * stored, real),
+            "cell_gradients": unset(
+                device, "gradients in cells", 3 * (2 + emitters) * stored, real
+            ),
+        }
+        slopes = np.stack([_coarse(tree, tree.fields[name]).T for name in _FIELDS])
+        fields = np.stack([tree.fields[name] for name in _FIELDS])
+        _program(device, cells, real).launch(
+            "coefficients",
+            (stored,),
+            (_GROUP,),
+            {
+                **out,
+                "fields": upload(device, "coefficients", fields.astype(np.float32, copy=False)),
+                "leaf_slopes": upload(device, "coefficients", slopes.astype(np.float32)),
+                "bricks": tree.frame.bricks,
+                "coarse": tree.slots * _CELLS,
+                "stored": stored,
+                "cell_m": float(tree.frame.cell_m),
+                "deepest": DEEPEST / tree.frame.cells,
+                "scale": float(cells.scale),
+            },
+        )
+    else:
+        albedo = np.zeros(stored, real)
+        albedo[cells.address] = cells.albedo
+        out |= {
+            "depth": upload(device, "optical depth", cells.depth.astype(real)),
+            "albedo": upload(device, "albedo", albedo),
+            "thermal": upload(device, "thermal source", cells.thermal_planes(real)),
+        }
+    cells.on_device[id(device.opened), real, linear] = out
     return out
+
+
+def thick_albedo(
+    device: Device, cells: OpticalCells, thick: Ints, real: type[np.floating], *, linear: bool
+) -> Any:
+    """Buffer of the albedos (P,) of `thick` scattering cells (T,), 0 in all others."""
+    out = zeros(device, "albedo", len(cells.depth), real)
+    _program(device, cells, real).launch(
+        "some_albedos",
+        (len(thick),),
+        (_GROUP,),
+        {
+            "some": out,
+            "albedo": device_cells(device, cells, real, linear=linear)["albedo"],
+            "address": upload(device, "thick cells", cells.address[thick].astype(np.int32)),
+            "count": len(thick),
+        },
+    )
+    return out
+
+
+def _program(device: Device, cells: OpticalCells, real: type[np.floating]) -> Program:
+    double = {"USE_FLOAT64": 1} if real is np.float64 else {}
+    return build(device, "linear_coefficients.cl", {**cells.needs.defines, **double})
 
 
 def _positive(depth: Reals, slopes: Reals) -> Reals:
@@ -109,38 +133,6 @@ def _positive(depth: Reals, slopes: Reals) -> Reals:
     relative = np.where(depth > 0, slopes / safe, 0.0)
     reach = np.abs(relative).sum(axis=0) / 2
     return np.asarray(relative / np.maximum(reach / (1.0 - LEAST), 1.0))
-
-
-def _stored(tree: Octree, depth: Reals) -> Reals:
-    """Limited slopes (3, N) of stored cells, per edge."""
-    values = depth[: tree.slots * _CELLS].reshape(-1, BRICK, BRICK, BRICK)
-    at = np.empty((tree.slots, 3), np.int64)  # z, y, x
-    there = tree.directory >= 0
-    at[tree.directory[there]] = np.argwhere(there)
-    padded = np.pad(tree.directory, 1, constant_values=-1)  # empty outside
-    spans = np.maximum(1, tree.frame.cells >> tree.coarse_level)
-    out = np.empty((3, *values.shape), depth.dtype)
-    for axis in range(3):
-        along = np.moveaxis(values, 1 + axis, 1)
-        near, far = [], []
-        for side in (0, 1):
-            beside = at + 1
-            beside[:, axis] += 2 * side - 1
-            entry = padded[tuple(beside.T)]
-            inner, leaf = entry >= 0, -1 - entry[entry < 0]
-            ends = np.empty((tree.slots, BRICK, BRICK), depth.dtype)
-            ends[inner] = along[entry[inner], 0 if side else -1]
-            ends[~inner] = depth[tree.slots * _CELLS + leaf, None, None]
-            distance = np.ones((tree.slots, BRICK, 1, 1), depth.dtype)
-            distance[~inner, -1 if side else 0, 0, 0] = np.where(
-                depth[tree.slots * _CELLS + leaf] > 0, (1 + spans[leaf]) / 2, 1.0
-            )
-            parts = [along[:, 1:], ends[:, None]] if side else [ends[:, None], along[:, :-1]]
-            near.append(np.concatenate(parts, axis=1))
-            far.append(distance)
-        slope = limited(along, *near, down=far[0], up=far[1])
-        out[2 - axis] = np.moveaxis(slope, 1, 1 + axis)
-    return out.reshape(3, -1)
 
 
 def _coarse(tree: Octree, depth: Reals) -> Reals:

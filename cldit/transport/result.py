@@ -177,7 +177,8 @@ class Trace:
     audit: error of `source` in a few pixels, by `path`; None if nothing scatters, for other
         methods, or if `unaudited` gives a reason.
     scatters: true if anything in the medium scatters.
-    short: reason why the final gather stopped before the wanted accuracy; empty if it did not.
+    short: reason why the final gather or paths stopped before the wanted accuracy; empty if they
+        did not.
     pixel_sample: the pixels in the image's one row, if `path` traced only some.
     closure: energy balance; None if no pixel was traced.
     subpixels: some pixels by more rays, if the settings ask for them; None if none has a T_app.

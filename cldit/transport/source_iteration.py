@@ -76,12 +76,12 @@ def trace_source(
     if region is not None and camera is not None and camera.cell_sources is not None:
         gather = Gather(PathSampler(image, cells.box(), region, camera.cell_sources, settings))
 
-    sources: list[Reals | None] = [None] if camera is None else [*camera.halves]
+    sources: list[Reals] = [] if camera is None else [*camera.halves]
     defect = np.zeros(0) if camera is None else camera.defect
-    gradient = None if camera is None else camera.gradient
+    known = None if camera is None else camera.known
     start = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # the energy balance refuses a broken image
-        lit = image.with_sources(sources, defect, gather, gradient=gradient)
+        lit = image.with_sources(sources, defect, gather, known=known)
         made = traced_pixels(lit, given, pixels, rays)  # 4, and 5 by `gather`
         halves = made.halves
         seconds["image"] = time.perf_counter() - start

@@ -91,6 +91,7 @@ class Tuning:
     # Path tracing, and the audit that it makes.
     path_cutoff: float = _number(1e-6, "largest transmission at which rays end", ERROR)
     path_roulette: float = _number(0.4, "weight below which its paths may end", ERROR)
+    path_scatterings: int = _number(2**20, "after which a path is ended: time, bias", STABILITY)
     batches: int = _number(4, "fewest batches of samples for an error estimate", ERROR)
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
     audit_samples_least: int = _number(128, "per pixel: error of the audit, time", ERROR)

@@ -17,6 +17,7 @@ from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.schema import Scene
 from cldit.transport.boundary import patch_rows
 from cldit.transport.cells import OpticalCells
+from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.sobol import net, on_disc
 
 _TILE = 8
@@ -204,28 +205,12 @@ class View:
         return out
 
 
-def upload_directory(device: Device, cells: OpticalCells) -> dict[str, Any]:
-    """Kernel arguments of the octree's directory."""
-    tree = cells.tree
-    spans = np.maximum(1, tree.frame.cells >> tree.coarse_level).astype(np.int32)
-    return {
-        "directory": upload(device, "octree", tree.directory),
-        "span": upload(device, "coarse leaves", spans),
-    }
-
-
 def upload_tree(
     device: Device, cells: OpticalCells, real: type[np.floating], *, linear: bool = False
 ) -> dict[str, Any]:
     """Kernel arguments of the octree and its optical depths; `linear`: with their gradients."""
-    out = {
-        **upload_directory(device, cells),
-        "depth": upload(device, "optical depth", cells.depth.astype(real)),
-    }
-    if linear:
-        gradients = cells.linear_planes(real)
-        out["cell_gradients"] = upload(device, "gradients in cells", gradients)
-    return out
+    whole = device_cells(device, cells, real, linear=linear)
+    return {name: whole[name] for name in whole.keys() - {"corners", "albedo", "thermal"}}
 
 
 def upload_medium(
@@ -235,15 +220,9 @@ def upload_medium(
 
     `linear`: the extinction is linear within cells.
     """
-    middles = cells.middles() if linear else cells
-    albedo = np.zeros(len(cells.depth), real)
-    albedo[cells.address] = middles.albedo
-    return {
-        "thermal": upload(device, "thermal source", middles.thermal_planes(real)),
-        "albedo": upload(device, "albedo", albedo),
-        **upload_tree(device, cells, real, linear=linear),
-        **view.geometry(device, cells, real),
-    }
+    whole = device_cells(device, cells, real, linear=linear)
+    tree = {name: whole[name] for name in whole.keys() - {"corners"}}
+    return {**tree, **view.geometry(device, cells, real)}
 
 
 def check_boundary(scene: Scene, cells: OpticalCells, view: View) -> None:

@@ -76,3 +76,26 @@ __kernel void advance_droplets(
     store_lanes(after.elapsed, out + 3 * count, i);
     store_lanes(after.failed ? (lane_t)R(-1) : after.rounds, out + 4 * count, i);
 }
+
+/* Droplets through `steps` surroundings, one after the other: temperature, pressure, vapour, velocity x, y, z of
+   the gas, and the duration, of each step. */
+__kernel void follow_droplets(
+    __global const real *fuel, __global const real *gas, __global const real *initial, /* as in advance_droplets */
+    __global real *out, /* mass, temperature, velocity x; steps, -1: failed; after each step */
+    const int steps, const real tolerance, const int count)
+{
+    const int i = get_global_id(0);
+    Droplet drop = {
+        load_lanes(initial, i), load_lanes(initial + count, i), load_lanes(initial + 2 * count, i),
+        load_lanes(initial + 3 * count, i), load_lanes(initial + 4 * count, i)};
+    for (int n = 0; n < steps; ++n, gas += 7 * count, out += 4 * count) {
+        const Advanced after = advance_droplet(
+            fuel, gas_around(gas, i, count), load_lanes(gas + 3 * count, i), load_lanes(gas + 4 * count, i),
+            load_lanes(gas + 5 * count, i), drop, gas[6 * count], tolerance, 1);
+        drop = after.droplet;
+        store_lanes(drop.mass, out, i);
+        store_lanes(drop.temperature, out + count, i);
+        store_lanes(drop.vx, out + 2 * count, i);
+        store_lanes(after.failed ? (lane_t)R(-1) : after.rounds, out + 3 * count, i);
+    }
+}

@@ -45,6 +45,7 @@ MEASUREMENTS = (
     "sprays",
     "stability",
     "wavelengths",
+    "workers",
 )
 
 

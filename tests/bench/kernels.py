@@ -15,7 +15,7 @@ from cldit.bench.case import Cost, clocked
 from cldit.gpu.buffers import download, upload, zeros
 from cldit.gpu.program import Define, build
 from cldit.transport.camera_source import final_sweeps
-from cldit.transport.cell_records import CellRecords
+from cldit.transport.cell_records import CellRecords, Sources
 from cldit.transport.cells import OpticalCells
 from cldit.transport.discrete_ordinates.cell_packets import simd_defines
 from cldit.transport.discrete_ordinates.gmres import order_0
@@ -25,9 +25,10 @@ from cldit.transport.discrete_ordinates.problem import SweepProblem
 from cldit.transport.discrete_ordinates.quadrature import isotropic
 from cldit.transport.discrete_ordinates.sweep import Sweeper
 from cldit.transport.final_gather.paths import PathSampler
+from cldit.transport.linear_coefficients import device_cells
 from cldit.transport.result import TraceInput
 from cldit.transport.source_iteration import formal_solution, thick_region
-from cldit.transport.view import View, upload_directory, upload_tree
+from cldit.transport.view import View, upload_tree
 from tests.bench.case import Case
 
 Floats = NDArray[np.float64]
@@ -88,22 +89,20 @@ class Kernels:
         columns, rows = self.view.pixels
         planes = images * (len(cells.needs.components) + 1)
         out = zeros(device, "image", planes * rows * columns, real)
-        cell_records = CellRecords.of(cells)
-        source = None
+        made = CellRecords.of(cells)
+        number = upload(device, "records' numbers", made.number)
+        listed = []
         if cells.needs.scattering:
-            source = np.zeros((len(cells.needs.components), len(cells.address)), real)
-        listed = [source] * images
-        records = cell_records.records(listed, np.zeros(len(cells.address)), None, real)
+            listed = [np.zeros((len(cells.needs.components), len(cells.address)), real)] * images
+        sources = Sources(listed, np.zeros(len(cells.address)), linear)
+        whole = device_cells(device, cells, real, linear=False)
         arguments = {
-            **upload_directory(device, cells),
-            "number": upload(device, "records' numbers", cell_records.number),
-            "records": upload(device, "records", records),
+            "directory": whole["directory"],
+            "span": whole["span"],
+            "number": number,
+            **made.upload(program, number, sources, None),
             **self.view.geometry(device, cells, real),
         }
-        if linear:
-            gradient = np.zeros((len(cells.address), 3 * len(cells.needs.components)), real)
-            arguments["gradient"] = upload(device, "gradient", gradient)
-            arguments["scattering"] = len(gradient)
         tiles = self.view.tiles(program, "image")
         return quickest(
             self.case, lambda: program.launch("image", *tiles, {"planes": out, **arguments})
@@ -141,9 +140,7 @@ class Kernels:
             def affords(self, _: int) -> bool:
                 return True
 
-        rays = image.with_sources(
-            list(camera.halves), camera.defect, Collect(), gradient=camera.gradient
-        )
+        rays = image.with_sources(list(camera.halves), camera.defect, Collect(), known=camera.known)
         rays.middle()
         pixels = np.concatenate([np.zeros(0, np.int64), *found])
         if not len(pixels):

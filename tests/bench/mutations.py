@@ -166,8 +166,8 @@ MUTATIONS = (
     # transport
     row("cldit/transport/angular_moments.py", "3 * first] * 3", "3 * first] * 2 + [first]",
         "unit/transport", "kernels/test_sweep.py"),
-    row("cldit/transport/linear_coefficients.py", "_MEAN = 1.0 / 12.0", "_MEAN = 1.0 / 10.0",
-        "unit/transport"),
+    row("kernels/linear_cell.h", "* R(1.0 / 12.0);", "* R(1.0 / 10.0);",
+        "kernels/test_cell_records.py", "kernels"),
     row("cldit/transport/monte_carlo/path.py", "(self.halves[0] - self.halves[1]) / self.batches",
         "(self.halves[0] - self.halves[1]) / self.batches / 2", "unit/transport"),
     row("cldit/transport/energy_balance.py", "+ within - 1.0", "+ within - 1.001",

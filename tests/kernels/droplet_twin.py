@@ -12,12 +12,40 @@ from functools import cached_property
 import numpy as np
 
 from cldit.arrays import Floats
+from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fits import GAS_TERMS, LIQUID_TERMS
 from cldit.spray.droplet.fluids import Fuel, Gas, property_table
-from cldit.spray.droplet.rates import Drop, Film
+from cldit.spray.droplet.rates import Drop
 from cldit.spray.droplet.substances import GAS_CONSTANT_J_mol_K
 
 Pair = tuple[Floats, Floats]
+
+
+@dataclass(frozen=True)
+class Film:
+    """Gas around a droplet at its reference state; all (N,).
+
+    transfer: mass transfer number BM. surface: mass fraction of fuel at the surface (Raoult's law,
+    limited at boiling). density_kg_m3: far from the droplet. cp_vapour_J_kg_K: of the fuel's
+    vapour. diffusion_kg_m_s: density times diffusivity.
+    """
+
+    transfer: Floats
+    surface: Floats
+    density_kg_m3: Floats
+    viscosity_Pa_s: Floats
+    reynolds: Floats
+    prandtl: Floats
+    schmidt: Floats
+    cp_J_kg_K: Floats
+    cp_vapour_J_kg_K: Floats
+    conductivity_W_m_K: Floats
+    diffusion_kg_m_s: Floats
+
+
+def film_on_device(drop: Drop, kernels: DropletKernels, *, share: float = 1 / 3) -> Film:
+    """Film of the kernels at a `share` of the way from surface to gas."""
+    return Film(*kernels.run("films", drop.columns(), 11, share=share)[0])
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,18 @@ import pytest
 from cldit.errors import SprayError
 from cldit.gpu.device import Device
 from cldit.gpu.program import build
+from cldit.spray.droplet.advance import (
+    DropletStates,
+    DropletSurroundings,
+    advance,
+    follow_droplets,
+)
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.curves import curves
 from cldit.spray.droplet.fits import LARGEST_ERROR, LARGEST_LN_ERROR, gas_fits, liquid_fits
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
 from cldit.spray.droplet.models import MODELS, inert
-from cldit.spray.droplet.rates import Drop, Film
+from cldit.spray.droplet.rates import Drop
 from cldit.spray.droplet.substances import GASES
 
 from . import droplet_twin as twin
@@ -170,9 +176,9 @@ def test_film(device: Device, heptane: Fuel, nitrogen: Gas, real: type[np.floati
     kernels = DropletKernels.of(device, heptane, nitrogen, inert, real=real)
     drop, limit = states(heptane, real), tolerance(real)
     for share in (1 / 3, 0.5):
-        got = Film(*kernels.run("films", drop.columns(), 11, share=share)[0])
+        got = twin.film_on_device(drop, kernels, share=share)
         wanted = twin.film(exact(heptane, nitrogen, drop), share)
-        for each in fields(Film):
+        for each in fields(twin.Film):
             error = np.abs(getattr(got, each.name) - getattr(wanted, each.name))
             scale = np.abs(getattr(wanted, each.name))
             if each.name == "transfer":  # (Ys - Yfar)/(1 - Ys), of Ys with an error of `limit`
@@ -316,3 +322,35 @@ def test_impossible_droplets_are_reported(device: Device, heptane: Fuel, nitroge
     columns["gas"][0] = np.where(np.arange(9) == 4, np.nan, columns["gas"][0])
     rounds = kernels.run("advance_droplets", columns, 5, **STEP)[0][4]
     assert rounds[4] == -1 and np.all(np.delete(rounds, 4) > 0)
+
+
+@pytest.mark.parametrize("width", [8, 1])
+def test_a_history_is_its_steps(device: Device, heptane: Fuel, nitrogen: Gas, width: int) -> None:
+    """Of droplets through other gas in each step, of which some vanish, as step by step."""
+    model = MODELS["abramzon-sirignano"]
+    defines = {**model.defines, "SIMD_WIDTH": width}
+    program = build(device, "spray/droplets.cl", defines, before=model.source)
+    eight = DropletKernels.of(device, heptane, nitrogen, model, real=np.float32)
+    kernels = replace(eight, program=program, width=width)
+    mass, temperature, speed, *_ = crowd(heptane, drops(heptane, 13))["droplets"]
+    states = DropletStates(mass, temperature, speed[:, None])
+    durations = np.array([1e-5, 4e-5, 3e-4])
+    shape = (len(durations), len(mass))
+    gas = DropletSurroundings(
+        np.linspace(500.0, 900.0, mass.size * 3).reshape(shape),
+        np.full(shape, 6e5),
+        np.linspace(0.3, 0.0, mass.size * 3).reshape(shape),
+        np.linspace(0.0, 80.0, mass.size * 3).reshape(shape),
+    )
+    found = follow_droplets(states, gas, durations, kernels, tolerance=1e-2)
+    for step, duration in enumerate(durations):
+        around = DropletSurroundings(
+            gas.temperature_K[step],
+            gas.pressure_Pa[step],
+            gas.vapour[step],
+            gas.velocity_m_s[step][:, None],
+        )
+        states = advance(states, around, float(duration), kernels, tolerance=1e-2).droplets
+        np.testing.assert_array_equal(found[0][step], states.mass_kg)
+        np.testing.assert_array_equal(found[1][step], states.velocity_m_s[:, 0])
+    assert 0 < np.count_nonzero(found[0][-1]) < len(mass)

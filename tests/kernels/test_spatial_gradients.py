@@ -13,9 +13,10 @@ from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.scene import parse_scene
 from cldit.transport.cells import OpticalCells
-from cldit.transport.discrete_ordinates.gradients import spatial_gradients
 from cldit.transport.image import FormalSolution
 from cldit.transport.view import View
+
+from .cell_twin import spatial_gradients
 
 EDGE_M = 0.16
 CELLS = 16
@@ -65,8 +66,9 @@ def test_a_source_that_is_linear_is_seen_so(device: Device, cells: OpticalCells)
     source = np.zeros((parts, len(at)), np.float32)
     source[1] = 0.4 + at @ rise
     across = np.zeros((3, parts, len(at)), np.float32)
-    across[:, 1] = rise[:, None]
-    rays = formal_solution.with_sources([source], np.zeros(len(at)), gradient=across)
+    across[:, 1] = rise[:, None] / cells.albedo  # of the radiance
+    known = np.arange(len(at)), across
+    rays = formal_solution.with_sources([source], np.zeros(len(at)), known=known)
     planes = rays.middle().reshape(1, -1, 39, 39)
     cell_m = EDGE_M / CELLS
     side = ((np.arange(39) + 0.5) / 39 - 0.5) * 0.078 / cell_m

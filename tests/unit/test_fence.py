@@ -34,7 +34,7 @@ BUDGETS: dict[str, int] = {
     "drivers": 4000,
     "gpu": 1250,
     "io": 2000,
-    "kernels": 5750,
+    "kernels": 6250,
     "medium": 2000,
     "optics": 3500,
     "prepare": 1250,
@@ -46,7 +46,7 @@ BUDGETS: dict[str, int] = {
     "spray": 6250,
     "study": 3500,
     "testing": 1500,
-    "transport": 7500,
+    "transport": 7250,
 }
 ARROWS: dict[str, str] = {
     "accuracy": "camera cldit dit gpu medium optics prepare radiance scene spray transport",
@@ -161,7 +161,7 @@ def test_no_folder_is_crowded() -> None:
 
 
 CROWDED: dict[str, int] = {
-    "kernels": 29
+    "kernels": 30
 }  # folders that still hold more files, as many as they hold
 
 

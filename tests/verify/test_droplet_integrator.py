@@ -19,8 +19,9 @@ from cldit.spray.droplet.advance import Advance, DropletStates, DropletSurroundi
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import Fuel, Gas, fuel_table, gas_table, property_table
 from cldit.spray.droplet.models import MODELS, Model, inert
-from cldit.spray.droplet.rates import Drop, film, rates
+from cldit.spray.droplet.rates import Drop, rates
 from tests.kernels.droplet_twin import Properties
+from tests.kernels.droplet_twin import film_on_device as film
 from tests.verify.droplet_convergence import CASES, error_of, integrated, reference
 
 

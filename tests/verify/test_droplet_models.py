@@ -15,8 +15,9 @@ from cldit.gpu.device import Device
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.droplet.fluids import fuel_table, gas_table
 from cldit.spray.droplet.models import MODELS, Model
-from cldit.spray.droplet.rates import Drop, film, rates
+from cldit.spray.droplet.rates import Drop, rates
 from tests.bench.droplets import page
+from tests.kernels.droplet_twin import film_on_device as film
 from tests.verify import droplet_published as published
 from tests.verify.droplet_verification import (
     microgravity_K_mm2_s,

@@ -18,6 +18,7 @@ from cldit.transport.cells import OpticalCells
 from cldit.transport.phase import ScatteringTable
 from cldit.transport.result import Method
 from cldit.transport.trace import TraceSettings, trace
+from tests.kernels.cell_twin import linear_of
 from tests.phase_tables import henyey_greenstein
 
 Floats = NDArray[np.float64]
@@ -192,7 +193,7 @@ def test_cavity_is_flat(device: Device, method: Method, phase: ScatteringTable |
         droplet_emission=absorbing,
     )
     tree = build_octree(frame, None, [source], optical_depth_split=1e-9)
-    assert np.abs(OpticalCells.of(tree).linear.extinction).max() > 1
+    assert np.abs(linear_of(OpticalCells.of(tree)).extinction).max() > 1
     chosen = replace(
         SETTINGS, method=method, linear_coefficients=True, accuracy_K=0.5, max_samples=512,
         order=1 if method == "branching" else None, audit=False, phase=phase,

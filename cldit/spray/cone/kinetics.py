@@ -5,6 +5,9 @@ section on its way. So all droplets of one size class have one history: in the m
 section, weighted by the fuel, with the vapour and the temperature that their own evaporation has
 made, and at the speed of the jet, to which drag brings them. Each class follows its own heat, mass
 and slip after Abramzon and Sirignano (`spray.droplet`).
+
+The gas of a step depends on the steps before it alone. So whole histories are computed in the gas
+of the previous ones until they do not change (Picard iteration): after k of them k steps are final.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from cldit.arrays import Floats
 from cldit.scene.spray import ConeSpray
 from cldit.spray.cone.jet import MEAN_SQUARE, Jet, profile, speed_profile
 from cldit.spray.cone.mixing import Mixture
-from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, advance
+from cldit.spray.droplet.advance import DropletStates, DropletSurroundings, follow_droplets
 from cldit.spray.droplet.arrays import DropletKernels
 from cldit.spray.sizes import strata_m
 
@@ -27,6 +30,7 @@ _CLASSES = 8
 _STEPS = 120
 _FIRST = 1e-3  # age of the first step, over the last
 _TOLERANCE = 1e-2  # of a droplet's step
+_UNCHANGED = 1e-6  # of the way, and of the share that is left
 
 
 def lag(xi2: Floats) -> Floats:
@@ -71,31 +75,33 @@ def plume_kinetics(
     hot = np.full(classes, spec.fuel_temperature_K)
     start = kernels.fuel.mass_kg(diameter, hot)
     drops = DropletStates(start, hot, np.full((classes, 1), jet.speed_m_s))
-    pressure = np.full(classes, spec.ambient.pressure_Pa)
-
-    shape = (len(age), classes)
-    left, distance, speed = np.ones(shape), np.zeros(shape), np.full(shape, jet.speed_m_s)
-    for n, step in enumerate(np.diff(age)):
-        s = distance[n] + 0.5 * step * speed[n]
-        gone = np.interp(s, distance[: n + 1].mean(axis=1), 1 - left[: n + 1].mean(axis=1))
-        done = np.broadcast_to(gone[:, None], (classes, rings))
-        ratio = jet.axis_ratio(s)[:, None] * profile(xi)
+    step = np.diff(age)[:, None]
+    left = np.ones((len(age), classes))
+    speed = jet.speed_m_s * left
+    way = np.linspace(0.0, jet.speed_m_s * oldest_s, 4 * len(age))
+    distance = np.repeat(np.interp(age, jet.travel_s(way), way)[:, None], classes, axis=1)
+    for _ in range(len(age)):
+        s = distance[:-1] + 0.5 * step * speed[:-1]
+        mean = np.maximum.accumulate(distance.mean(axis=1))
+        gone = np.interp(np.minimum(s, mean[:-1, None]), mean, 1 - left.mean(axis=1))
+        done = np.broadcast_to(gone[..., None], (*gone.shape, rings))
+        ratio = jet.axis_ratio(s)[..., None] * profile(xi)
         vapour = ratio * mixture.evaporated(ratio, done)
         here = mixture.content(ratio, done)
         around = (
             mixture.gas_at(ratio, done),
             vapour / (1 + vapour),
-            jet.mean_speed_m_s(s)[:, None] * speed_profile(xi),
+            jet.mean_speed_m_s(s)[..., None] * speed_profile(xi),
         )
-        gas_K, fraction, gas_m_s = (np.average(one, axis=1, weights=here) for one in around)
-        drops = advance(
-            drops,
-            DropletSurroundings(gas_K, pressure, fraction, gas_m_s[:, None]),
-            float(step),
-            kernels,
-            tolerance=_TOLERANCE,
-        ).droplets
-        left[n + 1] = np.minimum(drops.mass_kg / start, left[n])
-        speed[n + 1] = np.where(left[n + 1] > 0, drops.velocity_m_s[:, 0], gas_m_s)
-        distance[n + 1] = distance[n] + 0.5 * step * (speed[n] + speed[n + 1])
+        gas_K, fraction, gas_m_s = (np.average(one, axis=-1, weights=here) for one in around)
+        pressure = np.full(gas_K.shape, spec.ambient.pressure_Pa)
+        gas = DropletSurroundings(gas_K, pressure, fraction, gas_m_s)
+        mass, velocity = follow_droplets(drops, gas, step[:, 0], kernels, tolerance=_TOLERANCE)
+        before = left.copy(), distance.copy()
+        left[1:] = np.minimum.accumulate(np.minimum(mass / start, 1.0))
+        speed[1:] = np.where(left[1:] > 0, velocity, gas_m_s)
+        distance[1:] = np.cumsum(0.5 * step * (speed[:-1] + speed[1:]), axis=0)
+        moved = np.abs(distance - before[1]).max() / distance.max()
+        if max(moved, np.abs(left - before[0]).max()) < _UNCHANGED:
+            break
     return Kinetics(age, left, distance, speed)

@@ -41,7 +41,7 @@ from cldit.spray.droplet.models import MODELS
 from cldit.spray.droplet.rates import Drop, Rates, rates
 
 _SIZE_m = 10e-6  # arbitrary: both rates are proportional to it at rest
-_HALVINGS = 40
+_ZOOMS = 5  # each by 400: 1e13, down to rounding
 _POINTS = 400
 _STEPS = 500  # of the d^2 law
 
@@ -146,9 +146,10 @@ def wet_bulb(
         return still(surface_K, kernels, gas_K=gas_K, vapour_share=0.0, pressure_Pa=pressure_Pa)
 
     low, high = 0.4 * gas_K, max(gas_K, HEPTANE_CRITICAL_K)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if at(middle).heat_W > 0 else (low, middle)
+    for _ in range(_ZOOMS):
+        surface = np.linspace(low, high, _POINTS + 1)
+        first = int(np.clip(np.count_nonzero(at(surface).heat_W > 0), 1, _POINTS))
+        low, high = surface[first - 1 : first + 1]
     steady = float(at(low).mass_kg_s)
     rate = 4 * steady / (np.pi * _SIZE_m * float(heptane_density_kg_m3(low)))
     way = fuel_K + (low - fuel_K) * (np.arange(_POINTS) + 0.5) / _POINTS

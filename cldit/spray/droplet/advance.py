@@ -125,6 +125,37 @@ def advance(
     )
 
 
+def follow_droplets(
+    droplets: DropletStates,
+    surroundings: DropletSurroundings,
+    durations_s: Floats,
+    kernels: DropletKernels,
+    *,
+    tolerance: float,
+) -> tuple[Floats, Floats]:
+    """Mass and velocity (A, N) of N droplets after each of A steps; raises as `advance`.
+
+    Args:
+        droplets: (N,) initial droplets, with velocities along one axis, (N, 1).
+        surroundings: (A, N) gas around each in each step, and its velocity along that axis.
+        durations_s: (A,) of the steps.
+    """
+    around, (steps, count) = surroundings, surroundings.temperature_K.shape
+    check_states(droplets, around, float(durations_s.max()), kernels.fuel)
+    rest, duration = np.zeros((steps, count)), np.repeat(durations_s[:, None], count, axis=1)
+    gas = (around.temperature_K, around.pressure_Pa, around.vapour, around.velocity_m_s)
+    rows = np.stack([*gas, rest, rest, duration], axis=1)
+    start = [droplets.mass_kg, droplets.temperature_K, droplets.velocity_m_s[:, 0]]
+    columns = {"gas": [*rows.reshape(-1, count)], "initial": [*start, rest[0], rest[0]]}
+    out, _ = kernels.run("follow_droplets", columns, 4 * steps, steps=steps, tolerance=tolerance)
+    mass, temperature, velocity, rounds = out.reshape(steps, 4, count).swapaxes(0, 1)
+    if np.any(rounds < 0):
+        step, stuck = np.argwhere(rounds < 0)[0]
+        then = DropletSurroundings(*(one[step] for one in gas))
+        raise SprayError(stuck_text(kernels.fuel, mass[step], temperature[step], then, stuck))
+    return mass, velocity
+
+
 def check_states(
     droplets: DropletStates, around: DropletSurroundings, duration_s: float, fuel: Fuel
 ) -> None:

@@ -69,16 +69,14 @@ class DropletKernels:
             numbers: other arguments.
 
         Returns:
-            `out` (results, N), and the arrays (quantities, N) as the kernel has left them.
+            `out` (results, N), and `droplets` (quantities, N), if given, as the kernel has left it.
         """
         device = self.program.device
         droplets = len(next(iter(columns.values()))[0])
         groups = -(-droplets // self.width)
         count = groups * self.width
         if count == 0:
-            return np.empty((results, 0)), {
-                name: np.empty((len(each), 0)) for name, each in columns.items()
-            }
+            return np.empty((results, 0)), {n: np.empty((len(c), 0)) for n, c in columns.items()}
         # The last work-item is filled with copies of the last droplet.
         padded = {
             name: np.pad(np.stack(each), ((0, 0), (0, count - droplets)), mode="edge")
@@ -99,4 +97,5 @@ class DropletKernels:
             array = np.empty((quantities, count), self.real)
             return download(device, buffers[name], array)[:, :droplets].astype(float)
 
-        return back("out", results), {name: back(name, len(columns[name])) for name in columns}
+        written = columns.keys() & {"droplets"}
+        return back("out", results), {name: back(name, len(columns[name])) for name in written}

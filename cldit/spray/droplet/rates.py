@@ -1,4 +1,4 @@
-"""Mass loss of droplets, heat into their liquid, and the film around them, on an OpenCL device."""
+"""Mass loss of droplets, and heat into their liquid, on an OpenCL device."""
 
 from __future__ import annotations
 
@@ -39,33 +39,6 @@ class Rates:
     heat_W: Floats
 
 
-@dataclass(frozen=True)
-class Film:
-    """Gas around a droplet at its reference state; all (N,).
-
-    transfer: mass transfer number BM. surface: mass fraction of fuel at the surface (Raoult's law,
-    limited at boiling). density_kg_m3: far from the droplet. cp_vapour_J_kg_K: of the fuel's
-    vapour. diffusion_kg_m_s: density times diffusivity.
-    """
-
-    transfer: Floats
-    surface: Floats
-    density_kg_m3: Floats
-    viscosity_Pa_s: Floats
-    reynolds: Floats
-    prandtl: Floats
-    schmidt: Floats
-    cp_J_kg_K: Floats
-    cp_vapour_J_kg_K: Floats
-    conductivity_W_m_K: Floats
-    diffusion_kg_m_s: Floats
-
-
 def rates(drop: Drop, kernels: DropletKernels) -> Rates:
     """Rates of droplets by the evaporation model of the kernels."""
     return Rates(*kernels.run("rates", drop.columns(), 2)[0])
-
-
-def film(drop: Drop, kernels: DropletKernels, *, share: float = 1 / 3) -> Film:
-    """Film at a `share` of the way from surface to gas, see kernels/spray/droplet_film.h."""
-    return Film(*kernels.run("films", drop.columns(), 11, share=share)[0])

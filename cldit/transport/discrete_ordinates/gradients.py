@@ -1,8 +1,7 @@
-"""Spatial gradients of source and radiance in each scattering cell, from its neighbours.
+"""Spatial gradients of the source in each scattering cell, from its neighbours.
 
-The image uses them, since a cell is many pixels wide (`spatial_gradients`, stages 3 and 4 of
-`trace_source`). The solver's sweeps use them where light diffuses through thick cells (`Gradients`,
-stage 1): with a constant source the flux between two cells of optical depth t and albedo near 1 is
+The solver's sweeps use them where light diffuses through thick cells (stage 1): with a constant
+source the flux between two cells of optical depth t and albedo near 1 is
 3 t / 4 times that of diffusion (Larsen, Morel and Miller, J. Comput. Phys. 69, 1987, on the step
 method). A linear source that is continuous at faces has the diffusion limit.
 """
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from cldit.arrays import Floats, Mask, Reals
 from cldit.transport.cells import OpticalCells, SweptBox
-from cldit.transport.discrete_ordinates.limiter import limit
 from cldit.transport.tuning import Tuning
 
 Numbers = NDArray[np.int32]
@@ -69,39 +67,6 @@ def diffusion_matters(cells: OpticalCells, *, scattered: float | Floats, tuning:
     diffuses &= coalbedo < tuning.diffusion_coalbedo
     diffuses &= np.sqrt(3.0 * coalbedo) * depth < tuning.diffusion_lengths
     return bool(diffuses.any())
-
-
-def spatial_gradients(
-    light: Reals,
-    cells: OpticalCells,
-    box: SweptBox,
-    known: tuple[NDArray[np.intp], Reals] | None = None,
-) -> Reals:
-    """Gradient (3, C, N) of the radiance in each scattering cell along x, y, z, per cell.
-
-    The value at a face is between the means of both cells, closer to that of the thinner one: a
-    cell's share of the difference is proportional to the root of its optical depth. It would be the
-    depth itself in diffusion, and equal shares in transparent cells; on `gdi` the root has the
-    smallest error. A cell with one neighbour has the same slope on both sides. Gradients are
-    limited so that no component is negative.
-
-    light: (C, N) mean radiance of the cells. known: cells (M,) and their gradients (3, C, M), which
-    take precedence.
-    """
-    every = np.arange(len(cells.address))
-    gradient = np.zeros((3, *light.shape), light.dtype)
-    root = np.sqrt(cells.depth[cells.address]).astype(light.dtype)
-    beside = _beside(cells, box, (-1, 1), np.ones(len(every), bool))
-    for along, (below, above) in zip(gradient, beside, strict=True):
-        sides = np.where((below >= 0) & (above >= 0), 1, 2).astype(light.dtype)
-        for there, sign in ((below, -1), (above, 1)):
-            near = np.where(there >= 0, there, every)
-            share = sign * sides * root / (root + root[near])
-            along += share * (np.take(light, near, axis=1) - light)
-    if known is not None:
-        gradient[:, :, known[0]] = known[1]
-    limit(gradient, light, cells.needs.boundaries)
-    return gradient
 
 
 def _beside(

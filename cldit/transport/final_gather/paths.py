@@ -22,6 +22,7 @@ from cldit.transport.discrete_ordinates.quadrature import (
 )
 from cldit.transport.final_gather.cell_sources import CellSources
 from cldit.transport.image import FormalSolution
+from cldit.transport.linear_coefficients import thick_albedo
 from cldit.transport.phase import PHASE_STEPS
 from cldit.transport.result import TraceSettings
 from cldit.transport.sobol import points
@@ -144,10 +145,7 @@ class PathSampler:
             table = np.concatenate([one.to_sample() for one in phase.tables])
             steps = phase.by_half_sine(PHASE_STEPS)
             defines.update(PHASE_BINS=phase.bins, PHASE_STEPS=PHASE_STEPS)
-        real = self._real
-        albedo = np.zeros(len(cells.depth), real)
-        middles = cells.middles() if settings.linear_coefficients else cells
-        albedo[cells.address[thick.listed]] = middles.albedo[thick.listed]
+        real, linear = self._real, settings.linear_coefficients
         records = ends.records.astype(real)
         order = hilbert_order(directions.unit)
         drawn = Ordinates(directions.unit[order], directions.weight[order])
@@ -179,8 +177,8 @@ class PathSampler:
                 stored = upload(one, "interface radiance", host)
             self._traversals.append(
                 {
-                    "albedo": upload(one, "albedo", albedo),
-                    **upload_tree(one, cells, real, linear=settings.linear_coefficients),
+                    "albedo": thick_albedo(one, cells, thick.listed, real, linear=linear),
+                    **upload_tree(one, cells, real, linear=linear),
                     **view.geometry(one, cells, real),
                 }
             )

@@ -93,6 +93,8 @@ def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
     if truth.pixel_sample is None or truth.weights_difference is None:
         return result
+    if truth.short:  # no reference
+        return replace(result, unaudited=f"no audit by {truth.short}")
     places = truth.pixel_sample.pixels
     means, spread = truth.weights.images, truth.weights_difference.images
 

@@ -26,6 +26,7 @@ from cldit.transport.view import upload_medium
 
 SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
 _GROUP = 16
+_TOGETHER = 2  # batches: one of each half
 
 
 @dataclass
@@ -75,7 +76,12 @@ class _PathTracer:
             device,
             program,
             len(pixels),
-            zeros(device, "means", components * len(pixels), scattered.dtype.type),
+            zeros(
+                device,
+                "means",
+                _TOGETHER * (components + 1) * len(pixels),
+                scattered.dtype.type,
+            ),
             {
                 "list": upload(device, "pixels", pixels),
                 "scattered": upload(device, "scattered light", scattered[pixels]),
@@ -84,24 +90,25 @@ class _PathTracer:
         )
 
     def launch(self, seed: int, batch: int) -> None:
-        """Starts a batch and does not wait for it."""
+        """Starts batches, `batch` the first, and does not wait for them."""
         self.program.launch(
             "scatter",
-            (self.count,),
-            (min(_GROUP, self.program.largest_group("scatter")),),
+            (self.count, _TOGETHER),
+            (min(_GROUP, self.program.largest_group("scatter")), 1),
             {
                 "means": self.out,
                 "count": self.count,
                 "key": np.array([seed, 0], np.uint32),
-                "batch": batch,
+                "first_batch": batch,
                 **self.arguments,
             },
         )
         self.device.queue.flush()
 
     def means(self, components: int, real: type[np.floating]) -> Reals:
-        """Waits for the means (C, N) of the batch."""
-        return download(self.device, self.out, np.empty((components, self.count), real))
+        """Waits for the means (batches, C + 1, N), the number of paths ended last."""
+        shape = (_TOGETHER, components + 1, self.count)
+        return download(self.device, self.out, np.empty(shape, real))
 
 
 def trace_path(
@@ -126,6 +133,7 @@ def trace_path(
         "CUTOFF": min(float(settings.cutoff), settings.tuning.path_cutoff),
         "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
+        "SCATTERINGS": settings.tuning.path_scatterings,
     }
     if settings.order is not None:
         defines["ORDER"] = settings.order
@@ -190,14 +198,16 @@ def trace_path(
     rest = np.delete(np.arange(image.shape[1]), place)  # empty if pixels were drawn
     other = int(np.count_nonzero(view.has_temperature(1.0 - image[0, rest], rest)))
     even, odd = np.zeros((2, components, count))
-    sums = _BatchSums((even, odd))
+    sums, ended = _BatchSums((even, odd)), 0
     temperature = given.temperature
     while count:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)
-        means = [tracer.means(components, real) for tracer in tracers]
-        sums.add(np.concatenate(means, axis=1).astype(np.float64))
-        if sums.batches % 2 or sums.batches < settings.tuning.batches:
+        means = np.concatenate([one.means(components, real) for one in tracers], axis=2)
+        for each in means.astype(np.float64):
+            sums.add(each[:-1])
+            ended += int(each[-1].sum())
+        if sums.batches < settings.tuning.batches:
             continue
         if pixel_sample is not None and enough is not None:
             found = (image[:, place] + sums.mean)[:-1]
@@ -218,9 +228,15 @@ def trace_path(
         image[:, place] += sums.mean
         difference[:, place] = sums.difference
     planes = image.reshape(shape)
-    closure = None
+    closure, short = None, ""
+    paths = count * sums.batches * SAMPLES
+    if ended:
+        most = settings.tuning.path_scatterings
+        short = (
+            f"path tracing: {ended} of {paths} paths ended after {most} scatterings, as if they "
+            "saw the wall; allowed: a medium that absorbs more, or transport.method: source"
+        )
     if planes.size:  # else no pixel was drawn
-        paths = count * sums.batches * SAMPLES
         closure = EnergyBalance.of(
             planes[: cells.needs.boundaries],
             planes[-1],
@@ -229,6 +245,7 @@ def trace_path(
         )
     return Trace(
         closure=closure,
+        short=short,
         weights=weights_of(planes, cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         programs=tuple(programs),

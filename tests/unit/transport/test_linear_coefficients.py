@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from cldit.medium.frame import Frame
 from cldit.medium.octree import CellSource, build_octree
-from cldit.transport.cell_records import CellRecords
 from cldit.transport.cells import OpticalCells
+from tests.kernels.cell_twin import RecordsTwin, linear_of, middles_of
 
 CORNERS = np.array(list(product((-0.5, 0.5), repeat=3)))
 
@@ -46,22 +46,22 @@ def planes(cells: OpticalCells) -> NDArray[np.float64]:
 def test_never_below_zero() -> None:
     """At any corner, with what is taken from the middle; and no more is scattered than is taken."""
     cells = random_cells(1)
-    gradients = np.stack([cells.linear.albedo, *cells.linear.emission]).astype(float)
-    corners = planes(cells.middles())[..., None] + gradients @ CORNERS.T
+    gradients = np.stack([linear_of(cells).albedo, *linear_of(cells).emission]).astype(float)
+    corners = planes(middles_of(cells))[..., None] + gradients @ CORNERS.T
     assert corners.min() > -1e-6
     assert corners[0].max() < 1 + 1e-6
     assert np.mean(np.abs(gradients).max(axis=2) > 0) > 0.1
-    assert (1 + cells.linear.extinction.astype(float) @ CORNERS.T).min() > 0
+    assert (1 + linear_of(cells).extinction.astype(float) @ CORNERS.T).min() > 0
 
 
 def test_a_cell_emits_and_scatters_what_its_means_say() -> None:
     """By Gauss's rule of two points an axis, which is exact for products of linear functions."""
     cells = random_cells(2)
     points = CORNERS / 3**0.5
-    extinction = 1 + cells.linear.extinction.astype(float) @ points.T
+    extinction = 1 + linear_of(cells).extinction.astype(float) @ points.T
     np.testing.assert_allclose(extinction.mean(axis=1), 1.0, atol=1e-6)
-    gradients = np.stack([cells.linear.albedo, *cells.linear.emission]).astype(float)
-    values = planes(cells.middles())[..., None] + gradients @ points.T
+    gradients = np.stack([linear_of(cells).albedo, *linear_of(cells).emission]).astype(float)
+    values = planes(middles_of(cells))[..., None] + gradients @ points.T
     found = np.mean(extinction * values, axis=2)
     np.testing.assert_allclose(found, planes(cells), atol=2e-7)
 
@@ -69,8 +69,8 @@ def test_a_cell_emits_and_scatters_what_its_means_say() -> None:
 def test_isothermal_medium_stays_so() -> None:
     """Emission and albedo change oppositely: in a cavity nothing shows."""
     linear = random_cells(3, isothermal=True)
-    changes = linear.linear.albedo + linear.scale * linear.linear.emission.sum(axis=0)
-    assert np.abs(linear.linear.albedo).max() > 0.2
+    changes = linear_of(linear).albedo + linear.scale * linear_of(linear).emission.sum(axis=0)
+    assert np.abs(linear_of(linear).albedo).max() > 0.2
     np.testing.assert_allclose(changes, 0.0, atol=1e-6)
 
 
@@ -78,7 +78,7 @@ def test_sources_of_the_image() -> None:
     """Mean over a cell, weighted by extinction, as given; none below 0 at a corner. Thick cells
     have the gradients of the medium's own emission, and of what it leaves to the gather."""
     cells = random_cells(4)
-    made = CellRecords.of(cells, linear=True)
+    made = RecordsTwin.of(cells, linear=True)
     rng = np.random.default_rng(5)
     count, inner = len(cells.address), cells.needs.boundaries
     light = rng.random((2, 4, count))
@@ -89,14 +89,14 @@ def test_sources_of_the_image() -> None:
     thick = np.arange(0, count, 7)
     sources, table = made.linear_sources(list(given), gradient, thick)
     steep = table.reshape(len(made.at), 3, 4)
-    own = cells.linear
+    own = linear_of(cells)
     at = cells.address[thick]
     np.testing.assert_array_equal(steep[thick][:, :, 0], own.albedo[at])
     assert not steep[thick][:, :, 1:inner].any()
     emission = steep[thick][:, :, inner:].transpose(2, 0, 1)
     np.testing.assert_array_equal(emission, own.emission[:, at])
     points = CORNERS / 3**0.5
-    extinction = 1 + cells.linear.extinction[cells.address].astype(float) @ points.T
+    extinction = 1 + linear_of(cells).extinction[cells.address].astype(float) @ points.T
     for source, before in zip(sources, given, strict=True):
         assert source is not None and source is not before
         change = np.einsum("pic,ki->cpk", steep[:count].astype(float), points)

@@ -10,7 +10,8 @@ from cldit.medium.frame import Frame
 from cldit.medium.limiter import limited
 from cldit.medium.octree import CellSource, Octree, build_octree
 from cldit.transport.cells import OpticalCells
-from cldit.transport.linear_coefficients import LEAST, relative_gradient
+from cldit.transport.linear_coefficients import LEAST
+from tests.kernels.cell_twin import relative_gradient
 
 Floats = NDArray[np.float64]
 CELLS = 64
