@@ -108,7 +108,7 @@ INLINE void path(
                 const real3 place = mean_place(&traversal, &cell, t, share);
                 add_emission_gradient(sum, weight * taken, gradients, place);
 #endif
-                if (!has_scattered && transmitted - taken <= goal) {
+                if (!has_scattered && transmitted * decay(t) <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
                     const real at = least(traversal.t + length_along(part, share, e), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
@@ -119,7 +119,7 @@ INLINE void path(
 #endif
                     has_scattered = 1;
                 }
-                transmitted -= taken;
+                transmitted *= decay(t);
                 last = cell.address;
             }
             inside = traversal_advance(&traversal, &cell, &m->grid);
@@ -202,7 +202,7 @@ __kernel void straight(
             const real here = taken * scatters;
             sum[WITHIN] += taken - here;
             loss += here;
-            transmitted -= taken;
+            transmitted *= decay(t);
             last = cell.address;
         }
         inside = traversal_advance(&traversal, &cell, &m.grid);
@@ -263,7 +263,7 @@ __kernel void scatter(
                 mean_place(&traversal, &cell, t, share));
 #endif
             const real here = taken * scatters;
-            transmitted -= taken;
+            transmitted *= decay(t);
             /* The end of the line takes all samples that are left: rounding must lose none. */
             const int end = transmitted <= R(CUTOFF) || loss + here >= all * R(0.999999);
             while (sample < SAMPLES && here > R(0)) {

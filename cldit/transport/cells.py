@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -18,6 +19,7 @@ from cldit.scene.schema import Scene
 from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
+_PHASES = ("vapour", "droplet")
 _FAINTEST = 1e-3  # of the hottest black body: smallest unit of thermal sources
 # Places in the cube have 24 bits. Their rounding is at most 2^-7 of a mean free path: at 2^-3 of
 # one T_app of an even cube was 0.3 K too large, at 2^-7 0.04 K.
@@ -121,7 +123,7 @@ class OpticalCells:
             "vapour": fields["vapour_emission"] / safe,
             "liquid": fields["droplet_emission"] / safe,
         }
-        hottest = max(_hottest(fields, phase) for phase in ("vapour", "droplet"))
+        hottest = max(float(_black(fields, phase).max(initial=0.0)) for phase in _PHASES)
         largest = max(float(values.max(initial=0.0)) for values in emitted.values())
         scale = max(largest, _FAINTEST * hottest) or 1.0
         for values in emitted.values():
@@ -143,6 +145,11 @@ class OpticalCells:
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
         )
+
+    def cutoff(self, scene: Scene, *, tolerance_K: float) -> float:
+        """Transmission below which the light beyond changes T_app by at most `tolerance_K`."""
+        radiances = [_black(self.tree.fields, phase) for phase in _PHASES]
+        return self.temperature(scene).cutoff(np.concatenate(radiances), tolerance_K=tolerance_K)
 
     def temperature(self, scene: Scene, *, visible: float = VISIBLE_EMISSIVITY) -> TraceTemperature:
         """T_app of weights that are traced through these cells; `visible` as there."""
@@ -267,12 +274,11 @@ class OpticalCells:
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 
 
-def _hottest(fields: dict[str, NDArray[np.float32]], phase: str) -> float:
-    """Largest black-body radiance of a phase: emission over absorption (Kirchhoff)."""
-    emission = fields[f"{phase}_emission"].astype(np.float64)
+def _black(fields: dict[str, NDArray[np.float32]], phase: str) -> Floats:
+    """Black-body radiance (N,) of a phase where it absorbs: emission over absorption."""
     absorption = fields[f"{phase}_absorption"]
-    radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)
-    return float(radiance.max(initial=0.0))
+    there = absorption > 0
+    return np.asarray(fields[f"{phase}_emission"][there].astype(np.float64) / absorption[there])
 
 
 def mean_transmission(depth: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ scatter of batches is an unbiased estimate of the image's error.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -123,7 +123,7 @@ def trace_path(
     real = settings.real
     defines: dict[str, Define] = {
         **given.defines,
-        "CUTOFF": min(float(settings.cutoff), settings.tuning.path_cutoff),
+        "CUTOFF": replace(settings, cutoff=None).ending(cells, given.scene),
         "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
     }
