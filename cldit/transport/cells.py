@@ -19,7 +19,6 @@ from cldit.scene.schema import Scene
 from cldit.transport.linear_coefficients import LinearCoefficients
 
 _BRICK_CELLS = BRICK**3
-_PHASES = ("vapour", "droplet")
 _FAINTEST = 1e-3  # of the hottest black body: smallest unit of thermal sources
 # Places in the cube have 24 bits. Their rounding is at most 2^-7 of a mean free path: at 2^-3 of
 # one T_app of an even cube was 0.3 K too large, at 2^-7 0.04 K.
@@ -123,7 +122,7 @@ class OpticalCells:
             "vapour": fields["vapour_emission"] / safe,
             "liquid": fields["droplet_emission"] / safe,
         }
-        hottest = max(float(_black(fields, phase).max(initial=0.0)) for phase in _PHASES)
+        hottest = float(_black(fields).max(initial=0.0))
         largest = max(float(values.max(initial=0.0)) for values in emitted.values())
         scale = max(largest, _FAINTEST * hottest) or 1.0
         for values in emitted.values():
@@ -148,8 +147,12 @@ class OpticalCells:
 
     def cutoff(self, scene: Scene, *, tolerance_K: float) -> float:
         """Transmission below which the light beyond changes T_app by at most `tolerance_K`."""
-        radiances = [_black(self.tree.fields, phase) for phase in _PHASES]
-        return self.temperature(scene).cutoff(np.concatenate(radiances), tolerance_K=tolerance_K)
+        return self.temperature(scene).cutoff(_black(self.tree.fields), tolerance_K=tolerance_K)
+
+    @property
+    def hottest(self) -> float:
+        """Largest black-body radiance of the medium, photons s-1 m-2 sr-1."""
+        return float(_black(self.tree.fields).max(initial=0.0))
 
     def temperature(self, scene: Scene, *, visible: float = VISIBLE_EMISSIVITY) -> TraceTemperature:
         """T_app of weights that are traced through these cells; `visible` as there."""
@@ -274,11 +277,14 @@ class OpticalCells:
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 
 
-def _black(fields: dict[str, NDArray[np.float32]], phase: str) -> Floats:
-    """Black-body radiance (N,) of a phase where it absorbs: emission over absorption."""
-    absorption = fields[f"{phase}_absorption"]
-    there = absorption > 0
-    return np.asarray(fields[f"{phase}_emission"][there].astype(np.float64) / absorption[there])
+def _black(fields: dict[str, NDArray[np.float32]]) -> Floats:
+    """Black-body radiances (N,) of what absorbs, by Kirchhoff: emission over absorption."""
+    out = []
+    for phase in ("vapour", "droplet"):
+        absorption = fields[f"{phase}_absorption"]
+        there = absorption > 0
+        out.append(fields[f"{phase}_emission"][there].astype(np.float64) / absorption[there])
+    return np.concatenate(out)
 
 
 def mean_transmission(depth: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -44,6 +44,7 @@ class TraceSettings:
     linear_coefficients: the extinction is linear in cells for all rays but those of the sweeps.
     thick_depth: optical depth of a cell's edge from which the final gather refines it.
     path_depth: optical depth from which its paths continue in a cell.
+    whole_pixels: paths of `path` begin anywhere in their pixel, not in its middle.
     subpixels: some pixels are traced by more rays, to measure the error within pixels.
     rays_K: RMS error of T_app by the sampling of pixels, for which the trace chooses rays, and
         which it measures; None: the rays are given.
@@ -66,6 +67,7 @@ class TraceSettings:
     linear_coefficients: bool = False
     thick_depth: float = Tuning.thick_depth
     path_depth: float = Tuning.path_depth
+    whole_pixels: bool = False
     subpixels: bool = False
     rays_K: float | None = None
     visible: float = VISIBLE_EMISSIVITY

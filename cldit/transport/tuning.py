@@ -99,7 +99,7 @@ class Tuning:
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
     audit_samples_least: int = _number(128, "per pixel: error of the audit, time", ERROR)
     audit_samples_most: int = _number(2048, "per pixel: error of the audit, time", ERROR)
-    audit_share: float = _number(0.03, "of accuracy_K, its standard error: error, time", ERROR)
+    audit_share: float = _number(0.1, "of accuracy_K, its standard error: error, time", ERROR)
     audit_even: float = _number(0.1, "uniform share of the inclusion probabilities", ERROR)
     audit_pixels_least: int = _number(16, "fewest pixels of a useful audit", STABILITY)
     audit_scatterings: float = _number(2e7, "of an audit, in total: its error, time", STABILITY)
