@@ -137,10 +137,11 @@ def wavelengths(
     filter_um = scene_filter(scene)
     reference_K = reference_temperature_K(scene.background.temperatures_K)
     droplets, gas = _phases(spray)
+    largest_m = float(spray.parcels.diameter_m.max()) if droplets and spray.parcels else 0.0
     if not paper and scene.optics.preset == "paper":
         _check_constants(scene, spray)
     if paper or scene.optics.preset == "paper" or not (droplets or gas):
-        band = BandOptics.paper(scene.optics, filter_um, droplets=droplets, cache=cache)
+        band = BandOptics.paper(scene.optics, filter_um, largest_m=largest_m, cache=cache)
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))
     spectrum = Spectrum.of(scene, spray, filter_um)
     asymmetry = scene_phase(scene, spray, "spectral").asymmetry
@@ -162,7 +163,8 @@ def wavelengths(
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(
-        properties.band(number, node, cache=cache) for number, node in enumerate(quadrature.nodes)
+        properties.band(number, node, largest_m=largest_m, cache=cache)
+        for number, node in enumerate(quadrature.nodes)
     )
     main = int(arrays["main"][0])
     return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()), main)
@@ -250,8 +252,10 @@ class _Means:
             k=k,
         )
 
-    def band(self, number: int, node: SpectralNode, *, cache: Path | None) -> BandOptics:
-        """Optical properties of group `number`."""
+    def band(
+        self, number: int, node: SpectralNode, *, largest_m: float, cache: Path | None
+    ) -> BandOptics:
+        """Optical properties of group `number`, for droplets up to `largest_m`."""
         droplets = None
         if len(self.liquid_K):
             tables = [
@@ -260,6 +264,7 @@ class _Means:
                     n=float(n),
                     k=float(k),
                     cache=cache,
+                    largest_m=largest_m,
                 )
                 for n, k in zip(self.n[:, number], self.k[:, number], strict=True)
             ]
