@@ -112,7 +112,7 @@ __kernel void branching(
                     sum[BOUNDARIES + c] += b.weight * taken * thermal[in_table(c, stored, cell.address)];
                 const real share = taken * scatters;
                 sum[WITHIN] += b.weight * (taken - share);
-                b.transmitted -= taken;
+                b.transmitted *= decay(t);
                 if (level == ORDER) {
                     sum[WALL] += b.weight * share;
                 } else if (share > R(0)) {

@@ -202,10 +202,10 @@ __kernel void thick_intervals(
             const Extinction here_ = extinction_along(
                 density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
             const lane_t t = (lane_t)optical_depth(here_, traversal_length(&traversal, &cell));
-            const lane_t shares = absorbed(t);
+            const lane_t shares = absorbed(t), left = decay(t);
             const real share = LANE(shares, 0);
             real taken = transmitted * share;
-            transmitted -= taken;
+            transmitted *= LANE(left, 0);
             if (transmitted <= R(CUTOFF)) taken += transmitted; /* as in image.cl */
             real scatters = albedo[cell.address];
 #ifdef LINEAR_COEFFICIENTS

@@ -148,7 +148,7 @@ INLINE void formal_solution(real *sum, const Ray *ray, const Medium *m)
                     sum, transmitted, t, share, &traversal, &cell,
                     m->gradient + in_table(number, 3 * SOURCES, 0), IS_THICK(last));
 #endif
-            transmitted -= taken;
+            transmitted *= decay(t); /* a difference has no digits left in deep cells */
         }
         if (!traversal_advance(&traversal, &cell, &m->grid)) break;
     }

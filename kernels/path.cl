@@ -2,10 +2,10 @@
 
    A path segment scores by expected values: the emission of every cell and the boundary at its end, each
    times the transmission up to there. One place of the segment scatters. On the line of sight this is
-   forced: `straight` determines what the line scatters in all, and the samples of a pixel are stratified
-   over it, so that one traversal serves them all. On later segments the extinction draws the place, or
-   none. Russian roulette ends paths of little weight; beyond the last order a path sees the wall. So it does
-   after SCATTERINGS, and is counted: no loop is endless, whatever the medium and the device. */
+   forced: the samples of a pixel are stratified over all that the line scatters, so that one traversal
+   serves them all. On later segments the extinction draws the place, or none. Russian roulette ends paths
+   of little weight; beyond the last order a path sees the wall. So it does after SCATTERINGS, and is
+   counted: no loop is endless, whatever the medium and the device. */
 
 #include "boundary.h"
 #include "components.h"
@@ -116,7 +116,7 @@ INLINE void path(
                 const real3 place = mean_place(&traversal, &cell, t, share);
                 add_emission_gradient(sum, weight * taken, gradients, place);
 #endif
-                if (!has_scattered && transmitted - taken <= goal) {
+                if (!has_scattered && transmitted * decay(t) <= goal) {
                     const real part = most(R(0), least((transmitted - goal) / taken, R(1)));
                     const real at = least(traversal.t + length_along(part, share, e), cell.next);
                     p = (real3)(traversal.px, traversal.py, traversal.pz) + at * d;
@@ -127,7 +127,7 @@ INLINE void path(
 #endif
                     has_scattered = 1;
                 }
-                transmitted -= taken;
+                transmitted *= decay(t);
                 last = cell.address;
             }
             inside = traversal_advance(&traversal, &cell, &m->grid);
@@ -177,9 +177,70 @@ INLINE void path(
 #define MEDIUM {directory, span, depth, CELL_GRADIENTS thermal, albedo, stored, {coarse, bricks, low, high}, \
     BOUNDARY SHARES}
 
-/* Unscattered radiance of every pixel, and what its line of sight scatters in all. */
+/* The line of sight of a pixel in a batch: through its middle, or, with WHOLE_PIXELS, through a place of the
+   pixel. The places of all even batches, and of all odd ones, are Sobol points with one random shift. */
+INLINE Ray line_of_sight(
+    uint pixel, uint batch, uint2 key, int columns, int rows, real4 middle, real pitch_x, real pitch_z,
+    real distance, __global const uint *sobol_columns)
+{
+    real right = R(0.5), down = R(0.5);
+#ifdef WHOLE_PIXELS
+    const uint point = batch / 2;
+    const uint4 shift =
+        philox((uint4)(pixel, 2 + (point >> SOBOL_BITS), 0xFFFFFFFFu, batch & 1u), key);
+    right = unit(sobol(point, 1, sobol_columns) ^ shift.x);
+    down = unit(sobol(point, 2, sobol_columns) ^ shift.y);
+#endif
+    return ray_at(
+        pixel % columns + right, pixel / columns + down, R(0), R(0), columns, rows, middle, pitch_x, pitch_z,
+        distance);
+}
+
+/* Adds the unscattered radiance of a line of sight to sum. Returns what the line scatters in all. end, out:
+   address of the last cell that scatters. */
+INLINE real unscattered(real *sum, int *end, const Ray *ray, const Medium *m)
+{
+    Traversal traversal = {ray->px, ray->py, ray->pz, ray->dx, ray->dy, ray->dz, R(0), 0, 0, 0};
+    real transmitted = R(1), loss = R(0);
+    int last = m->grid.coarse;
+    int inside = traversal_enter(&traversal, &m->grid, ray->start);
+    while (inside && transmitted > R(CUTOFF)) {
+        const Crossing cell = traversal_cell(&traversal, &m->grid, m->directory, m->span);
+        const real density = m->depth[cell.address];
+        if (density > R(0)) {
+            __global const real *gradients = GRADIENTS_OF(m->cell_gradients, cell.address);
+            const Extinction e = extinction_along(density, gradients, &traversal, &cell);
+            const real t = optical_depth(e, traversal_length(&traversal, &cell));
+            const real share = absorbed(t);
+            const real taken = transmitted * share;
+            score_thermal(sum, taken, cell.address, m);
+            real scatters = m->albedo[cell.address];
+#ifdef LINEAR_COEFFICIENTS
+            const real3 place = mean_place(&traversal, &cell, t, share);
+            add_emission_gradient(sum, taken, gradients, place);
+            scatters = albedo_at(scatters, gradients, place);
+#endif
+            const real here = taken * scatters;
+            sum[WITHIN] += taken - here;
+            loss += here;
+            if (here > R(0)) *end = cell.address;
+            transmitted *= decay(t);
+            last = cell.address;
+        }
+        inside = traversal_advance(&traversal, &cell, &m->grid);
+    }
+    if (transmitted > R(CUTOFF)) {
+        score_boundary(sum, transmitted, &traversal, ray->start, m);
+    } else {
+        score_thermal(sum, transmitted, last, m);
+        sum[WITHIN] += transmitted * (R(1) - m->albedo[last]);
+        loss += transmitted * m->albedo[last];
+    }
+    return loss;
+}
+
+/* What the line of sight through the middle of every pixel scatters in all. */
 __kernel void straight(
-    __global real *weights,   /* out: [part][row][column] */
     __global real *scattered, /* out: [row][column] */
     MEDIUM_ARGUMENTS)
 {
@@ -188,112 +249,89 @@ __kernel void straight(
     if (column >= columns || row >= rows) return;
     const Ray ray = pixel_ray(column, row, columns, rows, middle, pitch_x, pitch_z, distance);
     const Medium m = MEDIUM;
-    Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
     real sum[PARTS];
+    int end;
     for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
-    real transmitted = R(1), loss = R(0);
-    int last = coarse;
-    int inside = traversal_enter(&traversal, &m.grid, ray.start);
-    while (inside && transmitted > R(CUTOFF)) {
-        const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
-        const real density = depth[cell.address];
-        if (density > R(0)) {
-            const Extinction e = extinction_along(
-                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
-            const real t = optical_depth(e, traversal_length(&traversal, &cell));
-            const real share = absorbed(t);
-            const real taken = transmitted * share;
-            score_thermal(sum, taken, cell.address, &m);
-            real scatters = albedo[cell.address];
-#ifdef LINEAR_COEFFICIENTS
-            __global const real *gradients = GRADIENTS_OF(cell_gradients, cell.address);
-            const real3 place = mean_place(&traversal, &cell, t, share);
-            add_emission_gradient(sum, taken, gradients, place);
-            scatters = albedo_at(scatters, gradients, place);
-#endif
-            const real here = taken * scatters;
-            sum[WITHIN] += taken - here;
-            loss += here;
-            transmitted -= taken;
-            last = cell.address;
-        }
-        inside = traversal_advance(&traversal, &cell, &m.grid);
-    }
-    if (transmitted > R(CUTOFF)) {
-        score_boundary(sum, transmitted, &traversal, ray.start, &m);
-    } else {
-        score_thermal(sum, transmitted, last, &m);
-        sum[WITHIN] += transmitted * (R(1) - albedo[last]);
-        loss += transmitted * albedo[last];
-    }
-    const int pixel = row * columns + column;
-    for (int c = 0; c < PARTS; ++c) weights[in_table(c, rows * columns, pixel)] = sum[c];
-    scattered[pixel] = loss;
+    scattered[row * columns + column] = unscattered(sum, &end, &ray, &m);
 }
 
-/* Means of SAMPLES paths for each listed pixel, in several batches at once. Sample k scatters for the first time where the line of
-   sight has scattered the share (k + offset) / SAMPLES of all that it scatters. */
+/* Radiance of each listed pixel by SAMPLES paths. A work-group has the pixel, and its work-items the paths.
+   Sample k scatters for the first time where the line of sight has scattered the share (k + offset) /
+   SAMPLES of all that it scatters. */
 __kernel void scatter(
-    __global real *means,           /* out: [batch][part][list]; the last part: number of paths ended */
-    __global const int *list,       /* in: pixels that scatter */
-    __global const real *scattered, /* in: what they scatter in all */
-    const int count, const uint2 key, const uint first_batch,
+    __global real *means,     /* out: [part][list]; the last part: number of paths that were ended */
+    __global const int *list, /* in: pixels, one for each group */
+    const int count, const uint2 key, const uint batch,
     __global const real *table, __global const uint *sobol_columns,
     MEDIUM_ARGUMENTS)
 {
-    const int item = get_global_id(0);
-    if (item >= count) return;
-    const uint batch = first_batch + get_global_id(1);
-    means += in_table(get_global_id(1), PATH_PARTS * count, 0);
+    __local real direct[PARTS], at[SAMPLES], sums[SAMPLES * PATH_PARTS];
+    __local real all[1];
+    __local int address[SAMPLES], placed[1];
+    const int item = get_group_id(0), lane = get_local_id(0), lanes = get_local_size(0);
     const uint pixel = list[item];
-    const Ray ray = pixel_ray(
-        pixel % columns, pixel / columns, columns, rows, middle, pitch_x, pitch_z, distance);
     const Medium m = MEDIUM;
-    Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
-    const real3 along = (real3)(ray.dx, ray.dy, ray.dz);
-    const real all = scattered[item];
+    const Ray ray = line_of_sight(
+        pixel, batch, key, columns, rows, middle, pitch_x, pitch_z, distance, sobol_columns);
     const uint4 shift0 = philox((uint4)(pixel, 0, 0xFFFFFFFFu, batch), key);
     const uint4 shift1 = philox((uint4)(pixel, 1, 0xFFFFFFFFu, batch), key);
-    const real offset = unit(shift0.w);
-    real sum[PATH_PARTS];
-    for (int c = 0; c < PATH_PARTS; ++c) sum[c] = R(0);
-
-    real transmitted = R(1), loss = R(0);
-    uint sample = 0;
-    int inside = traversal_enter(&traversal, &m.grid, ray.start);
-    while (inside && transmitted > R(CUTOFF) && sample < SAMPLES) {
-        const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
-        const real density = depth[cell.address];
-        if (density > R(0)) {
-            const Extinction e = extinction_along(
-                density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
-            const real t = optical_depth(e, traversal_length(&traversal, &cell));
-            const real share = absorbed(t);
-            const real taken = transmitted * share;
-            real scatters = albedo[cell.address];
+    if (lane == 0) {
+        real sum[PARTS];
+        int last = -1, sample = 0;
+        for (int c = 0; c < PARTS; ++c) sum[c] = R(0);
+        const real scattered = unscattered(sum, &last, &ray, &m);
+        for (int c = 0; c < PARTS; ++c) direct[c] = sum[c];
+        const real offset = unit(shift0.w);
+        Traversal traversal = {ray.px, ray.py, ray.pz, ray.dx, ray.dy, ray.dz, R(0), 0, 0, 0};
+        real transmitted = R(1), loss = R(0);
+        int inside = scattered > R(0) && traversal_enter(&traversal, &m.grid, ray.start);
+        while (inside && sample < SAMPLES) {
+            const Crossing cell = traversal_cell(&traversal, &m.grid, directory, span);
+            const real density = depth[cell.address];
+            if (density > R(0)) {
+                const Extinction e = extinction_along(
+                    density, GRADIENTS_OF(cell_gradients, cell.address), &traversal, &cell);
+                const real t = optical_depth(e, traversal_length(&traversal, &cell));
+                const real share = absorbed(t);
+                real scatters = albedo[cell.address];
 #ifdef LINEAR_COEFFICIENTS
-            scatters = albedo_at(
-                scatters, GRADIENTS_OF(cell_gradients, cell.address),
-                mean_place(&traversal, &cell, t, share));
+                scatters = albedo_at(
+                    scatters, GRADIENTS_OF(cell_gradients, cell.address),
+                    mean_place(&traversal, &cell, t, share));
 #endif
-            const real here = taken * scatters;
-            transmitted -= taken;
-            /* The end of the line takes all samples that are left: rounding must lose none. */
-            const int end = transmitted <= R(CUTOFF) || loss + here >= all * R(0.999999);
-            while (sample < SAMPLES && here > R(0)) {
-                const real goal = (sample + offset) * (all / SAMPLES) - loss;
-                if (goal >= here && !end) break;
-                const real part = most(R(0), least(goal / here, R(1)));
-                const real at = least(traversal.t + length_along(part, share, e), cell.next);
-                const real3 p = (real3)(ray.px, ray.py, ray.pz) + at * along;
-                const uint index = van_der_corput(sample);
-                path(sum, all / SAMPLES, p, along, cell.address, pixel, index, batch, key, shift0, shift1, &m,
-                      table, sobol_columns);
-                ++sample;
+                const real here = transmitted * share * scatters;
+                transmitted *= decay(t);
+                while (sample < SAMPLES && here > R(0)) {
+                    const real goal = (sample + offset) * (scattered / SAMPLES) - loss;
+                    /* The last cell takes all samples that are left: rounding must lose none. */
+                    if (goal >= here && cell.address != last) break;
+                    const real part = most(R(0), least(goal / here, R(1)));
+                    at[sample] = least(traversal.t + length_along(part, share, e), cell.next);
+                    address[sample++] = cell.address;
+                }
+                loss += here;
             }
-            loss += here;
+            inside = traversal_advance(&traversal, &cell, &m.grid);
         }
-        inside = traversal_advance(&traversal, &cell, &m.grid);
+        all[0] = scattered;
+        placed[0] = sample;
     }
-    for (int c = 0; c < PATH_PARTS; ++c) means[in_table(c, count, item)] = sum[c];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int sample = lane; sample < SAMPLES; sample += lanes) {
+        real sum[PATH_PARTS];
+        for (int c = 0; c < PATH_PARTS; ++c) sum[c] = R(0);
+        if (sample < placed[0]) {
+            const real3 along = (real3)(ray.dx, ray.dy, ray.dz);
+            const real3 p = (real3)(ray.px, ray.py, ray.pz) + at[sample] * along;
+            path(sum, all[0] / SAMPLES, p, along, address[sample], pixel, van_der_corput(sample), batch,
+                 key, shift0, shift1, &m, table, sobol_columns);
+        }
+        for (int c = 0; c < PATH_PARTS; ++c) sums[sample * PATH_PARTS + c] = sum[c];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int c = lane; c < PATH_PARTS; c += lanes) {
+        real total = c < PARTS ? direct[c] : R(0);
+        for (int sample = 0; sample < SAMPLES; ++sample) total += sums[sample * PATH_PARTS + c];
+        means[in_table(c, count, item)] = total;
+    }
 }

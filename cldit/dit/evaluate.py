@@ -126,6 +126,7 @@ def evaluate_radiance(
             signals(traces, rows, shots),
             usable=np.ones((len(source), *reference.background[rows].shape), dtype=bool),
             curve=Curve(filter_um=filter_um),
+            exact=True,
         ).maps
 
     with ThreadPoolExecutor(_TOGETHER) as pool:

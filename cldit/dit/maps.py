@@ -36,8 +36,8 @@ _TEXT = {
     Reason.SATURATED: "saturated at all backgrounds but one",
     Reason.BAD_PIXEL: "defective: named, or of one value in all images",
     Reason.BACKGROUND_NOT_VISIBLE: "does not see the heated background",
-    Reason.EMISSIVITY_TOO_LOW: "transparent: emissivity known, no apparent temperature",
-    Reason.NEGATIVE_RADIANCE: "emission below zero within noise: no apparent temperature",
+    Reason.EMISSIVITY_TOO_LOW: "transparent within its error: no apparent temperature",
+    Reason.NEGATIVE_RADIANCE: "no emission above zero within noise: no apparent temperature",
 }
 
 UNITS = {

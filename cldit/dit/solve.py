@@ -23,10 +23,11 @@ from cldit.dit.fit import (
     shot_scatter,
 )
 from cldit.dit.maps import Maps, Reason
-from cldit.optics.visible import VISIBLE_DISC
+from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
 
 _AGAIN = 2  # iterations for a drifting gain: the error falls by a factor of the drift with each
 DETECTION = 3.0  # least emissivity in standard errors ...
+_ROUNDING = 16 * np.finfo(float).eps  # of the sums of a fit, over the largest signal
 LEAST_EMISSIVITY = 1e-4  # ... and at all: the accuracy of a trace
 
 KINDS = ("reference", "injection")
@@ -179,6 +180,7 @@ def solve(
     curve: Curve,
     drifts: Sequence[Drift] = (),
     systematic: Systematic | None = None,
+    exact: bool = False,
 ) -> Solution:
     """Maps of the pixels (...), and the errors that they have in common.
 
@@ -196,6 +198,8 @@ def solve(
         drifts: errors that both kinds share; their part of single exposures is subtracted from the
             observed scatter, as alternating exposures share it.
         systematic: errors of the injections alone; None: none.
+        exact: the means have no noise. It then does not hide a T_app, for instance that of a spray
+            far hotter than the backgrounds.
     """
     shape = usable.shape[1:]
     usable = usable & np.isfinite(reference.mean) & np.isfinite(injection.mean)
@@ -212,7 +216,14 @@ def solve(
         lines = fit.again(lines, with_shared=number == iterations)
     if systematic is not None:
         lines = systematic.widened(lines)
-    maps = _maps(lines, backgrounds=fit.usable.sum(axis=0), curve=curve, shape=shape)
+    maps = _maps(
+        lines,
+        backgrounds=fit.usable.sum(axis=0),
+        curve=curve,
+        shape=shape,
+        least_visible=VISIBLE_EMISSIVITY if exact else np.inf,
+        rounding=_ROUNDING * fit.largest_signal,
+    )
     if lines.shared is None:
         nothing = np.zeros((0, *shape))
         return Solution(maps, nothing, nothing)
@@ -249,6 +260,11 @@ class _Fit:
     @cached_property
     def _mean(self) -> _ByKind:
         return self._flat(self.signals[0].mean), self._flat(self.signals[1].mean)
+
+    @property
+    def largest_signal(self) -> float:
+        """Of all means, either sign."""
+        return max(float(np.abs(kind).max(initial=0.0)) for kind in self._mean)
 
     @property
     def _source(self) -> _ByKind:
@@ -376,15 +392,26 @@ def _modes(
 
 
 def _maps(
-    lines: Pair, *, backgrounds: NDArray[np.int_], curve: Curve, shape: tuple[int, ...]
+    lines: Pair,
+    *,
+    backgrounds: NDArray[np.int_],
+    curve: Curve,
+    shape: tuple[int, ...],
+    least_visible: float,
+    rounding: float,
 ) -> Maps:
+    """Maps of the fitted lines; an emissivity above `least_visible` is seen whatever its error.
+
+    rounding: of the lines' intercepts, which hides the light of a far colder spray.
+    """
     epsilon, epsilon_variance = emissivity(lines)
     radiance, radiance_variance = apparent_radiance(lines)
     epsilon_error = np.sqrt(epsilon_variance)
     reason = np.zeros(backgrounds.shape, np.uint8)
     # The last assignment wins; comparisons with NaN are False, hence the negations.
-    reason[~(radiance >= 0.0)] = Reason.NEGATIVE_RADIANCE
-    clear = np.maximum(DETECTION * epsilon_error, LEAST_EMISSIVITY)
+    own = lines.values[:, 3] - lines.values[:, 1]  # light of the spray itself
+    reason[~((radiance > 0.0) & (own > rounding))] = Reason.NEGATIVE_RADIANCE
+    clear = np.clip(DETECTION * epsilon_error, LEAST_EMISSIVITY, least_visible)
     reason[~(epsilon > clear)] = Reason.EMISSIVITY_TOO_LOW
     reason[~(lines.values[:, 0] >= VISIBLE_DISC)] = Reason.BACKGROUND_NOT_VISIBLE
     reason[backgrounds < 2] = Reason.TOO_FEW_BACKGROUNDS
@@ -400,7 +427,8 @@ def _maps(
         chance = np.where(spare, chdtrc(np.maximum(degrees, 1), lines.chi2), np.nan)
 
     def image(value: Floats) -> NDArray[np.float32]:
-        return value.astype(np.float32).reshape(shape)
+        with np.errstate(over="ignore"):  # an error beyond single precision is infinite
+            return value.astype(np.float32).reshape(shape)
 
     return Maps(
         emissivity=image(np.where(seen, epsilon, np.nan)),

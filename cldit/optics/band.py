@@ -60,19 +60,24 @@ class BandOptics:
 
     @classmethod
     def paper(
-        cls, optics: Optics, filter_um: Filter, *, droplets: bool, cache: Path | None
+        cls, optics: Optics, filter_um: Filter, *, largest_m: float, cache: Path | None
     ) -> "BandOptics":
         """The paper's properties: one wavelength, refractive index and vapour cross section.
 
-        The Mie table is kept in the folder `cache`, and built anew if that is None.
+        largest_m: diameter of the largest droplet; 0: there is none. The Mie table is kept in the
+        folder `cache`, and built anew if that is None.
         """
         table = None
-        if droplets:
+        if largest_m:
             table = Droplets(
                 np.array([0.0]),
                 (
                     droplet_table(
-                        wavelength_um=optics.wavelength_um, n=optics.n, k=optics.k, cache=cache
+                        wavelength_um=optics.wavelength_um,
+                        n=optics.n,
+                        k=optics.k,
+                        cache=cache,
+                        largest_m=largest_m,
                     ),
                 ),
             )

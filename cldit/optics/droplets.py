@@ -26,6 +26,7 @@ from cldit.optics import mie
 
 SMALLEST_M = 0.05e-6
 LARGEST_M = 500e-6
+_HUGE_M = 5e-3  # free drops of fuel break up below this
 POINTWISE_K = 0.002  # from this k on, entries are values at single diameters
 AVERAGED = 0.01  # half width in ln x of the means below it
 FEW = 256  # different diameters that are solved one by one below it
@@ -77,7 +78,8 @@ class DropletTable:
             bad = d[~((d > 0) & (d <= self.largest_m))].reshape(-1)[0]
             raise DropletError(
                 f"droplet diameter: {bad:g} m is outside 0..{self.largest_m:g} m, the range of "
-                f"the Mie table for {self.wavelength_um:g} um"
+                f"the Mie table for {self.wavelength_um:g} um; allowed: up to {_HUGE_M:g} m, and "
+                f"to a size parameter of {mie.SIZE_PARAMETERS[1]:g}"
             )
         found = [np.empty(d.shape) for _ in columns]
         flat, parts = d.reshape(-1), [one.reshape(-1) for one in found]
@@ -129,21 +131,30 @@ def _between(values: Floats, cell: NDArray[np.intp], part: Floats) -> Floats:
     return np.asarray(below + part * (values[cell + 1] - below))
 
 
-def droplet_table(*, wavelength_um: float, n: float, k: float, cache: Path | None) -> DropletTable:
+def droplet_table(
+    *, wavelength_um: float, n: float, k: float, cache: Path | None, largest_m: float = LARGEST_M
+) -> DropletTable:
     """The table for droplets of refractive index n - ik, from 0.05 um to 500 um and below.
 
-    Tables are kept by content in the folder `cache`; None keeps none.
+    For larger droplets, `largest_m`, it reaches to 5 mm, or to a size parameter of 1e4, up to which
+    Mie's solution is computed (10 mm at 3.4 um). Tables are kept by content in the folder
+    `cache`; None keeps none.
     """
     if not (wavelength_um > 0 and n > 0 and k >= 0 and np.isfinite(wavelength_um + n + k)):
         raise DropletError(
             f"droplet optics: wavelength {wavelength_um:g} um, n = {n:g}, k = {k:g}; allowed: "
             "finite numbers, wavelength and n above 0, k not below 0"
         )
+    end_m, more = LARGEST_M, ""
+    if largest_m > LARGEST_M:
+        most = mie.SIZE_PARAMETERS[1] * np.exp(-2 * AVERAGED)  # means reach beyond the last entry
+        end_m = float(min(_HUGE_M, most * wavelength_um * 1e-6 / np.pi))
+        more = f" {end_m!r}"
     arrays = cached(
         cache,
         kind="mie",
-        text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}",
-        make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k),
+        text=f"{_FORM} {_STEP} {_COARSER} {_FINER} {AVERAGED} {wavelength_um!r} {n!r} {k!r}{more}",
+        make=lambda: _solve(wavelength_um=wavelength_um, n=n, k=k, end_m=end_m),
     )
     start, step = (float(value) for value in arrays["axis"])
     columns = (arrays[name] for name in ("scattering", "absorption", "asymmetry"))
@@ -157,8 +168,8 @@ def scaled(x: Floats, solved: mie.Efficiencies) -> tuple[Floats, Floats, Floats]
     return scattering, solved.absorption * np.sqrt(1 + x * x) / x, solved.asymmetry
 
 
-def _solve(*, wavelength_um: float, n: float, k: float) -> Arrays:
-    end = np.log(np.pi * LARGEST_M * 1e6 / wavelength_um)
+def _solve(*, wavelength_um: float, n: float, k: float, end_m: float) -> Arrays:
+    end = np.log(np.pi * end_m * 1e6 / wavelength_um)
     start = min(np.log(0.01), np.log(np.pi * SMALLEST_M * 1e6 / wavelength_um), end - 1)
     count = int((end - start) / _STEP) + 1
     step = (end - start) / (count - 1)

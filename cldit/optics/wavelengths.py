@@ -24,18 +24,21 @@ from cldit.optics.band import BandOptics, Droplets
 from cldit.optics.droplets import droplet_table
 from cldit.optics.line_radiance import Glow, belongs, emitted
 from cldit.optics.node_count import AHEAD, enough, stays_K
-from cldit.optics.response import Filter, scene_filter
+from cldit.optics.response import Filter, edges_um, scene_filter
 from cldit.optics.scene_phase import scene_phase
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum, fuel_of
 from cldit.optics.visible import VISIBLE_EMISSIVITY
+from cldit.scene.optics import Optics
 from cldit.scene.schema import Scene
 from cldit.spray.result import Spray
 
 Groups = NDArray[np.intp]
 
 MOST_NODES = 24  # unless the scene asks for more
+PAPER_UM = (3.3, 3.5)  # filter of the paper, whose constants are means over it
+_NEAR_UM = 0.1  # beyond that filter the C-H band has other constants
 _FORM = 6  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 
@@ -64,11 +67,50 @@ class Wavelengths:
         return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
 
 
-def _check_constants(scene: Scene, fuel: str, *, droplets: bool, gas: bool) -> None:
-    """Refuses n-heptane's constants for another fuel."""
+def _kept(optics: Optics, spray: Spray) -> tuple[str, ...]:
+    """Keys of the constants of preset `paper` that a spray needs and a scene does not give."""
+    droplets, gas = _phases(spray)
     keys = (("n", "k") if droplets else ()) + (("vapour_m2_mol",) if gas else ())
-    fields = type(scene.optics).model_fields
-    kept = [key for key in keys if getattr(scene.optics, key) == fields[key].default]
+    defaults = Optics()
+    return tuple(key for key in keys if getattr(optics, key) == getattr(defaults, key))
+
+
+def _phases(spray: Spray) -> tuple[bool, bool]:
+    """True for droplets, and for gas, with optical properties by wavelength."""
+    droplets = spray.parcels is not None and len(spray.parcels.diameter_m) > 0
+    gas = spray.vapour is not None and bool(np.any(spray.vapour.number_density_m3 > 0))
+    return droplets, gas
+
+
+def elsewhere(scene: Scene, spray: Spray) -> tuple[str, ...]:
+    """Remark that constants of preset `paper` are used at wavelengths far from the paper's."""
+    optics, (low, high) = scene.optics, edges_um(scene_filter(scene))
+    if optics.preset != "paper" or not any(_phases(spray)):
+        return ()
+    out = []
+    if not low <= optics.wavelength_um <= high:
+        out.append(
+            f"optics.wavelength_um: {optics.wavelength_um:g} is outside the filter, {low:g} to "
+            f"{high:g} um; optical properties are those of that wavelength"
+        )
+    kept = _kept(optics, spray)
+    beyond = max(PAPER_UM[0] - low, high - PAPER_UM[1]) > _NEAR_UM
+    other = any(key in kept for key in ("n", "k")) and not (
+        PAPER_UM[0] <= optics.wavelength_um <= PAPER_UM[1]
+    )
+    if kept and (beyond or other):
+        where = f"{low:g} to {high:g} um" if beyond else f"{optics.wavelength_um:g} um"
+        out.append(
+            f"optics.{', optics.'.join(kept)}: the paper's constants, for {PAPER_UM[0]:g} to "
+            f"{PAPER_UM[1]:g} um, are used at {where}; give those of the filter, or `preset: "
+            "spectral`"
+        )
+    return tuple(out)
+
+
+def _check_constants(scene: Scene, spray: Spray) -> None:
+    """Refuses n-heptane's constants for another fuel."""
+    kept, fuel = _kept(scene.optics, spray), fuel_of(scene, spray)
     if kept and fuel != "n-heptane":
         raise OpticsError(
             f"optics.{', optics.'.join(kept)}: the constants of preset `paper` are those of "
@@ -94,12 +136,12 @@ def wavelengths(
     """
     filter_um = scene_filter(scene)
     reference_K = reference_temperature_K(scene.background.temperatures_K)
-    droplets = spray.parcels is not None and len(spray.parcels.diameter_m) > 0
-    gas = spray.vapour is not None and bool(np.any(spray.vapour.number_density_m3 > 0))
+    droplets, gas = _phases(spray)
+    largest_m = float(spray.parcels.diameter_m.max()) if droplets and spray.parcels else 0.0
     if not paper and scene.optics.preset == "paper":
-        _check_constants(scene, fuel_of(scene, spray), droplets=droplets, gas=gas)
+        _check_constants(scene, spray)
     if paper or scene.optics.preset == "paper" or not (droplets or gas):
-        band = BandOptics.paper(scene.optics, filter_um, droplets=droplets, cache=cache)
+        band = BandOptics.paper(scene.optics, filter_um, largest_m=largest_m, cache=cache)
         return Wavelengths(Quadrature.grey(filter_um, reference_K=reference_K), (band,))
     spectrum = Spectrum.of(scene, spray, filter_um)
     asymmetry = scene_phase(scene, spray, "spectral").asymmetry
@@ -121,7 +163,8 @@ def wavelengths(
     quadrature = _quadrature(spectrum, arrays["groups"].astype(np.intp), filter_um, reference_K)
     properties = _Means(**{field.name: arrays[field.name] for field in fields(_Means)})
     bands = tuple(
-        properties.band(number, node, cache=cache) for number, node in enumerate(quadrature.nodes)
+        properties.band(number, node, largest_m=largest_m, cache=cache)
+        for number, node in enumerate(quadrature.nodes)
     )
     main = int(arrays["main"][0])
     return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()), main)
@@ -209,8 +252,10 @@ class _Means:
             k=k,
         )
 
-    def band(self, number: int, node: SpectralNode, *, cache: Path | None) -> BandOptics:
-        """Optical properties of group `number`."""
+    def band(
+        self, number: int, node: SpectralNode, *, largest_m: float, cache: Path | None
+    ) -> BandOptics:
+        """Optical properties of group `number`, for droplets up to `largest_m`."""
         droplets = None
         if len(self.liquid_K):
             tables = [
@@ -219,6 +264,7 @@ class _Means:
                     n=float(n),
                     k=float(k),
                     cache=cache,
+                    largest_m=largest_m,
                 )
                 for n, k in zip(self.n[:, number], self.k[:, number], strict=True)
             ]

@@ -16,7 +16,7 @@ from cldit.medium.octree import Octree, Sources, build_octrees
 from cldit.optics.band import emitters
 from cldit.optics.scene_phase import scene_phase
 from cldit.optics.spectral import SpectralNode
-from cldit.optics.wavelengths import Wavelengths, wavelengths
+from cldit.optics.wavelengths import Wavelengths, elsewhere, wavelengths
 from cldit.prepare.case_fit import misfits
 from cldit.prepare.cell_choice import cells_that_fit, chosen_frame, lattice_frames
 from cldit.prepare.phases import droplets_content, in_classes, mean_phase, sizes_left
@@ -87,6 +87,7 @@ def properties_of(
             paper = (in_classes(paper[0], spray, paper_phase), paper[1])
     bound_K = scene.optics.bound_K if tolerance_K is None else tolerance_K
     remarks = (
+        *elsewhere(scene, spray),
         *choice.remarks,
         *_not_reached(scene.optics, chosen, bound_K=bound_K),
         *sizes_left(phases),

@@ -112,6 +112,22 @@ class TraceTemperature:
         outside = (background, around.wall, *around.patches.values())
         return cls(np.array([*outside, *units]), len(outside), filter_um, visible)
 
+    def cutoff(self, medium: Floats, *, tolerance_K: float) -> float:
+        """Transmission of a line of sight beyond which all light changes T_app by `tolerance_K`.
+
+        By the second law B(T_app), and every source function, is between the radiances of the
+        coldest and of the hottest of the walls, the patches and the `medium` (N,). The light beyond
+        a transmission t is at most t times the brightest one, and dB/dT rises with T, so that the
+        change of T_app is at most t max(B) / (dB/dT of the coldest).
+        """
+        sources = np.concatenate([self.radiances[1 : self.boundaries], medium])
+        brightest = float(sources.max())
+        coldest_K = float(temperature_of_radiance(sources.min(), filter_um=self.filter_um))
+        if not coldest_K > 0.0:
+            return 0.0
+        slope = float(band_radiance_slope(coldest_K, filter_um=self.filter_um))
+        return tolerance_K * slope / brightest
+
     def temperature_K(self, weights: NDArray[np.floating]) -> Floats:
         """T_app (N,) of weights (C, N) of pixels that have one."""
         apparent = _sum(self.radiances[1:], weights[1:]) / (1.0 - weights[0])

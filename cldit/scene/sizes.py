@@ -22,7 +22,7 @@ class NukiyamaTanasawa(Section):
 class Monodisperse(Section):
     """Droplets of one size at the nozzle."""
 
-    diameter_um: Annotated[float, Within(1e-2, 1e3)]
+    diameter_um: Annotated[float, Within(1e-2, 5e3)]
     """Diameter of every droplet."""
 
 

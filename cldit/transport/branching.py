@@ -36,7 +36,7 @@ def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> 
         )
     given.check_boundary()
     real = settings.real
-    defines = {**given.defines, "CUTOFF": float(settings.cutoff), "ORDER": settings.order}
+    defines = {**given.defines, "CUTOFF": given.cutoff, "ORDER": settings.order}
     divided = shares(given.device, view.pixels[1])
     programs = [build(one, "branching.cl", defines) for one, _ in divided]
     start = time.perf_counter()
@@ -74,7 +74,7 @@ def trace_branching(given: TraceInput, report: Callable[[str], None] | None) -> 
     closure = EnergyBalance.of(
         planes[: cells.needs.boundaries],
         planes[-1],
-        bound=1e-4 + settings.cutoff * (settings.order + 1),
+        bound=1e-4 + given.cutoff * (settings.order + 1),
         noise=0.02,
     )
     return Trace(

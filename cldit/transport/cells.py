@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cldit.arrays import Floats
 from cldit.medium.frame import BRICK
 from cldit.medium.octree import Octree
 from cldit.optics.visible import VISIBLE_EMISSIVITY
@@ -120,7 +121,7 @@ class OpticalCells:
             "vapour": fields["vapour_emission"] / safe,
             "liquid": fields["droplet_emission"] / safe,
         }
-        hottest = max(_hottest(fields, phase) for phase in ("vapour", "droplet"))
+        hottest = float(_black(fields).max(initial=0.0))
         largest = max(float(values.max(initial=0.0)) for values in emitted.values())
         scale = max(largest, _FAINTEST * hottest) or 1.0
         for values in emitted.values():
@@ -142,6 +143,15 @@ class OpticalCells:
             albedo=scattering[address] / safe[address],
             coalbedo=absorption[address] / safe[address],
         )
+
+    def cutoff(self, scene: Scene, *, tolerance_K: float) -> float:
+        """Transmission below which the light beyond changes T_app by at most `tolerance_K`."""
+        return self.temperature(scene).cutoff(_black(self.tree.fields), tolerance_K=tolerance_K)
+
+    @property
+    def hottest(self) -> float:
+        """Largest black-body radiance of the medium, photons s-1 m-2 sr-1."""
+        return float(_black(self.tree.fields).max(initial=0.0))
 
     def temperature(self, scene: Scene, *, visible: float = VISIBLE_EMISSIVITY) -> TraceTemperature:
         """T_app of weights that are traced through these cells; `visible` as there."""
@@ -246,12 +256,14 @@ class OpticalCells:
         return np.asarray((z * box.shape[1] + y) * box.shape[0] + x)
 
 
-def _hottest(fields: dict[str, NDArray[np.float32]], phase: str) -> float:
-    """Largest black-body radiance of a phase: emission over absorption (Kirchhoff)."""
-    emission = fields[f"{phase}_emission"].astype(np.float64)
-    absorption = fields[f"{phase}_absorption"]
-    radiance = np.divide(emission, absorption, out=np.zeros_like(emission), where=absorption > 0)
-    return float(radiance.max(initial=0.0))
+def _black(fields: dict[str, NDArray[np.float32]]) -> Floats:
+    """Black-body radiances (N,) of what absorbs, by Kirchhoff: emission over absorption."""
+    out = []
+    for phase in ("vapour", "droplet"):
+        absorption = fields[f"{phase}_absorption"]
+        there = absorption > 0
+        out.append(fields[f"{phase}_emission"][there].astype(np.float64) / absorption[there])
+    return np.concatenate(out)
 
 
 def mean_transmission(depth: NDArray[np.float64]) -> NDArray[np.float64]:

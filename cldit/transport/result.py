@@ -1,5 +1,6 @@
 """Input, settings and result of a trace, for all methods."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -21,6 +22,7 @@ from cldit.transport.phase import ScatteringTable
 from cldit.transport.tuning import Tuning
 from cldit.transport.view import View, check_boundary
 
+_LEAST_CUTOFF = 1e-37
 Method = Literal["source", "path", "branching"]
 
 
@@ -32,7 +34,7 @@ class TraceSettings:
     final_directions: ordinates of both halves of the final sweeps.
     tolerance: largest RMS error of the source (weights are 0..1).
     order: largest number of scatterings, beyond which the wall is seen; None: all.
-    cutoff: transmission at which rays end.
+    cutoff: transmission at which rays end; None: see `ending`.
     accuracy_K: wanted RMS error of T_app, at which `path` and the final gather stop.
     max_samples: largest number of samples of a pixel, by `path` and the final gather.
     phase: phase function; None: isotropic.
@@ -42,6 +44,7 @@ class TraceSettings:
     linear_coefficients: the extinction is linear in cells for all rays but those of the sweeps.
     thick_depth: optical depth of a cell's edge from which the final gather refines it.
     path_depth: optical depth from which its paths continue in a cell.
+    whole_pixels: paths of `path` begin anywhere in their pixel, not in its middle.
     subpixels: some pixels are traced by more rays, to measure the error within pixels.
     rays_K: RMS error of T_app by the sampling of pixels, for which the trace chooses rays, and
         which it measures; None: the rays are given.
@@ -52,7 +55,7 @@ class TraceSettings:
     final_directions: int
     tolerance: float
     order: int | None
-    cutoff: float
+    cutoff: float | None
     precision: Literal["auto", "float32", "float64"]
     seed: int
     method: Method = "source"
@@ -64,6 +67,7 @@ class TraceSettings:
     linear_coefficients: bool = False
     thick_depth: float = Tuning.thick_depth
     path_depth: float = Tuning.path_depth
+    whole_pixels: bool = False
     subpixels: bool = False
     rays_K: float | None = None
     visible: float = VISIBLE_EMISSIVITY
@@ -73,6 +77,19 @@ class TraceSettings:
     def real(self) -> type[np.floating]:
         """The device's precision."""
         return np.float64 if self.precision == "float64" else np.float32
+
+    def ending(self, cells: OpticalCells, scene: Scene) -> float:
+        """Transmission at which rays end.
+
+        Without a `cutoff`, the light beyond changes T_app by at most the share `neglected` of
+        accuracy_K, and the emissivity by `neglected_emissivity`. It is a power of ten, so that
+        kernels are not built for every medium, and 0 where single precision has none.
+        """
+        if self.cutoff is not None:
+            return self.cutoff
+        allowed_K = self.tuning.neglected * self.accuracy_K
+        most = min(cells.cutoff(scene, tolerance_K=allowed_K), self.tuning.neglected_emissivity)
+        return 0.0 if most < _LEAST_CUTOFF else 10.0 ** math.floor(math.log10(most) + 1e-9)
 
     def defines(self, cells: OpticalCells, view: View) -> dict[str, Define]:
         """Compile-time defines of all kernels of a trace of `cells` from `view`."""
@@ -118,6 +135,11 @@ class TraceInput:
     def defines(self) -> dict[str, Define]:
         """Compile-time defines of all kernels."""
         return self.settings.defines(self.cells, self.view)
+
+    @property
+    def cutoff(self) -> float:
+        """Transmission at which rays end."""
+        return self.settings.ending(self.cells, self.scene)
 
     @property
     def temperature(self) -> TraceTemperature:

@@ -157,7 +157,7 @@ def formal_solution(given: TraceInput, region: ThickRegion | None) -> FormalSolu
         given.view,
         given.scene,
         given.device,
-        {**given.defines, "CUTOFF": float(given.settings.cutoff)},
+        {**given.defines, "CUTOFF": given.cutoff},
         thick=None if region is None else region.listed,
         at_once=2 if scatters else 1,
         linear=scatters and given.settings.within_cells,

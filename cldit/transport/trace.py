@@ -65,6 +65,7 @@ def settings_for(
         audit=spec.audit,
         # The coefficients of a user's grid are exact: uniform in each voxel.
         linear_coefficients=tuning.linear_coefficients and scene.spray.model != "grid",
+        whole_pixels=spec.audit and scene.camera.rays_across is None,
         path_depth=tuning.path_depth * deeper ** (2 / 3),
         thick_depth=thick / max(finer, 1.0) ** (1 / 3),
         tuning=tuning,
@@ -138,7 +139,8 @@ def trace(
     if (scene.camera.rays_across or 1) != 1 and settings.method != "source":
         raise TransportError(
             f"camera.rays_per_pixel: {scene.camera.rays_per_pixel} with method {settings.method}, "
-            "whose samples go through the middle of a pixel; allowed: 1 or auto, or method source"
+            "whose samples go through any place of a pixel (auto) or its middle (1); allowed: 1 or "
+            "auto, or method source"
         )
     if scene.camera.lens is not None and settings.method != "source":
         raise TransportError(

@@ -54,6 +54,11 @@ class Tuning:
     blurred_boundary: bool = _number(True, "boundary blurred by the forward peak: bias", ABLATION)
     moment_share: int = _number(2, "ordinates of moment sweeps: bias, time", ABLATION)
 
+    # Ends of rays, where no cutoff is given. Light beyond is no error source, as it is negligible.
+    neglected: float = _number(0.01, "of accuracy_K, by the light beyond: error, time", ERROR)
+    # A hundredth of the 0.01 to which emissivities are reported.
+    neglected_emissivity: float = _number(1e-4, "largest transmission: its error, time", ERROR)
+
     # Extinction within cells.
     linear_coefficients: bool = _number(True, "linear in cells: blocks, memory", ABLATION)
 
@@ -89,14 +94,13 @@ class Tuning:
     )
 
     # Path tracing, and the audit that it makes.
-    path_cutoff: float = _number(1e-6, "largest transmission at which rays end", ERROR)
     path_roulette: float = _number(0.4, "weight below which its paths may end", ERROR)
     path_scatterings: int = _number(2**20, "after which a path is ended: time, bias", STABILITY)
     batches: int = _number(4, "fewest batches of samples for an error estimate", ERROR)
     audit_pixels: int = _number(500, "error of the audit, time", ERROR)
     audit_samples_least: int = _number(128, "per pixel: error of the audit, time", ERROR)
     audit_samples_most: int = _number(2048, "per pixel: error of the audit, time", ERROR)
-    audit_share: float = _number(0.03, "of accuracy_K, its standard error: error, time", ERROR)
+    audit_share: float = _number(0.1, "of accuracy_K, its standard error: error, time", ERROR)
     audit_even: float = _number(0.1, "uniform share of the inclusion probabilities", ERROR)
     audit_pixels_least: int = _number(16, "fewest pixels of a useful audit", STABILITY)
     audit_scatterings: float = _number(2e7, "of an audit, in total: its error, time", STABILITY)

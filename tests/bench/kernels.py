@@ -82,7 +82,7 @@ class Kernels:
         """Images from given sources, constant or linear in each cell."""
         device, cells, real = self.case.device, self.cells, np.float32
         defines: dict[str, Define] = {**self._defines(), "IMAGES": images}
-        defines["CUTOFF"] = float(self.case.settings().cutoff)
+        defines["CUTOFF"] = self.case.settings().ending(self.cells, self.case.scene)
         if linear:
             defines["LINEAR_SOURCE"] = 1
         program = build(device, "image.cl", defines)

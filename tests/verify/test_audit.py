@@ -175,6 +175,35 @@ def test_thin_isotropic_media_are_audited(run_block: Callable[..., Run]) -> None
     assert 0.5 * true < run.info.accuracy_K < 2.0 * true
 
 
+@pytest.mark.parametrize(
+    ("albedo", "walls_K"),
+    [
+        (1.0, 370.0),  # a conservative medium sees its walls alone: 0.5 K without the quotient ...
+        (1.0, 5000.0),  # ... and 27 K
+        (0.9, 370.0),  # at one temperature everything looks alike
+    ],
+)
+def test_paths_are_balanced(run_block: Callable[..., Run], albedo: float, walls_K: float) -> None:
+    """T_app is that of the walls in every pixel, and the noise of the paths is none of its own.
+
+    Each half of the paths is divided by its energy balance, so that what is left is rounding: 1e-5
+    of the light at most, of which T_app changes by T^2 / 4200 K at 370 K (Wien), by T at 5000 K.
+    """
+    block = {
+        "droplet_absorption_per_m": (1 - albedo) * 0.5 / CELL,
+        "droplet_scattering_per_m": albedo * 0.5 / CELL,
+        "droplet_temperature_K": 370.0,
+    }
+    scene = SCENE | {"walls": {"temperature_K": walls_K}, "camera": camera(12, 5 * CELL)}
+    scene["background"] = SCENE["background"] | {"temperatures_K": [300.0, 1000.0]}
+    run = run_block(block, **scene, transport={"phase": "isotropic", "audit": True})
+    seen_K = run.maps.apparent_temperature_K[run.maps.has_temperature]
+    assert np.abs(seen_K.astype(float) - walls_K).max() < 0.05
+    assert run.errors is not None
+    (trace,) = (cause for cause in run.errors.causes if cause.name == "trace")
+    assert trace.error_K is not None and trace.error_K < 0.05 and "path" in trace.how
+
+
 def test_unknown_is_said(run_block: Callable[..., Run]) -> None:
     """Backgrounds far colder than the walls: nowhere is there an apparent temperature."""
     scene = SCENE | {"camera": camera(9), "walls": {"temperature_K": 900.0}}

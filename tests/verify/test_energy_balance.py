@@ -125,14 +125,14 @@ def test_path_closes_but_for_noise(
         ("sweep.cl", "RAYS(own_ray) = outgoing - gap * share;",
          "RAYS(own_ray) = R(0.995) * (outgoing - gap * share);", {}),
         ("sweep.cl", "c == seen ? in->", "c == seen && c != WALL ? in->", {}),
-        ("image.cl", "transmitted -= taken;", "transmitted -= R(0.99) * taken;", {}),
+        ("image.cl", "transmitted *= decay(t);", "transmitted *= decay(R(0.99) * t);", {}),
         # What a row that was never written may hold.
         *(
             ("image.cl", "+ pixel] = sum[c];", f"+ pixel] = row == 7 ? {left} : sum[c];", {})
             for left in ("R(0)", "R(NAN)")
         ),
         ("path.cl", "weight *= albedo;", "weight *= R(0.95) * albedo;", {"method": "path"}),
-        ("branching.cl", "b.transmitted -= taken;", "b.transmitted -= R(1.1) * taken;",
+        ("branching.cl", "b.transmitted *= decay(t);", "b.transmitted *= decay(R(1.1) * t);",
          {"method": "branching", "order": 1}),
     ],
 )  # fmt: skip

@@ -94,6 +94,26 @@ def test_shares_of_the_boundary(device: Device, rays: int) -> None:
     assert np.all(run.weights.background.ravel()[shares[0] == 1.0] == 1.0)
 
 
+@pytest.mark.parametrize(("rays", "share"), [(1, 1.0), ("auto", 0.8)])
+def test_paths_begin_anywhere_in_a_pixel(
+    run_block: Callable[..., Run], rays: Any, share: float
+) -> None:
+    """A block ends at 0.8 of a column of pixels, whose middles it hides."""
+    pitch_m = 0.005 / 3.3
+    camera = {"model": "orthographic", "pixels": [9, 40], "field_m": [9 * pitch_m, 0.005]}
+    run = run_block(
+        {"droplet_absorption_per_m": 300.0, "droplet_scattering_per_m": 200.0, **WARM},
+        size_m=(0.01, 0.005, 0.02),
+        domain={"edge_m": 0.04, "leaf_edge_m": 0.00125},
+        background={"radius_m": 0.018, "temperatures_K": [400.0, 500.0]},
+        camera={**camera, "rays_per_pixel": rays},
+        transport={"method": "path", "phase": "isotropic", "accuracy_K": 0.3, "audit": True},
+    )
+    hidden = 1.0 - run.weights.background.astype(float).mean(axis=0)
+    # At least 4 places in each of 80 pixels: a standard error of 0.4 / 320^0.5 = 0.022.
+    assert hidden[[1, 7]].mean() / hidden[4] == pytest.approx(share, abs=0.066)
+
+
 @pytest.mark.parametrize("camera", [{}, {"rays_per_pixel": 4}])
 def test_an_image_beyond_one_buffer(
     run_block: Callable[..., Run], camera: dict[str, Any], monkeypatch: pytest.MonkeyPatch

@@ -16,11 +16,9 @@ from cldit.medium.resolution import counted
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
-from cldit.scene.transport import Transport
 from cldit.scene.vessel import Domain
 
 _MOST_CELLS = 4e6  # swept, on which all orders are solved; more take longer than most images
-_CUTOFF = float(Transport.model_fields["cutoff"].default)
 _SPLIT = float(Domain.model_fields["optical_depth_split"].default)
 
 
@@ -115,10 +113,10 @@ ORDERS = Omission(
 CUTOFF = Omission(
     "cutoff of rays",
     "transport.cutoff",
-    f"cutoff {{:g}} against {_CUTOFF:g}",
-    f"transport.cutoff: {_CUTOFF:g}",
-    lambda scene: scene.transport.cutoff > _CUTOFF,
-    {"cutoff": _CUTOFF},
+    "cutoff {:g} against one chosen for the sources",
+    "no transport.cutoff",
+    lambda scene: bool(scene.transport.cutoff),
+    {"cutoff": None},
     of_gas=True,
 )
 GATHER = Omission(

@@ -50,6 +50,8 @@ class _PixelSampling(ErrorSource):
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.image is not None
+        if at.tracer.settings.whole_pixels and at.scene.transport.method == "path":
+            return []  # random places in each pixel: part of the noise of paths
         if at.scene.transport.method != "source":
             why = "not known from an image of random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, why, self.key(at.scene))]

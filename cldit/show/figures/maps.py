@@ -98,7 +98,7 @@ _SHORT = {
     Reason.SATURATED: "saturated",
     Reason.BAD_PIXEL: "defective pixel",
     Reason.BACKGROUND_NOT_VISIBLE: "background not visible",
-    Reason.NEGATIVE_RADIANCE: "emission below zero within noise",
+    Reason.NEGATIVE_RADIANCE: "no emission above zero within noise",
 }
 
 

@@ -231,8 +231,8 @@ def _size_rows(sizes: Sizes) -> list[Row]:
 def _solve(
     strata: Floats, *, wavelength_um: float, n: float, k: float, cache: Path | None
 ) -> Droplets:
-    table = droplet_table(wavelength_um=wavelength_um, n=n, k=k, cache=cache)
     largest = max(100e-6, float(strata[-1]))
+    table = droplet_table(wavelength_um=wavelength_um, n=n, k=k, cache=cache, largest_m=largest)
     phases = phase_table(wavelength_um=wavelength_um, n=n, k=k, cache=cache, largest_m=largest)
     return Droplets(table, phases.mean(strata, strata**-3.0))
 

@@ -16,6 +16,7 @@ from cldit.spray.cone.mixing import Mixture, heptane_mixture, methane_mixture
 from cldit.spray.cone.underexpanded_jet import expand
 from cldit.spray.cone.wet_bulb import D2Law, WetBulb, d2_law, droplet_kernels, wet_bulb
 from cldit.spray.droplet.arrays import DropletKernels
+from cldit.spray.droplet.follow import LARGEST_M
 from cldit.spray.sizes import strata_m
 
 VELOCITY_COEFFICIENT = 0.9  # speed at the hole over Bernoulli's
@@ -102,9 +103,10 @@ def _nozzle_flow(spec: ConeSpray, device: Device) -> NozzleFlow:
         fuel_K=spec.fuel_temperature_K,
     )
     classes = strata_m(spec.droplets, _CLASSES)
-    if not classes[-1] < 1e-3:
+    if not classes[-1] <= LARGEST_M:
         raise SprayError(
-            f"spray.droplets: these sizes reach {classes[-1]:.3g} m; allowed: below 1e-3"
+            f"spray.droplets: these sizes reach {classes[-1]:.3g} m; allowed: up to "
+            f"{LARGEST_M:g}, above which free drops of fuel break up"
         )
     bulb = None
     if kernels is not None:

@@ -13,6 +13,7 @@ from cldit.scene.spray import LagrangianSpray, Plume
 from cldit.spray.cone.jet import profile
 from cldit.spray.cone.nozzle import VELOCITY_COEFFICIENT
 from cldit.spray.droplet.fluids import Fuel
+from cldit.spray.droplet.follow import LARGEST_M
 from cldit.spray.sizes import mean_diameter_m, quantile_m
 
 MOST_PARCELS = 2_000_000
@@ -99,9 +100,10 @@ def inject(spec: LagrangianSpray, fuel: Fuel, *, equal: int = 1) -> Injection:
     time, hole = time[order], hole[order]
     even = _even(hole, len(shares), np.random.default_rng(spec.seed))
     diameter = quantile_m(spec.droplets, even[2], by="mass")
-    if not diameter.max(initial=0.0) < 1e-3:
+    if not diameter.max(initial=0.0) <= LARGEST_M:
         raise SprayError(
-            f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: below 1e-3"
+            f"spray.droplets: these sizes reach {diameter.max():.3g} m; allowed: up to "
+            f"{LARGEST_M:g}, above which free drops of fuel break up"
         )
     each = fuel.mass_kg(diameter, np.full(len(time), spec.fuel_temperature_K))
     holes = tuple(

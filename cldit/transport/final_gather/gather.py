@@ -75,6 +75,7 @@ class Gather:
         """
         cells, wanted = self._image.cells, self._settings.accuracy_K
         temperature = cells.temperature(self._image.scene, visible=self._settings.visible)
+        hottest = cells.hottest
         start = time.perf_counter()
         count, most = len(pixels), self._settings.max_samples
         tuning = self._settings.tuning
@@ -103,13 +104,13 @@ class Gather:
             means = sums / samples
             mean, difference = (means[0] + means[1]) / 2, (means[0] - means[1]) / 2
             # The trace must be accurate for any wall temperature: for that of the scene, and for
-            # walls as bright as the cells' largest source (dark in cells of low absorption).
+            # walls as warm as the medium.
             before_own, before_bright = (
                 before
                 * np.nan_to_num(
                     temperature.error_K(seen + mean[:-1], difference[:-1], outside=outside)
                 )
-                for outside in (None, cells.scale)
+                for outside in (None, hottest)
             )
             error_K = np.maximum(np.abs(before_own), np.abs(before_bright) / tuning.noise_bright)
             energy = np.bincount(tiles, error_K**2).astype(np.float64)

@@ -113,16 +113,17 @@ class PathSampler:
         self.components = len(cells.needs.components) + 1
         phase, tuning = settings.phase, settings.tuning
         table, steps = np.zeros(1), np.zeros(1)
-        least = max(settings.cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
+        cutoff = settings.ending(cells, formal_solution.scene)
+        least = max(cutoff, tuning.least_transmission * min(settings.accuracy_K, 0.1))
         segments, end_weight = tuning.segments, tuning.end_weight
         if thick.diffusive:
             # Sweeps do not have the diffusion limit in thick cells. So paths continue until hardly
             # any of their weight is left for the sweeps' sources.
-            least = tuning.path_cutoff
+            least = cutoff
             segments, end_weight = tuning.diffuse_segments, tuning.diffuse_end_weight
         defines: dict[str, Define] = {
             **settings.defines(cells, formal_solution.view),
-            "CUTOFF": float(settings.cutoff),
+            "CUTOFF": cutoff,
             **(flags or {}),
             "MIN_TRANSMISSION": float(least),
             "MAX_SEGMENTS": segments,

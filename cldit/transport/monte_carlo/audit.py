@@ -88,7 +88,7 @@ def audited(given: TraceInput, result: Trace, sample: PixelSample | None = None)
         # Without the noise of the paths, the standard error would be at least 0.7 of its value.
         return drawn.by_noise(*halves) <= _BY_PATHS
 
-    sparse = replace(settings, max_samples=samples, accuracy_K=0.0, seed=settings.seed + 1)
+    sparse = replace(settings, max_samples=samples, whole_pixels=False, seed=settings.seed + 1)
     truth = trace_path(replace(given, settings=sparse), None, draw=draw, enough=enough)
     seconds = truth.seconds["image"] + truth.seconds["scattering"]
     if truth.pixel_sample is None or truth.weights_difference is None:

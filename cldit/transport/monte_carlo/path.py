@@ -7,7 +7,7 @@ scatter of batches is an unbiased estimate of the image's error.
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,8 +25,6 @@ from cldit.transport.sobol import columns
 from cldit.transport.view import upload_medium
 
 SAMPLES = 32  # of a batch: larger sets converge faster, more batches estimate their error better
-_GROUP = 16
-_TOGETHER = 2  # batches: one of each half
 
 
 @dataclass
@@ -57,7 +55,7 @@ class _PathTracer:
     device: Device
     program: Program
     count: int
-    out: Any
+    halves: tuple[Any, Any]
     arguments: dict[str, Any]
 
     @classmethod
@@ -67,48 +65,53 @@ class _PathTracer:
         program: Program,
         *,
         pixels: NDArray[np.int32],
-        scattered: Reals,
+        real: type[np.floating],
         fixed: dict[str, Any],
         components: int,
     ) -> "_PathTracer":
-        """Uploads the pixels' share of `scattered`; `fixed` are arguments that all pixels share."""
-        return cls(
-            device,
-            program,
-            len(pixels),
-            zeros(
-                device,
-                "means",
-                _TOGETHER * (components + 1) * len(pixels),
-                scattered.dtype.type,
-            ),
-            {
-                "list": upload(device, "pixels", pixels),
-                "scattered": upload(device, "scattered light", scattered[pixels]),
-                **fixed,
-            },
-        )
+        """Uploads the `pixels`; `fixed` are arguments that all of them share."""
+        size = (components + 1) * len(pixels)
+        even, odd = (zeros(device, "means", size, real) for _ in range(2))
+        listed = {"list": upload(device, "pixels", pixels)}
+        return cls(device, program, len(pixels), (even, odd), {**listed, **fixed})
 
-    def launch(self, seed: int, batch: int) -> None:
-        """Starts batches, `batch` the first, and does not wait for them."""
-        self.program.launch(
-            "scatter",
-            (self.count, _TOGETHER),
-            (min(_GROUP, self.program.largest_group("scatter")), 1),
-            {
-                "means": self.out,
-                "count": self.count,
-                "key": np.array([seed, 0], np.uint32),
-                "first_batch": batch,
-                **self.arguments,
-            },
-        )
+    def launch(self, seed: int, first: int) -> None:
+        """Starts an even batch, `first`, and the next one, and does not wait for them."""
+        group = min(SAMPLES, self.program.largest_group("scatter"))
+        for batch, out in enumerate(self.halves, start=first):
+            self.program.launch(
+                "scatter",
+                (self.count * group,),
+                (group,),
+                {
+                    "means": out,
+                    "count": self.count,
+                    "key": np.array([seed, 0], np.uint32),
+                    "batch": batch,
+                    **self.arguments,
+                },
+            )
         self.device.queue.flush()
 
-    def means(self, components: int, real: type[np.floating]) -> Reals:
-        """Waits for the means (batches, C + 1, N), the number of paths ended last."""
-        shape = (_TOGETHER, components + 1, self.count)
-        return download(self.device, self.out, np.empty(shape, real))
+    def means(self, half: int, components: int, real: type[np.floating]) -> Reals:
+        """Waits for the means (C + 1, N) of the even (0) or of the odd (1) batch, the number of paths
+        ended last."""
+        means = np.empty((components + 1, self.count), real)
+        return download(self.device, self.halves[half], means)
+
+
+def _balanced(mean: Floats, difference: Floats, boundaries: int) -> tuple[Floats, Floats]:
+    """Mean and half the difference (C, N) of two halves, each divided by its energy balance.
+
+    The sum of all that a path receives at radiance 1 is 1 on average, and most of its noise is that
+    of the single components. So the quotient has the noise of T_app alone: none in a cavity. Its
+    bias is that of a ratio, the relative variance of the sum over half the number of paths.
+    """
+    halves = []
+    for sign in (1.0, -1.0):
+        half = mean + sign * difference
+        halves.append(half / (half[:boundaries].sum(axis=0) + half[-1]))
+    return (halves[0] + halves[1]) / 2, (halves[0] - halves[1]) / 2
 
 
 def trace_path(
@@ -130,11 +133,13 @@ def trace_path(
     real = settings.real
     defines: dict[str, Define] = {
         **given.defines,
-        "CUTOFF": min(float(settings.cutoff), settings.tuning.path_cutoff),
+        "CUTOFF": replace(settings, cutoff=None).ending(cells, given.scene),
         "ROULETTE": f"R({settings.tuning.path_roulette})",
         "SAMPLES": SAMPLES,
         "SCATTERINGS": settings.tuning.path_scatterings,
     }
+    if settings.whole_pixels:
+        defines["WHOLE_PIXELS"] = 1
     if settings.order is not None:
         defines["ORDER"] = settings.order
     table = np.zeros(1, real)
@@ -157,23 +162,15 @@ def trace_path(
         return {**whole, **shared}
 
     first = medium(device)
-    out = zeros(device, "image", components * pixels, real)
-    all_scattered = zeros(device, "scattered light", pixels, real)
-    programs[0].launch(
-        "straight",
-        *view.tiles(programs[0], "straight"),
-        {"weights": out, "scattered": all_scattered, **first},
-    )
-    image = download(device, out, np.empty((components, pixels), real))
-    scattered = download(device, all_scattered, np.empty(pixels, real))
-    listed = np.flatnonzero(scattered > 0)
-    shape = (components, row_count, column_count)
-    pixel_sample = None if draw is None else draw(scattered.astype(np.float64))
-    if pixel_sample is not None:
+    listed, shape = np.arange(pixels), (components, row_count, column_count)
+    pixel_sample = None
+    if draw is not None:
+        out = zeros(device, "scattered light", pixels, real)
+        tiles = view.tiles(programs[0], "straight")
+        programs[0].launch("straight", *tiles, {"scattered": out, **first})
+        pixel_sample = draw(download(device, out, np.empty(pixels, real)).astype(np.float64))
         listed = pixel_sample.pixels
-        image, shape = image[:, listed], (components, 1, len(listed))
-    image = image.astype(np.float64)
-    place = listed if pixel_sample is None else np.arange(len(listed))  # in the image
+        shape = (components, 1, len(listed))
     seconds = {"image": time.perf_counter() - start}
 
     start = time.perf_counter()
@@ -183,7 +180,7 @@ def trace_path(
             one,
             program,
             pixels=listed[mine.start : mine.stop].astype(np.int32),
-            scattered=scattered,
+            real=real,
             fixed={
                 "table": upload(one, "phase function", table),
                 "sobol_columns": upload(one, "Sobol", columns()),
@@ -194,65 +191,61 @@ def trace_path(
         for program, (one, mine) in zip(programs, shares(device, count), strict=True)
         if mine
     ]
-    before = view.on_background(listed)
-    rest = np.delete(np.arange(image.shape[1]), place)  # empty if pixels were drawn
-    other = int(np.count_nonzero(view.has_temperature(1.0 - image[0, rest], rest)))
+    before, boundaries = view.on_background(listed), cells.needs.boundaries
     even, odd = np.zeros((2, components, count))
     sums, ended = _BatchSums((even, odd)), 0
     temperature = given.temperature
     while count:
         for tracer in tracers:
             tracer.launch(settings.seed, sums.batches)
-        means = np.concatenate([one.means(components, real) for one in tracers], axis=2)
-        for each in means.astype(np.float64):
-            sums.add(each[:-1])
-            ended += int(each[-1].sum())
-        if sums.batches < settings.tuning.batches:
-            continue
+        for half in range(2):
+            means = np.concatenate(
+                [tracer.means(half, components, real) for tracer in tracers], axis=1
+            ).astype(np.float64)
+            sums.add(means[:-1])
+            ended += int(means[-1].sum())
         if pixel_sample is not None and enough is not None:
-            found = (image[:, place] + sums.mean)[:-1]
-            done = enough(pixel_sample, found, sums.difference[:-1])
-            if done or sums.batches * SAMPLES >= settings.max_samples:
-                break
-            continue
-        error_K = temperature.error_K((image[:, place] + sums.mean)[:-1], sums.difference[:-1])
-        error_K = error_K[np.isfinite(error_K) & before]
-        error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K) + other, 1)))
-        if report is not None:
-            report(f"{sums.batches * SAMPLES} samples per pixel: error {error:.2g} K")
-        if error <= settings.accuracy_K or sums.batches * SAMPLES >= settings.max_samples:
+            found, apart = _balanced(sums.mean, sums.difference, boundaries)
+            done = enough(pixel_sample, found[:-1], apart[:-1])
+        else:
+            error_K = temperature.error_K(sums.mean[:-1], sums.difference[:-1])
+            error_K = error_K[np.isfinite(error_K) & before]
+            error = float(np.sqrt(np.sum(error_K**2) / max(len(error_K), 1)))
+            done = error <= settings.accuracy_K and sums.batches >= settings.tuning.batches
+            if report is not None:
+                report(f"{sums.batches * SAMPLES} samples per pixel: error {error:.2g} K")
+        if done or sums.batches * SAMPLES >= settings.max_samples:
             break
     seconds["scattering"] = time.perf_counter() - start
-    difference = np.zeros_like(image)
-    if count:
-        image[:, place] += sums.mean
-        difference[:, place] = sums.difference
-    planes = image.reshape(shape)
-    closure, short = None, ""
-    paths = count * sums.batches * SAMPLES
+    image, difference, closure = np.zeros((components, count)), np.zeros((components, count)), None
+    paths, short = count * sums.batches * SAMPLES, ""
     if ended:
         most = settings.tuning.path_scatterings
         short = (
             f"path tracing: {ended} of {paths} paths ended after {most} scatterings, as if they "
             "saw the wall; allowed: a medium that absorbs more, or transport.method: source"
         )
-    if planes.size:  # else no pixel was drawn
+    if count:  # else no pixel was drawn
+        image, difference = sums.mean, sums.difference
+        planes = image.reshape(shape)
         closure = EnergyBalance.of(
-            planes[: cells.needs.boundaries],
+            planes[:boundaries],
             planes[-1],
             bound=1e-4,
-            noise=5.0 / paths**0.5 if paths else 0.0,  # 1 for one path; 0.6 was observed
+            noise=5.0 / paths**0.5,  # 1 for one path; 0.6 was observed
         )
+    if pixel_sample is not None and count:
+        image, difference = _balanced(image, difference, boundaries)
     return Trace(
         closure=closure,
         short=short,
-        weights=weights_of(planes, cells),
+        weights=weights_of(image.reshape(shape), cells),
         weights_difference=weights_of(difference.reshape(shape), cells),
         programs=tuple(programs),
         seconds={"compile": sum(program.build_s for program in programs), **seconds},
         counts={
             "scattering_cells": len(cells.address),
-            "scattering_pixels": count,
+            "pixels": count,
             "samples": sums.batches * SAMPLES,
         },
         precision=real.__name__,

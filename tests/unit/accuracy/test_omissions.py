@@ -108,7 +108,7 @@ def test_a_default_is_no_source(name: str) -> None:
         ("transport.order", 0, True),
         ("transport.order", None, False),
         ("transport.cutoff", 1e-3, True),
-        ("transport.cutoff", 1e-6, False),
+        ("transport.cutoff", None, False),
         ("transport.gather", False, True),
         ("domain.optical_depth_split", 1e-2, True),
         ("domain.optical_depth_split", 1e-7, False),
