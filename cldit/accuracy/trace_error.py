@@ -1,4 +1,4 @@
-"""Error of a trace in T_app: by its independent halves, and by an audit of some pixels."""
+"""Error of a trace in both results: by its independent halves, and by an audit of some pixels."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.node_traces import NodeTraces
 from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
-from cldit.optics.response import scene_filter
-from cldit.radiance.apparent_temperature import temperature_errors_K
-from cldit.radiance.boundary import Surroundings
+from cldit.radiance.apparent_temperature import result_errors_K
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
@@ -22,7 +20,7 @@ from cldit.transport.ray_choice import contrast_K
 
 @dataclass(frozen=True)
 class TraceError:
-    """RMS errors of T_app by the trace; None where one is unknown.
+    """RMS errors of one result by the trace, in kelvin; None where one is unknown.
 
     halves_K: from two images, each of half of the ordinates or samples. It is the error of one
     half, which exceeds that of the image, and lacks approximations that both halves share.
@@ -40,34 +38,39 @@ class TraceError:
     map_K: Floats | None = field(default=None, compare=False, repr=False)
 
     @classmethod
-    def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> TraceError | None:
-        """Compares the halves and the audit of a scene's traces; None if nothing scatters."""
+    def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> tuple[TraceError, ...]:
+        """Compares the halves and the audit of a scene's traces: T_app, then emissivity times
+        `kelvin_per_emissivity`; empty if nothing scatters."""
         if not result.scatters:
-            return None
+            return ()
         if result.difference is None:
-            return cls(None, unknown=f"method {scene.transport.method} has no error estimate")
+            return (cls(None, unknown=f"method {scene.transport.method} has no error estimate"),)
         count = int(np.count_nonzero(maps.has_temperature))
         if not count:
-            return cls(None, unknown="no pixel has an apparent temperature")
+            return (cls(None, unknown="no pixel has an apparent temperature"),)
 
-        def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> Floats:
-            return temperature_errors_K(
+        def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
+            return result_errors_K(
                 error,
                 emissivity=maps.emissivity.reshape(-1)[pixels],
                 temperature_K=maps.apparent_temperature_K.reshape(-1)[pixels],
-                surroundings=Surroundings.from_scene(scene),
-                filter_um=scene_filter(scene),
+                scene=scene,
             )
 
-        halves = errors_K(result.difference).reshape(maps.emissivity.shape)
-        halves_K, map_K = float(np.sqrt(np.sum(halves**2) / count)), np.abs(halves)
-        audit = result.audit
-        if audit is None:
-            return cls(halves_K, unknown="; ".join(result.unaudited), map_K=map_K)
-        one, other = (errors_K(error, audit.sample.pixels) for error in audit.errors)
-        square, doubt = audit.sample.mean_square(one, other, count=count)
-        audit_K = float(np.sqrt(max(square, 0.0) + doubt))
-        return cls(halves_K, audit_K, map_K=_audited_map(maps, audit.sample, one * other, map_K))
+        audit, unknown = result.audit, "; ".join(result.unaudited)
+        both = None if audit is None else [errors_K(e, audit.sample.pixels) for e in audit.errors]
+        out = []
+        for number, halves in enumerate(errors_K(result.difference)):
+            map_K = np.abs(halves.reshape(maps.emissivity.shape))
+            found = cls(float(np.sqrt(np.sum(halves**2) / count)), unknown=unknown, map_K=map_K)
+            if audit is not None and both is not None:
+                one, other = (errors[number] for errors in both)
+                square, doubt = audit.sample.mean_square(one, other, count=count)
+                audit_K = float(np.sqrt(max(square, 0.0) + doubt))
+                map_K = _audited_map(maps, audit.sample, one * other, map_K)
+                found = cls(found.halves_K, audit_K, map_K=map_K)
+            out.append(found)
+        return tuple(out)
 
     def beyond(self, cells_K: float | None) -> TraceError:
         """The error without the part of the audit that the cells explain.

@@ -1,4 +1,4 @@
-"""Traces of variants of a medium at one wavelength, and the difference of their T_app.
+"""Traces of variants of a medium at one wavelength, and the difference of their results.
 
 All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
 rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
@@ -210,8 +210,10 @@ class VariantTracer:
         image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
         return image.map(self.drawn.pick)
 
-    def difference(self, one: ImagePair, other: ImagePair) -> ImageDifference:
-        """Difference of two images of the drawn pixels; its map is that of the whole image."""
+    def difference(
+        self, one: ImagePair, other: ImagePair
+    ) -> tuple[ImageDifference, ImageDifference]:
+        """Differences of the results of two images of the drawn pixels; maps of the whole image."""
         return ImageDifference.between(self.temperature, one, other, self.drawn)
 
     def noise_K(self, image: ImagePair) -> float | None:

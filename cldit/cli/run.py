@@ -337,9 +337,12 @@ def _print_run(result: Run, suffix: str | None) -> None:
 
 
 def _print_causes(errors: Errors) -> None:
-    rows = [(one.name, one.text.removesuffix(" K"), one.fixed, one.how) for one in errors.causes]
+    rows = [
+        (one.name, one.text.removesuffix(" K"), one.emissivity_text, one.fixed, one.how)
+        for one in errors.causes
+    ]
     if rows:
-        print_table("error of T_app by", "K", "fixed by", "estimated from", rows=rows)
+        print_table("error by", "T_app, K", "emissivity", "fixed by", "estimated from", rows=rows)
     if errors.model:
         OUT.print("model and camera, not in the sum:")
         for cause in errors.model:

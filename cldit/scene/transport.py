@@ -45,6 +45,9 @@ class Transport(Section):
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 1.0
     """Tolerance for the error of T_app: RMS over the pixels with a T_app, all error sources of the
     simulation combined. With `audit: false`, the error of the trace alone."""
+    accuracy_emissivity: Annotated[float, Within(1e-6, 1.0)] | None = None
+    """Likewise for the error of emissivity. Default: the error that alone changes T_app of an
+    opaque medium, as warm as the coldest background, by `accuracy_K`."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
     """Largest number of samples per pixel, of `path` and of the final gather."""
     phase: Phase | None = None
