@@ -58,7 +58,8 @@ class Result:
 
     trace_errors: of both results; empty if nothing scatters. estimates: by source, empty without
     audit. error_maps, emissivity_error_maps: of `errors` (H, W), by source. unstated: why no error
-    is stated, if none is. model: change by a lens and spread of the model itself, as far as they are known.
+    is stated, if none is. model: change by a lens and spread of the model itself, as far as they
+    are known.
     """
 
     resolution: Resolution

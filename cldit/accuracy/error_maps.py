@@ -35,8 +35,8 @@ def error_maps(
 
     `errors` are RMS values by source, over as many pixels as those `of` (H, W); None: those that
     are `counted` (H, W). `differences` are sizes of differences (H, W) by source, of any scale, NaN
-    where unknown; those of `local` sources are RMS values already. Sources without a map have the same error in all pixels `of` in the total, and no
-    map of their own.
+    where unknown; those of `local` sources are RMS values already. Sources without a map have the
+    same error in all pixels `of` in the total, and no map of their own.
     """
     of = counted if of is None else of
     if not of.any() or all(error is None for error in errors.values()):
@@ -76,8 +76,8 @@ def _nearby(difference: Floats, counted: Mask) -> Floats | None:
 
 
 _ALIKE = 16  # sampled pixels: their mean square is known to a third
-# Of the mean square, which all pixels have: sampled pixels are alike in part only, and an error that
-# one pixel in fifty has, such as of a hole that all rays but few miss, is in few of sixteen.
+# Of the mean square, which all pixels have: sampled pixels are alike in part only, and an error
+# that one pixel in fifty has, such as of a hole that most rays miss, is in few of sixteen.
 _EVEN = 0.2
 
 

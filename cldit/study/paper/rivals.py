@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from cldit.accuracy.error_maps import error_maps
-from cldit.accuracy.errors import Cause, Errors
 from cldit.arrays import Floats
 from cldit.dit.design import temperatures_K
 from cldit.dit.separation import NEEDED
