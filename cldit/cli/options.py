@@ -37,6 +37,22 @@ class Quantity(_Float):
             self.fail(f"{value!r} is not a number of {self.name}; allowed: e.g. 0.1{self.name}")
 
 
+class Tolerances(_Text):
+    """Tolerances of T_app and, after a comma, of emissivity: `1K`, `1K,0.01`."""
+
+    name = "K[,emissivity]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float | None]:
+        """Both numbers in `value`, None for an absent second one; `param`, `ctx` are click's."""
+        kelvin, comma, emissivity = str(value).partition(",")
+        try:
+            return KELVIN.convert(kelvin, param, ctx), float(emissivity) if comma else None
+        except ValueError:
+            self.fail(f"{value!r} is no tolerance; allowed: e.g. 1K, or 1K,0.01 with emissivity")
+
+
 class SceneName(_Text):
     """A shipped name or the path of a YAML file, which `load_scene` checks."""
 

@@ -1,8 +1,8 @@
 """Settings of the radiative transfer: method, accuracy and phase function."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag
+from pydantic import Discriminator, Tag, model_validator
 
 from cldit.scene.checks import Section, Within
 
@@ -65,3 +65,17 @@ class Transport(Section):
     """Floating-point precision; `auto`: float32 where it suffices, otherwise float64."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Random seed of methods `path` and `branching`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_both(cls, data: Any) -> Any:
+        """Takes `accuracy: {temperature_K: 1, emissivity: 0.01}` for both tolerances."""
+        if not isinstance(data, dict) or not isinstance(data.get("accuracy"), dict):
+            return data
+        both = {"temperature_K": "accuracy_K", "emissivity": "accuracy_emissivity"}
+        rest = {key: value for key, value in data.items() if key != "accuracy"}
+        given = {both.get(key, f"accuracy.{key}"): one for key, one in data["accuracy"].items()}
+        twice = sorted(set(rest) & set(given))
+        if twice:
+            raise ValueError(f"{twice[0]} and accuracy: allowed: one of them")
+        return rest | given
