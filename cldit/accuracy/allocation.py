@@ -69,11 +69,10 @@ def free_sources(scene: Scene) -> tuple[str, ...]:
 class Allocation:
     """Errors that the sources of a scene may have.
 
-    tolerance_K: RMS error of T_app asked for. emissivity: likewise of emissivity, None: none; its
-    errors count in K by the ratio of both. free_K: error that all free sources may have
-    together; shares_K: each of them. predicted_K: errors that sources will have, whatever their
-    share. fixed: those of them that no resolution makes smaller, True for an upper bound; None
-    before they are known.
+    tolerance_K: RMS error of T_app asked for. per_emissivity_K: see `kelvin_per_emissivity`.
+    free_K: error that all free sources may have together; shares_K: each of them. predicted_K:
+    errors that sources will have, whatever their share. fixed: those of them that no resolution
+    makes smaller, True for an upper bound; None before they are known.
     """
 
     tolerance_K: float
@@ -81,14 +80,19 @@ class Allocation:
     shares_K: Mapping[str, float]
     predicted_K: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[str, bool] | None = None
-    emissivity: float | None = None
+    per_emissivity_K: float = 1.0
 
     @classmethod
     def of(cls, scene: Scene, tolerance_K: float) -> Allocation:
         """All of the tolerance to the free sources."""
-        emissivity = tolerance_K / kelvin_per_emissivity(scene)
+        per_emissivity_K = kelvin_per_emissivity(scene)
         shares_K = _shares(scene, tolerance_K)
-        return cls(tolerance_K, tolerance_K, shares_K, emissivity=emissivity)
+        return cls(tolerance_K, tolerance_K, shares_K, per_emissivity_K=per_emissivity_K)
+
+    @property
+    def emissivity(self) -> float:
+        """RMS error of emissivity asked for."""
+        return self.tolerance_K / self.per_emissivity_K
 
     def __getitem__(self, name: str) -> float:
         """Share of a source; the error of all free sources where it has none."""
@@ -191,7 +195,7 @@ class Allocation:
         """Reads the result of `to_dict`; raises KeyError where it is damaged."""
         wanted_K = data["wanted_K"]
         known = data["shares_K"], data["foretold_K"], data["fixed"]
-        return cls(wanted_K, wanted_K, *known, data.get("wanted_emissivity"))
+        return cls(wanted_K, wanted_K, *known, wanted_K / data.get("wanted_emissivity", wanted_K))
 
 
 SPRAY = tuple(one.name for one in SOURCES if one.of_spray)

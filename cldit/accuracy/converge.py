@@ -80,15 +80,10 @@ class Result:
     @property
     def errors(self) -> Errors:
         """Errors by source, and their sum."""
-        causes = tuple(one.stated(self.per_emissivity_K) for one in self.estimates)
+        per_K = self.allocation.per_emissivity_K
+        causes = tuple(one.stated(per_K) for one in self.estimates)
         figures = {name: error for one in self.estimates for name, error in one.figures.items()}
         return Errors(causes, self.model, why=self.unstated, figures=figures)
-
-    @property
-    def per_emissivity_K(self) -> float:
-        """See `kelvin_per_emissivity`."""
-        most = self.allocation.emissivity
-        return self.allocation.tolerance_K / most if most else 1.0
 
     @property
     def trace_error(self) -> TraceError | None:
@@ -232,22 +227,17 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
     result = replace(result, trace_errors=beyond(at), estimates=estimates)
     pixels_K, asked_K = at.errors_K(PIXEL_SAMPLING), result.resolution.pixels_K
     if asked_K is not None and max(one or 0.0 for one in pixels_K) > _CLOSE * asked_K:
-        why = next(iter(traces.short), MOST_RAYS)
-        result = result.limited("pixel sampling", why)
+        result = result.limited("pixel sampling", next(iter(traces.short), MOST_RAYS))
+    causes, local = result.errors.causes, (PIXEL_SAMPLING.name,)
     warm, known = result.maps.has_temperature, np.isfinite(result.maps.emissivity)
-    stated = {cause.name: (cause.error_K, cause.emissivity) for cause in result.errors.causes}
-    temperature, emissivity = (
-        error_maps(
-            {name: both[number] for name, both in stated.items()},
-            {one.cause.name: one.maps_K[number] for one in estimates if one.maps_K},
-            counted,
-            warm,
-            local=(PIXEL_SAMPLING.name,),
-        )
-        for number, counted in enumerate((warm, known))
+    stated = [{one.name: (one.error_K, one.emissivity)[n] for one in causes} for n in (0, 1)]
+    maps_K = [{one.cause.name: one.maps_K[n] for one in estimates if one.maps_K} for n in (0, 1)]
+    return replace(
+        result,
+        error_maps=error_maps(stated[0], maps_K[0], warm, local=local),
+        emissivity_error_maps=error_maps(stated[1], maps_K[1], known, warm, local=local),
+        model=lens_omission(tracer.prepared, image),
     )
-    result = replace(result, error_maps=temperature, emissivity_error_maps=emissivity)
-    return replace(result, model=lens_omission(tracer.prepared, image))
 
 
 def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, Allocation] | None]:
@@ -264,8 +254,8 @@ def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, 
 
 def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | None:
     """Allocates anew the part of the tolerance that irreducible errors leave."""
-    tolerance_K, emissivity = result.allocation.tolerance_K, result.allocation.emissivity
-    if not result.errors.exceed(tolerance_K, emissivity):
+    tolerance_K = result.allocation.tolerance_K
+    if not result.errors.exceed(tolerance_K, result.allocation.emissivity):
         return None
     of = 0 if result.errors.exceed(tolerance_K) else 1  # the result whose sources are refined
     known = {one.cause.name: one for one in result.estimates if one.errors_K[of] is not None}
@@ -328,5 +318,5 @@ def _remedy(problem: Problem, result: Result) -> str:
 
 def _exceeds(result: Result, before: Result) -> bool:
     """True if the error of a result is known to exceed that of the one before."""
-    now_K, then_K = (one.errors.larger_K(one.per_emissivity_K) for one in (result, before))
-    return now_K is not None and then_K is not None and now_K > then_K
+    per_K = result.allocation.per_emissivity_K
+    return result.errors.larger_K(per_K) > before.errors.larger_K(per_K) > 0.0

@@ -2,9 +2,8 @@
 
 A difference of two images is one sample of an error, small by chance in some pixels. The map of a
 source is therefore the local RMS of its differences, scaled so that its RMS is the error that the
-run states. An error that two images share is not in the map of their
-difference. Where a sample of pixels measures it, the mean square of the sampled pixels that are
-most alike is taken for each pixel: near in the image, of similar emissivity and contrast.
+run states. An error that two images share is not in the map of their difference; where a sample of
+pixels measures it, `sampled_square` has it in each pixel.
 """
 
 from __future__ import annotations
@@ -14,10 +13,8 @@ from collections.abc import Collection, Mapping
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
-from scipy.spatial import cKDTree
 
 from cldit.arrays import Floats, Mask
-from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 
 Image = NDArray[np.float32]
 TOTAL = "total"
@@ -46,10 +43,8 @@ def error_maps(
     for name, error in errors.items():
         if error is None:
             continue
-        given = differences.get(name)
-        one = None if given is None else _nearby(given, counted)
-        if given is not None and name in local:
-            one = np.nan_to_num(given)
+        given = differences.get(name, np.full(counted.shape, np.nan))
+        one = np.nan_to_num(given) if name in local else _nearby(given, counted)
         if one is None:
             square += error**2 * of
             continue
@@ -73,39 +68,3 @@ def _nearby(difference: Floats, counted: Mask) -> Floats | None:
     mean = float(np.mean(difference[known] ** 2))
     local = np.divide(square, weight, out=np.full(square.shape, mean), where=weight > 1e-3)
     return np.asarray(np.sqrt(np.maximum(local, 0.0)))  # running sums leave rounding below 0
-
-
-_ALIKE = 16  # sampled pixels: their mean square is known to a third
-# Of the mean square, which all pixels have: sampled pixels are alike in part only, and an error
-# that one pixel in fifty has, such as of a hole that most rays miss, is in few of sixteen.
-_EVEN = 0.2
-
-
-def sampled_square(
-    sample: PixelSample, square: Floats, features: tuple[Floats, ...], counted: Mask
-) -> Floats:
-    """Mean square (H, W) of the error in pixels like each pixel; NaN in pixels that do not count.
-
-    Args:
-        sample: pixels that were measured.
-        square: (N,) unbiased estimates of the square in each; noise may make them negative.
-        features: (H, W) each, of which only the order counts; finite where `counted` is true.
-        counted: (H, W) pixels with a T_app.
-    """
-    out = np.full(counted.shape, np.nan)
-    here, inside = np.flatnonzero(counted), counted.ravel()[sample.pixels]
-    if not inside.any():
-        return out
-    place = np.argwhere(counted) / max(counted.shape)
-    values = [feature[counted] for feature in features]
-    ranks = [np.searchsorted(np.sort(one), one) / len(here) for one in values]
-    points = np.column_stack([place, *ranks])
-    known = points[np.searchsorted(here, sample.pixels[inside])]
-    count = min(_ALIKE, len(known))
-    near = cKDTree(known).query(points, count)[1].reshape(len(points), count)
-    alike = square[inside][near]
-    # A standard error is added, as to the sum over the image.
-    doubt = alike.std(axis=1) / max(count - 1, 1) ** 0.5
-    found = np.maximum(alike.mean(axis=1) + doubt, 0.0)
-    out[counted] = (1.0 - _EVEN) * found + _EVEN * found.mean()
-    return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
@@ -23,8 +24,7 @@ class Cause:
     error_K: RMS of T_app over the pixels that have one; None: unknown. how: what was compared, or
     why the error is unknown. fixed: key of the scene that fixes it. at_most: True for an upper
     bound. shared_by: what two runs have in common if they share this error, one of `PARTS`, or
-    `OMISSION`; empty: nothing. emissivity: error of emissivity, RMS over as many pixels; None:
-    unknown.
+    `OMISSION`; empty: nothing. emissivity: RMS error of emissivity over as many pixels, or None.
     """
 
     name: str
@@ -108,10 +108,6 @@ class Estimate:
             return self.cause
         return replace(self.cause, emissivity=self.emissivity_K / per_emissivity_K)
 
-    def shared(self, by: str) -> Estimate:
-        """The estimate with the part of a run by which two runs share it."""
-        return replace(self, cause=replace(self.cause, shared_by=by))
-
     def at(self, size: float) -> Estimate:
         """The estimate for another size."""
         if self.cause.error_K is None or self.emissivity_K is None:
@@ -174,30 +170,21 @@ class Errors:
             return "unknown"
         return f"at least {self.total_K:.2g} K" if self.unknown else f"{self.total_K:.2g} K"
 
-    def larger_K(self, per_emissivity_K: float) -> float | None:
-        """The larger total of both results, in K; None where none is known."""
-        totals = self.total_K, self.total_emissivity
-        if totals == (None, None):
-            return None
-        return max(totals[0] or 0.0, per_emissivity_K * (totals[1] or 0.0))
+    def larger_K(self, per_emissivity_K: float) -> float:
+        """The larger known total of both results, in K."""
+        return max(self.total_K or 0.0, per_emissivity_K * (self.total_emissivity or 0.0))
 
     def exceed(self, tolerance_K: float, tolerance_emissivity: float | None = None) -> bool:
         """True if a known sum, as printed, exceeds its tolerance; None: there is none."""
-        pairs = (self.total_K, tolerance_K), (self.total_emissivity, tolerance_emissivity)
-        return any(
-            total is not None and most is not None and float(f"{total:.2g}") > most
-            for total, most in pairs
-        )
+        most = math.inf if tolerance_emissivity is None else tolerance_emissivity
+        pairs = (self.total_K, tolerance_K), (self.total_emissivity, most)
+        return any(total is not None and float(f"{total:.2g}") > most for total, most in pairs)
 
     def largest(self, *, of_emissivity: bool = False) -> Cause | None:
         """The largest contribution; None where none is known."""
-
-        def size(cause: Cause) -> float:
-            error = cause.emissivity if of_emissivity else cause.error_K
-            return -1.0 if error is None else error
-
-        found = max(self.causes, key=size, default=None)
-        return None if found is None or size(found) < 0.0 else found
+        errors = [one.emissivity if of_emissivity else one.error_K for one in self.causes]
+        known = [pair for pair in zip(errors, self.causes, strict=True) if pair[0] is not None]
+        return max(known, key=lambda pair: pair[0] or 0.0, default=(None, None))[1]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, with the sum."""

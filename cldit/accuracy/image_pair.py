@@ -130,16 +130,14 @@ class ImageDifference:
         known = np.isfinite(apart) & np.isfinite(noise)
         known[0] &= seen[0] & seen[1]
         number = known[0], known[1] & (seen[0] | seen[1])
-        each = zip(apart, noise, known, number, strict=True)
-        first, second = (cls._of(*result, drawn) for result in each)
-        return first, second
+        warm, emissivity = zip(apart, noise, known, number, strict=True)
+        return cls._of(*warm, drawn), cls._of(*emissivity, drawn)
 
     @classmethod
     def _of(
         cls, apart: Floats, noise: Floats, known: Mask, number: Mask, drawn: DrawnPixels | None
     ) -> ImageDifference:
-        """Takes differences and noise (H, W) of one result, for the `known` pixels of a `number`
-        of pixels."""
+        """Takes differences and noise (H, W) of one result in `known` pixels, and their number."""
         map_K = np.where(known, np.abs(apart), np.nan)
         shape, chance = known.shape, np.ones(known.shape)
         row, column = np.nonzero(known)

@@ -12,10 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 from scipy.optimize import brentq
 
-from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.errors import Estimate
+from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import SprayError, TransportError
 
@@ -80,14 +83,20 @@ def worst(estimates: Sequence[RichardsonEstimate]) -> RichardsonEstimate:
     return max(estimates, key=lambda one: one.error_K)
 
 
+def extrapolated(
+    name: str, how: str, fixed: str, found: Sequence[RichardsonEstimate], **more: Any
+) -> Estimate:
+    """Error of a source, of the order of the result with the larger one."""
+    how += f", extrapolated by order {found[0].order:.2g}"
+    both = [one.difference for one in found]
+    return Estimate.of(name, both, how, fixed, order=worst(found).order, **more)
+
+
 def richardson(
-    before: Sequence[ImageDifference],
-    last: Sequence[ImageDifference],
-    *,
-    once: float = 2.0,
-    twice: float = 4.0,
+    tracer: VariantTracer, images: Sequence[ImagePair], *, once: float = 2.0, twice: float = 4.0
 ) -> list[RichardsonEstimate]:
-    """Estimates of each result, as `RichardsonEstimate.of`."""
+    """Estimates of both results from images on cells of h, `once` h and `twice` h."""
+    last, before = (tracer.difference(*pair) for pair in pairwise(images))
     steps = zip(before, last, strict=True)
     return [RichardsonEstimate.of(*both, once=once, twice=twice) for both in steps]
 
@@ -102,10 +111,8 @@ def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | No
         (once, coarser), (twice, coarsest) = tracer.coarser(depth)
     except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
         return None
-    before, last = tracer.difference(coarser, coarsest), tracer.difference(fine, coarser)
-    if last[0].error_K is None:
-        return None
-    return richardson(before, last, once=once, twice=twice)
+    found = richardson(tracer, (fine, coarser, coarsest), once=once, twice=twice)
+    return None if found[0].difference.error_K is None else found
 
 
 def predicted_error(tracer: VariantTracer, depth: int) -> tuple[float | None, bool]:

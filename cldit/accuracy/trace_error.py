@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.node_traces import NodeTraces
 from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
 from cldit.radiance.apparent_temperature import result_errors_K
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample, sampled_square
 from cldit.transport.ray_choice import contrast_K
 
 
@@ -50,29 +49,26 @@ class TraceError:
             return (cls(None, unknown="no pixel has an apparent temperature"),)
 
         def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
-            return result_errors_K(
-                error,
-                emissivity=maps.emissivity.reshape(-1)[pixels],
-                temperature_K=maps.apparent_temperature_K.reshape(-1)[pixels],
-                scene=scene,
-            )
+            both = maps.emissivity, maps.apparent_temperature_K
+            emissivity, kelvin = (one.reshape(-1)[pixels] for one in both)
+            return result_errors_K(error, emissivity=emissivity, temperature_K=kelvin, scene=scene)
 
-        audit, unknown = result.audit, "; ".join(result.unaudited)
-        both = None if audit is None else [errors_K(e, audit.sample.pixels) for e in audit.errors]
-        out = []
-        for number, halves in enumerate(errors_K(result.difference)):
-            map_K = np.abs(halves.reshape(maps.emissivity.shape))
-            found = cls(float(np.sqrt(np.sum(halves**2) / count)), unknown=unknown, map_K=map_K)
-            if audit is not None and both is not None:
-                one, other = (errors[number] for errors in both)
-                square, doubt = audit.sample.mean_square(one, other, count=count)
-                audit_K = float(np.sqrt(max(square, 0.0) + doubt))
-                map_K = _audited_map(maps, audit.sample, one * other, map_K)
-                found = cls(found.halves_K, audit_K, map_K=map_K)
-            out.append(found)
+        audit, halves = result.audit, np.array(errors_K(result.difference))
+        halves_K = np.sqrt(np.sum(halves**2, axis=1) / count).tolist()
+        maps_K = np.abs(halves.reshape(2, *maps.emissivity.shape))
+        if audit is None:
+            unknown = "; ".join(result.unaudited)
+            pairs = zip(halves_K, maps_K, strict=True)
+            return tuple(cls(half_K, unknown=unknown, map_K=map_K) for half_K, map_K in pairs)
+        sample, out = audit.sample, []
+        pairs_K = zip(*(errors_K(one, sample.pixels) for one in audit.errors), strict=True)
+        for half_K, map_K, (one, other) in zip(halves_K, maps_K, pairs_K, strict=True):
+            square, doubt = sample.mean_square(one, other, count=count)
+            map_K = _audited_map(maps, sample, one * other, map_K)
+            out.append(cls(half_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K))
         return tuple(out)
 
-    def beyond(self, cells_K: float | None) -> TraceError:
+    def beyond(self, cells_K: float) -> TraceError:
         """The error without the part of the audit that the cells explain.
 
         `path` sees what constant sources in cells of this size miss, and so does the difference
@@ -81,7 +77,7 @@ class TraceError:
         sum of both would be too small by a factor of 2^(1/2) at most; counted twice, it would be
         too large by as much.
         """
-        return replace(self, cells_K=cells_K or 0.0)
+        return replace(self, cells_K=cells_K)
 
     @property
     def whole_K(self) -> float | None:

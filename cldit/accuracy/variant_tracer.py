@@ -17,7 +17,6 @@ from typing import Any
 
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
-from cldit.accuracy.preview import previewed
 from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
@@ -26,6 +25,7 @@ from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
+from cldit.prepare.preview import previewed
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray

@@ -15,8 +15,9 @@ from cldit.scene.spray import Check
 if TYPE_CHECKING:
     _Float = click.ParamType[float]
     _Text = click.ParamType[str]
+    _Pair = click.ParamType[tuple[float, float | None]]
 else:
-    _Float = _Text = click.ParamType  # generic from click 8.5 on
+    _Float = _Text = _Pair = click.ParamType  # generic from click 8.5 on
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -37,7 +38,7 @@ class Quantity(_Float):
             self.fail(f"{value!r} is not a number of {self.name}; allowed: e.g. 0.1{self.name}")
 
 
-class Tolerances(_Text):
+class Tolerances(_Pair):
     """Tolerances of T_app and, after a comma, of emissivity: `1K`, `1K,0.01`."""
 
     name = "K[,emissivity]"

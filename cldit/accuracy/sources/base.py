@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
@@ -53,7 +53,10 @@ class Measurement:
         """Estimates of a source."""
         if source.name not in self.found:
             estimated = source.predict if self.image is None else source.estimate
-            self.found[source.name] = [one.shared(source.shared_by) for one in estimated(self)]
+            by = source.shared_by
+            self.found[source.name] = [
+                replace(one, cause=replace(one.cause, shared_by=by)) for one in estimated(self)
+            ]
         return self.found[source.name]
 
     def errors_K(self, source: ErrorSource) -> tuple[float | None, float | None]:

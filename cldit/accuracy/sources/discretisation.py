@@ -13,7 +13,7 @@ from dataclasses import replace
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, cells_are_free
-from cldit.accuracy.richardson import error_at, predicted_error, worst
+from cldit.accuracy.richardson import error_at, extrapolated, predicted_error
 from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.trace_error import TraceError
@@ -109,12 +109,9 @@ class _Cells(ErrorSource):
             why = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL
             return [Estimate.unknown(self.name, why, fixed)]
         cell_mm = 1e3 * at.prepared.cube.at(at.depth).cell_m
-        largest = worst(found)
-        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in largest.sizes)
+        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in found[0].sizes)
         what = "cone and cells" if at.prepared.on_lattice else "cells"
-        how = f"{what} of {sizes} mm, extrapolated by order {found[0].order:.2g}"
-        both = [one.difference for one in found]
-        out = [Estimate.of(self.name, both, how, fixed, order=largest.order)]
+        out = [extrapolated(self.name, f"{what} of {sizes} mm", fixed, found)]
         if fixed and not found[0].shown:
             why = f"cells of {sizes} mm show no order of convergence between 1 and 2"
             out.append(Estimate.unknown(self.also[0], why, fixed))

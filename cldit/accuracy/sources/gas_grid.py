@@ -16,14 +16,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, gas_is_free, lattice_is_cells
-from cldit.accuracy.richardson import richardson, worst
+from cldit.accuracy.richardson import extrapolated, richardson
 from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
@@ -124,22 +123,11 @@ class _GasGrid(ErrorSource):
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
-        before = tracer.difference(coarser, coarsest)
-        last = tracer.difference(tracer.level(at.coarse), coarser)
-        both = richardson(before, last)
-        found = worst(both)
+        found = richardson(tracer, (tracer.level(at.coarse), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
-        return [
-            Estimate.of(
-                self.name,
-                [one.difference for one in both],
-                f"cone on lattices of {sizes} mm, extrapolated by order {found.order:.2g}",
-                self.key(at.scene),
-                at_most=both[0].bound_K is not None,
-                order=found.order,
-                size=cone.lattice_m,
-            )
-        ]
+        how, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
+        more = {"at_most": found[0].bound_K is not None, "size": cone.lattice_m}
+        return [extrapolated(self.name, how, key, found, **more)]
 
     def _grid(self, at: Measurement) -> list[Estimate]:
         fixed, spec = self.key(at.scene), at.prepared.spec
@@ -192,15 +180,8 @@ class _GasGrid(ErrorSource):
             except (MediumError, TransportError) as error:  # larger cells reach further
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
             images.append(made)
-        last, before = (at.tracer.difference(*pair) for pair in pairwise(images))
-        both_K = richardson(before, last)
-        found = worst(both_K)
-        how = (
-            "gas averaged over cells twice and four times as large, linear in all; extrapolated by "
-        )
-        how += f"order {found.order:.2g}"
-        errors = [one.difference for one in both_K]
-        return [Estimate.of(self.name, errors, how, "", order=found.order)]
+        how = "gas averaged over cells twice and four times as large, linear in all"
+        return [extrapolated(self.name, how, "", richardson(at.tracer, images))]
 
     def _traced(
         self, at: Measurement, spec: LagrangianSpray, up: int

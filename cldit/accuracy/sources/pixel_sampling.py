@@ -9,16 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.accuracy.variant_tracer import temperature_of
-from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
-from cldit.prepare.medium import Prepared
+from cldit.optics.visible import VISIBLE_DISC
+from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
+from cldit.transport.monte_carlo.pixel_sampling import sampled_square
 from cldit.transport.ray_choice import MOST_ACROSS, contrasts
 
 MOST_RAYS = (
@@ -46,14 +46,19 @@ class _PixelSampling(ErrorSource):
         # Single pixels far apart do not show it, and chosen rays are chosen for their share.
         if at.tracer.drawn is not None or self.is_free(at.scene):
             return None
-        return _pixel_error(at, image).cause.error_K
+        return self._of(at, image).cause.error_K
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.image is not None
         if at.scene.transport.method != "source":
             why = "not known from an image of random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, why, self.key(at.scene))]
-        return [_pixel_error(at, at.image)]
+        return [self._of(at, at.image)]
+
+    def _of(self, at: Measurement, image: ImagePair) -> Estimate:
+        visible = at.tracer.settings.visible
+        temperature = temperature_of(at.tracer.scene, at.prepared, visible=visible)
+        return pixel_error(temperature, image, self.key(at.scene))
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         return replace(now, pixels_K=share_K)
@@ -62,23 +67,14 @@ class _PixelSampling(ErrorSource):
 PIXEL_SAMPLING = _PixelSampling()
 
 
-def _pixel_error(at: Measurement, image: ImagePair) -> Estimate:
-    visible = at.tracer.settings.visible
-    return pixel_error(at.tracer.scene, at.prepared, image, visible=visible)
-
-
-def pixel_error(
-    scene: Scene, prepared: Prepared, image: ImagePair, *, visible: float = VISIBLE_EMISSIVITY
-) -> Estimate:
+def pixel_error(temperature: NodeTemperature, image: ImagePair, key: str = "") -> Estimate:
     """Errors of both results by pixel sampling, from an image (H, W) with its `subpixels`.
 
     Two halves of the sample have the image's error with independent noise; their product has its
     square as its mean, and one standard error of that is added. The maps are those of sampled
     pixels that are alike.
     """
-    name, key = PIXEL_SAMPLING.name, PIXEL_SAMPLING.key(scene)
-    found = image.subpixels
-    temperature = temperature_of(scene, prepared, visible=visible)
+    name, found = PIXEL_SAMPLING.name, image.subpixels
     results = np.stack(temperature.results(image.weights))
     results[0, ~image.visible(temperature)] = np.nan
     count = int(np.count_nonzero(np.isfinite(results[0])))
@@ -99,8 +95,7 @@ def pixel_error(
     first, second = (np.where(both, apart + sign * noise, 0.0)[:, 0] for sign in (1, -1))
     emissivity = 1.0 - image.weights.background.astype(float)
     errors_K, maps_K = [], []
-    for number, contrast in enumerate(contrasts(results)):
-        halves = first[number], second[number]
+    for contrast, *halves in zip(contrasts(results), first, second, strict=True):
         square, doubt = found.sample.mean_square(*halves, count=count)
         errors_K.append((max(square, 0.0) + doubt) ** 0.5)
         like, features = np.isfinite(contrast), (emissivity, contrast)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -66,13 +65,12 @@ def kelvin(scene: Scene) -> NodeTemperature:
 
 @pytest.mark.parametrize("light", [smooth, edges, plumes])
 @pytest.mark.parametrize(("rays", "seed"), [(1, 1), (4, 2), (16, 3)])
-def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stated_and_true(light: Any, rays: int, seed: int) -> None:
     """Over seeds the root scatters by up to 8 %: three times that, and the standard error that is
     added, up to 16 %. By blocks of 3 x 3 and 5 x 5 pixels and an order from both the plumes seem
     to err by 2.6 times the truth."""
     scene = scene_of(rays)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: temperature)
 
     def of(across: int) -> Weights:
         """Means over so many points across each pixel."""
@@ -86,10 +84,9 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
     sample = important(square, tuning=Tuning(), seed=seed)
     assert len(sample.pixels) < COUNT**2 / 10
     some = many.map(lambda image: image.reshape(1, -1)[:, sample.pixels])
-    prepared: Any = SimpleNamespace()
     many_across = np.full(len(sample.pixels), 4 * across)
     image = ImagePair(seen, subpixels=Subpixels(sample, many_across, some, None))
-    found = pixel_sampling.pixel_error(scene, prepared, image)
+    found = pixel_sampling.pixel_error(temperature, image)
     apart = np.subtract(*(temperature.results(each) for each in (seen, mean)))
     true = np.sqrt(np.mean(apart**2, axis=(1, 2)))
     assert np.all(true > 0.0) and len(found.maps_K) == 2
@@ -98,7 +95,7 @@ def test_stated_and_true(light: Any, rays: int, seed: int, monkeypatch: pytest.M
         assert 0.75 < stated_K / true_K < 1.4
 
 
-def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_is_no_error() -> None:
     """An image that is even but for the noise of its halves, 0.7 K each, which the sample does not
     share: their differences from it are of 1 K each, and their product of 1 K^2. In 400 pixels it
     has a doubt of 1 / 20, and by the noise of each as much again: 0.07 K^2. Three of them and
@@ -106,7 +103,6 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     scene = scene_of(1)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: temperature)
     rng = np.random.default_rng(5)
 
     def noisy(shape: tuple[int, int]) -> tuple[Weights, Weights]:
@@ -120,9 +116,8 @@ def test_noise_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 400
     sample = PixelSample(np.arange(count) * 9, np.full(count, 1 / 9))
     some, apart = noisy((1, count))
-    prepared: Any = SimpleNamespace()
     image = ImagePair(mean, half, Subpixels(sample, np.full(count, 4), some, apart))
-    error_K = pixel_sampling.pixel_error(scene, prepared, image).error_K
+    error_K = pixel_sampling.pixel_error(temperature, image).error_K
     assert error_K is not None and error_K**2 < 4 * 0.07
 
 
@@ -141,10 +136,8 @@ def test_pixels_at_edges_are_drawn() -> None:
     assert len(sample.pixels) == pytest.approx(300, abs=1)
 
 
-def test_nothing_to_see_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_to_see_is_unknown() -> None:
     scene = scene_of(1)
     temperature = kelvin(scene)
-    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: temperature)
     clear = Weights(*(np.ones((COUNT, COUNT), np.float32),) * 4)
-    prepared: Any = SimpleNamespace()
-    assert pixel_sampling.pixel_error(scene, prepared, ImagePair(clear)).error_K is None
+    assert pixel_sampling.pixel_error(temperature, ImagePair(clear)).error_K is None

@@ -86,7 +86,7 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
 
 
 def test_unknown_cells_explain_nothing() -> None:
-    assert TraceError(0.2, 0.5).beyond(None) == TraceError(0.2, 0.5)
+    assert TraceError(0.2, 0.5).beyond(0.0) == TraceError(0.2, 0.5)
     assert TraceError(0.2, None).beyond(1.0).error_K == 0.2
 
 
