@@ -46,9 +46,8 @@ class Transport(Section):
     """Tolerance for the error of T_app: RMS over the pixels with a T_app, all error sources of the
     simulation combined. With `audit: false`, the error of the trace alone."""
     accuracy_emissivity: Annotated[float, Within(1e-6, 1.0)] | None = None
-    """Likewise for the error of emissivity; `accuracy: {temperature_K: 1, emissivity: 0.01}` sets
-    both. Default: the error that alone changes T_app of an opaque medium, as warm as the coldest
-    background, by `accuracy_K`."""
+    """Likewise for emissivity; `accuracy: {temperature_K: 1, emissivity: 0.01}` sets both. Default:
+    the error that changes T_app of an opaque medium by `accuracy_K`, to first order."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
     """Largest number of samples per pixel, of `path` and of the final gather."""
     phase: Phase | None = None
