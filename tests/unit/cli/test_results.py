@@ -32,10 +32,10 @@ def test_a_run_ends_with_its_result(tmp_path: Path) -> None:
     low, high, median = map(float, re.findall(r"[\d.]+", found["T_app"]))
     assert (low, high) == pytest.approx(tuple(np.percentile(seen, (1, 99))), abs=0.06)
     assert median == pytest.approx(float(np.median(seen)), abs=0.06)
-    assert run.errors is not None and (largest := run.errors.largest()) is not None
+    assert run.errors is not None
     stated = [line for line in lines if line.startswith("error of ")]
-    most = run.errors.largest(of_emissivity=True)
-    assert most is not None and len(stated) == 2
+    largest, most = run.errors.largest(), run.errors.largest(of_emissivity=True)
+    assert largest is not None and most is not None and len(stated) == 2
     for line, text, cause in zip(
         stated,
         (f"T_app {run.errors.text}", f"emissivity {run.errors.emissivity_text}"),
