@@ -1,7 +1,8 @@
-"""Resolution chosen for a tolerance; the error of the image, estimated by source.
+"""Resolution chosen for tolerances; the errors of the image, estimated by source.
 
-The tolerance is `transport.accuracy_K`, an RMS error of T_app. `converge` is the loop of adaptive
-finite elements: solve, estimate, refine.
+The tolerances are RMS errors of both results, T_app and emissivity. In here both are in kelvin:
+those of emissivity are multiplied by `cldit.optics.tolerance.kelvin_per_emissivity`. `converge` is
+the loop of adaptive finite elements: solve, estimate, refine.
 
 1. Predict (`predict`). Coarse traces at one wavelength show which cells, ordinates, wavelengths,
    classes of droplet size and lattice of the spray the tolerance needs.
@@ -14,19 +15,11 @@ finite elements: solve, estimate, refine.
 
 Terms of the field, and where they are:
 
-- Error allocation (`allocation`): the squares of the sources' errors sum to the square of the
-  tolerance. The shares with the least cost are proportional to the powers with which the cost of
-  each source grows. What the scene fixes takes no share, and bounds what is worth the cost.
-- Richardson extrapolation (`richardson`): the error on the finest of three grids, by the observed
-  order of convergence. Outside the asymptotic range no order is inferred, and first order is
-  assumed.
-- Independent halves (`image_pair`): every image is the mean of two images with independent
-  ordinates and paths. Products of the halves' differences are free of noise on average, so that a
-  systematic difference is separated from the noise of both images.
-- Importance sampling (`drawn_pixels`): of a large image few pixels are traced for the estimates,
-  each with a known chance, which makes sums over them unbiased.
+- Error allocation (`allocation`): shares of the square of the tolerance with the least cost.
+- Richardson extrapolation (`richardson`): the error on the finest of three grids.
+- Independent halves (`image_pair`): differences of two images without the noise of either.
+- Importance sampling (`drawn_pixels`): few pixels of a large image, each with a known chance.
 
-Keys that omit physics (`sources.omissions`) are rows of a table: the image is compared with one
-that omits nothing. Any other source is a class with `name`, `key`, `cost_power`, `estimate` and
-`finer`; a new one needs an entry of the list `SOURCES`, and nothing else changes.
+Keys that omit physics (`sources.omissions`) are rows of a table. Any other source is a class with
+`name`, `key`, `cost_power`, `estimate` and `finer`; a new one needs an entry of `SOURCES` alone.
 """

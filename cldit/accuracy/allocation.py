@@ -13,6 +13,7 @@ from typing import Any
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import ErrorSource
+from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.scene import Scene
 
 # The trace and the wavelengths usually end up below their shares. Cells can only be halved, at
@@ -68,10 +69,10 @@ def free_sources(scene: Scene) -> tuple[str, ...]:
 class Allocation:
     """Errors that the sources of a scene may have.
 
-    tolerance_K: RMS error of T_app asked for. free_K: error that all free sources may have
-    together; shares_K: each of them. predicted_K: errors that sources will have, whatever their
-    share. fixed: those of them that no resolution makes smaller, True for an upper bound; None
-    before they are known.
+    tolerance_K: RMS error of T_app asked for. per_emissivity_K: see `kelvin_per_emissivity`.
+    free_K: error that all free sources may have together; shares_K: each of them. predicted_K:
+    errors that sources will have, whatever their share. fixed: those of them that no resolution
+    makes smaller, True for an upper bound; None before they are known.
     """
 
     tolerance_K: float
@@ -79,11 +80,19 @@ class Allocation:
     shares_K: Mapping[str, float]
     predicted_K: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[str, bool] | None = None
+    per_emissivity_K: float = 1.0
 
     @classmethod
     def of(cls, scene: Scene, tolerance_K: float) -> Allocation:
         """All of the tolerance to the free sources."""
-        return cls(tolerance_K, tolerance_K, _shares(scene, tolerance_K))
+        per_emissivity_K = kelvin_per_emissivity(scene)
+        shares_K = _shares(scene, tolerance_K)
+        return cls(tolerance_K, tolerance_K, shares_K, per_emissivity_K=per_emissivity_K)
+
+    @property
+    def emissivity(self) -> float:
+        """RMS error of emissivity asked for."""
+        return self.tolerance_K / self.per_emissivity_K
 
     def __getitem__(self, name: str) -> float:
         """Share of a source; the error of all free sources where it has none."""
@@ -110,8 +119,9 @@ class Allocation:
         free = free_sources(scene)
         errors_K, fixed = {}, {name: False for name in ("pixel sampling", "trace")}
         for one in estimates:
-            if one.error_K is not None:
-                errors_K[one.cause.name], fixed[one.cause.name] = one.error_K, one.cause.at_most
+            if one.cause.error_K is not None:  # of T_app: that of emissivity bounds no other
+                errors_K[one.cause.name] = one.cause.error_K
+                fixed[one.cause.name] = one.cause.at_most
         fixed = {name: at_most for name, at_most in fixed.items() if name not in free}
         return replace(self, predicted_K={**self.predicted_K, **errors_K}, fixed=fixed)
 
@@ -157,6 +167,7 @@ class Allocation:
         """Plain data for run.json."""
         return {
             "wanted_K": self.tolerance_K,
+            "wanted_emissivity": self.emissivity,
             "shares_K": dict(self.shares_K),
             "foretold_K": dict(self.predicted_K),
             "fixed": None if self.fixed is None else dict(self.fixed),
@@ -166,7 +177,8 @@ class Allocation:
     def from_dict(cls, data: Mapping[str, Any]) -> Allocation:
         """Reads the result of `to_dict`; raises KeyError where it is damaged."""
         wanted_K = data["wanted_K"]
-        return cls(wanted_K, wanted_K, data["shares_K"], data["foretold_K"], data["fixed"])
+        known = data["shares_K"], data["foretold_K"], data["fixed"]
+        return cls(wanted_K, wanted_K, *known, wanted_K / data.get("wanted_emissivity", wanted_K))
 
 
 SPRAY = tuple(one.name for one in SOURCES if one.of_spray)

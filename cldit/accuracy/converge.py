@@ -1,4 +1,4 @@
-"""Solve, estimate, refine: until the error of T_app is within the tolerance, or cannot be reduced.
+"""Solve, estimate, refine: until both errors are within their tolerances, or cannot be reduced.
 
 This is the loop of adaptive finite elements. `predict` starts it with a resolution from coarse
 traces; `solve` traces the image and estimates its error by source; `refine` chooses a finer
@@ -27,7 +27,7 @@ from cldit.accuracy.remarks import expected
 from cldit.accuracy.resolution import Resolution, cells_are_free
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Measurement
-from cldit.accuracy.sources.discretisation import ORDINATES, audited_K
+from cldit.accuracy.sources.discretisation import ORDINATES, beyond
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
 from cldit.accuracy.sources.pixel_sampling import MOST_RAYS, PIXEL_SAMPLING
 from cldit.accuracy.trace_error import TraceError
@@ -56,9 +56,10 @@ _MOST_RATIO = 4.0  # of an error to its share, in one refinement: a smaller shar
 class Result:
     """The solution of a problem at one resolution.
 
-    trace_error: None if nothing scatters. estimates: by source, empty without audit.
-    error_maps: of `errors` (H, W), by source. unstated: why no error is stated, if none is. model:
-    change by a lens and spread of the model itself, as far as they are known.
+    trace_errors: of both results; empty if nothing scatters. estimates: by source, empty without
+    audit. error_maps, emissivity_error_maps: of `errors` (H, W), by source. unstated: why no error
+    is stated, if none is. model: change by a lens and spread of the model itself, as far as they
+    are known.
     """
 
     resolution: Resolution
@@ -68,9 +69,10 @@ class Result:
     reference: Weights
     maps: Maps
     sensor: SensorModel
-    trace_error: TraceError | None
+    trace_errors: tuple[TraceError, ...]
     estimates: tuple[Estimate, ...] = ()
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    emissivity_error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     refinements: int = 0
     unstated: str = ""
     model: tuple[Cause, ...] = ()
@@ -78,9 +80,15 @@ class Result:
     @property
     def errors(self) -> Errors:
         """Errors by source, and their sum."""
-        causes = tuple(one.cause for one in self.estimates)
+        per_K = self.allocation.per_emissivity_K
+        causes = tuple(one.stated(per_K) for one in self.estimates)
         figures = {name: error for one in self.estimates for name, error in one.figures.items()}
         return Errors(causes, self.model, why=self.unstated, figures=figures)
+
+    @property
+    def trace_error(self) -> TraceError | None:
+        """Error of T_app by the trace; None if nothing scatters."""
+        return self.trace_errors[0] if self.trace_errors else None
 
     @property
     def quadrature(self) -> Quadrature:
@@ -180,8 +188,8 @@ def solve(
     with stages.stage("evaluation"):
         sensor = sensor_of(scene, quadrature, (traces.spectral, reference))
         maps = evaluated(scene, quadrature, traces.spectral, reference, sensor)
-    trace_error = TraceError.of(scene, traces, maps)
-    result = Result(resolution, allocation, medium, traces, reference, maps, sensor, trace_error)
+    errors = TraceError.of(scene, traces, maps)
+    result = Result(resolution, allocation, medium, traces, reference, maps, sensor, errors)
     if tracer is None:
         return replace(result, unstated=unstated)
     with stages.stage("errors"):
@@ -210,23 +218,26 @@ def _estimated(problem: Problem, tracer: VariantTracer, result: Result) -> Resul
         resolution=result.resolution,
         image=image,
         exact=exact,
-        trace_error=result.trace_error,
+        trace_errors=result.trace_errors,
         predicted=problem.predicted,
         found=dict(problem.estimates),
     )
     estimates = tuple(one for source in SOURCES for one in at.of(source))
     problem.estimates = {one.name: at.of(one) for one in SOURCES if one.of_spray}
-    maps_K = {one.cause.name: one.map_K for one in estimates if one.map_K is not None}
-    trace_error = result.trace_error
-    if trace_error is not None:
-        trace_error = trace_error.beyond(audited_K(at))
-    result = replace(result, trace_error=trace_error, estimates=estimates)
-    pixels_K, asked_K = at.error_K(PIXEL_SAMPLING), result.resolution.pixels_K
-    if pixels_K is not None and asked_K is not None and pixels_K > _CLOSE * asked_K:
-        why = next(iter(traces.short), MOST_RAYS)
-        result = result.limited("pixel sampling", why)
-    maps = error_maps(result.errors, maps_K, result.maps.has_temperature)
-    return replace(result, error_maps=maps, model=lens_omission(tracer.prepared, image))
+    result = replace(result, trace_errors=beyond(at), estimates=estimates)
+    pixels_K, asked_K = at.errors_K(PIXEL_SAMPLING), result.resolution.pixels_K
+    if asked_K is not None and max(one or 0.0 for one in pixels_K) > _CLOSE * asked_K:
+        result = result.limited("pixel sampling", next(iter(traces.short), MOST_RAYS))
+    causes, local = result.errors.causes, (PIXEL_SAMPLING.name,)
+    warm, known = result.maps.has_temperature, np.isfinite(result.maps.emissivity)
+    stated = [{one.name: (one.error_K, one.emissivity)[n] for one in causes} for n in (0, 1)]
+    maps_K = [{one.cause.name: one.maps_K[n] for one in estimates if one.maps_K} for n in (0, 1)]
+    return replace(
+        result,
+        error_maps=error_maps(stated[0], maps_K[0], warm, local=local),
+        emissivity_error_maps=error_maps(stated[1], maps_K[1], known, warm, local=local),
+        model=lens_omission(tracer.prepared, image),
+    )
 
 
 def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, Allocation] | None]:
@@ -244,10 +255,11 @@ def refine(problem: Problem, result: Result) -> tuple[Result, tuple[Resolution, 
 def _finer(problem: Problem, result: Result) -> tuple[Resolution, Allocation] | None:
     """Allocates anew the part of the tolerance that irreducible errors leave."""
     tolerance_K = result.allocation.tolerance_K
-    if not result.errors.exceed(tolerance_K):
+    if not result.errors.exceed(tolerance_K, result.allocation.emissivity):
         return None
-    known = {one.cause.name: one for one in result.estimates if one.error_K is not None}
-    errors_K = {name: one.error_K or 0.0 for name, one in known.items()}
+    of = 0 if result.errors.exceed(tolerance_K) else 1  # the result whose sources are refined
+    known = {one.cause.name: one for one in result.estimates if one.errors_K[of] is not None}
+    errors_K = {name: one.errors_K[of] or 0.0 for name, one in known.items()}
     reducible = _reducible(problem, result)
     free = [name for name in known if name in reducible]
     fixed_K = {name: error_K for name, error_K in errors_K.items() if name not in free}
@@ -307,5 +319,5 @@ def _remedy(problem: Problem, result: Result) -> str:
 
 def _exceeds(result: Result, before: Result) -> bool:
     """True if the error of a result is known to exceed that of the one before."""
-    now_K, then_K = result.errors.total_K, before.errors.total_K
-    return now_K is not None and then_K is not None and now_K > then_K
+    per_K = result.allocation.per_emissivity_K
+    return result.errors.larger_K(per_K) > before.errors.larger_K(per_K) > 0.0

@@ -1,8 +1,9 @@
-"""Errors of T_app by source: estimates, what a run states, and the remark where it is too much."""
+"""Errors of T_app and emissivity by source: estimates, and what a run states."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -23,7 +24,7 @@ class Cause:
     error_K: RMS of T_app over the pixels that have one; None: unknown. how: what was compared, or
     why the error is unknown. fixed: key of the scene that fixes it. at_most: True for an upper
     bound. shared_by: what two runs have in common if they share this error, one of `PARTS`, or
-    `OMISSION`; empty: nothing.
+    `OMISSION`; empty: nothing. emissivity: RMS error of emissivity over as many pixels, or None.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Cause:
     fixed: str = ""
     at_most: bool = False
     shared_by: str = ""
+    emissivity: float | None = None
 
     def __post_init__(self) -> None:
         if self.error_K is not None and not self.error_K >= 0.0:
@@ -39,21 +41,28 @@ class Cause:
 
     @property
     def text(self) -> str:
-        """The error for a table, to two digits."""
+        """The error of T_app for a table, to two digits."""
         return "unknown" if self.error_K is None else f"{self.error_K:.2g} K"
+
+    @property
+    def emissivity_text(self) -> str:
+        """The error of emissivity for a table, to two digits."""
+        return "unknown" if self.emissivity is None else f"{self.emissivity:.2g}"
 
 
 @dataclass(frozen=True)
 class Estimate:
     """Estimated error of one source, and how it depends on a size.
 
-    cause: as it is stated. map_K: (H, W) size of the difference in each pixel; None: unknown. The
-    error is proportional to `size` to the power `order`: a cell's edge, or one over a number.
-    figures: errors of the spray's figures by the same source, by their name.
+    cause: as it is stated, without emissivity. emissivity_K: error of emissivity, times
+    `kelvin_per_emissivity`; None: unknown. maps_K: (H, W) size of the difference in each pixel, of
+    each result; empty: unknown. The error is proportional to `size` to the power `order`: a cell's
+    edge, or one over a number. figures: errors of the spray's figures by the same source, by name.
     """
 
     cause: Cause
-    map_K: Floats | None = None
+    emissivity_K: float | None = None
+    maps_K: Sequence[Floats] = ()
     order: float = 1.0
     size: float = 1.0
     figures: Mapping[str, float] = field(default_factory=dict)
@@ -62,7 +71,7 @@ class Estimate:
     def of(
         cls,
         name: str,
-        found: ImageDifference,
+        found: Sequence[ImageDifference],
         how: str,
         fixed: str,
         *,
@@ -70,10 +79,13 @@ class Estimate:
         order: float = 1.0,
         size: float = 1.0,
     ) -> Estimate:
-        """Takes the difference of two images; unknown where no pixel has a T_app."""
-        if found.error_K is None:
+        """Takes the differences of both results; unknown where no pixel has a T_app."""
+        temperature, emissivity = found
+        if temperature.error_K is None:
             return cls.unknown(name, NO_PIXEL, fixed)
-        return cls(Cause(name, found.error_K, how, fixed, at_most), found.map_K, order, size)
+        cause = Cause(name, temperature.error_K, how, fixed, at_most)
+        maps_K = [one.map_K for one in found]
+        return cls(cause, emissivity.error_K, maps_K, order, size)
 
     @classmethod
     def unknown(cls, name: str, why: str, fixed: str = "") -> Estimate:
@@ -81,23 +93,31 @@ class Estimate:
         return cls(Cause(name, None, why, fixed))
 
     @property
-    def error_K(self) -> float | None:
-        """The error; None: unknown."""
-        return self.cause.error_K
+    def errors_K(self) -> tuple[float | None, float | None]:
+        """Errors of both results."""
+        return self.cause.error_K, self.emissivity_K
 
-    def shared(self, by: str) -> Estimate:
-        """The estimate with the part of a run by which two runs share it."""
-        return replace(self, cause=replace(self.cause, shared_by=by))
+    @property
+    def error_K(self) -> float | None:
+        """The larger error of both results; None: unknown."""
+        return max((one for one in self.errors_K if one is not None), default=None)
+
+    def stated(self, per_emissivity_K: float) -> Cause:
+        """The cause with its error of emissivity."""
+        if self.emissivity_K is None:
+            return self.cause
+        return replace(self.cause, emissivity=self.emissivity_K / per_emissivity_K)
 
     def at(self, size: float) -> Estimate:
         """The estimate for another size."""
-        if self.error_K is None or self.map_K is None:
+        if self.cause.error_K is None or self.emissivity_K is None:
             return self
         how, factor = self.cause.how, (size / self.size) ** self.order
         if abs(size / self.size - 1) > 1e-9:
             how += f"; scaled to {size / self.size:.2g} of that size"
-        cause = replace(self.cause, error_K=factor * self.error_K, how=how)
-        return replace(self, cause=cause, map_K=factor * self.map_K, size=size)
+        cause = replace(self.cause, error_K=factor * self.cause.error_K, how=how)
+        emissivity_K, maps_K = factor * self.emissivity_K, [factor * one for one in self.maps_K]
+        return replace(self, cause=cause, emissivity_K=emissivity_K, maps_K=maps_K, size=size)
 
 
 @dataclass(frozen=True)
@@ -118,9 +138,21 @@ class Errors:
 
     @property
     def total_K(self) -> float | None:
-        """RMS of all known errors; None where none is known, or there is no source."""
-        known = [cause.error_K for cause in self.causes if cause.error_K is not None]
-        return sum(error**2 for error in known) ** 0.5 if known else None
+        """RMS of all known errors of T_app; None where none is known, or there is no source."""
+        return _total(cause.error_K for cause in self.causes)
+
+    @property
+    def total_emissivity(self) -> float | None:
+        """Likewise of emissivity."""
+        return _total(cause.emissivity for cause in self.causes)
+
+    @property
+    def emissivity_text(self) -> str:
+        """The error of emissivity: `0.012`, `at least 0.012`, or `unknown`."""
+        if self.total_emissivity is None:
+            return "unknown"
+        least = any(cause.emissivity is None for cause in self.causes)
+        return f"{'at least ' if least else ''}{self.total_emissivity:.2g}"
 
     @property
     def unknown(self) -> tuple[str, ...]:
@@ -138,19 +170,27 @@ class Errors:
             return "unknown"
         return f"at least {self.total_K:.2g} K" if self.unknown else f"{self.total_K:.2g} K"
 
-    def exceed(self, tolerance_K: float) -> bool:
-        """True if the known sum, as printed, exceeds the tolerance."""
-        return self.total_K is not None and float(f"{self.total_K:.2g}") > tolerance_K
+    def larger_K(self, per_emissivity_K: float) -> float:
+        """The larger known total of both results, in K."""
+        return max(self.total_K or 0.0, per_emissivity_K * (self.total_emissivity or 0.0))
 
-    def largest(self) -> Cause | None:
+    def exceed(self, tolerance_K: float, tolerance_emissivity: float | None = None) -> bool:
+        """True if a known sum, as printed, exceeds its tolerance; None: there is none."""
+        most = math.inf if tolerance_emissivity is None else tolerance_emissivity
+        pairs = (self.total_K, tolerance_K), (self.total_emissivity, most)
+        return any(total is not None and float(f"{total:.2g}") > most for total, most in pairs)
+
+    def largest(self, *, of_emissivity: bool = False) -> Cause | None:
         """The largest contribution; None where none is known."""
-        known = [cause for cause in self.causes if cause.error_K is not None]
-        return max(known, key=lambda cause: cause.error_K or 0.0, default=None)
+        errors = [one.emissivity if of_emissivity else one.error_K for one in self.causes]
+        known = [pair for pair in zip(errors, self.causes, strict=True) if pair[0] is not None]
+        return max(known, key=lambda pair: pair[0] or 0.0, default=(None, None))[1]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, with the sum."""
         return {
             "total_K": self.total_K,
+            "total_emissivity": self.total_emissivity,
             "at_least": bool(self.unknown),
             "causes": [asdict(cause) for cause in self.causes],
             "model": [asdict(cause) for cause in self.model],
@@ -162,3 +202,8 @@ class Errors:
     def of(cls, causes: Iterable[Cause], model: Iterable[Cause] = ()) -> Errors:
         """Collects causes, and the spread of the model beside them."""
         return cls(tuple(causes), tuple(model))
+
+
+def _total(errors: Iterable[float | None]) -> float | None:
+    known = [error for error in errors if error is not None]
+    return sum(error**2 for error in known) ** 0.5 if known else None

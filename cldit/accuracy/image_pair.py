@@ -1,4 +1,7 @@
-"""An image with its independent halves, and the difference of two images' T_app beyond noise.
+"""An image with its independent halves, and the difference of two images' results beyond noise.
+
+The results are T_app and emissivity. Errors of emissivity are multiplied by
+`kelvin_per_emissivity`, the ratio of the tolerances, so that both are compared in kelvin.
 
 Ordinates and paths have random errors, which differ with the size of the cells. So the difference
 of two images contains the noise of both. Each image is the mean of two halves, A and B, whose
@@ -64,21 +67,21 @@ class ImagePair:
         return ImagePair(self.weights.map(change), difference)
 
     def noise_K(self, temperature: NodeTemperature) -> Floats:
-        """(H, W) half the difference of the halves' T_app, an estimate of the mean's error."""
+        """(2, H, W) half the difference of the halves' results, estimates of the mean's error."""
         if self.difference is None:
-            return np.zeros(self.weights.background.shape)
+            return np.zeros((2, *self.weights.background.shape))
         mean, half = self.weights.images, self.difference.images
         one, other = (
-            temperature(Weights.of({name: mean[name] + sign * half[name] for name in mean}))
+            np.stack(temperature.results(Weights.of({n: mean[n] + sign * half[n] for n in mean})))
             for sign in (1, -1)
         )
-        return (one - other) / 2.0
+        return np.asarray((one - other) / 2.0)
 
     def error_K(
         self, temperature: NodeTemperature, drawn: DrawnPixels | None = None
     ) -> float | None:
-        """RMS of `noise_K` over the visible pixels, all or drawn; None if there is none."""
-        noise = self.noise_K(temperature)
+        """RMS of the noise of T_app over the visible pixels, all or drawn; None: there is none."""
+        noise = self.noise_K(temperature)[0]
         known = np.isfinite(noise) & self.visible(temperature)
         if not known.any():
             return None
@@ -88,10 +91,12 @@ class ImagePair:
 
 @dataclass(frozen=True)
 class ImageDifference:
-    """Difference of T_app between two images.
+    """Difference of one result between two images.
 
-    error_K: RMS over the pixels that are visible in both, without noise, plus one standard error
-    of its square; None: no such pixel. map_K: (H, W) size of the difference in each of them,
+    error_K: RMS without noise, plus one standard error of its square; None: no pixel is visible.
+    Of T_app it is taken over the pixels that are visible in both. Of emissivity all pixels in front
+    of the background are in the sum of squares, and those visible in either are their number: a
+    pixel may be clear in one image alone. map_K: (H, W) size of the difference in each pixel,
     noise included, NaN elsewhere.
     """
 
@@ -110,32 +115,44 @@ class ImageDifference:
         one: ImagePair,
         other: ImagePair,
         drawn: DrawnPixels | None = None,
-    ) -> ImageDifference:
-        """Compares two images of the same pixels, all of an image or drawn.
+    ) -> tuple[ImageDifference, ImageDifference]:
+        """Compares T_app and emissivity of two images of the same pixels, all or drawn.
 
         For noise alone, the square of (A^2 - B^2) / 2, summed over pixels with a common error, has
         the variance of the sum of A B as its mean. For pixels drawn with chance p, the sum of
         (1 - p) (A B - mean)^2 / p^2 is the variance by the draw; the contribution of noise to it
         is already in the first sum, and is subtracted.
         """
-        apart = temperature(one.weights) - temperature(other.weights)
+        results = (np.stack(temperature.results(each.weights)) for each in (one, other))
+        apart = np.subtract(*results)
         noise = one.noise_K(temperature) - other.noise_K(temperature)
-        both = np.isfinite(apart) & np.isfinite(noise)
-        both &= one.visible(temperature) & other.visible(temperature)
-        map_K = np.where(both, np.abs(apart), np.nan)
-        shape, chance = both.shape, np.ones(both.shape)
-        row, column = np.nonzero(both)
+        seen = one.visible(temperature), other.visible(temperature)
+        known = np.isfinite(apart) & np.isfinite(noise)
+        known[0] &= seen[0] & seen[1]
+        number = known[0], known[1] & (seen[0] | seen[1])
+        warm, emissivity = zip(apart, noise, known, number, strict=True)
+        return cls._of(*warm, drawn), cls._of(*emissivity, drawn)
+
+    @classmethod
+    def _of(
+        cls, apart: Floats, noise: Floats, known: Mask, number: Mask, drawn: DrawnPixels | None
+    ) -> ImageDifference:
+        """Takes differences and noise (H, W) of one result in `known` pixels, and their number."""
+        map_K = np.where(known, np.abs(apart), np.nan)
+        shape, chance = known.shape, np.ones(known.shape)
+        row, column = np.nonzero(known)
         if drawn is not None:
             map_K, shape, chance = drawn.spread(map_K), drawn.shape, drawn.chance
-            row, column = (place[both[0]] for place in drawn.places)
-        if not both.any():
+            row, column = (place[known[0]] for place in drawn.places)
+        if not number.any():
             return cls(None, map_K)
-        d, e, p = apart[both], noise[both], chance[both]
-        count = float(np.sum(1.0 / p))
+        d, e, p = apart[known], noise[known], chance[known]
+        count = float(np.sum(1.0 / chance[number]))
         product, doubt = d**2 - e**2, 2.0 * d * e
         total = float(np.sum(product / p))
         edge = max(1, round(_NEARBY * max(shape)))
         blocks = np.bincount(row // edge * shape[1] + column // edge, doubt / p)
-        missed = (1.0 - p) / p**2 * ((product - total / count) ** 2 - doubt**2)
+        mean = total / float(np.sum(1.0 / p))
+        missed = (1.0 - p) / p**2 * ((product - mean) ** 2 - doubt**2)
         variance = float(np.sum(blocks**2)) + max(float(np.sum(missed)), 0.0)
         return cls(((max(total, 0.0) + variance**0.5) / count) ** 0.5, map_K)

@@ -1,4 +1,4 @@
-"""Spread of T_app by the model: the lens that a pinhole omits, and the phase function.
+"""Spread of both results by the model: the lens that a pinhole omits, and the phase function.
 
 The lens is estimated from the pinhole's image, blurred by diffraction at the f-number of the sensor
 and by the mean disc of the depths at which droplets or gas are; light of all depths counts as equal
@@ -14,14 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from cldit.accuracy.errors import NO_PIXEL, Cause
-from cldit.accuracy.image_pair import ImagePair
+from cldit.accuracy.errors import Cause, Estimate
+from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.arrays import Floats
 from cldit.errors import MediumError, SprayError, TransportError
 from cldit.medium.resolution import counted
 from cldit.optics.scene_phase import has_coefficients, scene_phase
-from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.medium import Prepared
 from cldit.radiance.point_spread import PointSpread
 from cldit.scene.camera import Camera, Lens
@@ -43,14 +42,10 @@ def lens_omission(prepared: Prepared, image: ImagePair) -> tuple[Cause, ...]:
     seen = scene.model_copy(update={"camera": camera})
     blurred = PointSpread.of(seen, radii_m)(image.weights)
     temperature = temperature_of(scene, prepared)
-    apart = temperature(blurred) - temperature(image.weights)
-    fainter = 1.0 - np.maximum(blurred.background, image.weights.background)
-    known = np.isfinite(apart) & (fainter > VISIBLE_EMISSIVITY)
+    both = ImageDifference.between(temperature, ImagePair(blurred), ImagePair(image.weights))
     how = f"a pinhole's image against one blurred as by f/{camera.f_number:g} and by diffraction"
-    if not known.any():
-        return (Cause("lens", None, f"not known: {NO_PIXEL}"),)
-    rms_K = float(np.sqrt(np.mean(apart[known] ** 2)))
-    return (Cause("lens", rms_K, f"{how}; camera.lens traces it"),)
+    spread = Estimate.of("lens", both, f"{how}; camera.lens traces it", "")
+    return (spread.stated(temperature.per_emissivity_K),)
 
 
 def blur_radii_m(camera: Camera, behind_m: Floats) -> tuple[float, ...]:
@@ -124,8 +119,6 @@ def phase_spread(tracer: VariantTracer, depth: int) -> Cause:
         found = tracer.difference(tracer.level(depth), second.level(depth))
     except (MediumError, PhaseError, SprayError, TransportError) as error:
         return Cause(_PHASE, None, f"not known: {error}")
-    if found.error_K is None:
-        return Cause(_PHASE, None, f"not known: {NO_PIXEL}")
     cell_mm = 1e3 * prepared.cube.at(depth).cell_m
     how = f"RMS of {now.name} against {other}, on cells of {cell_mm:.3g} mm"
-    return Cause(_PHASE, found.error_K, how)
+    return Estimate.of(_PHASE, found, how, "").stated(tracer.temperature.per_emissivity_K)

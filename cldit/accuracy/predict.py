@@ -17,7 +17,7 @@ from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution, too_many
-from cldit.accuracy.richardson import error_at, predicted_error
+from cldit.accuracy.richardson import error_at, predicted_error, worst
 from cldit.accuracy.sources import BY_NAME, SOURCES
 from cldit.accuracy.sources.base import Measurement
 from cldit.accuracy.sources.discretisation import spectral_K
@@ -223,18 +223,19 @@ def choose_cells(
     while True:
         say(f"coarse trace: cells of {1e3 * cube.at(depth).cell_m:.3g} mm")
         try:
-            found = error_at(tracer, depth)
+            both = error_at(tracer, depth)
         except MediumError:
             before = error_at(tracer, depth - 1)
-            error_K = None if before is None else before.difference.error_K
+            error_K = None if before is None else worst(before).error_K
             return Cells(depth - 1, error_K, too_many(cube.at(depth).cell_m))
         except SprayError:
             # The finest lattice that suits the cone lies between: the run finds it, step by step.
             return Cells(depth, predicted_error(tracer, depth)[0])
-        if found is None or found.difference.error_K is None:
+        if both is None:
             return None
-        error_K, tolerance_K = found.difference.error_K, allowed_K(tracer.level(depth))
-        if (found.bound_K or 0.0) > _CLOSE * tolerance_K and depth < _FINEST:
+        found, tolerance_K = worst(both), allowed_K(tracer.level(depth))
+        error_K, bounds_K = found.error_K, [one.bound_K or 0.0 for one in both]
+        if max(bounds_K) > _CLOSE * tolerance_K and depth < _FINEST:
             depth += 1  # outside the asymptotic range: finer cells tell the order
             continue
         # Coarse cells overestimate the order: it is limited for the prediction of the next.

@@ -9,7 +9,6 @@ from typing import Any
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.node_traces import node_settings
-from cldit.accuracy.preview import visible_emissivities
 from cldit.accuracy.resolution import Resolution, cells_are_free, too_fine, too_many
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import MediumError, SprayError
@@ -17,6 +16,7 @@ from cldit.gpu.device import Device
 from cldit.medium.resolution import counted
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Medium, Prepared, prepare
+from cldit.prepare.preview import visible_emissivities
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray

@@ -47,7 +47,8 @@ def final(scene: Scene, result: Result) -> Iterator[str]:
         return
     yield from () if error is None else error.unknown_remarks
     errors = result.errors if transport.audit else of_trace(scene, error)
-    yield from too_large(errors, transport.accuracy_K, result.resolution.limits)
+    most = transport.accuracy_K, result.resolution.limits
+    yield from too_large(errors, *most, emissivity=result.allocation.emissivity)
 
 
 def of_trace(scene: Scene, error: TraceError | None) -> Errors:
@@ -61,23 +62,34 @@ _SOURCE_OF = {name: one for one in SOURCES for name in (one.name, *one.also)}
 
 
 def too_large(
-    errors: Errors, tolerance_K: float, limits: Mapping[str, str], what: str = "stated error"
+    errors: Errors,
+    tolerance_K: float,
+    limits: Mapping[str, str],
+    what: str = "stated error",
+    *,
+    emissivity: float | None = None,
 ) -> tuple[str, ...]:
-    """Remark that the error exceeds the tolerance, with its largest source and a remedy.
+    """Remark that an error exceeds its tolerance, with its largest source and a remedy.
 
-    `limits` has the reason why a source cannot be made smaller, by its name.
+    `limits` has the reason why a source cannot be made smaller, by its name; `emissivity` is the
+    tolerance of its error, if it has one.
     """
-    largest = errors.largest()
-    if largest is None or not errors.exceed(tolerance_K):
+    too_warm = errors.exceed(tolerance_K)
+    largest = errors.largest(of_emissivity=not too_warm)
+    if largest is None or not errors.exceed(tolerance_K, emissivity):
         return ()
     source = _SOURCE_OF.get(largest.name)
     remedy = {"": "a larger transport.accuracy_K"} if source is None else source.remedy
     why = limits.get(largest.name, f"allowed: {remedy.get(largest.fixed, remedy[''])}")
     held = f", set by {largest.fixed}" if largest.fixed else ""
+    stated, asked = errors.text, f"transport.accuracy_K: {tolerance_K:g}"
+    part = largest.text
+    if not too_warm:
+        stated, part = f"of emissivity {errors.emissivity_text}", largest.emissivity_text
+        asked = f"transport.accuracy_emissivity: {emissivity:.2g}"
     return (
-        f"{what} {errors.text} RMS, more than transport.accuracy_K: {tolerance_K:g} asks "
-        f"for: {largest.name} contribute{'' if largest.name.endswith('s') else 's'} "
-        f"{largest.text}{held}; {why}",
+        f"{what} {stated} RMS, more than {asked} asks for: {largest.name} "
+        f"contribute{'' if largest.name.endswith('s') else 's'} {part}{held}; {why}",
     )
 
 

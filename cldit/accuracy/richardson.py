@@ -10,11 +10,15 @@ asymptotic range, and is beyond an order of 2.5, which chance in the differences
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 from scipy.optimize import brentq
 
-from cldit.accuracy.image_pair import ImageDifference
+from cldit.accuracy.errors import Estimate
+from cldit.accuracy.image_pair import ImageDifference, ImagePair
 from cldit.accuracy.variant_tracer import VariantTracer
 from cldit.errors import SprayError, TransportError
 
@@ -68,9 +72,38 @@ class RichardsonEstimate:
         found = last.times(1.0 / (once**order - 1.0))
         return cls(order, found, (1.0, once, twice), bound_K, shown)
 
+    @property
+    def error_K(self) -> float:
+        """The error; 0 where no pixel shows it."""
+        return self.difference.error_K or 0.0
 
-def error_at(tracer: VariantTracer, depth: int) -> RichardsonEstimate | None:
-    """Error of the cells of a cube that is halved `depth` times; None: it cannot be estimated."""
+
+def worst(estimates: Sequence[RichardsonEstimate]) -> RichardsonEstimate:
+    """The result with the larger error."""
+    return max(estimates, key=lambda one: one.error_K)
+
+
+def extrapolated(
+    name: str, how: str, fixed: str, found: Sequence[RichardsonEstimate], **more: Any
+) -> Estimate:
+    """Error of a source, of the order of the result with the larger one."""
+    how += f", extrapolated by order {found[0].order:.2g}"
+    both = [one.difference for one in found]
+    return Estimate.of(name, both, how, fixed, order=worst(found).order, **more)
+
+
+def richardson(
+    tracer: VariantTracer, images: Sequence[ImagePair], *, once: float = 2.0, twice: float = 4.0
+) -> list[RichardsonEstimate]:
+    """Estimates of both results from images on cells of h, `once` h and `twice` h."""
+    last, before = (tracer.difference(*pair) for pair in pairwise(images))
+    steps = zip(before, last, strict=True)
+    return [RichardsonEstimate.of(*both, once=once, twice=twice) for both in steps]
+
+
+def error_at(tracer: VariantTracer, depth: int) -> list[RichardsonEstimate] | None:
+    """Errors of both results by the cells of a cube that is halved `depth` times; None: they cannot
+    be estimated."""
     if depth < 2:
         return None
     fine = tracer.level(depth)
@@ -78,15 +111,13 @@ def error_at(tracer: VariantTracer, depth: int) -> RichardsonEstimate | None:
         (once, coarser), (twice, coarsest) = tracer.coarser(depth)
     except (SprayError, TransportError):  # no cone has the lattice, or cells reach behind a patch
         return None
-    before, last = tracer.difference(coarser, coarsest), tracer.difference(fine, coarser)
-    if last.error_K is None:
-        return None
-    return RichardsonEstimate.of(before, last, once=once, twice=twice)
+    found = richardson(tracer, (fine, coarser, coarsest), once=once, twice=twice)
+    return None if found[0].difference.error_K is None else found
 
 
 def predicted_error(tracer: VariantTracer, depth: int) -> tuple[float | None, bool]:
-    """Error of cells as coarser ones predict it, None if unknown; True for an upper bound."""
+    """Error of T_app by cells, as larger ones predict it, None if unknown; True: an upper bound."""
     found = error_at(tracer, depth - 1)
-    if found is None or found.difference.error_K is None:
+    if found is None:
         return None, False
-    return found.difference.error_K / 2**found.order, found.bound_K is not None
+    return found[0].error_K / 2 ** found[0].order, found[0].bound_K is not None

@@ -1,4 +1,4 @@
-"""Error of a trace in T_app: by its independent halves, and by an audit of some pixels."""
+"""Error of a trace in both results: by its independent halves, and by an audit of some pixels."""
 
 from __future__ import annotations
 
@@ -7,22 +7,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.node_traces import NodeTraces
 from cldit.arrays import Floats, Ints
 from cldit.dit.maps import Maps
-from cldit.optics.response import scene_filter
-from cldit.radiance.apparent_temperature import temperature_errors_K
-from cldit.radiance.boundary import Surroundings
+from cldit.radiance.apparent_temperature import result_errors_K
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample, sampled_square
 from cldit.transport.ray_choice import contrast_K
 
 
 @dataclass(frozen=True)
 class TraceError:
-    """RMS errors of T_app by the trace; None where one is unknown.
+    """RMS errors of one result by the trace, in kelvin; None where one is unknown.
 
     halves_K: from two images, each of half of the ordinates or samples. It is the error of one
     half, which exceeds that of the image, and lacks approximations that both halves share.
@@ -40,36 +37,38 @@ class TraceError:
     map_K: Floats | None = field(default=None, compare=False, repr=False)
 
     @classmethod
-    def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> TraceError | None:
-        """Compares the halves and the audit of a scene's traces; None if nothing scatters."""
+    def of(cls, scene: Scene, result: NodeTraces, maps: Maps) -> tuple[TraceError, ...]:
+        """Compares the halves and the audit of a scene's traces: T_app, then emissivity times
+        `kelvin_per_emissivity`; empty if nothing scatters."""
         if not result.scatters:
-            return None
+            return ()
         if result.difference is None:
-            return cls(None, unknown=f"method {scene.transport.method} has no error estimate")
+            return (cls(None, unknown=f"method {scene.transport.method} has no error estimate"),)
         count = int(np.count_nonzero(maps.has_temperature))
         if not count:
-            return cls(None, unknown="no pixel has an apparent temperature")
+            return (cls(None, unknown="no pixel has an apparent temperature"),)
 
-        def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> Floats:
-            return temperature_errors_K(
-                error,
-                emissivity=maps.emissivity.reshape(-1)[pixels],
-                temperature_K=maps.apparent_temperature_K.reshape(-1)[pixels],
-                surroundings=Surroundings.from_scene(scene),
-                filter_um=scene_filter(scene),
-            )
+        def errors_K(error: Weights, pixels: Ints | slice = slice(None)) -> tuple[Floats, Floats]:
+            both = maps.emissivity, maps.apparent_temperature_K
+            emissivity, kelvin = (one.reshape(-1)[pixels] for one in both)
+            return result_errors_K(error, emissivity=emissivity, temperature_K=kelvin, scene=scene)
 
-        halves = errors_K(result.difference).reshape(maps.emissivity.shape)
-        halves_K, map_K = float(np.sqrt(np.sum(halves**2) / count)), np.abs(halves)
-        audit = result.audit
+        audit, halves = result.audit, np.array(errors_K(result.difference))
+        halves_K = np.sqrt(np.sum(halves**2, axis=1) / count).tolist()
+        maps_K = np.abs(halves.reshape(2, *maps.emissivity.shape))
         if audit is None:
-            return cls(halves_K, unknown="; ".join(result.unaudited), map_K=map_K)
-        one, other = (errors_K(error, audit.sample.pixels) for error in audit.errors)
-        square, doubt = audit.sample.mean_square(one, other, count=count)
-        audit_K = float(np.sqrt(max(square, 0.0) + doubt))
-        return cls(halves_K, audit_K, map_K=_audited_map(maps, audit.sample, one * other, map_K))
+            unknown = "; ".join(result.unaudited)
+            pairs = zip(halves_K, maps_K, strict=True)
+            return tuple(cls(half_K, unknown=unknown, map_K=map_K) for half_K, map_K in pairs)
+        sample, out = audit.sample, []
+        pairs_K = zip(*(errors_K(one, sample.pixels) for one in audit.errors), strict=True)
+        for half_K, map_K, (one, other) in zip(halves_K, maps_K, pairs_K, strict=True):
+            square, doubt = sample.mean_square(one, other, count=count)
+            map_K = _audited_map(maps, sample, one * other, map_K)
+            out.append(cls(half_K, float(np.sqrt(max(square, 0.0) + doubt)), map_K=map_K))
+        return tuple(out)
 
-    def beyond(self, cells_K: float | None) -> TraceError:
+    def beyond(self, cells_K: float) -> TraceError:
         """The error without the part of the audit that the cells explain.
 
         `path` sees what constant sources in cells of this size miss, and so does the difference
@@ -78,7 +77,7 @@ class TraceError:
         sum of both would be too small by a factor of 2^(1/2) at most; counted twice, it would be
         too large by as much.
         """
-        return replace(self, cells_K=cells_K or 0.0)
+        return replace(self, cells_K=cells_K)
 
     @property
     def whole_K(self) -> float | None:

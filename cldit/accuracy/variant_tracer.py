@@ -1,4 +1,4 @@
-"""Traces of variants of a medium at one wavelength, and the difference of their T_app.
+"""Traces of variants of a medium at one wavelength, and the difference of their results.
 
 All variants are traced with the same ordinates, whose errors partly cancel in a difference; the
 rest is separated by independent halves (`cldit.accuracy.image_pair`). Of a large image some pixels
@@ -17,7 +17,6 @@ from typing import Any
 
 from cldit.accuracy.drawn_pixels import DrawnPixels, all_are_traced
 from cldit.accuracy.image_pair import ImageDifference, ImagePair
-from cldit.accuracy.preview import previewed
 from cldit.arrays import Ints
 from cldit.errors import MediumError
 from cldit.gpu.device import Device
@@ -26,6 +25,7 @@ from cldit.medium.resolution import counted, on_grid
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.cell_choice import finest_lattice_m
 from cldit.prepare.medium import Prepared
+from cldit.prepare.preview import previewed
 from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.scene import Scene
 from cldit.scene.spray import ConeSpray
@@ -210,8 +210,10 @@ class VariantTracer:
         image = ImagePair.middle_of(result) if chosen else ImagePair.of(result)
         return image.map(self.drawn.pick)
 
-    def difference(self, one: ImagePair, other: ImagePair) -> ImageDifference:
-        """Difference of two images of the drawn pixels; its map is that of the whole image."""
+    def difference(
+        self, one: ImagePair, other: ImagePair
+    ) -> tuple[ImageDifference, ImageDifference]:
+        """Differences of the results of two images of the drawn pixels; maps of the whole image."""
         return ImageDifference.between(self.temperature, one, other, self.drawn)
 
     def noise_K(self, image: ImagePair) -> float | None:

@@ -110,6 +110,8 @@ def print_difference(found: Difference) -> None:
         )
     stated = ["none" if each is None else f"{each:.2g} K" for each in found.stated_K]
     OUT.print(f"  stated errors of T_app, RMS: {stated[0]} and {stated[1]}")
+    stated = ["none" if each is None else f"{each:.2g}" for each in found.unshared_emissivity]
+    OUT.print(f"  errors of emissivity that are not shared, RMS: {stated[0]} and {stated[1]}")
     if found.shared:
         OUT.print(f"  shared errors, not counted: {', '.join(found.shared)}")
     if found.code:

@@ -15,8 +15,9 @@ from cldit.scene.spray import Check
 if TYPE_CHECKING:
     _Float = click.ParamType[float]
     _Text = click.ParamType[str]
+    _Pair = click.ParamType[tuple[float, float | None]]
 else:
-    _Float = _Text = click.ParamType  # generic from click 8.5 on
+    _Float = _Text = _Pair = click.ParamType  # generic from click 8.5 on
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -35,6 +36,22 @@ class Quantity(_Float):
             return float(str(value).strip().removesuffix(self.name))
         except ValueError:
             self.fail(f"{value!r} is not a number of {self.name}; allowed: e.g. 0.1{self.name}")
+
+
+class Tolerances(_Pair):
+    """Tolerances of T_app and, after a comma, of emissivity: `1K`, `1K,0.01`."""
+
+    name = "K[,emissivity]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float | None]:
+        """Both numbers in `value`, None for an absent second one; `param`, `ctx` are click's."""
+        kelvin, comma, emissivity = str(value).partition(",")
+        try:
+            return KELVIN.convert(kelvin, param, ctx), float(emissivity) if comma else None
+        except ValueError:
+            self.fail(f"{value!r} is no tolerance; allowed: e.g. 1K, or 1K,0.01 with emissivity")
 
 
 class SceneName(_Text):

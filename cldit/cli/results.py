@@ -40,10 +40,14 @@ def print_maps(maps: "Maps") -> None:
 
 
 def print_error(errors: "Errors") -> None:
-    """Prints the error of T_app and its largest source."""
+    """Prints the errors of T_app and emissivity, and the largest source of each."""
     largest = errors.largest()
     by = f"; largest source: {largest.name}, {largest.text}" if largest and not errors.why else ""
     OUT.print(f"error of T_app {errors.text}{' RMS' if by else ''}{by}", style="bold")
+    most = errors.largest(of_emissivity=True)
+    if most is not None and not errors.why:
+        by = f"; largest source: {most.name}, {most.emissivity_text}"
+        OUT.print(f"error of emissivity {errors.emissivity_text} RMS{by}", style="bold")
 
 
 def print_reach(figures: Mapping[str, float], errors: "Errors | None" = None) -> None:

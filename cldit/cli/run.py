@@ -19,9 +19,9 @@ from cldit.cli.console import (
     print_table,
 )
 from cldit.cli.options import (
-    KELVIN,
     PATH,
     SCENE,
+    Tolerances,
     case_options,
     figures_option,
     pixels_of,
@@ -82,9 +82,9 @@ _ABOVE = 1 / 12  # of a field's height is above the nozzle
 )
 @click.option(
     "--accuracy",
-    "accuracy_K",
-    type=KELVIN,
-    help="Tolerance of T_app, K, for all errors of the simulation; default: 1 K.",
+    type=Tolerances(),
+    help="Tolerance of T_app, K, for all errors of the simulation, and of emissivity (1K,0.01); "
+    "default: 1 K, and the emissivity that changes T_app by as much.",
 )
 @click.option(
     "--device", help="OpenCL device: platform:device, or part of its name; several with commas."
@@ -134,7 +134,7 @@ def run(
     method: str | None,
     phase: str | None,
     preset: str | None,
-    accuracy_K: float | None,
+    accuracy: tuple[float, float | None] | None,
     device: str | None,
     changes: tuple[str, ...],
     pixels: str | None,
@@ -154,7 +154,6 @@ def run(
         "order": order,
         "method": method,
         "phase": _phase(phase),
-        "accuracy_K": accuracy_K,
     }
     keys = spray_keys(options)
     if times is not None and "time_s" in keys:
@@ -162,7 +161,7 @@ def run(
     if "mapping" in keys:
         keys["mapping"] = str(keys["mapping"].resolve())
     chosen = _changed(load_scene(scene), cfd=cfd, keys=keys, preset=preset, transport=transport)
-    short = short_changes(chosen, quick=quick, accuracy_K=accuracy_K)
+    short = short_changes(chosen, quick=quick, accuracy=accuracy)
     chosen = chosen.with_(**{**short, **_camera_changes(chosen, pixels, field_mm)})
     chosen = chosen.with_(**dict(parse_change(text) for text in changes))
     if members is not None:
@@ -337,9 +336,12 @@ def _print_run(result: Run, suffix: str | None) -> None:
 
 
 def _print_causes(errors: Errors) -> None:
-    rows = [(one.name, one.text.removesuffix(" K"), one.fixed, one.how) for one in errors.causes]
+    rows = [
+        (one.name, one.text.removesuffix(" K"), one.emissivity_text, one.fixed, one.how)
+        for one in errors.causes
+    ]
     if rows:
-        print_table("error of T_app by", "K", "fixed by", "estimated from", rows=rows)
+        print_table("error by", "T_app, K", "emissivity", "fixed by", "estimated from", rows=rows)
     if errors.model:
         OUT.print("model and camera, not in the sum:")
         for cause in errors.model:

@@ -94,14 +94,14 @@ class Difference:
 
     stated_K: standard error of T_app that each states, None if none. given_K: allowed by the caller
     instead. at_least: True if a cause of a stated error is unknown. only: number of pixels with a
-    T_app only in the first, and only in the second. unshared_K: the errors that they do not share;
-    shared: names of sources whose errors they share; tested: of those by keys that omit physics in
-    one alone, which no error explains. code: rooms of cldit whose sources differ. regions: `all`
-    pixels that are visible in both, and the parts of the spray. modes: errors that all pixels
-    share. averaged: description of an average onto the other's pixels. view: as found from the
-    images, with its errors. keys: that differ between the scenes. seen: both in one view.
-    change_K, error_K, residuals: (H, W), the second with the modes, the last in standard errors,
-    less the modes that fit best.
+    T_app only in the first, and only in the second. unshared_K, unshared_emissivity: the errors
+    that they do not share; shared: names of sources whose errors they share; tested: of those by
+    keys that omit physics in one alone, which no error explains. code: rooms of cldit whose sources
+    differ. regions: `all` pixels that are visible in both, and the parts of the spray. modes:
+    errors that all pixels share. averaged: description of an average onto the other's pixels. view:
+    as found from the images, with its errors. keys: that differ between the scenes. seen: both in
+    one view. change_K, error_K, residuals: (H, W), the second with the modes, the last in standard
+    errors, less the modes that fit best.
     """
 
     one: str
@@ -110,6 +110,7 @@ class Difference:
     only: tuple[int, int]
     stated_K: tuple[float | None, float | None]
     unshared_K: tuple[float | None, float | None]
+    unshared_emissivity: tuple[float | None, float | None]
     shared: tuple[str, ...]
     tested: tuple[str, ...]
     code: tuple[str, ...]
@@ -264,6 +265,7 @@ def difference(
         only=(int(np.sum(has[0] & ~has[1])), int(np.sum(has[1] & ~has[0]))),
         stated_K=stated_K,
         unshared_K=(first.error_K, second.error_K),
+        unshared_emissivity=(first.emissivity_error, second.emissivity_error),
         shared=parts.shared,
         tested=parts.tested,
         code=parts.code,

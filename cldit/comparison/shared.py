@@ -136,8 +136,10 @@ def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
             known = [cause for cause in known if cause.name != INJECTIONS]
         if shown.noisy:
             more += members.of_shots(run.scene.plan.shots)
-    square = 0.0 if shown.run is not None else (shown.error_K or 0.0) ** 2
+    own = (0.0, 0.0) if shown.run is not None else (shown.error_K, shown.emissivity_error)
+    square, square_e = ((one or 0.0) ** 2 for one in own)
     square += sum((cause.error_K or 0.0) ** 2 for cause in known)
+    square_e += sum((cause.emissivity or 0.0) ** 2 for cause in left)
     map_K = shown.error_map_K
     if map_K is not None:
         noise_K = np.where(np.isfinite(map_K), 0.0 if shown.run is not None else map_K, np.nan)
@@ -149,6 +151,7 @@ def _without(shown: Shown, names: Set[str], *, same: bool) -> Shown:
         common=shown.common + more,
         error_K=square**0.5,
         error_map_K=map_K,
+        emissivity_error=square_e**0.5,
         at_least=any(cause.error_K is None for cause in left),
     )
 

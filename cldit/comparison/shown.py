@@ -31,11 +31,12 @@ class Shown:
     maps: (H, W). pixel_m: width and height of a pixel on the object. centre_m: (x, z) of the
     image's centre. error_K: stated standard error of T_app, RMS over its pixels; None if not
     stated. at_least: True if a cause of it is unknown. error_map_K: (H, W), in each pixel; None: as
-    error_K. common: parts of it that are one random number for all pixels. systematic: errors that
-    it does not contain, of one stated spread each. run: the run of a trace; None for a recording.
-    traced: the run whose errors the maps contain, that which was recorded included; None if
-    unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of
-    the filter; None: as the scene, or unknown. walls_spread_K: of their temperature, as stated.
+    error_K. emissivity_error: as error_K, of emissivity; a trace's maps have it in each pixel, by
+    the simulation. common: parts of it that are one random number for all pixels. systematic:
+    errors that it does not contain, of one stated spread each. run: the run of a trace; None for a
+    recording. traced: the run whose errors the maps contain, that which was recorded included; None
+    if unknown. noisy: True if the maps contain the noise of a camera. filter_um: edges of the
+    filter; None: as the scene, or unknown. walls_spread_K: of their temperature, as stated.
     degrees: of freedom of the estimate of a pixel's error; infinite if it is known, or their number
     is not.
     """
@@ -47,6 +48,7 @@ class Shown:
     error_K: float | None = None
     at_least: bool = False
     error_map_K: Image | None = None
+    emissivity_error: float | None = None
     common: tuple[Part, ...] = ()
     systematic: tuple[Part, ...] = ()
     noisy: bool = False
@@ -124,16 +126,18 @@ def open_shown(of: Openable, *, acquired: bool = False) -> Shown:
 
 def _traced(run: Run, name: str) -> Shown:
     x, _, z = run.scene.target_m
-    known = run.error_maps.get(TOTAL)
-    errors = run.errors
+    known, errors, maps = run.error_maps.get(TOTAL), run.errors, run.maps
+    if TOTAL in run.emissivity_error_maps:  # a trace has no noise of a sensor
+        maps = replace(maps, emissivity_standard_error=run.emissivity_error_maps[TOTAL])
     return Shown(
         name=name,
-        maps=run.maps,
+        maps=maps,
         pixel_m=run.pixel_m,
         centre_m=(x, z),
         error_K=run.info.accuracy_K if errors is None else errors.total_K,
         at_least=errors is not None and bool(errors.unknown),
         error_map_K=None if known is None else known.astype(np.float64),
+        emissivity_error=None if errors is None else errors.total_emissivity,
         scene=run.scene,
         run=run,
         traced=run,
@@ -183,6 +187,7 @@ def recorded(
     """
     error_K = maps.apparent_temperature_standard_error_K.astype(np.float64)
     known = np.isfinite(error_K) & np.isfinite(maps.apparent_temperature_K)
+    square = maps.emissivity_standard_error[known].astype(np.float64) ** 2
     return Shown(
         name=name,
         maps=maps,
@@ -190,6 +195,7 @@ def recorded(
         centre_m=centre_m,
         error_K=float(np.sqrt(np.mean(error_K[known] ** 2))) if known.any() else None,
         error_map_K=error_K,
+        emissivity_error=float(np.sqrt(np.nanmean(square))) if known.any() else None,
         common=tuple(replace(one, degrees=sum(degrees) or math.inf) for one in parts[1]),
         systematic=() if traced is not None else parts[0],
         noisy=True,

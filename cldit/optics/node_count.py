@@ -8,6 +8,7 @@ of its own and those of all larger numbers tried.
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Numbers tried beyond the most that may be taken. Rises above an earlier low last one to five
 # numbers on gdi, methane-jet, droplets-only and an imported spray.
@@ -19,7 +20,7 @@ def stays_K(errors_K: Sequence[float], count: int) -> float:
     return float(max(errors_K[count - 1 :]))
 
 
-def enough(errors_K: Sequence[float], *, bound_K: float, most: int) -> int:
+def enough(errors_K: ArrayLike, *, bound_K: float, most: int) -> int:
     """The smallest number of nodes, up to `most`, from which the error stays within a bound.
 
     If there is none, it is the smallest number whose error stays as small as that of `most`. Errors

@@ -1,11 +1,11 @@
-"""Choice of the spectral nodes of a spray, by their error of T_app along lines of sight.
+"""Choice of the spectral nodes of a spray, by their errors along lines of sight.
 
 Samples of the filter are grouped so that lines of sight through the spray have similar transmission
 and emission within a group. The samples, once in order of wavelength and once in order of opacity,
 are divided into K groups with the least variance over a dozen lines of sight (exactly, by dynamic
-programming). The properties of a group are means over its light. T_app of some hundred lines of
-sight with K nodes and with all samples gives the error of K nodes, and the smallest K within the
-bound is chosen.
+programming). The properties of a group are means over its light. T_app and emissivity of some
+hundred lines of sight with K nodes and with all samples give the errors of K nodes, and the
+smallest K within the bound is chosen.
 """
 
 from dataclasses import dataclass, fields
@@ -29,6 +29,7 @@ from cldit.optics.scene_phase import scene_phase
 from cldit.optics.sightlines import Sightlines
 from cldit.optics.spectral import Quadrature, SpectralNode, reference_temperature_K
 from cldit.optics.spectrum import Spectrum, fuel_of
+from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.scene.optics import Optics
 from cldit.scene.schema import Scene
@@ -39,7 +40,7 @@ Groups = NDArray[np.intp]
 MOST_NODES = 24  # unless the scene asks for more
 PAPER_UM = (3.3, 3.5)  # filter of the paper, whose constants are means over it
 _NEAR_UM = 0.1  # beyond that filter the C-H band has other constants
-_FORM = 6  # of kept choices
+_FORM = 7  # of kept choices
 _TYPICAL = 12  # lines of sight that groups are made by
 
 
@@ -48,6 +49,7 @@ class Wavelengths:
     """The chosen nodes with the optical properties in each.
 
     errors_K: RMS error of T_app along lines of sight with 1, 2, .. nodes; empty if one is exact.
+    errors_emissivity: likewise of emissivity.
     main: number of the node in which the spray hides or sends most light of these lines.
     """
 
@@ -55,6 +57,7 @@ class Wavelengths:
     bands: tuple[BandOptics, ...]
     errors_K: tuple[float, ...] = ()
     main: int = 0
+    errors_emissivity: tuple[float, ...] = ()
 
     @property
     def nodes(self) -> tuple[SpectralNode, ...]:
@@ -65,6 +68,11 @@ class Wavelengths:
     def error_K(self) -> float:
         """Estimated RMS error of T_app due to the nodes; 0 if one node is exact."""
         return stays_K(self.errors_K, len(self.nodes)) if self.errors_K else 0.0
+
+    @property
+    def error_emissivity(self) -> float:
+        """Likewise of emissivity."""
+        return stays_K(self.errors_emissivity, len(self.nodes)) if self.errors_K else 0.0
 
 
 def _kept(optics: Optics, spray: Spray) -> tuple[str, ...]:
@@ -151,11 +159,11 @@ def wavelengths(
         lines = Sightlines.through(spray, width_m=scene.domain.leaf_m)
         light = _light(spectrum, filter_um, reference_K)
         depths = _depths(spectrum, lines, asymmetry)
-        groups, errors_K = _chosen(scene, bound_K, lines, spectrum, light, depths)
+        groups, errors = _chosen(scene, bound_K, lines, spectrum, light, depths)
         through = emitted([_mean(depth, groups, light) for depth in depths])[0]
         hidden = (lines.count @ (1.0 - through)) * (light @ belongs(groups))
         means = _Means.of(spectrum, lines, groups, light)
-        choice = {"groups": groups.astype(float), "errors_K": np.array(errors_K)}
+        choice = {"groups": groups.astype(float), "errors": errors}
         return {**choice, "main": np.array([float(np.argmax(hidden))]), **vars(means)}
 
     content = _content(scene, tolerance_K, spray, spectrum, asymmetry)
@@ -166,8 +174,9 @@ def wavelengths(
         properties.band(number, node, largest_m=largest_m, cache=cache)
         for number, node in enumerate(quadrature.nodes)
     )
+    errors_K, errors_emissivity = map(tuple, arrays["errors"].tolist())
     main = int(arrays["main"][0])
-    return Wavelengths(quadrature, bands, tuple(arrays["errors_K"].tolist()), main)
+    return Wavelengths(quadrature, bands, errors_K, main, errors_emissivity)
 
 
 def _content(
@@ -190,8 +199,9 @@ def _content(
     if tolerance_K is not None:
         optics["spectral_error_K"] = tolerance_K
     where = (optics, sensor.quantum_efficiency, scene.background.temperatures_K)
+    per_K = kelvin_per_emissivity(scene)
     further = (scene.walls.temperature_K, scene.domain.leaf_m, asymmetry)
-    return f"{_FORM} {where!r} {further!r} {digest(*arrays)}"
+    return f"{_FORM} {where!r} {further!r} {per_K!r} {digest(*arrays)}"
 
 
 def _light(spectrum: Spectrum, filter_um: Filter, reference_K: float) -> Floats:
@@ -360,8 +370,9 @@ def _chosen(
     spectrum: Spectrum,
     light: Floats,
     depths: tuple[Floats, Floats, Floats],
-) -> tuple[Groups, list[float]]:
-    """The groups, and the errors of 1, 2, .. nodes, by the lines' optical depths (L, Y, S)."""
+) -> tuple[Groups, Floats]:
+    """The groups, and errors (2, K) of T_app and emissivity with 1, 2, .. K nodes, by the lines'
+    optical depths (L, Y, S)."""
     filter_um = scene_filter(scene)
     reference_K = reference_temperature_K(scene.background.temperatures_K)
     samples = np.arange(len(light))
@@ -377,23 +388,25 @@ def _chosen(
     orders = [samples, np.argsort(-through, kind="stable")]
     cuts = [_cuts(looks[:, order], light[order], tried) for order in orders]
     found: list[Groups] = []
-    errors: list[float] = []
+    errors: list[Floats] = []
+    per_K = np.array([1.0, kelvin_per_emissivity(scene)])
     for count in range(1, tried + 1):
         tries = []
         for order, cut in zip(orders, cuts, strict=True):
             groups = np.empty(len(light), np.intp)
             groups[order] = np.repeat(np.arange(count), np.diff([*cut[count], len(light)]))
             vapour, absorbed, scattered = (_mean(depth, groups, light) for depth in depths)
-            got = glow.gathered(groups).apparent((vapour, absorbed, scattered), filter_um)[0]
-            square = np.average((got - exact)[seen] ** 2, weights=lines.count[seen])
-            tries.append((float(np.sqrt(square)), groups))
-        error, groups = min(tries, key=lambda pair: pair[0])
+            got = glow.gathered(groups).apparent((vapour, absorbed, scattered), filter_um)
+            apart = np.subtract(got, (exact, emissivity))[:, seen]
+            square = np.average(apart**2, axis=1, weights=lines.count[seen])
+            tries.append((np.sqrt(square), groups))
+        error, groups = min(tries, key=lambda pair: float(np.max(per_K * pair[0])))
         found.append(groups)
         errors.append(error)
     wanted = scene.optics.wavelengths
     if wanted is None:
-        wanted = enough(errors, bound_K=bound_K, most=most)
-    return found[min(wanted, most) - 1], errors
+        wanted = enough(np.max(per_K * errors, axis=1), bound_K=bound_K, most=most)
+    return found[min(wanted, most) - 1], np.transpose(errors)
 
 
 def _looks(depths: list[Floats]) -> Floats:

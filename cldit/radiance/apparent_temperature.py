@@ -19,6 +19,7 @@ from cldit.arrays import Floats, Ints, Mask
 from cldit.optics.planck import band_radiance, band_radiance_slope, temperature_of_radiance
 from cldit.optics.response import Filter, scene_filter
 from cldit.optics.spectral import SpectralNode, reference_temperature_K
+from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.radiance.boundary import Boundary, Surroundings
 from cldit.radiance.weights import Weights, background_radiance, compose
@@ -48,25 +49,29 @@ def first_order_error_K(
     return np.asarray((own + background * apparent) / emissivity / slope)
 
 
-def temperature_errors_K(
+def result_errors_K(
     error: Weights,
     *,
     emissivity: NDArray[np.floating],
     temperature_K: NDArray[np.floating],
-    surroundings: Surroundings,
-    filter_um: Filter,
-) -> Floats:
-    """Error (N,) of T_app from the `error` of every weight; 0 in pixels without T_app.
+    scene: Scene,
+) -> tuple[Floats, Floats]:
+    """Errors (N,) of T_app, and of emissivity times `kelvin_per_emissivity`, from those of weights.
+
+    T_app has an error of 0 in pixels without it.
 
     Args:
         error: N pixels, for instance half the difference of two independent traces.
         emissivity, temperature_K: of the N pixels, as evaluated.
-        surroundings: walls and patches that were assumed.
+        scene: with the assumed walls and patches.
     """
+    filter_um = scene_filter(scene)
+    seen = np.isfinite(emissivity.reshape(-1))
+    change = -kelvin_per_emissivity(scene) * error.background.reshape(-1).astype(float)
     emissivity, temperature_K = emissivity.reshape(-1), temperature_K.reshape(-1)
     here = has_temperature(emissivity, temperature_K)
     black = partial(band_radiance, filter_um=filter_um)
-    around = Boundary.without_windows(surroundings, black)
+    around = Boundary.without_windows(Surroundings.from_scene(scene), black)
     some = error.map(lambda image: image.reshape(-1)[here])
     known_K = temperature_K[here].astype(float)
     out = np.zeros(len(here))
@@ -77,7 +82,7 @@ def temperature_errors_K(
         emissivity=emissivity[here].astype(float),
         slope=band_radiance_slope(known_K, filter_um=filter_um),
     )
-    return out
+    return out, np.where(seen, change, 0.0)
 
 
 @dataclass(frozen=True)
@@ -88,12 +93,14 @@ class TraceTemperature:
         units of what vapour and droplets emit.
     boundaries: number of components that enter from outside, the first ones.
     visible: emissivity above which a pixel has a T_app.
+    per_emissivity_K: see `kelvin_per_emissivity`.
     """
 
     radiances: Floats
     boundaries: int
     filter_um: Filter
     visible: float = VISIBLE_EMISSIVITY
+    per_emissivity_K: float = 1.0
 
     @classmethod
     def of(
@@ -110,7 +117,8 @@ class TraceTemperature:
             emissivity=scene.background.emissivity,
         )
         outside = (background, around.wall, *around.patches.values())
-        return cls(np.array([*outside, *units]), len(outside), filter_um, visible)
+        sources, kelvin = np.array([*outside, *units]), kelvin_per_emissivity(scene)
+        return cls(sources, len(outside), filter_um, visible, kelvin)
 
     def cutoff(self, medium: Floats, *, tolerance_K: float) -> float:
         """Transmission of a line of sight beyond which all light changes T_app by `tolerance_K`.
@@ -180,7 +188,7 @@ class NodeTemperature:
 
     grid_K, radiance: (N,), the table. wall, patches: radiances of the boundary.
     sees_background: (H, W), which lines of sight end on the background. visible: emissivity above
-    which a pixel has a T_app.
+    which a pixel has a T_app. per_emissivity_K: see `kelvin_per_emissivity`.
     """
 
     grid_K: Floats
@@ -189,6 +197,7 @@ class NodeTemperature:
     patches: Mapping[str, float]
     sees_background: Mask
     visible: float = VISIBLE_EMISSIVITY
+    per_emissivity_K: float = 1.0
 
     @classmethod
     def of(
@@ -207,7 +216,9 @@ class NodeTemperature:
             return np.asarray(np.interp(np.asarray(temperature_K, float), grid_K, radiance))
 
         around = Boundary.without_windows(Surroundings.from_scene(scene), tabulated)
-        return cls(grid_K, radiance, around.wall, around.patches, sees_background, visible)
+        outside = around.wall, around.patches
+        kelvin = kelvin_per_emissivity(scene)
+        return cls(grid_K, radiance, *outside, sees_background, visible, kelvin)
 
     def picked(self, pixels: Ints) -> "NodeTemperature":
         """The same for pixels (N,), flat numbers, whose weights are one row (1, N)."""
@@ -224,3 +235,9 @@ class NodeTemperature:
             np.log(np.where(known, apparent, 1.0)), np.log(self.radiance), -1.0 / self.grid_K
         )
         return np.where(known, -1.0 / inverse, np.nan)
+
+    def results(self, weights: Weights) -> tuple[Floats, Floats]:
+        """T_app, and emissivity times `per_emissivity_K`, (H, W) each; NaN off the background."""
+        emissivity = 1.0 - weights.background.astype(float)
+        seen = np.where(self.sees_background, self.per_emissivity_K * emissivity, np.nan)
+        return self(weights), seen

@@ -203,7 +203,16 @@ def ensemble_run(scene: Scene, folder: Path | None, like: Run | None, *, trace: 
     return replace(
         run,
         info=replace(run.info, errors=_errors(first.errors, statistics, run.maps)),
-        error_maps=_error_maps(first.error_maps, statistics, run.maps),
+        error_maps=_error_maps(
+            first.error_maps,
+            statistics["apparent_temperature_standard_error_K"],
+            run.maps.has_temperature,
+        ),
+        emissivity_error_maps=_error_maps(
+            first.emissivity_error_maps,
+            statistics["emissivity_standard_error"],
+            np.isfinite(run.maps.emissivity),
+        ),
         ensemble=statistics,
     )
 
@@ -223,22 +232,23 @@ def _errors(errors: Errors | None, statistics: Ensemble, maps: Maps) -> Errors |
     """Errors of the nominal run, and that by the number of injections."""
     if errors is None or errors.why:
         return errors
-    map_K = statistics["apparent_temperature_standard_error_K"]
-    here = maps.has_temperature & np.isfinite(map_K)
-    rms_K = float(np.sqrt(np.mean(map_K[here].astype(float) ** 2))) if here.any() else None
+    rms = []
+    for name in ("apparent_temperature_standard_error_K", "emissivity_standard_error"):
+        here = maps.has_temperature & np.isfinite(statistics[name])
+        square = statistics[name][here].astype(float) ** 2
+        rms.append(float(np.sqrt(np.mean(square))) if here.any() else None)
     how = f"standard error of the mean of {statistics.members} injections"
-    cause = Cause(INJECTIONS, rms_K, how, "spray.scatter.members")
+    cause = Cause(INJECTIONS, rms[0], how, "spray.scatter.members", emissivity=rms[1])
     return replace(errors, causes=(*errors.causes, cause))
 
 
 def _error_maps(
-    of_nominal: Mapping[str, Image], statistics: Ensemble, maps: Maps
+    of_nominal: Mapping[str, Image], of_mean: Image, counted: NDArray[np.bool_]
 ) -> dict[str, Image]:
     """Error maps of the nominal run with the standard error of the mean of injections."""
     if TOTAL not in of_nominal:
         return dict(of_nominal)
-    counted = maps.has_temperature
-    map_K = np.where(counted, statistics["apparent_temperature_standard_error_K"], np.nan)
+    error = np.where(counted, of_mean, np.nan)
     out = {name: image for name, image in of_nominal.items() if name != TOTAL}
-    total = np.hypot(np.nan_to_num(of_nominal[TOTAL]), map_K).astype(np.float32)
-    return {**out, INJECTIONS: map_K.astype(np.float32), TOTAL: total}
+    total = np.hypot(np.nan_to_num(of_nominal[TOTAL]), error).astype(np.float32)
+    return {**out, INJECTIONS: error.astype(np.float32), TOTAL: total}

@@ -88,7 +88,10 @@ def _error(
     some = [runs[number] for number in outer]
     fewer = MeanLight.of(scene, some, first, what="times", shares=shares).maps
     here = light.maps.has_temperature & fewer.has_temperature
-    apart = (light.maps.apparent_temperature_K - fewer.apparent_temperature_K)[here].astype(float)
-    rms_K = float(np.sqrt(np.mean(apart**2))) if here.any() else None
+    rms = []
+    for name in ("apparent_temperature_K", "emissivity"):
+        apart = (getattr(light.maps, name) - getattr(fewer, name))[here].astype(float)
+        rms.append(float(np.sqrt(np.mean(apart**2))) if here.any() else None)
     how = f"mean of {len(runs)} times against {len(outer)} of them, at lower order"
-    return Cause(EXPOSURE, rms_K, how, "camera.exposure_times", at_most=True)
+    key = "camera.exposure_times"
+    return Cause(EXPOSURE, rms[0], how, key, at_most=True, emissivity=rms[1])

@@ -34,6 +34,7 @@ from cldit.scene.spray import CfdSpray
 
 SCENE_FILE = "scene.yaml"
 ANOTHER_FOLDER = "give another folder (--out), or remove this one"
+EMISSIVITY_ERRORS = Path("errors", "emissivity")
 _QUADRATURE = "quadrature.json"
 
 
@@ -46,6 +47,7 @@ def save_run(run: Run, folder: Path) -> None:
     run.reference.save(folder / "weights_reference", pixel_m=run.pixel_m)
     run.maps.save(folder / "maps", pixel_m=run.pixel_m)
     save_maps(run.error_maps, folder / "errors", pixel_m=run.pixel_m)
+    save_maps(run.emissivity_error_maps, folder / EMISSIVITY_ERRORS, pixel_m=run.pixel_m)
     if run.ensemble is not None:
         run.ensemble.save(folder / STATISTICS, pixel_m=run.pixel_m)
     places = ("weights", "weights_reference", "maps", "errors", STATISTICS)
@@ -191,6 +193,7 @@ def _traced(folder: Path) -> Run:
         maps=maps,
         info=info,
         error_maps=load_maps(folder / "errors"),
+        emissivity_error_maps=load_maps(folder / EMISSIVITY_ERRORS),
         ensemble=ensemble,
         folder=folder,
     )
@@ -273,12 +276,14 @@ def save_maps(
     maps: Mapping[str, NDArray[np.float32]], folder: Path, *, pixel_m: tuple[float, float]
 ) -> None:
     """Writes each map of an error as float32 TIFF, `total.tif`, `cells.tif`, .."""
+    of, unit = "apparent temperature", "K"
+    if folder.name == EMISSIVITY_ERRORS.name:
+        of, unit = "emissivity", "1"
     for name, image in maps.items():
         make_folder(folder)
-        what = "standard error of the apparent temperature"
-        what += "" if name == TOTAL else f" by {name}"
+        what = f"standard error of the {of}{'' if name == TOTAL else f' by {name}'}"
         path = folder / f"{name.replace(' ', '_')}.tif"
-        write_image(path, image, name=what, unit="K", pixel_m=pixel_m)
+        write_image(path, image, name=what, unit=unit, pixel_m=pixel_m)
 
 
 def load_maps(folder: Path) -> dict[str, NDArray[np.float32]]:

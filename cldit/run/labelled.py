@@ -46,6 +46,7 @@ def labelled(
     pixel_m: tuple[float, float],
     weights: Weights | None = None,
     error_maps: Mapping[str, NDArray[np.float32]] | None = None,
+    emissivity_error_maps: Mapping[str, NDArray[np.float32]] | None = None,
     more: Mapping[str, tuple[Any, str, str]] | None = None,
     attrs: Mapping[str, str] | None = None,
 ) -> "xarray.Dataset":
@@ -56,6 +57,7 @@ def labelled(
         pixel_m: width and height of their pixels in the plane of the target.
         weights: (H, W) of the trace; None omits them.
         error_maps: (H, W) standard error of the simulation's T_app by source, and `total`.
+        emissivity_error_maps: likewise of its emissivity.
         more: further variables, as in `labelled_maps`.
         attrs: of the data set, in addition to the scene.
 
@@ -67,14 +69,16 @@ def labelled(
         for name, image in weights.images.items():
             unit = "photons s-1 m-2 sr-1" if name in EMITTED else "1"
             variables[f"weight_{name}"] = (image, unit, f"weight of {name}")
-    for name, image in (error_maps or {}).items():
-        cause = "all sources together" if name == TOTAL else name
-        of = "" if name == TOTAL else f"_{name.replace(' ', '_')}"
-        variables[f"simulation_error{of}_K"] = (
-            image,
-            "K",
-            f"standard error of the simulated T_app by {cause}",
-        )
+    results = (
+        ("simulation_error{}_K", "K", "T_app", error_maps),
+        ("emissivity_simulation_error{}", "1", "emissivity", emissivity_error_maps),
+    )
+    for variable, unit, result, maps_of in results:
+        for name, image in (maps_of or {}).items():
+            cause = "all sources together" if name == TOTAL else name
+            of = "" if name == TOTAL else f"_{name.replace(' ', '_')}"
+            about = f"standard error of the simulated {result} by {cause}"
+            variables[variable.format(of)] = (image, unit, about)
     target = scene.target_m
     return labelled_maps(
         maps,

@@ -97,7 +97,7 @@ class Run(Presented):
     maps: DIT of the trace without noise, (H, W), with the standard errors for the scene's sensor
         and number of shots.
     error_maps: standard error of T_app, K, (H, W) float32 by source, and `total`; NaN in pixels
-        that do not count. Empty without audit.
+        that do not count. Empty without audit. emissivity_error_maps: likewise of emissivity.
     ensemble: statistics of the injections that the run is the mean of; None: there is one.
     measured: DIT of the rig's acquisition, on the sensor's pixels; None before an acquisition.
     folder: where it is stored, if anywhere.
@@ -111,6 +111,7 @@ class Run(Presented):
     quadrature: Quadrature
     spectral: tuple[Weights, ...]
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    emissivity_error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     ensemble: "Ensemble | None" = None
     measured: Maps | None = None
     folder: Path | None = None
@@ -156,7 +157,7 @@ class Run(Presented):
 
     @property
     def errors(self) -> Errors | None:
-        """Errors of T_app by source; None for a scene without audit."""
+        """Errors of T_app and emissivity by source; None for a scene without audit."""
         return self.info.errors
 
     def to_xarray(self, *, measured: bool = False) -> "xarray.Dataset":
@@ -185,6 +186,7 @@ class Run(Presented):
                 pixel_m=self.pixel_m,
                 weights=self.weights,
                 error_maps=self.error_maps,
+                emissivity_error_maps=self.emissivity_error_maps,
                 more={} if self.ensemble is None else self.ensemble.labelled,
                 attrs=attrs,
             )

@@ -127,6 +127,7 @@ def _traced(problem: Problem, folder: Path | None, like: Run | None) -> Run:
         quadrature=result.quadrature,
         spectral=result.traces.spectral,
         error_maps=result.error_maps,
+        emissivity_error_maps=result.emissivity_error_maps,
         folder=folder,
     )
 

@@ -32,21 +32,22 @@ def short_changes(
     *,
     quick: bool = False,
     pixels: int | Sequence[int] | None = None,
-    accuracy_K: float | None = None,
+    accuracy: tuple[float, float | None] | None = None,
 ) -> dict[str, Any]:
     """Changes for `Scene.with_` by the short options of a run.
 
-    `quick` keeps what is given, and the proportions of the image of a `scene`.
+    `quick` keeps what is given, and the proportions of the image of a `scene`. `accuracy` is that
+    of T_app in K and of emissivity, None: chosen by the other.
     """
     made: dict[str, Any] = {}
     if quick:
         shape = (1, 1) if scene is None else scene.camera.pixels
         few = [max(1, round(_QUICK_PIXELS * side / max(shape))) for side in shape]
-        made = {"camera.pixels": few, "transport.accuracy_K": _QUICK_K}
+        made, accuracy = {"camera.pixels": few}, accuracy or (_QUICK_K, None)
     if pixels is not None:
         made["camera.pixels"] = pixels if isinstance(pixels, int) else list(pixels)
-    if accuracy_K is not None:
-        made["transport.accuracy_K"] = accuracy_K
+    if accuracy is not None:
+        made["transport.accuracy_K"], made["transport.accuracy_emissivity"] = accuracy
     return made
 
 

@@ -1,8 +1,8 @@
 """Settings of the radiative transfer: method, accuracy and phase function."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag
+from pydantic import Discriminator, Tag, model_validator
 
 from cldit.scene.checks import Section, Within
 
@@ -45,6 +45,9 @@ class Transport(Section):
     accuracy_K: Annotated[float, Within(1e-4, 100.0)] = 1.0
     """Tolerance for the error of T_app: RMS over the pixels with a T_app, all error sources of the
     simulation combined. With `audit: false`, the error of the trace alone."""
+    accuracy_emissivity: Annotated[float, Within(1e-6, 1.0)] | None = None
+    """Likewise for emissivity; `accuracy: {temperature_K: 1, emissivity: 0.01}` sets both. Default:
+    the error that changes T_app of an opaque medium by `accuracy_K`, to first order."""
     max_samples: Annotated[int, Within(128, 10_000_000)] = 4096
     """Largest number of samples per pixel, of `path` and of the final gather."""
     phase: Phase | None = None
@@ -63,3 +66,17 @@ class Transport(Section):
     """Floating-point precision; `auto`: float32 where it suffices, otherwise float64."""
     seed: Annotated[int, Within(0, 2**31 - 1)] = 1
     """Random seed of methods `path` and `branching`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_both(cls, data: Any) -> Any:
+        """Takes `accuracy: {temperature_K: 1, emissivity: 0.01}` for both tolerances."""
+        if not isinstance(data, dict) or not isinstance(data.get("accuracy"), dict):
+            return data
+        both = {"temperature_K": "accuracy_K", "emissivity": "accuracy_emissivity"}
+        rest = {key: value for key, value in data.items() if key != "accuracy"}
+        given = {both.get(key, f"accuracy.{key}"): one for key, one in data["accuracy"].items()}
+        twice = sorted(set(rest) & set(given))
+        if twice:
+            raise ValueError(f"{twice[0]} and accuracy: allowed: one of them")
+        return rest | given

@@ -134,7 +134,7 @@ class Fit:
 
     @property
     def explained(self) -> bool:
-        """False if chance alone hardly makes the residuals; the stated errors are then too small."""
+        """False if chance hardly makes the residuals; the stated errors are then too small."""
         return self.p_value >= _LEAST_P
 
     @property

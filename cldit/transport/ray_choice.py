@@ -37,8 +37,9 @@ _ROUNDS = 10
 
 
 @dataclass(frozen=True)
-class PixelTemperature:
-    """T_app of pixels as DIT evaluates it: rim pixels by their excess over the reference.
+class PixelResults:
+    """Both results (2, ...) of pixels as DIT evaluates them: rim pixels by their excess over the
+    reference. They are T_app, and emissivity times `temperature.per_emissivity_K`.
 
     rim: (H W,) pixels with other than the background around them.
     """
@@ -48,43 +49,48 @@ class PixelTemperature:
     rim: Mask
 
     @classmethod
-    def of(cls, view: View, temperature: TraceTemperature) -> "PixelTemperature":
+    def of(cls, view: View, temperature: TraceTemperature) -> "PixelResults":
         """Finds the pixels at the rim of the background."""
         rim = ~minimum_filter(view.sees_background, 3 + 2 * view.edge_pixels)
         return cls(view, temperature, rim.reshape(-1))
 
     def __call__(self, weights: Reals, pixels: Counts, across: Counts) -> Floats:
-        """T_app (N,) of `pixels` (N,) with `weights` (C, N) by `across`^2 rays; NaN: none."""
+        """Results (2, N) of `pixels` (N,) with `weights` (C, N) by `across`^2 rays; NaN: none."""
         mean = np.array(weights, np.float64)
-        there = self.view.has_temperature(1.0 - mean[0], pixels)
+        there = self.view.on_background(pixels)
         at = np.flatnonzero(there & self.rim[pixels])
         if len(at):
             shares = by_number(self.view.boundary_shares, pixels[at], across[at])
             mean[:, at] = evaluated(mean[:, at], shares, shares)
-            # The wall's share is no emissivity, and DIT fits pixels of at least this share.
-            there[at] = (1.0 - mean[0, at] > self.view.visible) & (shares[0] > VISIBLE_DISC)
-        out = np.full(len(pixels), np.nan)
-        out[there] = self.temperature.temperature_K(mean[:, there])
+            there[at] = shares[0] > VISIBLE_DISC  # DIT fits pixels of at least this share
+        return self._of(mean, there)
+
+    def _of(self, weights: Reals, there: Mask) -> Floats:
+        """Results (2, N) of weights (C, N) as DIT evaluates them; NaN where not `there`."""
+        emissivity = 1.0 - weights[0]
+        warm = there & (emissivity > self.view.visible)
+        out = np.full((2, len(there)), np.nan)
+        out[0, warm] = self.temperature.temperature_K(weights[:, warm])
+        out[1, there] = self.temperature.per_emissivity_K * emissivity[there]
         return out
 
     def of_shares(self, weights: Reals, pixels: Counts, few: Counts) -> Floats:
-        """Change of T_app (N,) if rim pixels saw the boundary by `SHARES` rays across; else 0.
+        """Change (2, N) if rim pixels saw the boundary by `SHARES` rays across; else 0.
 
         `weights` (C, N) are by `few` rays across, and stand for the same medium.
         """
-        out = np.zeros(len(pixels))
-        seen = self.view.has_temperature(1.0 - weights[0], pixels)
-        at = np.flatnonzero(seen & self.rim[pixels])
+        out = np.zeros((2, len(pixels)))
+        at = np.flatnonzero(self.view.on_background(pixels) & self.rim[pixels])
         if len(at):
             one, other = (
                 by_number(self.view.boundary_shares, pixels[at], each)
                 for each in (few[at], np.full(len(at), SHARES))
             )
-            as_seen = [evaluated(weights[:, at], one, each) for each in (one, other)]
-            there = 1.0 - as_seen[0][0] > self.view.visible
-            there &= np.minimum(one[0], other[0]) > VISIBLE_DISC
-            here_K, more_K = (self.temperature.temperature_K(each[:, there]) for each in as_seen)
-            out[at[there]] = more_K - here_K
+            there = np.minimum(one[0], other[0]) > VISIBLE_DISC
+            here, more = (
+                self._of(evaluated(weights[:, at], one, each), there) for each in (one, other)
+            )
+            out[:, at] = np.nan_to_num(more - here)
         return out
 
 
@@ -129,74 +135,88 @@ def contrast_K(temperature_K: Floats) -> Floats:
     return np.where(np.isfinite(temperature_K), np.sqrt(square / np.maximum(count, 1.0)), np.nan)
 
 
-class RayChoice:
-    """An image (images, C + 1, H W) whose pixels get more rays until their error is small enough.
+def contrasts(results: Floats) -> Floats:
+    """`contrast_K` (2, H, W) of both results, of emissivity around pixels with a T_app alone."""
+    near = maximum_filter(np.isfinite(results[0]), 3)
+    emissivity = np.where(near, contrast_K(results[1]), np.nan)
+    return np.stack([contrast_K(results[0]), emissivity])
 
-    across: (H W,) rays across each pixel. square_K2: (H W,) expected square of each pixel's error,
-    NaN in pixels without a T_app.
+
+class RayChoice:
+    """An image (images, C + 1, H W) whose pixels get more rays until both errors are small enough.
+
+    across: (H W,) rays across each pixel. squares_K2: (2, H W) expected squares of the errors of
+    each pixel's results, NaN in pixels without. count: pixels with a T_app.
     """
 
-    def __init__(self, rays: Rays, images: Reals, temperature: PixelTemperature) -> None:
+    def __init__(self, rays: Rays, images: Reals, results: PixelResults) -> None:
         """Takes the `images` by one ray, which are changed in place."""
-        self.rays, self._images, self._temperature = rays, images, temperature
+        self.rays, self._images, self._results = rays, images, results
         count = images.shape[2]
         every, self.across = np.arange(count), np.ones(count, np.int64)
-        self._kelvin = np.stack([temperature(each[:-1], every, self.across) for each in images])
-        self._shape = temperature.view.pixels[::-1]
+        self._kelvin = self._kelvin_of(images, every, self.across)
+        self._shape = results.view.pixels[::-1]
         weights = images.mean(axis=0)[:-1]
-        self._rim = temperature.of_shares(weights, every, self.across)
+        self._rim = results.of_shares(weights, every, self.across)
         # Squares of errors as by one ray, in pixels where they were measured.
-        self._by_one, self._known = np.zeros(count), np.zeros(count, bool)
-        self._ratio, self._scale, self._contrast = _FIRST, 1.0, self._contrasts()
+        self._by_one, self._known = np.zeros((2, count)), np.zeros((2, count), bool)
+        self._ratio, self._scale = np.full((2, 1), _FIRST), np.ones((2, 1))
+        self._contrast = self._contrasts()
 
     @property
     def _seen(self) -> Mask:
         """(H W,) pixels with a T_app."""
-        return np.asarray(np.isfinite(self._kelvin).all(axis=0))
-
-    def _contrasts(self) -> Floats:
-        """(H W,) differences from the neighbours; 0 where there is no T_app."""
-        mean_K = np.where(self._seen, self._kelvin.mean(axis=0), np.nan)
-        return np.nan_to_num(contrast_K(mean_K.reshape(self._shape)).reshape(-1))
+        return np.asarray(np.isfinite(self._kelvin[0]).all(axis=0))
 
     @property
-    def square_K2(self) -> Floats:
+    def count(self) -> int:
         """See the class."""
-        around = uniform_filter(self._by_one.reshape(self._shape), 3).ravel()
-        share = uniform_filter(self._known.astype(float).reshape(self._shape), 3).ravel()
+        return int(np.count_nonzero(self._seen))
+
+    def _contrasts(self) -> Floats:
+        """(2, H W) differences from the neighbours; NaN where a pixel does not count."""
+        mean_K = np.where(np.isfinite(self._kelvin).all(axis=1), self._kelvin.mean(axis=1), np.nan)
+        return contrasts(mean_K.reshape(2, *self._shape)).reshape(2, -1)
+
+    def _around(self, each: Floats) -> Floats:
+        """Means (2, H W) over a pixel and its neighbours."""
+        return np.asarray(uniform_filter(each.reshape(2, *self._shape), (1, 3, 3)).reshape(2, -1))
+
+    @property
+    def squares_K2(self) -> Floats:
+        """See the class."""
+        around, share = self._around(self._by_one), self._around(self._known.astype(float))
         one = np.maximum((self._ratio * self._contrast) ** 2, around) + self._rim**2
         local = around / np.maximum(share, 1 / 9)
         many = np.maximum(np.maximum(self._by_one, local), 0.0)
         square = np.where(self._known, many, one) * self._scale / self.across ** (2 * _ORDER)
-        return np.where(self._seen, square, np.nan)
+        return np.where(np.isfinite(self._contrast), square, np.nan)
 
     def grow(self, pixels: Counts, across: Counts) -> None:
-        """Traces `pixels` (N,) by `across`^2 (N,) rays, and measures the change of T_app."""
+        """Traces `pixels` (N,) by `across`^2 (N,) rays, and measures the change of the results."""
         found = self.rays.through(pixels, across)
         kelvin = self._kelvin_of(found, pixels, across)
-        apart = kelvin - self._kelvin[:, pixels]
-        both = np.isfinite(apart).all(axis=0)
-        self._learn(pixels[both], apart[:, both])
-        self._kelvin[:, pixels] = kelvin
+        self._learn(pixels, kelvin - self._kelvin[:, :, pixels])
+        self._kelvin[:, :, pixels] = kelvin
         self.across[pixels], self._images[:, :, pixels] = across, found
 
     def _learn(self, pixels: Counts, apart: Floats) -> None:
-        """Takes the error of the present rays from changes (images, N) by more rays."""
-        square = apart[0] * apart[-1]  # without the noise of either, on average
-        self._by_one[pixels] = square * self.across[pixels] ** (2 * _ORDER)
-        self._known[pixels] = True
+        """Takes the errors of the present rays from changes (2, images, N) by more; NaN: none."""
+        square = apart[:, 0] * apart[:, -1]  # without the noise of either, on average
+        result, at = np.nonzero(np.isfinite(apart).all(axis=1))
+        here = pixels[at]
+        self._by_one[result, here] = square[result, at] * self.across[here] ** (2 * _ORDER)
+        self._known[result, here] = True
 
     def change_K(self, found: Reals, pixels: Counts, across: Counts) -> Floats:
-        """Change (images, N) of T_app by weights `found` (images, C + 1, N); 0 where unknown."""
-        return np.asarray(
-            np.nan_to_num(self._kelvin_of(found, pixels, across) - self._kelvin[:, pixels])
-        )
+        """Change (2, images, N) of results by weights `found` (images, C + 1, N); NaN: unknown."""
+        return np.asarray(self._kelvin_of(found, pixels, across) - self._kelvin[:, :, pixels])
 
     def _kelvin_of(self, found: Reals, pixels: Counts, across: Counts) -> Floats:
-        return np.stack([self._temperature(each[:-1], pixels, across) for each in found])
+        return np.stack([self._results(each[:-1], pixels, across) for each in found], axis=1)
 
     def _widen(self) -> None:
-        """Traces four rays in the pixels beside those with a T_app, whose mean may have one."""
+        """Traces four rays in the pixels beside those with a T_app, which may see the medium."""
         box, view = self.rays.solution.cells.box(), self.rays.solution.view
         blur = view.blur_pixels(box.low[1], box.low[1] + box.shape[1])
         near = maximum_filter(self._seen.reshape(self._shape), 3 + 2 * blur).reshape(-1)
@@ -206,33 +226,35 @@ class RayChoice:
             self._contrast = self._contrasts()
 
     def reach(self, error_K: float) -> bool:
-        """Adds rays until the expected RMS error is `error_K`; False if none can be added."""
+        """Adds rays until the expected RMS errors are `error_K`; False if none can be added."""
         added = False
         for _ in range(_ROUNDS):
-            count = int(np.count_nonzero(self._seen))
-            square = np.nan_to_num(self.square_K2)
-            if square.sum() <= count * error_K**2:
+            square, most = np.nan_to_num(self.squares_K2), self.count * error_K**2
+            if np.all(square.sum(axis=1) <= most):
                 break
-            wanted = allocated(square, self.across, allowed=_SAFE * count * error_K**2)
+            wanted = np.max(
+                [allocated(each, self.across, allowed=_SAFE * most) for each in square], axis=0
+            )
             more = np.flatnonzero(wanted > self.across)
             if not len(more) or not self.rays.affords(int(np.sum(4 * self.across[more] ** 2))):
                 break
-            if np.all(self.across == 1):
-                self._widen()
+            self._widen()
+            more = more[self.across[more] < wanted[more]]
             self.grow(more, 2 * self.across[more])
             added = True
         return added
 
-    def correct(self, error_K: float, pixels: Counts, apart: Floats) -> None:
-        """Takes a measured RMS error, and the changes (images, N) of T_app in some pixels (N,)."""
-        count = max(int(np.count_nonzero(self._seen)), 1)
+    def correct(self, errors_K: Floats, pixels: Counts, apart: Floats) -> None:
+        """Takes measured RMS errors (2,), and changes (2, images, N) in some pixels (N,)."""
+        square = errors_K[:, None] ** 2 * max(self.count, 1)
         if np.all(self.across == 1):
-            beyond = error_K**2 * count - float(np.sum(self._rim**2))
-            contrast = max(float(np.sum(self._contrast**2)), 1e-30)
-            self._ratio = float(np.clip(beyond / contrast, _LEAST**2, _LARGEST**2) ** 0.5)
+            beyond = square - np.sum(self._rim**2, axis=1, keepdims=True)
+            contrast = np.nansum(self._contrast**2, axis=1, keepdims=True)
+            ratio = beyond / np.maximum(contrast, 1e-30)
+            self._ratio = np.clip(ratio, _LEAST**2, _LARGEST**2) ** 0.5
         self._learn(pixels, apart)
-        expected = max(float(np.nansum(self.square_K2)) / count, 1e-30)
-        self._scale *= float(np.clip(error_K**2 / expected, 1.0, _MOST_SCALE))
+        expected = np.nansum(self.squares_K2, axis=1, keepdims=True)
+        self._scale *= np.clip(square / np.maximum(expected, 1e-30), 1.0, _MOST_SCALE)
 
 
 def allocated(square: Floats, across: Counts, *, allowed: float) -> Counts:

@@ -23,10 +23,10 @@ from cldit.transport.image import Rays, by_number
 from cldit.transport.monte_carlo.pixel_sampling import PixelSample
 from cldit.transport.ray_choice import (
     SHARES,
-    PixelTemperature,
+    PixelResults,
     RayChoice,
     as_shared,
-    contrast_K,
+    contrasts,
 )
 from cldit.transport.result import Subpixels, TraceSettings, weights_of
 from cldit.transport.tuning import Tuning
@@ -40,7 +40,7 @@ def sampled_subpixels(
     rays: Rays,
     image: Reals,
     across: Ints,
-    temperature: PixelTemperature,
+    results: PixelResults,
     settings: TraceSettings,
 ) -> Subpixels | None:
     """Draws pixels of an image and traces them by more rays; None if no pixel has a T_app.
@@ -52,37 +52,36 @@ def sampled_subpixels(
     """
     flat = image.reshape(len(image), -1)
     every = np.arange(flat.shape[1])
-    seen = rays.solution.view.has_temperature(1.0 - flat[0], every)
-    if not seen.any():
+    found = results(flat[:-1], every, across)
+    if not np.isfinite(found[0]).any():
         return None
-    apparent_K = np.full(flat.shape[1], np.nan)
-    apparent_K[seen] = temperature.temperature.temperature_K(flat[:-1, seen])
-    rim = temperature.of_shares(flat[:-1], every, across)
-    contrast = apparent_K.reshape(image.shape[1:])
-    sample = drawn(contrast, rim, tuning=settings.tuning, seed=settings.seed)
+    rim = results.of_shares(flat[:-1], every, across)
+    contrast = contrasts(found.reshape(2, *image.shape[1:])).reshape(2, -1)
+    square = contrast**2 + np.square(rim)
+    sample = important(square, tuning=settings.tuning, seed=settings.seed)
     return many_rays(rays, sample, across, _MORE * across[sample.pixels])[0]
 
 
 def measured_subpixels(
     choice: RayChoice, settings: TraceSettings, number: int
 ) -> tuple[Subpixels | None, float]:
-    """The same for rays that were chosen, and the RMS error that the sample measures.
+    """The same for rays that were chosen, and the larger RMS error that the sample measures.
 
     The pixels of each `number` of sample are drawn anew. `choice` takes what they show.
     """
-    square_K2 = choice.square_K2
-    count = int(np.count_nonzero(np.isfinite(square_K2)))
-    if not count:
+    if not choice.count:
         return None, 0.0
-    sample = important(square_K2, tuning=settings.tuning, seed=settings.seed + number)
+    sample = important(choice.squares_K2, tuning=settings.tuning, seed=settings.seed + number)
     few = choice.across[sample.pixels]
     more = np.where(few <= _TWICE, _MORE, _TWICE) * few
     found, halves = many_rays(choice.rays, sample, choice.across, more)
     apart = choice.change_K(halves, sample.pixels, np.full(len(more), SHARES))
-    square, doubt = sample.mean_square(apart[0], apart[-1], count=count)
-    error_K = float((max(square, 0.0) + doubt) ** 0.5)
-    choice.correct(error_K, sample.pixels, apart)
-    return found, error_K
+    both = [
+        sample.mean_square(each[0], each[-1], count=choice.count) for each in np.nan_to_num(apart)
+    ]
+    errors_K = np.array([max(square, 0.0) + doubt for square, doubt in both]) ** 0.5
+    choice.correct(errors_K, sample.pixels, apart)
+    return found, float(errors_K.max())
 
 
 def many_rays(rays: Rays, sample: PixelSample, across: Ints, more: Ints) -> tuple[Subpixels, Reals]:
@@ -116,24 +115,16 @@ def _boundary(shares: Floats, cells: OpticalCells) -> Weights:
     return weights_of(planes, cells)
 
 
-def drawn(
-    temperature_K: Floats, rim_K: Floats | float = 0.0, *, tuning: Tuning, seed: int
-) -> PixelSample:
-    """Sample of the pixels that have a temperature, most of them at high contrast.
+def important(squares: Floats, *, tuning: Tuning, seed: int) -> PixelSample:
+    """Sample by expected squares (2, H W) of both results, NaN in pixels that do not count.
 
-    Args:
-        temperature_K: (H, W), NaN where there is none, but not everywhere.
-        rim_K: (H W,) known error of pixels at the rim of the background.
-        tuning: number of pixels, and the uniform share of the probability.
-        seed: of the random start.
+    The pixels of either have half of the probability, a part of it uniform.
     """
-    square = contrast_K(temperature_K).reshape(-1) ** 2 + np.square(rim_K)
-    return important(square, tuning=tuning, seed=seed)
-
-
-def important(square: Floats, *, tuning: Tuning, seed: int) -> PixelSample:
-    """Sample by expected squares (H W,), NaN in pixels that do not count; a part is uniform."""
-    known = np.isfinite(square)
-    even = tuning.audit_even * float(square[known].mean()) or 1.0  # of a uniform image
-    importance = np.where(known, square + even, 0.0)
+    importance = np.zeros(squares.shape[1])
+    for square in squares:
+        known = np.isfinite(square)
+        total = float(square[known].sum())
+        even = tuning.audit_even * total / known.sum() if total > 0.0 else 1.0  # a uniform image
+        share = np.where(known, square + even, 0.0)
+        importance += share / share.sum()
     return PixelSample.of(importance, most=tuning.subpixels, seed=seed)

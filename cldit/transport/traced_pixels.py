@@ -6,7 +6,7 @@ import numpy as np
 
 from cldit.arrays import Ints, Reals
 from cldit.transport.image import Rays
-from cldit.transport.ray_choice import PixelTemperature, RayChoice
+from cldit.transport.ray_choice import PixelResults, RayChoice
 from cldit.transport.result import Subpixels, TraceInput, TraceSettings
 from cldit.transport.subpixels import measured_subpixels, sampled_subpixels
 
@@ -56,9 +56,9 @@ def traced_pixels(
     several = np.flatnonzero(across > 1)
     middle = images.copy() if settings.rays_K is not None or len(several) else None
     subpixels = None
-    temperature = PixelTemperature.of(view, given.temperature)
+    results = PixelResults.of(view, given.temperature)
     if settings.rays_K is not None:
-        choice = RayChoice(rays, images, temperature)
+        choice = RayChoice(rays, images, results)
         subpixels = _chosen(choice, settings)
         across = choice.across
     elif len(several):
@@ -70,7 +70,7 @@ def traced_pixels(
     halves = shaped(images)
     if settings.subpixels and settings.rays_K is None:
         mean = halves[0] if len(halves) < 2 else (halves[0] + halves[1]) / 2
-        subpixels = sampled_subpixels(rays, mean, across, temperature, settings)
+        subpixels = sampled_subpixels(rays, mean, across, results, settings)
     shown = None if middle is None else shaped(middle)
     return TracedPixels(halves, shown, across.reshape(rows, columns), subpixels)
 

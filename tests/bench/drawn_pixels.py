@@ -18,7 +18,6 @@ import numpy as np
 from cldit.accuracy.allocation import Allocation
 from cldit.accuracy.drawn_pixels import DrawnPixels
 from cldit.accuracy.image_pair import ImageDifference
-from cldit.accuracy.preview import previewed
 from cldit.accuracy.problem import Problem
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.discretisation import spectral_K
@@ -26,6 +25,7 @@ from cldit.accuracy.variant_tracer import VariantTracer, temperature_of
 from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
+from cldit.prepare.preview import previewed
 from cldit.prepare.stages import Stages
 from cldit.scene import Scene, load_scene
 

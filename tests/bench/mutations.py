@@ -201,7 +201,7 @@ MUTATIONS = (
         "unit/accuracy"),
     row("cldit/accuracy/richardson.py", "last.times(1.0 / (once**order - 1.0))",
         "last.times(1.0 / once**order)", "unit/accuracy"),
-    row("cldit/accuracy/error_maps.py", "one *= cause.error_K / rms", "one *= rms / rms",
+    row("cldit/accuracy/error_maps.py", "one *= error / rms", "one *= rms / rms",
         "unit/accuracy/test_error_maps.py", "unit/accuracy"),
     # run: a cache that mixes runs, labels in the wrong place
     row("cldit/run/labelled.py", "(width - 1) / 2) * across", "width / 2) * across", "unit/run"),

@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from cldit.accuracy.image_pair import ImagePair
-from cldit.accuracy.sources import pixel_sampling
+from cldit.accuracy.sources.pixel_sampling import pixel_error
 from cldit.bench.case import changed
 from cldit.gpu.device import open_device
 from cldit.io.caches import default_cache
@@ -28,7 +27,6 @@ from cldit.transport.trace import trace
 from tests.bench.case import Case
 from tests.bench.wavelengths import imported
 
-_NO_MEDIUM: Any = None  # the temperature of the case is given instead
 _MOST_RAYS = 64
 
 
@@ -74,9 +72,7 @@ def measured(case: Case, *, pixels: int, rays: int) -> Sampled:
 
     apart = one.temperature_K(result.weights) - one.temperature_K(true)
     both = np.isfinite(apart) & visible(result.weights) & visible(true)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: one._temperature)
-        found = pixel_sampling.pixel_error(one.scene, _NO_MEDIUM, ImagePair.of(result))
+    found = pixel_error(one._temperature, ImagePair.of(result))
     assert found.error_K is not None
     true_K = float(np.sqrt(np.mean(apart[both] ** 2)))
     return Sampled(pixels, rays, found.error_K, true_K, cost.core_s)

@@ -36,7 +36,7 @@ def test_paths_that_end_are_counted(device: Device) -> None:
     """They see the wall, so that energy is conserved; others are not counted."""
     whole, cut = traced(device, 2**20), traced(device, 3)
     assert not whole.short
-    paths = cut.counts["samples"] * cut.counts["scattering_pixels"]
+    paths = cut.counts["samples"] * cut.counts["pixels"]
     ended = int(cut.short.split()[2])
     assert f"of {paths} paths ended after 3 scatterings" in cut.short
     assert 0 < ended < paths

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
@@ -28,8 +28,8 @@ class Measurement:
     depth: number of halvings of the cells that errors are estimated for; coarse: of those on which
     errors are estimated that do not depend on the cells. resolution: of the image. image: of the
     run at the tracer's wavelength; None before it is traced. exact: True if it has no error that
-    `path` would not see. trace_error: its own; None if nothing scatters. predicted: estimates from
-    before. found: estimates by source, each made once.
+    `path` would not see. trace_errors: its own; empty if nothing scatters. predicted: earlier
+    estimates. found: estimates by source, each made once.
     """
 
     scene: Scene
@@ -40,7 +40,7 @@ class Measurement:
     resolution: Resolution | None = None
     image: ImagePair | None = None
     exact: bool = False
-    trace_error: TraceError | None = None
+    trace_errors: Sequence[TraceError] = ()
     predicted: Mapping[str, Estimate] = field(default_factory=dict)
     found: dict[str, Sequence[Estimate]] = field(default_factory=dict)
 
@@ -53,12 +53,16 @@ class Measurement:
         """Estimates of a source."""
         if source.name not in self.found:
             estimated = source.predict if self.image is None else source.estimate
-            self.found[source.name] = [one.shared(source.shared_by) for one in estimated(self)]
+            by = source.shared_by
+            self.found[source.name] = [
+                replace(one, cause=replace(one.cause, shared_by=by)) for one in estimated(self)
+            ]
         return self.found[source.name]
 
-    def error_K(self, source: ErrorSource) -> float | None:
-        """Error of a source that another depends on; None: unknown."""
-        return next((one.error_K for one in self.of(source) if one.cause.name == source.name), None)
+    def errors_K(self, source: ErrorSource) -> tuple[float | None, float | None]:
+        """Errors of both results by a source that another depends on; None: unknown."""
+        found = (one.errors_K for one in self.of(source) if one.cause.name == source.name)
+        return next(found, (None, None))
 
     def on_lattice(self, up: int) -> tuple[ConeSpray, ImagePair]:
         """The cone on a lattice so much coarser, and its image; raises `NO_COARSER_LATTICE`."""
@@ -79,7 +83,7 @@ def remedies(text: str, key: str = "", **others: str) -> Mapping[str, str]:
 
 
 class ErrorSource(ABC):
-    """A source of error of T_app, an entry of `SOURCES`.
+    """A source of error of both results, an entry of `SOURCES`.
 
     cost_power: the cost grows as error ** -cost_power; 0: no resolution makes the error smaller.
     cost_share: part of a run's cost that grows so; sources that multiply each other's cost (cells,

@@ -13,10 +13,12 @@ from dataclasses import replace
 from cldit.accuracy.errors import NO_PIXEL, Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, cells_are_free
-from cldit.accuracy.richardson import error_at, predicted_error
+from cldit.accuracy.richardson import error_at, extrapolated, predicted_error
 from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.accuracy.sources.omissions import CUTOFF, GATHER
+from cldit.accuracy.trace_error import TraceError
 from cldit.medium.resolution import counted, in_whole_cells
+from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.prepare.medium import Prepared
 from cldit.scene import Scene
 from cldit.scene.spray import GridSpray
@@ -48,7 +50,8 @@ class _Wavelengths(ErrorSource):
         if not chosen.errors_K:
             return []
         how = f"{len(chosen.nodes)} nodes against more, on lines of sight through the spray"
-        return [Estimate(Cause(self.name, chosen.error_K, how, self.key(at.scene)))]
+        cause = Cause(self.name, chosen.error_K, how, self.key(at.scene))
+        return [Estimate(cause, kelvin_per_emissivity(at.scene) * chosen.error_emissivity)]
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         return replace(now, spectral_K=_bounded(share_K))
@@ -106,11 +109,10 @@ class _Cells(ErrorSource):
             why = "too few halvings of the cube to compare" if at.depth < 2 else NO_PIXEL
             return [Estimate.unknown(self.name, why, fixed)]
         cell_mm = 1e3 * at.prepared.cube.at(at.depth).cell_m
-        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in found.sizes)
+        sizes = ", ".join(f"{cell_mm * up:.3g}" for up in found[0].sizes)
         what = "cone and cells" if at.prepared.on_lattice else "cells"
-        how = f"{what} of {sizes} mm, extrapolated by order {found.order:.2g}"
-        out = [Estimate.of(self.name, found.difference, how, fixed, order=found.order)]
-        if fixed and not found.shown:
+        out = [extrapolated(self.name, f"{what} of {sizes} mm", fixed, found)]
+        if fixed and not found[0].shown:
             why = f"cells of {sizes} mm show no order of convergence between 1 and 2"
             out.append(Estimate.unknown(self.also[0], why, fixed))
         return out
@@ -129,7 +131,7 @@ class _Cells(ErrorSource):
         found = at.tracer.difference(at.tracer.level(at.depth), at.tracer.level(at.depth + 1))
         h_mm = 1e3 * cube.at(at.depth).cell_m
         how = f"cells of {h_mm / 2:.3g} mm for {h_mm:.3g} mm: twice the step, by the first order"
-        return Estimate.of(self.name, found.times(2.0), how, fixed)
+        return Estimate.of(self.name, [one.times(2.0) for one in found], how, fixed)
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         if now.depth is None:
@@ -174,18 +176,18 @@ class _Ordinates(ErrorSource):
         return noise_K * (at.resolution.ordinates_K / at.tracer.settings.accuracy_K)
 
     def estimate(self, at: Measurement) -> list[Estimate]:
-        found = at.trace_error
-        if found is None:
+        if not at.trace_errors:
             return []
         key = self.key(at.scene)
-        found = found.beyond(audited_K(at))
+        found, *rest = beyond(at)
         if found.error_K is None:
             return [Estimate.unknown(self.name, found.unknown, key)]
         how = "half the difference of two images, each by half of the ordinates or samples"
         if found.audit_K is not None:
             how = "some pixels traced by `path` as well, one standard error added, less the cells'"
         how += "; contains ordinates, iteration and gather"
-        out = [Estimate(Cause(self.name, found.error_K, how, key), found.map_K)]
+        maps_K = [one.map_K for one in (found, *rest) if one.map_K is not None]
+        out = [Estimate(Cause(self.name, found.error_K, how, key), rest[0].error_K, maps_K)]
         return out + ([Estimate.unknown("audit", found.unknown, key)] if found.unknown else [])
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
@@ -201,13 +203,14 @@ class _Ordinates(ErrorSource):
         return replace(resolution, more_ordinates=more * resolution.more_ordinates)
 
 
-def audited_K(at: Measurement) -> float | None:
-    """Error that other sources state and the audit sees, too; None: none is known.
+def beyond(at: Measurement) -> tuple[TraceError, ...]:
+    """Errors of the trace without what other sources state and the audit sees, too.
 
     `path` samples sources within cells, and follows rays to a cutoff of its own.
     """
-    known = [one for one in map(at.error_K, (CELLS, CUTOFF, GATHER)) if one is not None]
-    return math.hypot(*known) if known else None
+    stated = zip(*map(at.errors_K, (CELLS, CUTOFF, GATHER)), strict=True)
+    both = zip(at.trace_errors, stated, strict=False)
+    return tuple(one.beyond(math.hypot(*(e or 0.0 for e in errors))) for one, errors in both)
 
 
 WAVELENGTHS, CELLS, ORDINATES = _Wavelengths(), _Cells(), _Ordinates()

@@ -16,14 +16,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
 from cldit.accuracy.errors import Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution, gas_is_free, lattice_is_cells
-from cldit.accuracy.richardson import RichardsonEstimate
+from cldit.accuracy.richardson import extrapolated, richardson
 from cldit.accuracy.sources.base import NO_COARSER_LATTICE, ErrorSource, Measurement, remedies
 from cldit.errors import MediumError, OpticsError, SprayError, TransportError
 from cldit.medium.gas_reconstruction import coarsened, reconstructed
@@ -122,21 +121,11 @@ class _GasGrid(ErrorSource):
             coarser, coarsest = (at.on_lattice(up)[1] for up in (2, 4))
         except NO_COARSER_LATTICE:
             return []
-        before = tracer.difference(coarser, coarsest)
-        last = tracer.difference(tracer.level(at.coarse), coarser)
-        found = RichardsonEstimate.of(before, last)
+        found = richardson(tracer, (tracer.level(at.coarse), coarser, coarsest))
         sizes = ", ".join(f"{1e3 * up * cone.lattice_m:.3g}" for up in (1, 2, 4))
-        return [
-            Estimate.of(
-                self.name,
-                found.difference,
-                f"cone on lattices of {sizes} mm, extrapolated by order {found.order:.2g}",
-                self.key(at.scene),
-                at_most=found.bound_K is not None,
-                order=found.order,
-                size=cone.lattice_m,
-            )
-        ]
+        how, key = f"cone on lattices of {sizes} mm", self.key(at.scene)
+        more = {"at_most": found[0].bound_K is not None, "size": cone.lattice_m}
+        return [extrapolated(self.name, how, key, found, **more)]
 
     def _grid(self, at: Measurement) -> list[Estimate]:
         fixed, spec = self.key(at.scene), at.prepared.spec
@@ -154,21 +143,24 @@ class _GasGrid(ErrorSource):
         h_mm = 1e3 * spec.box.cell_m
         how = f"step from cells of gas of {2 * h_mm:.3g} to {h_mm:.3g} mm with the same eddies"
         again = self._traced(at, spec, 4)
-        left: Rest | str
+        rests: list[Rest | str]
         if isinstance(again, str):
-            left = again
+            rests = [again]
         else:
             second, head_m = again
             heads_m.append(head_m)
-            both = tracer.difference(image, second)
-            left = Rest.of(last.error_K, tracer.difference(first, second).error_K, both.error_K)
+            steps = last, tracer.difference(first, second), tracer.difference(image, second)
+            rests = [Rest.of(*(one.error_K for one in each)) for each in zip(*steps, strict=True)]
+        left = rests[0]
         figures = {_HEAD: head_error_m(heads_m)}
         if isinstance(left, str):
             stated = Estimate.of(self.name, last, how, fixed)
             return [replace(stated, figures=figures), Estimate.unknown(ORDER, left, fixed)]
         how += f", times {left.factor:.2g}: {left.text}"
-        error, h_m = last.times(left.factor), spec.box.cell_m
-        stated = Estimate.of(self.name, error, how, fixed, order=left.order, size=h_m)
+        known = (left if isinstance(one, str) else one for one in rests)
+        errors = [step.times(rest.factor) for step, rest in zip(last, known, strict=True)]
+        h_m = spec.box.cell_m
+        stated = Estimate.of(self.name, errors, how, fixed, order=left.order, size=h_m)
         return [replace(stated, figures=figures)]
 
     def _imported(self, at: Measurement) -> list[Estimate]:
@@ -186,14 +178,9 @@ class _GasGrid(ErrorSource):
             except (MediumError, TransportError) as error:  # larger cells reach further
                 return [Estimate.unknown(self.name, f"{name}: {error}")]
             images.append(made)
-        last, before = (at.tracer.difference(*pair) for pair in pairwise(images))
-        found = RichardsonEstimate.of(before, last)
-        how = (
-            "gas averaged over cells twice and four times as large, linear in all; extrapolated by "
-        )
-        how += f"order {found.order:.2g}"
+        how = "gas averaged over cells twice and four times as large, linear in all"
         key = self.key(at.scene)
-        return [Estimate.of(self.name, found.difference, how, key, order=found.order)]
+        return [extrapolated(self.name, how, key, richardson(at.tracer, images))]
 
     def _traced(
         self, at: Measurement, spec: LagrangianSpray, up: int

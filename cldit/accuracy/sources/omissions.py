@@ -69,7 +69,7 @@ class Omission(ErrorSource):
         method = at.scene.transport.method
         if not self.applies(at.prepared):
             return []
-        if self is CUTOFF and method != "source" and at.trace_error is not None:
+        if self is CUTOFF and method != "source" and at.trace_errors:
             why = f"method {method} ends rays at every scattering"  # `path` has one of its own
             return [] if method == "path" else [Estimate.unknown(self.name, why, self.fixed_by)]
         cells = counted(at.prepared.cube.at(at.depth), at.prepared.sources, at.tracer.device).swept

@@ -89,14 +89,15 @@ class _Parcels(ErrorSource):
         first, second = parcels.halves
         one = tracer.variant("first half of the parcels", lambda: first, at.coarse)
         other = tracer.variant("second half of the parcels", lambda: second, at.coarse)
-        sampling = tracer.difference(one, other).times(parcels.sampling)
+        sampling = [each.times(parcels.sampling) for each in tracer.difference(one, other)]
         how = f"{parcels.sampling:.2g} of the difference of two halves of the parcels"
         out = [Estimate.of(self.name, sampling, how, key)]
         narrower = parcels.narrower
         if narrower is not None:
             at.stages.tell("errors: parcels spread less")
             image = tracer.variant("parcels spread less", lambda: narrower, at.coarse)
-            width = tracer.difference(tracer.level(at.coarse), image).times(_OF_WIDTH)
+            apart = tracer.difference(tracer.level(at.coarse), image)
+            width = [each.times(_OF_WIDTH) for each in apart]
             how = "4/3 of the step to half of the variance, for a bias of fourth order"
             out.append(Estimate.of("deposit width", width, how, key, at_most=True))
         points, _ = at.prepared.sources

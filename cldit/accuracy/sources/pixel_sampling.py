@@ -9,17 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from cldit.accuracy.error_maps import sampled_square
 from cldit.accuracy.errors import Cause, Estimate
 from cldit.accuracy.image_pair import ImagePair
 from cldit.accuracy.resolution import Resolution
 from cldit.accuracy.sources.base import ErrorSource, Measurement, remedies
 from cldit.accuracy.variant_tracer import temperature_of
-from cldit.optics.visible import VISIBLE_DISC, VISIBLE_EMISSIVITY
-from cldit.prepare.medium import Prepared
+from cldit.optics.visible import VISIBLE_DISC
+from cldit.radiance.apparent_temperature import NodeTemperature
 from cldit.radiance.weights import Weights
 from cldit.scene import Scene
-from cldit.transport.ray_choice import MOST_ACROSS, contrast_K
+from cldit.transport.monte_carlo.pixel_sampling import sampled_square
+from cldit.transport.ray_choice import MOST_ACROSS, contrasts
 
 MOST_RAYS = (
     f"no pixel has more than {MOST_ACROSS**2} rays; allowed: more camera.pixels, or a larger "
@@ -46,7 +46,7 @@ class _PixelSampling(ErrorSource):
         # Single pixels far apart do not show it, and chosen rays are chosen for their share.
         if at.tracer.drawn is not None or self.is_free(at.scene):
             return None
-        return _pixel_error(at, image).error_K
+        return self._of(at, image).cause.error_K
 
     def estimate(self, at: Measurement) -> list[Estimate]:
         assert at.image is not None
@@ -55,7 +55,12 @@ class _PixelSampling(ErrorSource):
         if at.scene.transport.method != "source":
             why = "not known from an image of random samples; transport.method: source estimates it"
             return [Estimate.unknown(self.name, why, self.key(at.scene))]
-        return [_pixel_error(at, at.image)]
+        return [self._of(at, at.image)]
+
+    def _of(self, at: Measurement, image: ImagePair) -> Estimate:
+        visible = at.tracer.settings.visible
+        temperature = temperature_of(at.tracer.scene, at.prepared, visible=visible)
+        return pixel_error(temperature, image, self.key(at.scene))
 
     def finer(self, now: Resolution, *, share_K: float, ratio: float, order: float) -> Resolution:
         return replace(now, pixels_K=share_K)
@@ -64,26 +69,18 @@ class _PixelSampling(ErrorSource):
 PIXEL_SAMPLING = _PixelSampling()
 
 
-def _pixel_error(at: Measurement, image: ImagePair) -> Estimate:
-    visible = at.tracer.settings.visible
-    return pixel_error(at.tracer.scene, at.prepared, image, visible=visible)
-
-
-def pixel_error(
-    scene: Scene, prepared: Prepared, image: ImagePair, *, visible: float = VISIBLE_EMISSIVITY
-) -> Estimate:
-    """Error of T_app by pixel sampling, from an image (H, W) with its `subpixels`.
+def pixel_error(temperature: NodeTemperature, image: ImagePair, key: str = "") -> Estimate:
+    """Errors of both results by pixel sampling, from an image (H, W) with its `subpixels`.
 
     Two halves of the sample have the image's error with independent noise; their product has its
-    square as its mean, and one standard error of that is added. The map is that of sampled pixels
-    that are alike, scaled to the RMS error.
+    square as its mean, and one standard error of that is added. The maps are those of sampled
+    pixels that are alike.
     """
-    name, key = PIXEL_SAMPLING.name, PIXEL_SAMPLING.key(scene)
-    found = image.subpixels
-    temperature = temperature_of(scene, prepared, visible=visible)
-    apparent_K = temperature(image.weights)
-    seen = np.isfinite(apparent_K) & image.visible(temperature)
-    if found is None or not seen.any():
+    name, found = PIXEL_SAMPLING.name, image.subpixels
+    results = np.stack(temperature.results(image.weights))
+    results[0, ~image.visible(temperature)] = np.nan
+    count = int(np.count_nonzero(np.isfinite(results[0])))
+    if found is None or not count:
         return Estimate.unknown(name, "no pixel has a T_app", key)
     pixels = found.sample.pixels
     few = temperature.picked(pixels)
@@ -93,23 +90,24 @@ def pixel_error(
     if found.references is not None:
         one, other = found.references
         here, there = _evaluated(here, one), _evaluated(there, other)
-    apart = few(here.weights) - few(there.weights)
+    apart = np.subtract(*(np.stack(few.results(each.weights)) for each in (here, there)))
     noise = here.noise_K(few) - there.noise_K(few)
     both = np.isfinite(apart) & np.isfinite(noise)
-    both &= here.visible(few) & there.visible(few)
-    first, second = (np.where(both, apart + sign * noise, 0.0)[0] for sign in (1, -1))
-    square, doubt = found.sample.mean_square(first, second, count=int(np.count_nonzero(seen)))
-    error_K = (max(square, 0.0) + doubt) ** 0.5
-    contrast = contrast_K(np.where(seen, apparent_K, np.nan))
-    expected = contrast if image.rays is None else contrast / image.rays**1.5
-    features = 1.0 - image.weights.background.astype(float), expected
-    map_K = np.sqrt(sampled_square(found.sample, first * second, features, seen))
-    rms_K = float(np.sqrt(np.nanmean(map_K**2)))
-    map_K *= error_K / rms_K if rms_K > 0 else 0.0
+    both[0] &= here.visible(few) & there.visible(few)
+    first, second = (np.where(both, apart + sign * noise, 0.0)[:, 0] for sign in (1, -1))
+    emissivity = 1.0 - image.weights.background.astype(float)
+    errors_K, maps_K = [], []
+    for contrast, *halves in zip(contrasts(results), first, second, strict=True):
+        square, doubt = found.sample.mean_square(*halves, count=count)
+        errors_K.append((max(square, 0.0) + doubt) ** 0.5)
+        like, features = np.isfinite(contrast), (emissivity, contrast)
+        if image.rays is not None:  # more of them at edges, where more is left as well
+            features = emissivity, image.rays.astype(float)
+        maps_K.append(np.sqrt(sampled_square(found.sample, halves[0] * halves[1], features, like)))
     rays = "{0}" if found.across.min() == found.across.max() else "{0} to {1}"
     rays = rays.format(found.across.min() ** 2, found.across.max() ** 2)
     how = f"the image's rays against {rays}, in each of {len(pixels)} pixels"
-    return Estimate(Cause(name, error_K, how, key), map_K)
+    return Estimate(Cause(name, errors_K[0], how, key), errors_K[1], maps_K)
 
 
 def _evaluated(image: ImagePair, reference: Weights) -> ImagePair:

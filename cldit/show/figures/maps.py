@@ -206,8 +206,10 @@ def injections_panels(ensemble: Ensemble) -> list[Panel]:
     ]
 
 
-def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
-    """Panels of the standard error of T_app, (H, W) by cause: the total, and the largest."""
+def error_maps_panels(
+    images: Mapping[str, NDArray[np.float32]], *, unit: str = " / K"
+) -> list[Panel]:
+    """Panels of the standard error of a result, (H, W) by cause: the total, and the largest."""
 
     def mean(name: str) -> float:
         return float(np.nanmean(images[name]))
@@ -216,7 +218,8 @@ def error_maps_panels(images: Mapping[str, NDArray[np.float32]]) -> list[Panel]:
     shown = {name: images[name] for name in ("total", largest) if name is not None}
     titles = {name: f"source: {name}" for name in shown} | {"total": "all sources together"}
     limits = (0.0, robust_limits(images["total"])[1])
-    return [Panel(shown[name], titles[name], "standard error / K", limits, ERROR) for name in shown]
+    label = f"standard error{unit}"
+    return [Panel(shown[name], titles[name], label, limits, ERROR) for name in shown]
 
 
 @dataclass(frozen=True)

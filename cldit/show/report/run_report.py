@@ -82,14 +82,16 @@ def _figures(run: Run) -> Iterator[tuple[str, Drawn, str]]:
     yield key, figure, "From the traced radiances, on the traced field."
     caption = "Origin of the light of every pixel; one trace serves every background."
     yield "weights", drawn(weights_panels(run.weights), "weights of the trace"), caption
+    caption = "Standard error of the simulation itself; {} has a map of every cause."
     if run.error_maps:
-        title = "standard error of the simulated T_app"
-        caption = "Standard error of the simulation itself; errors/ has a map of every cause."
-        panels, missing = (
-            error_maps_panels(run.error_maps),
-            "no apparent temperature, or emissivity below 0.05",
-        )
-        yield "simulation_errors", drawn(panels, title, missing=missing), caption
+        title, panels = "standard error of the simulated T_app", error_maps_panels(run.error_maps)
+        missing = "no apparent temperature, or emissivity below 0.05"
+        shown = drawn(panels, title, missing=missing)
+        yield "simulation_errors", shown, caption.format("errors/")
+    if run.emissivity_error_maps:
+        panels = error_maps_panels(run.emissivity_error_maps, unit="")
+        shown = drawn(panels, "standard error of the simulated emissivity")
+        yield "emissivity_errors", shown, caption.format("errors/emissivity/")
     if run.ensemble is not None:
         panels, title = injections_panels(run.ensemble), f"{run.ensemble.members} injections"
         caption = f"Differences between injections; {run.ensemble.text(run)}."
@@ -227,12 +229,15 @@ def _trace(run: Run) -> dict[str, str]:
         )
     if run.errors is not None:
         rows["error of T_app, RMS over the pixels that have one"] = run.errors.text
+        rows["error of emissivity, RMS over as many pixels"] = run.errors.emissivity_text
         for cause in run.errors.causes:
-            rows[f"error of T_app by {cause.name}"] = _cause(cause)
+            rows[f"error of T_app and emissivity by {cause.name}"] = _cause(cause)
         for cause in run.errors.model:
-            rows[f"model, not in the sum: {cause.name}"] = f"{cause.text}: {cause.how}"
+            rows[f"model, not in the sum: {cause.name}"] = _cause(cause)
     if run.info.plan is not None:
-        rows["requested accuracy"] = f"{run.scene.transport.accuracy_K:g} K"
+        emissivity = run.info.plan.get("wanted_emissivity")
+        also = "" if emissivity is None else f", emissivity {emissivity:.2g}"
+        rows["requested accuracy"] = f"{run.scene.transport.accuracy_K:g} K{also}"
     if run.info.accuracy_K is not None:
         rows["estimated error of the trace in T_app"] = f"{run.info.accuracy_K:.2g} K RMS"
     for file, defines in run.info.defines.items():
@@ -242,7 +247,8 @@ def _trace(run: Run) -> dict[str, str]:
 
 def _cause(cause: Cause) -> str:
     fixed = f" (fixed by {cause.fixed})" if cause.fixed else ""
-    return f"{cause.text}: {cause.how}{fixed}"
+    emissivity = "" if cause.emissivity is None else f", {cause.emissivity_text}"
+    return f"{cause.text}{emissivity}: {cause.how}{fixed}"
 
 
 def _stages(run: Run) -> Table:
@@ -277,7 +283,14 @@ def write_run_report(run: Run) -> Path:
     if run.measured is not None:
         shown.append(figures["maps_noise_free"])
     shown += [figure for name, figure in figures.items() if name.startswith("maps_delay_")]
-    more = ("injections", "simulation_errors", "errors", "weights", "wavelengths")
+    more = (
+        "injections",
+        "simulation_errors",
+        "emissivity_errors",
+        "errors",
+        "weights",
+        "wavelengths",
+    )
     origin = {} if run.info.origin is None else run.info.origin.text
     computed = {"device": f"{run.info.device}: {run.info.device_reason}"}
     content: list[Block] = [

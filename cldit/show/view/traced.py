@@ -87,6 +87,7 @@ def traced_item(run: Run, *, source: str) -> Item:
         "locked": _locked(scene, len(nodes)),
         "stated_error_K": None if run.errors is None else run.errors.total_K,
         "stated_error": "" if run.errors is None else run.errors.text,
+        "stated_error_emissivity": None if run.errors is None else run.errors.total_emissivity,
     }
     arrays = {**planck_tables(run.quadrature.filter_um), **stack.arrays}
     if len(nodes) > 1:
@@ -96,9 +97,10 @@ def traced_item(run: Run, *, source: str) -> Item:
     for window in scene.windows:
         means = band_panes(window, run.quadrature.filter_um, reference_K=_PANES_K)
         arrays[f"pane_{window.side}"] = np.array([_plain(one) for one in means]).T
-    total = run.error_maps.get(TOTAL)
-    if total is not None:
-        arrays["simulation_error"] = rounded(total[stack.covered], ERROR_BITS)
+    for prefix, maps in (("", run.error_maps), ("emissivity_", run.emissivity_error_maps)):
+        if TOTAL in maps:
+            total = rounded(maps[TOTAL][stack.covered], ERROR_BITS)
+            arrays[f"{prefix}simulation_error"] = total
     return Item(head, arrays)
 
 

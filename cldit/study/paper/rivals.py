@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from cldit.accuracy.error_maps import error_maps
-from cldit.accuracy.errors import Cause, Errors
 from cldit.arrays import Floats
 from cldit.dit.design import temperatures_K
 from cldit.dit.separation import NEEDED
@@ -81,5 +80,5 @@ def _errors(name: str, one: Run, other: Run) -> dict[str, Floats]:
     change_K = (other.maps.apparent_temperature_K - one.maps.apparent_temperature_K).astype(float)
     counted = one.maps.has_temperature & other.maps.has_temperature
     rms_K = float(np.sqrt(np.mean(change_K[counted] ** 2)))
-    maps = error_maps(Errors.of([Cause(name, rms_K, "")]), {name: np.abs(change_K)}, counted)
+    maps = error_maps({name: rms_K}, {name: np.abs(change_K)}, counted)
     return {name: np.nan_to_num(maps[name], nan=rms_K).astype(float)}

@@ -94,8 +94,8 @@ class _PathTracer:
         self.device.queue.flush()
 
     def means(self, half: int, components: int, real: type[np.floating]) -> Reals:
-        """Waits for the means (C + 1, N) of the even (0) or of the odd (1) batch, the number of paths
-        ended last."""
+        """Waits for the means (C + 1, N) of the even (0) or of the odd (1) batch; the last are the
+        numbers of ended paths."""
         means = np.empty((components + 1, self.count), real)
         return download(self.device, self.halves[half], means)
 

@@ -73,7 +73,7 @@ def refined(
         reference=NOTHING,
         maps=NOTHING,
         sensor=NOTHING,
-        trace_error=SimpleNamespace(can_shrink=can_shrink),  # type: ignore[arg-type]
+        trace_errors=(SimpleNamespace(can_shrink=can_shrink),),  # type: ignore[arg-type]
         estimates=tuple(estimates),
     )
     problem = Problem(scene, NOTHING, Stages(None), Path(), None)

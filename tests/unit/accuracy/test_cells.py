@@ -36,6 +36,7 @@ class KnownTracer:
         self.prepared = SimpleNamespace(cube=cube, on_lattice=on_lattice)
         self.scene = SimpleNamespace(camera=SimpleNamespace(field_m=(0.16, 0.16)))
         self.traced: list[int] = []
+        self.emissivity = 0.5  # error over that of T_app, in kelvin
 
     def true_K(self, depth: int) -> float:
         return float(self.factor * (200.0 / 2**depth) ** self.order)
@@ -52,8 +53,9 @@ class KnownTracer:
         coarsest = self.level(depth - 2)
         return (2.0, self.level(depth - 1)), (4.0, coarsest)
 
-    def difference(self, one: float, other: float) -> ImageDifference:
-        return ImageDifference(abs(one - other), np.full((2, 2), abs(one - other)))
+    def difference(self, one: float, other: float) -> tuple[ImageDifference, ...]:
+        sizes = abs(one - other), self.emissivity * abs(one - other)
+        return tuple(ImageDifference(size, np.full((2, 2), size)) for size in sizes)
 
 
 @pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
@@ -61,8 +63,10 @@ def test_error_is_that_of_the_finest(order: float) -> None:
     tracer: Any = KnownTracer(order)
     found = error_at(tracer, 8)
     assert found is not None
-    assert found.order == pytest.approx(order)
-    assert found.difference.error_K == pytest.approx(tracer.true_K(8))
+    assert [one.order for one in found] == pytest.approx([order, order])
+    assert [one.error_K for one in found] == pytest.approx(
+        [tracer.true_K(8), 0.5 * tracer.true_K(8)]
+    )
 
 
 def test_orders_are_bounded() -> None:
@@ -115,9 +119,18 @@ def test_cells_that_miss_what_finer_ones_see(wanted_K: float, depth: int) -> Non
     tracer: Any = KnownTracer(1.0)
     tracer.true_K = true_K.__getitem__
     found = error_at(tracer, 8)
-    assert found is not None and found.order == 1.0 and found.bound_K == pytest.approx(4.0)
+    assert found is not None
+    assert found[0].order == 1.0 and found[0].bound_K == pytest.approx(4.0)
     chosen = choose_cells(tracer, lambda _: wanted_K, lambda _: None)
     assert chosen is not None and chosen.depth == depth
+
+
+def test_the_result_that_needs_more_chooses_the_cells() -> None:
+    tracer: Any = KnownTracer(1.0)
+    tracer.emissivity = 4.0
+    chosen = choose_cells(tracer, lambda _: 1.0, lambda _: None)
+    assert chosen is not None and chosen.error_K == pytest.approx(4.0 * tracer.true_K(chosen.depth))
+    assert 0.5 < chosen.error_K <= 1.0
 
 
 def test_memory_ends_it() -> None:

@@ -42,13 +42,12 @@ def test_an_image_with_a_larger_error_than_the_one_before_is_not_the_runs(
         nothing: Any = SimpleNamespace(short=(), scatters=False)
         worse = error_K > kept_K and not left
         cause = Cause("cells", error_K, "known")
-        parts: dict[str, Any] = dict.fromkeys(
-            ("medium", "reference", "maps", "sensor", "trace_error")
-        )
+        parts: dict[str, Any] = dict.fromkeys(("medium", "reference", "maps", "sensor"))
         return Result(
             resolution=resolution.limited("cells", "memory is full" if worse else ""),
             allocation=allocation,
             traces=nothing,
+            trace_errors=(),
             estimates=(Estimate(cause),),
             **parts,
         )

@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from cldit.accuracy.error_maps import error_maps
-from cldit.accuracy.errors import Cause, Errors
 from cldit.run.folder import load_maps, save_maps
 
 
-def found() -> tuple[Errors, dict[str, np.ndarray], np.ndarray]:
+def found() -> tuple[dict[str, float | None], dict[str, np.ndarray], np.ndarray]:
     counted = np.ones((40, 30), bool)
     counted[:, :5] = False
     cells = np.abs(np.random.default_rng(1).normal(size=(40, 30)))
     cells[20:] *= 3.0
     cells[:10, :10] = np.nan
-    errors = Errors.of(
-        [Cause("cells", 2.0, "x"), Cause("wavelengths", 0.5, "x"), Cause("gas grid", None, "x")]
-    )
+    errors = {"cells": 2.0, "wavelengths": 0.5, "gas grid": None}
     return errors, {"cells": cells}, counted
 
 
@@ -28,12 +25,25 @@ def test_rms_is_what_is_stated() -> None:
     errors, differences, counted = found()
     maps = error_maps(errors, differences, counted)
     assert set(maps) == {"cells", "total"}
-    assert errors.total_K is not None
-    for name, stated in (("cells", 2.0), ("total", errors.total_K)):
+    for name, stated in (("cells", 2.0), ("total", 4.25**0.5)):
         assert np.all(np.isnan(maps[name][~counted])) and np.all(maps[name][counted] > 0)
         rms = np.sqrt(np.mean(maps[name][counted].astype(float) ** 2))
         assert rms == pytest.approx(stated, rel=1e-5)
     assert np.nanmean(maps["cells"][25:]) > 2 * np.nanmean(maps["cells"][:15])
+
+
+def test_more_pixels_than_those_of_the_rms() -> None:
+    """Emissivity has a map in all pixels, and an RMS over the number of those with a T_app; sources
+    without a map are in these alone."""
+    errors, differences, counted = found()
+    differences["cells"] = np.nan_to_num(differences["cells"])
+    every = np.ones_like(counted)
+    maps = error_maps(errors, differences, every, counted, local=("cells",))
+    for name, stated in (("cells", 2.0), ("total", 4.25**0.5)):
+        square = np.sum(maps[name].astype(float) ** 2) / np.count_nonzero(counted)
+        assert square**0.5 == pytest.approx(stated, rel=1e-5)
+    ratio = differences["cells"] / maps["cells"].clip(1e-30)
+    assert np.ptp(ratio[maps["cells"] > 0]) < 1e-5 * ratio.max()  # local values are as they are
 
 
 def test_no_pixel_no_map() -> None:

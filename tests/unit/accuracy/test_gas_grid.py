@@ -235,8 +235,8 @@ class Tracer:
         assert depth == 6  # the image's own cells
         return 500.0
 
-    def difference(self, one: float, other: float) -> ImageDifference:
-        return difference(abs(one - other))
+    def difference(self, one: float, other: float) -> tuple[ImageDifference, ImageDifference]:
+        return difference(abs(one - other)), difference(abs(one - other) / 2)
 
 
 SPRAY: Any = (("sources",), 0.052)  # and the vapour's penetration
@@ -347,7 +347,10 @@ def test_two_more_sprays_are_made_for_the_estimate_alone(
         return 1.0
 
     tracer: Any = SimpleNamespace(
-        prepared=prepared, variant=variant, level=lambda _: 0.0, difference=lambda *_: difference(1)
+        prepared=prepared,
+        variant=variant,
+        level=lambda _: 0.0,
+        difference=lambda *_: (difference(1),) * 2,
     )
     for _ in range(2):
         GAS_GRID.estimate(Measurement(scene(), tracer, stages, depth=6, coarse=5))

@@ -22,8 +22,8 @@ class Temperature:
 
     visible = 0.05
 
-    def __call__(self, weights: Weights) -> NDArray[np.float64]:
-        return 10.0 * weights.liquid.astype(float)
+    def results(self, weights: Weights) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return 10.0 * weights.liquid.astype(float), 40.0 * (1.0 - weights.background.astype(float))
 
 
 def pair(level: Any, noise_K: float, rng: np.random.Generator, *, shared: Any = 0.0) -> ImagePair:
@@ -44,7 +44,7 @@ def step(true_K: float, noise_K: float, seed: int, *, shared_K: float = 0.0) -> 
     shared = rng.normal(0.0, shared_K, (2, 1, 1))
     one, other = (pair(level, noise_K, rng, shared=shared) for level in (400.0 + true_K, 400.0))
     kelvin: Any = Temperature()
-    return ImageDifference.between(kelvin, one, other)
+    return ImageDifference.between(kelvin, one, other)[0]
 
 
 def squares(**given: float) -> NDArray[np.float64]:
@@ -74,7 +74,7 @@ def test_without_halves_it_is_the_difference() -> None:
     rng = np.random.default_rng(1)
     one, other = (ImagePair(pair(level, 1.0, rng).weights) for level in (401.0, 400.0))
     kelvin: Any = Temperature()
-    found = ImageDifference.between(kelvin, one, other)
+    found, _ = ImageDifference.between(kelvin, one, other)
     assert found.error_K == pytest.approx(float(np.sqrt(np.nanmean(found.map_K**2))))
 
 
@@ -88,7 +88,24 @@ def test_own_noise() -> None:
     clear = ImagePair(Weights(*(np.ones((EDGE, EDGE), np.float32),) * 4))
     assert thin.error_K(kelvin) == one.error_K(kelvin)
     assert clear.error_K(kelvin) is None
-    assert ImageDifference.between(kelvin, clear, one).error_K is None
+    assert ImageDifference.between(kelvin, clear, one)[0].error_K is None
+    assert ImageDifference.between(kelvin, clear, clear)[1].error_K is None
+
+
+def test_a_pixel_that_is_clear_in_one_image_has_an_error_of_emissivity() -> None:
+    """A hundredth of the pixels see a hole by one ray, of an emissivity of 0.5 that counts as 20 K;
+    a tenth are clear in both, and are not counted."""
+    kelvin: Any = Temperature()
+    rng = np.random.default_rng(1)
+    sheet, holes = (pair(400.0, 0.0, rng).weights for _ in range(2))
+    for image in (sheet, holes):
+        image.background[:, : EDGE // 10] = 1.0
+    place = rng.choice(EDGE**2 * 9 // 10, EDGE**2 // 100, replace=False)
+    holes.background[:, EDGE // 10 :].flat[place] = 1.0
+    warm, emissivity = ImageDifference.between(kelvin, ImagePair(holes), ImagePair(sheet))
+    assert warm.error_K == 0.0
+    assert emissivity.error_K == pytest.approx((20.0**2 / 90) ** 0.5, rel=1e-3)
+    assert np.count_nonzero(emissivity.map_K) == len(place)
 
 
 def drawn_of(seed: int) -> DrawnPixels:
@@ -120,7 +137,8 @@ def test_few_pixels_that_hold_the_square(noise_K: float) -> None:
         rng = np.random.default_rng(100 + seed)
         one, other = (pair(400.0 + level, noise_K, rng) for level in (true, 0.0))
         drawn = drawn_of(seed)
-        step = ImageDifference.between(kelvin, one.map(drawn.pick), other.map(drawn.pick), drawn)
+        picked = (each.map(drawn.pick) for each in (one, other))
+        step, _ = ImageDifference.between(kelvin, *picked, drawn)
         assert step.map_K.shape == (EDGE, EDGE) and step.error_K is not None
         assert np.count_nonzero(np.isfinite(step.map_K)) == len(drawn.sample.pixels)
         found.append(step.error_K**2)

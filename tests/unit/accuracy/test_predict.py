@@ -70,8 +70,9 @@ class Tracer:
         self.seen.add(depth)
         return self.level(depth) + KNOWN_K[make()]
 
-    def difference(self, one: float, other: float) -> ImageDifference:
-        return ImageDifference(abs(one - other), np.full((2, 2), abs(one - other)))
+    def difference(self, one: float, other: float) -> tuple[ImageDifference, ...]:
+        sizes = abs(one - other), 0.5 * abs(one - other)
+        return tuple(ImageDifference(size, np.full((2, 2), size)) for size in sizes)
 
 
 def found(scene: Scene, tracer: Any) -> dict[str, Any]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cldit.accuracy.error_maps import sampled_square
-from cldit.transport.monte_carlo.pixel_sampling import PixelSample
+from cldit.transport.monte_carlo.pixel_sampling import PixelSample, sampled_square
 
 COUNT = 60
 ACROSS, DOWN = np.meshgrid(*[np.linspace(0.0, 1.0, COUNT)] * 2)

@@ -16,6 +16,7 @@ from cldit.accuracy.remarks import of_trace, too_large
 from cldit.accuracy.trace_error import TraceError
 from cldit.dit.maps import Maps, Reason
 from cldit.gpu.device import Device
+from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.radiance.weights import Weights
 from cldit.run import open_run, simulate
 from cldit.scene import Scene, load_scene, parse_scene
@@ -85,7 +86,7 @@ def test_what_the_cells_explain_is_not_counted_twice(audit_K: float, cells_K: fl
 
 
 def test_unknown_cells_explain_nothing() -> None:
-    assert TraceError(0.2, 0.5).beyond(None) == TraceError(0.2, 0.5)
+    assert TraceError(0.2, 0.5).beyond(0.0) == TraceError(0.2, 0.5)
     assert TraceError(0.2, None).beyond(1.0).error_K == 0.2
 
 
@@ -123,7 +124,12 @@ def stated(scene: Scene, *traces: Any) -> TraceError | None:
     )
     nodes = [SimpleNamespace(share=lambda _: 1 / len(traces)) for _ in traces]
     quadrature: Any = SimpleNamespace(nodes=nodes, reference_K=at_K)
-    return TraceError.of(scene, summed(traces, quadrature, scene), maps)
+    found, emissivity = TraceError.of(scene, summed(traces, quadrature, scene), maps)
+    # The background's weight is off by `difference`, which is that of emissivity as well.
+    known = [np.sum([one.weights_difference.background for one in traces], axis=0) / len(traces)]
+    expected_K = kelvin_per_emissivity(scene) * float(np.sqrt(np.mean(np.square(known))))
+    assert emissivity.halves_K == pytest.approx(expected_K, rel=1e-5, abs=1e-6)
+    return found
 
 
 def test_wavelengths_add_as_they_do_in_the_picture() -> None:

@@ -48,6 +48,7 @@ def test_an_image_shows_noise_and_pixels(drawn: Any, monkeypatch: pytest.MonkeyP
     """
     pixels = Estimate(Cause("pixel sampling", 0.2, "known"))
     monkeypatch.setattr(pixel_sampling, "pixel_error", lambda *_, **__: pixels)
+    monkeypatch.setattr(pixel_sampling, "temperature_of", lambda *_, **__: None)
     monkeypatch.setattr(ImagePair, "error_K", lambda *_: 0.8)
     image = ImagePair(Weights(*(np.zeros((4, 4), np.float32),) * 4))
     resolution: Any = SimpleNamespace(ordinates_K=0.5)

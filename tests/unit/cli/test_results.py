@@ -32,8 +32,17 @@ def test_a_run_ends_with_its_result(tmp_path: Path) -> None:
     low, high, median = map(float, re.findall(r"[\d.]+", found["T_app"]))
     assert (low, high) == pytest.approx(tuple(np.percentile(seen, (1, 99))), abs=0.06)
     assert median == pytest.approx(float(np.median(seen)), abs=0.06)
-    assert run.errors is not None and (largest := run.errors.largest()) is not None
-    assert f"T_app {run.errors.text} RMS; largest source: {largest.name}, " in found["error"] + ", "
+    assert run.errors is not None
+    stated = [line for line in lines if line.startswith("error of ")]
+    largest, most = run.errors.largest(), run.errors.largest(of_emissivity=True)
+    assert largest is not None and most is not None and len(stated) == 2
+    for line, text, cause in zip(
+        stated,
+        (f"T_app {run.errors.text}", f"emissivity {run.errors.emissivity_text}"),
+        (largest, most),
+        strict=True,
+    ):
+        assert f"error of {text} RMS; largest source: {cause.name}, " in line
     assert (
         f"liquid {1e3 * run.info.spray['liquid_penetration_95_m']:.1f} mm" in found["penetration:"]
     )
@@ -47,7 +56,7 @@ def test_what_the_field_cuts_is_said_and_stages_are_behind_v(tmp_path: Path) -> 
     kept = "camera.target_m=[0.0, 0.0, -0.01]"
     text = _run(tmp_path / "run", "--field", "60x12", "-v", "--set", kept)
     assert re.search(r"cuts the visible spray at its edges: .*bottom \(\d+ pixels\)", text)
-    assert "  octree\n" in text and "OpenCL device" in text and "error of T_app by" in text
+    assert "  octree\n" in text and "OpenCL device" in text and "error by" in text
     assert cldit.open_run(tmp_path / "run").scene.target_m == (0.0, 0.0, -0.01)
 
 

@@ -9,13 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from cldit.dit.evaluate import evaluate_radiance
-from cldit.optics.planck import band_radiance
+from cldit.optics.planck import band_radiance, temperature_of_radiance
 from cldit.optics.response import scene_filter
 from cldit.optics.spectral import Quadrature, reference_temperature_K
+from cldit.optics.tolerance import kelvin_per_emissivity
 from cldit.radiance.apparent_temperature import (
     NodeTemperature,
     TraceTemperature,
-    temperature_errors_K,
+    result_errors_K,
 )
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
@@ -125,15 +126,28 @@ def test_errors_of_maps() -> None:
     emissivity, known_K = 1.0 - planes[0], temperature.temperature_K(planes)
     emissivity[:3], known_K[3:5] = 0.04, np.nan
     of = partial(
-        temperature_errors_K,
+        result_errors_K,
         images(error),
         emissivity=emissivity,
-        surroundings=Surroundings.from_scene(SCENE),
-        filter_um=scene_filter(SCENE),
+        scene=SCENE,
     )
-    found = of(temperature_K=known_K)
+    found, of_emissivity = of(temperature_K=known_K)
     assert not found[:5].any()
     np.testing.assert_allclose(found[5:], temperature.error_K(planes, error)[5:], rtol=1e-5)
+    per_K = kelvin_per_emissivity(SCENE)
+    np.testing.assert_allclose(of_emissivity, -per_K * error[0], rtol=1e-5)
+
+
+def test_kelvin_of_an_emissivity() -> None:
+    """The change of T_app by an emissivity that is 1e-4 too large, of an opaque medium as warm as
+    the coldest background, by the inverse of Planck's law; or the ratio of given tolerances."""
+    filter_um, at_K = scene_filter(SCENE), 430.0
+    light = band_radiance(at_K, filter_um=filter_um)
+    changed_K = float(temperature_of_radiance(np.array([light / 1.0001]), filter_um=filter_um)[0])
+    # By the curve of B over T the difference is 1e-4 of itself times a few.
+    assert kelvin_per_emissivity(SCENE) == pytest.approx((at_K - changed_K) / 1e-4, rel=1e-3)
+    given = SCENE.with_(**{"transport.accuracy_K": 2.0, "transport.accuracy_emissivity": 0.01})
+    assert kelvin_per_emissivity(given) == 200.0
 
 
 def test_no_temperature() -> None:

@@ -180,7 +180,8 @@ function showCommand() {
   const head = HEADS[state.one];
   $("frame-name").textContent = head.name;
   $("stated").textContent = head.stated_error
-    ? `Error of T_app by the simulation, for the run's own temperatures: ${head.stated_error}.` : "";
+    ? `Error of T_app by the simulation, for the run's own temperatures: ${head.stated_error}` +
+      `${head.stated_error_emissivity === null ? "" : `; of emissivity: ${head.stated_error_emissivity.toPrecision(2)}`}.` : "";
 }
 
 function showControls() {

@@ -14,6 +14,9 @@ const QUANTITIES = {
   simulation_error: {
     text: "Error of T_app by the simulation", short: "error by the simulation", unit: "K", digits: 3,
   },
+  emissivity_simulation_error: {
+    text: "Error of emissivity by the simulation", short: "error of emissivity", unit: "", digits: 4,
+  },
   signal: { text: "Camera signal, as temperature", short: "signal", unit: "K", digits: 2 },
 };
 
@@ -55,7 +58,8 @@ function errorOf(item, name) {
 // simulation; for a measurement, noise and the stated uncertainties of the set-up. null: none.
 function statedOf(item, name) {
   if (!item.changeable) return errorOf(item, name);
-  return name === "temperature" && item.has("simulation_error") ? item.image("simulation_error") : null;
+  const stated = { temperature: "simulation_error", emissivity: "emissivity_simulation_error" }[name];
+  return stated && item.has(stated) ? item.image(stated) : null;
 }
 
 // The median, as numpy computes it.

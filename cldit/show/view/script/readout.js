@@ -11,7 +11,7 @@ function withError(value, error, digits) {
 
 function showReadout(x, z, shown, { values, panels }) {
   $("where").textContent = `x ${number(x, 2)} mm, z ${number(z, 2)} mm`;
-  const head = ["", "T_app / K", "emissivity", "optical depth", "by the simulation / K", "camera signal / K", ""];
+  const head = ["", "T_app / K", "emissivity", "optical depth", "by the simulation / K, 1", "camera signal / K", ""];
   const rows = values.map((one, n) => {
     const name = HEADS[shown[n]].name;
     if (!one) return [name, "outside its image", "", "", "", "", ""];
@@ -20,7 +20,7 @@ function showReadout(x, z, shown, { values, panels }) {
       withError(one.temperature, one.temperature_total_error ?? one.temperature_error, 2),
       withError(one.emissivity, one.emissivity_total_error ?? one.emissivity_error, 5),
       withError(one.depth, one.depth_error, 5),
-      number(one.simulation_error, 2),
+      `${number(one.simulation_error, 2)}, ${number(one.emissivity_simulation_error, 4)}`,
       withError(one.signal, one.signal_error, 2),
       one.reason ? DATA.reasons[one.reason] : "",
     ];

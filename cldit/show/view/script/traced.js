@@ -270,7 +270,7 @@ class TracedRun {
     if (name in this.maps) return this.maps[name][own];
     if (name in this.signal) return this.signal[name](own);
     if (at < 0 || Number.isNaN(this.maps.temperature[at])) return NaN;
-    return this.arrays.simulation_error ? this.arrays.simulation_error[at] : this.head.stated_error_K;
+    return this.arrays[name] ? this.arrays[name][at] : this.head[STATED[name]];
   }
 
   // (H, W) of one quantity.
@@ -286,10 +286,15 @@ class TracedRun {
   }
 
   has(name) {
-    if (name === "simulation_error") return "simulation_error" in this.arrays || this.head.stated_error_K !== null;
+    if (name in STATED) return name in this.arrays || this.head[STATED[name]] !== null;
     return name in this.maps || name.startsWith("signal");
   }
 }
+
+// Error by the simulation in all pixels of an item without a map of it.
+const STATED = {
+  simulation_error: "stated_error_K", emissivity_simulation_error: "stated_error_emissivity",
+};
 
 // Variance of one exposure in the radiance inside: shot noise, read noise, rounding.
 function noiseOf(sensor, scene, front) {

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cldit.accuracy.preview import as_many, previewed, visible_emissivities
 from cldit.gpu.device import Device
 from cldit.optics.visible import VISIBLE_EMISSIVITY
 from cldit.prepare.medium import prepare
+from cldit.prepare.preview import as_many, previewed, visible_emissivities
 from cldit.prepare.stages import Stages
 from cldit.scene import load_scene
 
