@@ -91,8 +91,10 @@ def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
     optics = both and first.optics == second.optics and one.quadrature == other.quadrature
     optics &= "optics" not in changed
     cells = both and first.domain == second.domain and planned(_CELLS) and "cells" not in changed
-    # Pixels miss the same part of a spray, whatever its lattice is.
+    # Pixels miss the same part of a spray, whatever its lattice is, by the same rays.
     pixels = same and first.camera == second.camera and "pixels" not in changed
+    pixels &= one.info.rays == other.info.rays
+    pixels &= bool(one.info.rays) or not _rays_chosen(first)
     found = {
         "spray": spray,
         "classes": classes,
@@ -106,6 +108,11 @@ def _same_parts(one: Run, other: Run, code: Sequence[str] = ()) -> set[str]:
         and "seed" not in changed,
     }
     return {name for name, each in found.items() if each}
+
+
+def _rays_chosen(scene: Scene) -> bool:
+    """True if a trace chooses the rays of each pixel by its image."""
+    return scene.camera.rays_across is None and scene.transport.method == "source"
 
 
 def _value(scene: Scene, key: str) -> Any:

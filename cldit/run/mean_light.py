@@ -9,6 +9,7 @@ import numpy as np
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
 from cldit.dit.traced_maps import evaluated, sensor_of
+from cldit.io.content import digest
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights, mean
 from cldit.run.result import Run
@@ -19,7 +20,8 @@ from cldit.scene import Scene
 class MeanLight:
     """Mean of runs, evaluated: weights of the whole filter, without spray and of each node.
 
-    remark: for the user, where wavelengths of the runs differ; else empty.
+    remark: for the user, where wavelengths of the runs differ; else empty. rays: digest of the
+    rays of all runs; empty if one has none.
     """
 
     weights: Weights
@@ -29,6 +31,7 @@ class MeanLight:
     sensor: SensorModel
     maps: Maps
     remark: str
+    rays: str
 
     @classmethod
     def of(
@@ -49,10 +52,12 @@ class MeanLight:
             shares: in proportion to the part of each run; None: equal.
         """
         sharing: list[bool] = []
+        rays: list[str] = []
 
         def each() -> Iterator[Weights]:
             for run in runs:
                 sharing.append(run.quadrature == first.quadrature)
+                rays.append(run.info.rays)
                 yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
 
         mixed = mean(each(), shares)
@@ -72,7 +77,8 @@ class MeanLight:
         seen = (tuple(spectral), reference)
         sensor = sensor_of(scene, quadrature, seen)
         maps = evaluated(scene, quadrature, *seen, sensor)
-        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark)
+        chosen = digest(rays) if all(rays) else ""
+        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark, chosen)
 
     def run(self, scene: Scene, first: Run, folder: Path | None, remark: str) -> Run:
         """The run of the mean: the `first` of its runs with the mean's images, and a remark."""
@@ -81,6 +87,7 @@ class MeanLight:
             first.info,
             remarks=(*first.info.remarks, *remarks),
             integration_time_s=self.sensor.integration_time_s,
+            rays=self.rays,
         )
         return replace(
             first,

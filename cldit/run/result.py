@@ -57,6 +57,7 @@ class RunInfo:
     errors: Errors | None = None  # of T_app, by source; None without audit
     integrals: tuple[dict[str, float], ...] = ()  # over each node's octree, m2, to verify it
     plan: dict[str, Any] | None = None  # resolution and error allocation, plain data
+    rays: str = ""  # digest of the rays across each pixel; empty: one, or not recorded
     origin: Origin | None = None  # when, by which command, on what; None in runs of 0.1.0
 
     def to_json(self) -> str:

@@ -300,6 +300,23 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
 
 
+@pytest.mark.parametrize(
+    ("rays", "shared"), [(("a", "a"), True), (("a", "b"), False), (("", ""), False)]
+)
+def test_pixel_sampling_is_shared_by_the_same_rays(rays: tuple[str, str], shared: bool) -> None:
+    """Rays that each image chose for itself are compared by their digests."""
+    run = open_run(WRITTEN)
+    run = replace(run, scene=run.scene.with_(**{"camera.rays_per_pixel": "auto"}))
+    causes = Cause("pixel sampling", 2.0, "", shared_by="pixels"), Cause("trace", 0.5, "")
+    one, other = (with_causes(run, *causes, order=order) for order in (3, 4))
+    one, other = (
+        replace(each, info=replace(each.info, rays=chosen))
+        for each, chosen in zip((one, other), rays, strict=True)
+    )
+    found = difference(one, other)
+    assert found.shared == (("pixel sampling",) if shared else ())
+
+
 def test_what_the_code_changed_is_not_shared() -> None:
     """Another commit alone shares nothing; with digests, all but what the changed room makes."""
     old = open_run(WRITTEN)
