@@ -17,7 +17,6 @@ from cldit.comparison.difference import (
     MapDifference,
     difference,
 )
-from cldit.comparison.modes import LARGE
 from cldit.io.images import words
 from cldit.run.trusted import open_device
 
@@ -119,12 +118,8 @@ def print_difference(found: Difference) -> None:
     if found.p_value is not None:
         regions = [(name, *region.cells) for name, region in found.regions.items()]
         print_table("T_app", "RMS", "mean", "chi-square", "p", "pixels", rows=regions)
-    for mode in found.modes:
-        if abs(mode.size) > LARGE:
-            OUT.print(escaped(f"  {mode.text}"))
-    for key in found.keys:
-        OUT.print(escaped(f"  {key.text}"), style="dim")
-    OUT.print(f"  {found.verdict}", style="bold")
+    for line in found.verdict.lines:
+        OUT.print(escaped(f"  {line}"), style="bold")
 
 
 def _cells(one: MapDifference) -> list[str]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cldit.camera.sensor import SensorModel
 from cldit.dit.maps import Maps
 from cldit.dit.traced_maps import evaluated, sensor_of
-from cldit.io.content import digest
 from cldit.optics.spectral import Quadrature
 from cldit.radiance.weights import Weights, mean
 from cldit.run.result import Run
@@ -20,8 +20,8 @@ from cldit.scene import Scene
 class MeanLight:
     """Mean of runs, evaluated: weights of the whole filter, without spray and of each node.
 
-    remark: for the user, where wavelengths of the runs differ; else empty. rays: digest of the
-    rays of all runs; empty if one has none.
+    remark: for the user, where wavelengths of the runs differ; else empty. rays: (H, W) mean
+    number of rays of a pixel; None if a run does not have it.
     """
 
     weights: Weights
@@ -31,7 +31,7 @@ class MeanLight:
     sensor: SensorModel
     maps: Maps
     remark: str
-    rays: str
+    rays: NDArray[np.float32] | None
 
     @classmethod
     def of(
@@ -52,12 +52,12 @@ class MeanLight:
             shares: in proportion to the part of each run; None: equal.
         """
         sharing: list[bool] = []
-        rays: list[str] = []
+        rays: list[NDArray[np.float32] | None] = []
 
         def each() -> Iterator[Weights]:
             for run in runs:
                 sharing.append(run.quadrature == first.quadrature)
-                rays.append(run.info.rays)
+                rays.append(run.rays)
                 yield _joined(run if sharing[-1] else replace(run, spectral=(run.weights,)))
 
         mixed = mean(each(), shares)
@@ -77,8 +77,10 @@ class MeanLight:
         seen = (tuple(spectral), reference)
         sensor = sensor_of(scene, quadrature, seen)
         maps = evaluated(scene, quadrature, *seen, sensor)
-        chosen = digest(rays) if all(rays) else ""
-        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark, chosen)
+        known = [one for one in rays if one is not None]
+        whole = len(known) == len(rays)
+        number = np.asarray(np.mean(known, axis=0), np.float32) if whole else None
+        return cls(weights, reference, tuple(spectral), quadrature, sensor, maps, remark, number)
 
     def run(self, scene: Scene, first: Run, folder: Path | None, remark: str) -> Run:
         """The run of the mean: the `first` of its runs with the mean's images, and a remark."""
@@ -87,7 +89,6 @@ class MeanLight:
             first.info,
             remarks=(*first.info.remarks, *remarks),
             integration_time_s=self.sensor.integration_time_s,
-            rays=self.rays,
         )
         return replace(
             first,
@@ -98,6 +99,7 @@ class MeanLight:
             info=info,
             quadrature=self.quadrature,
             spectral=self.spectral,
+            rays=self.rays,
             folder=folder,
         )
 

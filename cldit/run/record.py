@@ -6,8 +6,6 @@ from dataclasses import replace
 from cldit.accuracy.converge import Result
 from cldit.accuracy.errors import Cause
 from cldit.accuracy.problem import Problem
-from cldit.arrays import Ints
-from cldit.io.content import digest
 from cldit.io.origin import FileRead, Origin, files_read, versions
 from cldit.run.content import named_files
 from cldit.run.result import RunInfo
@@ -47,14 +45,8 @@ def run_info(problem: Problem, result: Result, from_paper: Difference | None) ->
         },
         errors=errors,
         plan=result.plan,
-        rays=rays_digest(result.traces.rays),
         origin=origin_of(scene, medium.files),
     )
-
-
-def rays_digest(across: Ints | None) -> str:
-    """Digest of the rays across each pixel (H, W); empty if there is no choice of them."""
-    return "" if across is None else digest(across.shape, across.ravel().tolist())
 
 
 def origin_of(scene: Scene, files: tuple[FileRead, ...]) -> Origin:

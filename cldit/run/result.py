@@ -57,7 +57,6 @@ class RunInfo:
     errors: Errors | None = None  # of T_app, by source; None without audit
     integrals: tuple[dict[str, float], ...] = ()  # over each node's octree, m2, to verify it
     plan: dict[str, Any] | None = None  # resolution and error allocation, plain data
-    rays: str = ""  # digest of the rays across each pixel; empty: one, or not recorded
     origin: Origin | None = None  # when, by which command, on what; None in runs of 0.1.0
 
     def to_json(self) -> str:
@@ -97,6 +96,7 @@ class Run(Presented):
     spectral: the weights of each node of `quadrature`; (weights,) for a single one.
     maps: DIT of the trace without noise, (H, W), with the standard errors for the scene's sensor
         and number of shots.
+    rays: (H, W) number of rays of each pixel, of several traces their mean; None: not recorded.
     error_maps: standard error of T_app, K, (H, W) float32 by source, and `total`; NaN in pixels
         that do not count. Empty without audit.
     ensemble: statistics of the injections that the run is the mean of; None: there is one.
@@ -112,6 +112,7 @@ class Run(Presented):
     quadrature: Quadrature
     spectral: tuple[Weights, ...]
     error_maps: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    rays: NDArray[np.float32] | None = None
     ensemble: "Ensemble | None" = None
     measured: Maps | None = None
     folder: Path | None = None

@@ -74,12 +74,12 @@ def noise(seed: int) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     ("errors", "within_K", "within", "words"),
     [
-        ((0.6, 0.8), None, True, "explained by the errors: p = 0."),
+        ((0.6, 0.8), None, True, "no difference is seen (p = 0."),
         (
             (0.6, 0.6),
             None,
             False,
-            "not explained by the errors: p < 1e-9, in root, plumes, tips; single pixels differ",
+            "(p < 1e-9): T_app",
         ),
         ((None, 2.0), None, False, "no error is stated"),
         ((None, None), 2.5, True, "within the 2.5 K RMS allowed"),
@@ -93,7 +93,7 @@ def test_stated_errors_explain_or_do_not(
     one = shown(400.0 + 0.0 * noise(1), error_K=errors[0])
     other = shown(400.0 + noise(1), error_K=errors[1])
     found = difference(one, other, within_K=within_K)
-    assert found.within is within and words in found.verdict
+    assert found.within is within and words in found.verdict.text
     data = found.to_dict()
     assert data["within"] is within and set(data["regions"]["all"]) >= {"rms_K", "p_value"}
 
@@ -129,7 +129,11 @@ def test_an_error_of_all_pixels_explains_what_they_share() -> None:
     assert not both.within  # the same black body: it cancels
     far = difference(one, replace(shown(image + 5.0, error_K=0.0), systematic=(part,)))
     assert not far.within  # five times as far off as stated
-    assert "black body, would explain most if it were 5.04 times as large" in far.modes[0].text
+    assert far.verdict.causes == ()  # of more than five deviations
+    near = difference(one, replace(shown(image + 4.0, error_K=0.0), systematic=(part,)))
+    best = near.verdict.causes[0]
+    assert best.name == "black body" and best.unit == "stated deviations"
+    assert best.size == pytest.approx(-4.04, abs=0.1) and best.error == pytest.approx(0.025, 0.1)
 
 
 def test_no_pixel_in_both() -> None:
@@ -139,10 +143,10 @@ def test_no_pixel_in_both() -> None:
     for pair in ((one, other), (other, one)):
         found = difference(*pair)
         assert (found.t_app.pixels, found.p_value, found.within) == (0, None, False)
-        assert found.verdict == "no pixel has a T_app in both"
+        assert found.verdict.text == "no pixel has a T_app in both"
         with pytest.raises(EvaluationError, match="no pixel has a T_app: transparent"):
             compare(*pair)
-    assert difference(one, shown(nothing)).verdict == "the same in every pixel"
+    assert difference(one, shown(nothing)).verdict.text == "the same in every pixel"
 
 
 def test_what_has_no_meaning_is_refused() -> None:
@@ -166,7 +170,7 @@ def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
 def test_a_run_is_its_own_like() -> None:
     found = difference(WRITTEN, open_run(WRITTEN))
     assert found.same and found.within and found.keys == ()
-    assert found.verdict == "the same in every pixel"
+    assert found.verdict.text == "the same in every pixel"
 
 
 def test_other_pixels_are_refused() -> None:
@@ -300,21 +304,30 @@ def test_errors_that_both_share_do_not_explain_a_difference() -> None:
     assert found.shared == () and found.at_least and found.unshared_K == found.stated_K
 
 
-@pytest.mark.parametrize(
-    ("rays", "shared"), [(("a", "a"), True), (("a", "b"), False), (("", ""), False)]
-)
-def test_pixel_sampling_is_shared_by_the_same_rays(rays: tuple[str, str], shared: bool) -> None:
-    """Rays that each image chose for itself are compared by their digests."""
+def test_pixel_sampling_is_shared_where_the_rays_are_the_same() -> None:
+    """The rays that each image chose for itself are compared in every pixel."""
     run = open_run(WRITTEN)
     run = replace(run, scene=run.scene.with_(**{"camera.rays_per_pixel": "auto"}))
     causes = Cause("pixel sampling", 2.0, "", shared_by="pixels"), Cause("trace", 0.5, "")
     one, other = (with_causes(run, *causes, order=order) for order in (3, 4))
+    map_K = np.full(run.maps.reason.shape, 2.0, np.float32)
     one, other = (
-        replace(each, info=replace(each.info, rays=chosen))
-        for each, chosen in zip((one, other), rays, strict=True)
+        replace(each, error_maps={"pixel sampling": map_K, "total": np.hypot(map_K, 0.5)})
+        for each in (one, other)
     )
-    found = difference(one, other)
-    assert found.shared == (("pixel sampling",) if shared else ())
+    assert difference(one, other).shared == ()  # not recorded, as in old runs
+    rays = np.ones_like(map_K)
+    same = replace(one, rays=rays), replace(other, rays=rays)
+    assert difference(*same).shared == ("pixel sampling",)
+    more = rays.copy()
+    more[2:, 3] = 4.0
+    found = difference(same[0], replace(other, rays=more))
+    assert found.shared == ("pixel sampling in 112 of 120 pixels",)
+    for each in found.seen:
+        counted = each.error_map_K
+        assert counted is not None
+        assert counted[more == 1.0] == pytest.approx(0.5)
+        assert counted[more > 1.0] == pytest.approx(np.hypot(2.0, 0.5))
 
 
 def test_what_the_code_changed_is_not_shared() -> None:
@@ -406,7 +419,7 @@ def test_a_page_has_both_and_the_regions(tmp_path: Path) -> None:
     assert [path.name for path in figures] == [f"{name}.pdf" for name in names]
     assert all(path.read_bytes().startswith(b"%PDF") for path in figures)
     page = page_file.read_text()
-    assert "b minus a" in page and found.differences[0].verdict in page
+    assert "b minus a" in page and found.differences[0].verdict.text in page
     table = (tmp_path / "out" / "regions.csv").read_text().splitlines()
     assert len(table) == 1 + 2 * 5 and table[1].startswith("a,b,all,1600,")
     lines = (tmp_path / "out" / "profiles.csv").read_text().splitlines()
