@@ -33,6 +33,7 @@ from cldit.dit.design import MOST_SHOTS, BlackBody, temperatures_K
 from cldit.dit.maps import Maps, Reason
 from cldit.dit.subject import Subject
 from cldit.errors import EvaluationError
+from cldit.optics.spectral import Quadrature
 from cldit.radiance.boundary import Surroundings
 from cldit.radiance.weights import Weights
 from cldit.scene.schema import Scene
@@ -252,12 +253,15 @@ class _Test:
         return math.sqrt(float(np.min(squares(nearest * _BETWEEN))))
 
 
+Model = tuple[Scene, Quadrature, Sequence[Weights], Weights]  # as of `Subject.of`
+
+
 def rivals(
     scene: Scene,
     one: Subject,
-    other: tuple[Scene, Sequence[Weights]],
+    other: Model,
     *,
-    injections: Sequence[tuple[Scene, Sequence[Weights]]],
+    injections: Sequence[Model],
     errors_K: Mapping[str, Floats],
     delay_s: float | None,
 ) -> Rivals:
@@ -265,8 +269,8 @@ def rivals(
     return Rivals(
         scene=scene,
         one=one,
-        other=one.of_spray(*other),
-        injections=[one.of_spray(*each) for each in injections],
+        other=one.of_model(*other),
+        injections=[one.of_model(*each) for each in injections],
         errors_K={name: image.reshape(-1)[one.places] for name, image in errors_K.items()},
         delay_s=delay_s,
     )
